@@ -136,6 +136,11 @@ def running_median(x: np.ndarray, width: int = AROUND) -> np.ndarray:
     return np.asarray(centre[np.clip(np.arange(n) - width // 2, 0, n - width)])
 
 
+def _median_of(x: np.ndarray) -> np.ndarray:
+    """Of each column of x (n, m), NaN where it is empty."""
+    return np.array([median(c[np.isfinite(c)]) if np.isfinite(c).any() else np.nan for c in x.T])
+
+
 def deviations(r: np.ndarray) -> np.ndarray:
     """r (N, m) less the running median of each sensor's readings; NaN stays NaN."""
     a = np.full_like(r, np.nan)
@@ -274,11 +279,11 @@ def find_gross_errors(stretch: Stretch, *, events: bool = False) -> GrossErrors:
     records, blamed = _wrong_inputs(stretch, depart, readings | impossible & ~dead)
     if np.isinf(stretch.lags[1:]).any():  # of several flights one may be another engine state, not a wrong record
         readings[records], records = False, np.zeros(N, bool)
-    records = _short_runs(records, records.astype(float), stretch.time, stretch.clock)
-    readings[records], own = False, np.where(records[:, None], 0.0, a)  # an input's doing is no sensor's run
+    records = _short_runs(records, a, stretch.time, stretch.clock, r)
+    readings[records], own = False, np.where(records[:, None], np.nan, r)  # an input's doing is no sensor's run
     for j in range(m):
         rows = np.flatnonzero(np.isfinite(r[:, j]))
-        found = _short_runs(readings[rows, j], own[rows, j], stretch.time[rows], stretch.clock[rows])
+        found = _short_runs(readings[rows, j], a[rows, j], stretch.time[rows], stretch.clock[rows], own[rows, j])
         spoilt[j] = found.sum() > MOST * len(rows) > 0
         readings[rows, j] = found & ~spoilt[j]
     if events:
@@ -311,17 +316,22 @@ def _without(stretch: Stretch, readings: np.ndarray) -> Stretch:
     return replace(stretch, z=np.where(readings, np.nan, stretch.z))
 
 
-def _short_runs(flagged: np.ndarray, a: np.ndarray, time: np.ndarray, clock: np.ndarray) -> np.ndarray:
-    """The flagged (n,) of consecutive readings whose run is short, as a number and as a time (n,) in s; neighbours
-    whose local residual a (n,) is half as large or more, to the same side, are of the run. A run that reaches over
-    unrelated records, which are far apart by their clock (n,), lasts too long where time is unknown."""
+def _short_runs(
+    flagged: np.ndarray, a: np.ndarray, time: np.ndarray, clock: np.ndarray, r: np.ndarray | None = None
+) -> np.ndarray:
+    """The flagged (n,) of consecutive records whose run is short, as a number and as a time (n,) in s. Of the run are
+    neighbours whose readings r (n, m), or a, are nearer to the run's than to what lies around that, r − a: near the end
+    of a change that lasts, a (n, m) of its records is nothing. A run that reaches over unrelated records, which are far
+    apart by their clock (n,), lasts too long where time is unknown."""
+    a, r = (x if x.ndim == 2 else x[:, None] for x in (a, a if r is None else r))
     kept = flagged.copy()
     first = 0
     for flag, run in groupby(flagged.tolist()):
         stop = first + len(list(run))
         if flag:
-            size = median(a[first:stop])
-            back = a * np.sign(size) < abs(size) / 2
+            size, level = (np.nan_to_num(_median_of(x[first:stop])) for x in (a, r))
+            away = np.nan_to_num(r - (level - size)) * size
+            back = away.sum(axis=1) <= 0.5 * np.sum(np.isfinite(r) * size**2, axis=1)
             before, after = np.flatnonzero(back[:first]), np.flatnonzero(back[stop:])
             begin = before[-1] + 1 if before.size else 0
             end = stop + after[0] if after.size else len(a)

@@ -131,8 +131,8 @@ def lost_efficiency(rows, healthy):
 def test_of_the_most_decayed_compressor_the_loss_of_efficiency_is_that_of_its_temperatures_and_pressures(
     plant, tmp_path, sensors, least
 ):
-    """The 18 records of the largest decay; whether its flow or a neighbour changed, too, is left open. T3 rises by 2.2 %:
-    an instrument that may be wrong by 1 % (1 standard deviation) is another explanation, a tenth at most."""
+    """The 18 records of the largest decay; whether its flow or a neighbour changed, too, is left open. T3 rises by
+    2.2 %: an instrument that may be wrong by 1 % (1 standard deviation) is another explanation, a tenth at most."""
     with (plant / "high.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     worst = [row for row in rows if decay(row)[0] <= 0.952 and decay(row)[1] >= 0.998]

@@ -1,5 +1,7 @@
 """Gross errors against answers that are known because they were put in: linear stretches with readings made wrong."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from toy_engine import SENSORS, SIGMA, toy_monitor, toy_recording
@@ -52,6 +54,18 @@ def test_clean_noise_loses_next_to_nothing(rho):
     rng = np.random.default_rng(1)
     lost = sum(find_gross_errors(stretch(rng, rho=rho)[0]).readings.sum() for _ in range(30))
     assert lost <= 3  # of 27,000 readings, 0.2 by the law of the normal
+
+
+@pytest.mark.parametrize("sensors", [[2], [0, 2, 3, 5, 6]])
+def test_of_a_change_that_lasts_no_record_is_lost_at_its_end(sensors):
+    """A change of seven records and one of nine: from the 17th record on most around it are normal, so that three
+    records of the second are seen to depart."""
+    found, _ = stretch(np.random.default_rng(7))
+    z = found.z.copy()
+    for place in (slice(0, 7), slice(10, 19)):
+        z[place] += 9.0 * np.isin(np.arange(M), sensors)
+    gross = find_gross_errors(replace(found, z=z))
+    assert not gross.records[10:19].any() and not gross.readings[10:19].any()
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.8])
