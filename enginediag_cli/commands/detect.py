@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from enginediag_cli.commands.answer_options import SENTENCES
 from enginediag_cli.commands.detect_follow import Follow, check_follow, follow_options, run_follow
 from enginediag_cli.commands.intake_options import compared_options, judging_options, source_options, window_options
 from enginediag_cli.commands.judging import Compared, ending, judged_files, tell_files
@@ -149,7 +150,7 @@ def detect(
         for found, _ in files.windows():
             verdict = judge(found, false_alarm, required)
             tally[verdict.verdict] += 1
-            tell_window(messages, verdict)
+            tell_window(messages, verdict, in_words=tally.total() <= SENTENCES)
             row = detection_row(verdict, shown)
             drawn.extend([row] if picture_path else [])
             yield row

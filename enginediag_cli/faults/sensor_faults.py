@@ -1,14 +1,16 @@
 """Faults of instruments: what happens to a reading after the engine has produced it.
 
-bias: reading + g · size. scale: reading · (1 + g · change). stuck: the last reading before, or a given one,
-while g > 0. dropped: no reading while g > 0. g is the activity of the fault's law.
+bias: reading + g · size. scale: reading · (1 + g · change). noise: reading + g · size · N(0, 1), white in time, beside
+the noise that the sensor has. stuck: the last reading before, or a given one, while g > 0. dropped: no reading while
+g > 0. g is the activity of the fault's law.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +33,11 @@ EFFECTS = Variants(
             "multiplies the reading",
             (Field("change", "number", "relative change of the reading at full size"),),
         ),
+        "noise": Section(
+            "noise",
+            "scatters beyond the noise that it has",
+            (Field("size", "number", "standard deviation of the added scatter, in the column's unit", minimum=0.0),),
+        ),
         "stuck": Section(
             "stuck",
             "repeats one reading",
@@ -40,7 +47,7 @@ EFFECTS = Variants(
     },
 )
 
-BEFORE_NOISE = ("bias", "scale")
+BEFORE_NOISE = ("bias", "scale", "noise")
 """Effects on the transducer; the others act on the recorded number, noise and rounding included."""
 
 
@@ -58,7 +65,7 @@ class SensorFault:
 
     @property
     def truth_name(self) -> str:
-        """Name in the file of true values: `sensor.T3_K.bias` in the column's unit, `.scale` as a factor."""
+        """Name in the file of true values: `sensor.T3_K.bias`, `.noise` in the column's unit, `.scale` as a factor."""
         return f"sensor.{self.column}.{self.effect['type']}"
 
 
@@ -68,16 +75,17 @@ def sensor_truth(faults: Iterable[SensorFault], clocks: Clocks) -> dict[str, NDA
     for fault in faults:
         name, what = fault.truth_name, truth(fault, clocks)
         if name in hidden:
-            combine = {"bias": np.add, "scale": np.multiply}.get(fault.effect["type"], np.maximum)
+            combine = {"bias": np.add, "scale": np.multiply, "noise": np.hypot}.get(fault.effect["type"], np.maximum)
             what = combine(hidden[name], what)
         hidden[name] = what
     return hidden
 
 
 def truth(fault: SensorFault, clocks: Clocks) -> NDArray[np.float64]:
-    """What the fault does at each record, (N,): the bias, the factor, or 1 where stuck or dropped."""
+    """What the fault does at each record, (N,): the bias, the factor, the added standard deviation, or 1 where stuck or
+    dropped."""
     grown = activity(fault.law, clocks)
-    if fault.effect["type"] == "bias":
+    if fault.effect["type"] in ("bias", "noise"):
         return grown * fault.effect["size"]
     if fault.effect["type"] == "scale":
         return 1.0 + grown * fault.effect["change"]
@@ -85,11 +93,13 @@ def truth(fault: SensorFault, clocks: Clocks) -> NDArray[np.float64]:
 
 
 class SensorFaultState:
-    """A sensor fault in a recording that is made chunk by chunk: remembers the last good reading."""
+    """A sensor fault in a recording that is made chunk by chunk: remembers the last good reading. entropy: of the
+    random numbers of one that scatters."""
 
-    def __init__(self, fault: SensorFault) -> None:
+    def __init__(self, fault: SensorFault, entropy: Sequence[int] = ()) -> None:
         self.fault = fault
         self._held = np.nan
+        self._rng = np.random.default_rng(np.random.SeedSequence([*entropy, crc32(fault.name.encode())]))
 
     def apply(self, reading: NDArray[np.float64], clocks: Clocks) -> NDArray[np.float64]:
         """Readings (n,) of the next records with the fault in them; `clocks` are those of these records."""
@@ -98,6 +108,8 @@ class SensorFaultState:
             return reading + what
         if kind == "scale":
             return reading * what
+        if kind == "noise":
+            return reading + what * self._rng.standard_normal(len(reading))
         if kind == "dropped":
             return np.where(what > 0.0, np.nan, reading)
         return self._stuck(reading, what > 0.0)

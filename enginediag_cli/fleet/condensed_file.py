@@ -24,6 +24,7 @@ from enginediag_cli.parameters import Parameter
 from enginediag_cli.recordings.formats.base import ReadingCounts
 from enginediag_cli.recordings.read import Absent
 from enginediag_cli.recordings.steady import GateReport
+from enginediag_cli.recordings.stuck import StuckRun
 from enginediag_cli.residuals.admission import Elsewhere
 from enginediag_cli.residuals.statistics import LocalStatistics
 from enginediag_cli.residuals.window import WindowStatistics
@@ -156,7 +157,8 @@ def _left_out(told: Mapping[str, Any]) -> LeftOut:
     gate = None if told["gate"] is None else GateReport(**told["gate"])
     reading = ReadingCounts(**told.get("reading", {}))
     absent, gross = tuple(Absent(**a) for a in told["absent"]), GrossCounts(**told.get("gross", {}))
-    return LeftOut(**{**told, "gate": gate, "absent": absent, "reading": reading, "gross": gross})
+    stuck = [StuckRun(**run) for run in told.get("stuck", ())]
+    return LeftOut(**{**told, "gate": gate, "absent": absent, "reading": reading, "gross": gross, "stuck": stuck})
 
 
 def _columns(conditions: int, p: int) -> dict[str, slice]:

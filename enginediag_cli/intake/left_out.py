@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.recordings.formats.base import ReadingCounts
+from enginediag_cli.recordings.stuck import StuckRun
 
 if TYPE_CHECKING:
     from enginediag_cli.recordings.live import LiveRecorder
@@ -87,7 +88,8 @@ class LeftOut:
     of that column in all; frozen, repeated: whole records not used, because nothing in them moved or because they
     were there before; gate: what the recorder's stability gate kept; absent: sensors without a column; reading: what
     of the file was no record or no reading; gross: what was rejected as gross errors of readings and inputs, judged by
-    the model; undecided: what the recorder, a draft, leaves open.
+    the model; undecided: what the recorder, a draft, leaves open; stuck: runs of readings that repeat themselves where
+    they should have moved.
     Counts are complete when the recording has been read to its end.
     """
 
@@ -103,6 +105,7 @@ class LeftOut:
     reading: ReadingCounts = field(default_factory=ReadingCounts)
     gross: GrossCounts = field(default_factory=GrossCounts)
     undecided: tuple[str, ...] = ()
+    stuck: list[StuckRun] = field(default_factory=list)
 
     def masked(self, counts: MaskCounts) -> None:
         """Take over what a masker has counted so far."""
@@ -110,6 +113,15 @@ class LeftOut:
         self.columns = {c: reasons for c, reasons in found.items() if reasons}
         self.readings = {c: counts.readings[c] for c in self.columns}
         self.frozen, self.repeated = counts.frozen, counts.repeated
+        self.stuck = list(counts.stuck)
+
+    def add_stuck(self, runs: Sequence[StuckRun]) -> None:
+        """Take over runs that the model shows to be stuck."""
+        for run in runs:
+            reasons = self.columns.setdefault(run.column, {})
+            reasons["stuck"] = reasons.get("stuck", 0) + run.records
+            self.readings.setdefault(run.column, self.records)
+        self.stuck += runs
 
     def mapped(self, live: LiveRecorder) -> None:
         """Take over what a recorder has counted so far."""

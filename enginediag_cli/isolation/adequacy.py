@@ -34,16 +34,12 @@ from enginediag_cli.detection.lack_of_fit import lack_of_fit
 from enginediag_cli.isolation.enumeration import all_sets
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.isolation.sizes import estimate_sizes
+from enginediag_cli.residuals.noise import NoiseLevel, level_of_ratio
 from enginediag_cli.residuals.score import Score
 from enginediag_cli.residuals.statistics import LocalStatistics
 
 UNLISTED = 0.02
 """Chance beforehand that what happened is none of what is listed: once in fifty windows. Judgement."""
-KNOWN = 0.3
-"""Standard deviation of the logarithm of the noise's variance where the model is right: the noise of another flight is
-known to 15 %. On blind realistic trials the ratio lies between 0.7 and 1.6."""
-LARGEST = 1e4
-"""By how much the variance may be larger where something is missing: readings off by a hundred times their noise."""
 FREE = (0.5, 1.5, 5.0, 20.0)
 """Sizes of the free vector in widths of the prior: from what is hardly seen to what no component and no instrument
 shows."""
@@ -75,38 +71,12 @@ class Adequacy:
         return self.unlisted < 0.5
 
 
-@dataclass(frozen=True)
-class NoiseLevel:
-    """What the rest of χ² says: `factor` v ≥ 1 by which evidence is divided; log likelihoods of that rest where the
-    noise is as stated and where it may be anything."""
-
-    factor: float = 1.0
-    log_stated: float = 0.0
-    log_anything: float = 0.0
-
-
 def noise_level(score: Score, statistics: LocalStatistics) -> NoiseLevel:
     """Of the statistics of which `score` was made; as stated where nothing is left to tell it by."""
     rest = lack_of_fit(statistics)
     if not rest.dof > 0 or not rest.consistent or not rest.ratio > 0:
         return NoiseLevel()
     return level_of_ratio(rest.ratio, rest.dof, score.doubt[1] / score.rank if score.rank else 0.0)
-
-
-def level_of_ratio(ratio: float, dof: float, doubt: float = 0.0) -> NoiseLevel:
-    """Of χ² per degree of freedom that is left, of so many; doubt: 2/ν of estimated noise."""
-    from scipy.special import log_ndtr, ndtr
-
-    variance = 2.0 / dof + doubt
-    log, wide = float(np.log(ratio)), np.log(max(LARGEST, ratio))
-    total = KNOWN**2 + variance
-    s = np.sqrt(variance)
-    inside = max(float(ndtr(log / s) - ndtr((log - wide) / s)), float(np.exp(log_ndtr(log / s))) / 2, 1e-300)
-    return NoiseLevel(
-        max(float(np.exp(log * KNOWN**2 / total)), 1.0),
-        -0.5 * log**2 / total - 0.5 * float(np.log(2 * np.pi * total)),
-        float(np.log(inside) - np.log(wide)),
-    )
 
 
 def probability_of_unlisted(level: NoiseLevel, log_listed: float, log_free: float) -> float:

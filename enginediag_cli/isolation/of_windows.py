@@ -24,6 +24,7 @@ from enginediag_cli.parameters import Parameter
 from enginediag_cli.planning.conditions_grid import conditions_grid
 from enginediag_cli.planning.suggestion import Suggestion, best_of_each_kind
 from enginediag_cli.residuals.files import JudgedFiles, Window
+from enginediag_cli.residuals.instruments import InstrumentFault
 from enginediag_cli.residuals.kept_records import KeptRecords
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.score import Score
@@ -66,8 +67,15 @@ class IsolatedWindow:
         return self.diagnosis is not None or self.components is not None
 
     @property
+    def instruments(self) -> tuple[InstrumentFault, ...]:
+        """Instruments that are stuck or scatter, beside what the diagnosis names."""
+        return self.verdict.window.instruments
+
+    @property
     def named(self) -> bool:
         """Whether something was isolated, and stands."""
+        if self.instruments:
+            return True
         if self.components is not None:
             return bool(self.components.components) and self.components.adequacy.stands
         return self.diagnosis is not None and bool(self.diagnosis.result.isolated and self.diagnosis.adequacy.stands)
@@ -204,7 +212,11 @@ class _Records:
         start = self._window.solution
         if start is not None and start.shape[1] != len(y):
             start = None
-        return WindowModel(_doubting(self._monitor, self._window).without(self._window.silent), inputs, y, start)
+        weights = self._window.weights
+        if weights is not None and len(weights) != len(y):
+            return None
+        monitor = _doubting(self._monitor, self._window).without(self._window.silent)
+        return WindowModel(monitor, inputs, y, start, weights)
 
 
 def _doubting(monitor: Monitor, window: WindowStatistics) -> Monitor:

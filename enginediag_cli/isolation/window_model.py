@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from enginediag_cli.residuals.instruments import weighed
 from enginediag_cli.residuals.local import whiten
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.root import root_of
@@ -53,7 +54,8 @@ class Expansion:
 
 class WindowModel:
     """Likelihood of one window's records; inputs: column -> (N,), y (N, m) with NaN where missing; start: unknowns
-    (nx, N) of the engine at nominal, where they are known.
+    (nx, N) of the engine at nominal, where they are known; weights (N, m, m): what multiplies readings and predictions
+    where an instrument scatters.
 
     Records that the engine cannot compute at nominal are left out; a change at which it cannot compute another
     has log likelihood −inf.
@@ -65,6 +67,7 @@ class WindowModel:
         inputs: Mapping[str, np.ndarray],
         y: np.ndarray,
         start: np.ndarray | None = None,
+        weights: np.ndarray | None = None,
     ):
         self.monitor = monitor
         self.p = len(monitor.monitored)
@@ -78,8 +81,8 @@ class WindowModel:
             # errors of the maps stay where nominal has the machines, whatever fault is tried
             known = {**here, **getattr(found, "frozen", {})}
             x = getattr(found, "x", None)  # unknowns of the engine, from which the solutions of changes are near
-            readings = y[rows][ok]
-            z, G = whiten(readings - predicted[ok], J[ok], monitor.noise)
+            readings, weight = y[rows][ok], None if weights is None else weights[rows][ok]
+            z, G = whiten(weighed(weight, readings - predicted[ok]), weighed(weight, J[ok]), monitor.noise)
             parts.append(
                 (
                     {column: np.asarray(values)[ok] for column, values in known.items()},
@@ -88,9 +91,11 @@ class WindowModel:
                     z,
                     np.isfinite(readings) & np.all(np.isfinite(J[ok]), axis=2),
                     G.reshape(-1, G.shape[2]) @ root,
+                    weight,
                 )
             )
-        of_inputs, starts, measured, residuals, present, doubt = zip(*parts, strict=True)
+        of_inputs, starts, measured, residuals, present, doubt, weight_of = zip(*parts, strict=True)
+        self._weights = None if weights is None else np.concatenate(weight_of)
         self.inputs = {column: np.concatenate([part[column] for part in of_inputs]) for column in of_inputs[0]}
         self._start = None if starts[0] is None else np.concatenate(starts, axis=1)
         self.y, z = np.concatenate(measured), np.concatenate(residuals)
@@ -128,6 +133,8 @@ class WindowModel:
         for predicted, _, ok in self._predictions(values, changes):
             computed = ok.all(axis=1) & ~np.any(self._present & ~np.isfinite(predicted), axis=(1, 2))
             e = np.where(self._present, self.y - predicted, np.nan)
+            if self._weights is not None:
+                e = np.stack([weighed(self._weights, each) for each in e])
             z, _ = whiten(e.reshape(-1, e.shape[2]), np.zeros((e[..., 0].size, e.shape[2], 0)), self.monitor.noise)
             found.append(np.where(computed, self._log_likelihood(z.reshape(len(e), -1)), -np.inf))
         return np.concatenate(found) if found else np.zeros(0)
@@ -149,7 +156,7 @@ class WindowModel:
                     found.append(Expansion(-np.inf, nothing[0], nothing))
                     continue
                 e = np.where(self._present, self.y - predicted[k], np.nan)
-                z, G = whiten(e, J[k], self.monitor.noise)
+                z, G = whiten(weighed(self._weights, e), weighed(self._weights, J[k]), self.monitor.noise)
                 found.append(self._expansion(z, G))
         return found
 

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 def component_row(verdict: Verdict, found: ComponentIsolation | None, known: Mapping[str, Parameter]) -> dict[str, Any]:
     """Row of one window; `inclusion` lists the components likeliest first, down to one in a hundred."""
     from enginediag_cli.presentation.isolation_rows import class_cells, fit_cells, reservation, told_verdict
+    from enginediag_cli.presentation.sentences import instrument_fault
     from enginediag_cli.residuals.flat import window_row
 
     adequacy = found.adequacy if found else None
@@ -25,6 +26,7 @@ def component_row(verdict: Verdict, found: ComponentIsolation | None, known: Map
         p_value=verdict.test.p_value if verdict.test else None,
         **fit_cells(adequacy),
         note=verdict.reason,
+        instruments=[instrument_fault(fault) for fault in verdict.window.instruments],
     )
     if found is not None:
         shown = sorted(found.inclusion.items(), key=lambda item: -item[1])

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 def detection_row(verdict: Verdict, detectable: bool) -> dict[str, Any]:
     """Row of one window; detectable: with the smallest changes that it would have shown, in the parameter's unit, and
     what it does not excite."""
+    from enginediag_cli.presentation.sentences import instrument_fault
     from enginediag_cli.residuals.flat import window_row
 
     test, fit, statistics = verdict.test, verdict.fit, verdict.window.statistics
@@ -29,6 +30,7 @@ def detection_row(verdict: Verdict, detectable: bool) -> dict[str, Any]:
         fit=fit.ratio if fit else None,
         verdict=verdict.verdict,
         reason=verdict.reason,
+        instruments=[instrument_fault(fault) for fault in verdict.window.instruments],
         gross_readings=verdict.window.gross.rejected if verdict.window.gross.judged else None,
     )
     if detectable:
@@ -40,8 +42,13 @@ def detection_row(verdict: Verdict, detectable: bool) -> dict[str, Any]:
     return DETECT.row(row)
 
 
-def tell_window(messages: Messages, verdict: Verdict) -> None:
-    """A window that is not healthy, for the log alone: its rows say more."""
+def tell_window(messages: Messages, verdict: Verdict, *, in_words: bool) -> None:
+    """Instruments that are stuck or scatter, where they are told in words; a window that is not healthy, for the log
+    alone: its rows say more."""
+    if in_words and verdict.window.instruments:
+        from enginediag_cli.presentation.isolation_rows import tell_instruments
+
+        tell_instruments(messages, verdict)
     if verdict.verdict == "healthy" or messages.log is None:
         return
     from enginediag_cli.presentation.isolation_rows import about, where

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from enginediag_cli.isolation.adequacy import Adequacy
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.outputs.isolate import ISOLATE
@@ -25,8 +27,24 @@ CANNOT_TELL = "cannot tell"
 
 
 def told_verdict(verdict: Verdict, adequacy: Adequacy | None) -> str:
-    """The verdict of the test, or that the answer to what it found does not stand."""
-    return verdict.verdict if adequacy is None or adequacy.stands else CANNOT_TELL
+    """The verdict of the test, or that the answer to what it found does not stand; an instrument that is stuck or
+    scatters is a fault whatever the test says of the rest."""
+    if adequacy is not None and not adequacy.stands:
+        return CANNOT_TELL
+    return "fault" if verdict.window.instruments and verdict.verdict == "healthy" else verdict.verdict
+
+
+def instrument_rows(verdict: Verdict) -> Iterator[dict[str, Any]]:
+    """Cells of the instruments of a window that are stuck or scatter, one mapping for each."""
+    from enginediag_cli.units import split_column
+
+    for fault in verdict.window.instruments:
+        yield {
+            "parameter": fault.name,
+            "inclusion": fault.probability,
+            "change": fault.size,
+            "unit": split_column(fault.column)[1] or "1",
+        }
 
 
 def reservation(adequacy: Adequacy, known: Mapping[str, Parameter]) -> str:
@@ -52,6 +70,7 @@ def isolation_rows(
 
     catalogue: with columns for named faults; advice: sentences, a column where they were asked for.
     """
+    from enginediag_cli.presentation.sentences import instrument_fault
     from enginediag_cli.residuals.flat import window_row
 
     row = window_row(verdict.window)
@@ -67,19 +86,26 @@ def isolation_rows(
             row.update(_named_cells(diagnosis.named))
     if advice is not None:
         row["advice"] = list(advice)
+    instruments = verdict.window.instruments
+    row["instruments"] = [instrument_fault(fault) for fault in instruments]
     if diagnosis is None:
-        yield ISOLATE.row(row)
+        row["isolated"] = [fault.name for fault in instruments] or None
+        for cells in instrument_rows(verdict):
+            yield ISOLATE.row(row | cells)
+        if not instruments:
+            yield ISOLATE.row(row)
         return
     result = diagnosis.result
+    chance = float(np.prod([fault.probability for fault in instruments]))
     row.update(
-        isolated=list(result.isolated),
-        probability=result.probability,
+        isolated=[*result.isolated, *(fault.name for fault in instruments)],
+        probability=result.probability * chance,
         **class_cells(result.one_of),
         rivals=[f"{' & '.join(r.parameters) or 'nothing'} ({r.probability:.2g})" for r in result.rivals],
         rivals_left_out=result.rivals_left_out,
         note="; ".join(filter(None, [reservation(diagnosis.adequacy, known), *_forms(result, known), result.note])),
     )
-    if not result.sizes:
+    if not result.sizes and not instruments:
         yield ISOLATE.row(row)
     for size in result.sizes:
         of_this = {
@@ -92,6 +118,8 @@ def isolation_rows(
             "percent": size.percent,
         }
         yield ISOLATE.row(row | of_this)
+    for cells in instrument_rows(verdict):
+        yield ISOLATE.row(row | cells)
 
 
 def isolated_rows(found: IsolatedWindow, catalogue: bool, *, advice: bool) -> Iterator[dict[str, Any]]:
@@ -141,6 +169,7 @@ def tell_isolated(messages: Messages, found: IsolatedWindow, scope: WorkScope | 
     from enginediag_cli.presentation.work_scope_rows import work_scope_sentences
 
     of = about(found.verdict)
+    tell_instruments(messages, found.verdict)
     if found.components is not None:
         messages.note(f"{where(found.verdict)}: {component_sentence(found.components, found.known)}", **of)
     elif not found.by_component:
@@ -149,6 +178,16 @@ def tell_isolated(messages: Messages, found: IsolatedWindow, scope: WorkScope | 
         messages.note(f"{where(found.verdict)}: {flips_sentence(found.flips, words_of(found))}")
     for sentence in work_scope_sentences(scope) if scope is not None else ():
         messages.note(f"{where(found.verdict)}: {sentence}")
+
+
+def tell_instruments(messages: Messages, verdict: Verdict) -> None:
+    """Instruments of a window that are stuck or scatter, in words."""
+    if not verdict.window.instruments:
+        return
+    from enginediag_cli.presentation.sentences import instrument_fault
+
+    for fault in verdict.window.instruments:
+        messages.note(f"{where(verdict)}: {instrument_fault(fault)}", **about(verdict))
 
 
 def _forms(result: IsolationResult, known: Mapping[str, Parameter]) -> list[str]:
@@ -241,7 +280,8 @@ def tell(
         messages.note(f"{here}: {caution}", **of)
     leading = "" if diagnosis.adequacy.stands else "leading, but not to be relied on: "
     left = unexplained(diagnosis.adequacy.before, diagnosis.adequacy.fit, diagnosis.adequacy.explained)
-    what = "; ".join(told) if told else "no change of a parameter stands out"
+    further = "further change" if verdict.window.instruments else "change"
+    what = "; ".join(told) if told else f"no {further} of a parameter stands out"
     messages.note(f"{here}: {leading}{what}{exactly}{left and f'; {left}'}", **of)
     for sentence in _forms(result, known):
         messages.note(f"{here}: {sentence}", **of)

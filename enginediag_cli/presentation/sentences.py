@@ -13,9 +13,14 @@ from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
     from enginediag_cli.isolation.classes import Class
+    from enginediag_cli.residuals.instruments import InstrumentFault
 
 READ_WRONG = frozenset({"bias", "scale"})
 """Errors of a sensor by which it reads too high or too low."""
+SURE = 0.995
+"""Probability from which two decimals say no more."""
+STUCK_DIGITS = 6
+"""Digits of a reading that repeats itself: as many as make it found again in the file."""
 
 
 def change(parameter: Parameter, delta: float, half_width: float | None = None, *, chance: float | None = None) -> str:
@@ -35,6 +40,27 @@ def change(parameter: Parameter, delta: float, half_width: float | None = None, 
     if parameter.of_instrument and parameter.quantity in READ_WRONG:
         return f"{parameter.part} reads {size} too {'high' if delta > 0 else 'low'}{behind}"
     return f"{parameter.words} {'rose' if delta > 0 else 'fell'} by {size}{behind}"
+
+
+def instrument_fault(fault: InstrumentFault) -> str:
+    """An instrument that is stuck or scatters, "T45 sensor is stuck at 812 K from record 120 of 400", "T45 sensor
+    scatters 4 times its stated noise"."""
+    part = f"{fault.quantity} {'reading' if fault.of_input else 'sensor'}"
+    unit = split_column(fault.column)[1]
+    behind = "" if fault.probability > SURE else f" (probability {probability(fault.probability)})"
+    if fault.form == "noise" and fault.of_input:
+        return f"{part} scatters by {with_unit(fault.size, unit)}{behind}"
+    if fault.form == "noise":
+        return f"{part} scatters {fault.times:.2g} times its stated noise{behind}"
+    stuck = f"{part} is stuck at {with_unit(fault.size, unit, digits=STUCK_DIGITS)}"
+    if fault.throughout:
+        return f"{stuck} in all {count(fault.records, 'record')}"
+    last = fault.first + fault.last_line - fault.first_line
+    if not fault.first:
+        return f"{stuck} in {fault.count:,} of {count(fault.records, 'record')}, from line {fault.first_line} on"
+    if last < fault.records:
+        return f"{stuck} from record {fault.first:,} to {last:,} of {fault.records:,}"
+    return f"{stuck} from record {fault.first:,} of {fault.records:,} on"
 
 
 def _times(factor: float, value: float | None) -> float | None:

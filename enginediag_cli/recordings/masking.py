@@ -29,7 +29,7 @@ from enginediag_cli.recordings.quality import (
     whole_record_lines,
 )
 from enginediag_cli.recordings.repeated import HeldWatch, Repeats, held_readings
-from enginediag_cli.recordings.stuck import stuck
+from enginediag_cli.recordings.stuck import StuckRun, joined_runs, stuck, stuck_runs
 from enginediag_cli.recordings.table import Recording, concat
 
 HALO = 1000
@@ -59,13 +59,15 @@ class Judged:
 @dataclass
 class MaskCounts:
     """columns: column → reason → readings masked, each once; readings: column → readings there were;
-    frozen, repeated: whole records, counted once and in no column; records: handed out, those frozen included."""
+    frozen, repeated: whole records, counted once and in no column; records: handed out, those frozen included; stuck:
+    the runs of stuck readings among those masked."""
 
     columns: dict[str, Counter[str]] = field(default_factory=dict)
     readings: Counter[str] = field(default_factory=Counter)
     frozen: int = 0
     repeated: int = 0
     records: int = 0
+    stuck: list[StuckRun] = field(default_factory=list)
 
     @property
     def total(self) -> int:
@@ -193,6 +195,7 @@ class Masker:
         for column, reasons in found.items():
             masks[column], counts[column] = tally({why: mask[block] for why, mask in reasons.items()})
             if column not in judged.inputs:
+                joined_runs(self.counts.stuck, stuck_runs(column, own[column], own.line, found[column]["stuck"][block]))
                 masks[column] = masks[column] | still[block]
         self.counts.note(own, counts, int(np.count_nonzero(still[block])))
         if self._keep_masks:

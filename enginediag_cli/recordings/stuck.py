@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,6 +11,50 @@ COARSE = 0.01
 """Share of records that repeat the one before, from which a sensor counts as coarse (quantised)."""
 END_OF_SCALE = 1e-3
 """Readings this close to their smallest or largest, as a share of the span, are saturated or off scale."""
+
+
+@dataclass(frozen=True)
+class StuckRun:
+    """Identical readings of a column that should have moved: their value in the column's unit, the lines of the first
+    and the last of them in the file, and how many they are."""
+
+    column: str
+    value: float
+    first_line: int
+    last_line: int
+    records: int
+
+    def within(self, first_line: int, last_line: int) -> bool:
+        """Whether some of it lies in these lines."""
+        return self.first_line <= last_line and self.last_line >= first_line
+
+
+def stuck_runs(column: str, values: np.ndarray, line: np.ndarray, mask: np.ndarray) -> Iterator[StuckRun]:
+    """The masked (N,) of the readings of a column (N,), on these lines (N,), as runs of one value."""
+    rows = np.flatnonzero(mask)
+    if not rows.size:
+        return
+    new = np.flatnonzero(np.r_[True, values[rows][1:] != values[rows][:-1]])
+    for first, stop in zip(new, np.r_[new[1:], rows.size], strict=True):
+        own = rows[first:stop]
+        yield StuckRun(column, float(values[own[0]]), int(line[own[0]]), int(line[own[-1]]), len(own))
+
+
+def same_runs(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """The masked (N,) and whatever stands beside them with the same value (N,), in a row."""
+    run = np.cumsum(np.r_[0, values[1:] != values[:-1]])
+    return np.isin(run, run[mask])
+
+
+def joined_runs(known: list[StuckRun], more: Iterator[StuckRun]) -> None:
+    """Add runs to those that are known, in order; one that goes on from a block to the next stays one."""
+    for run in more:
+        before = next((k for k in range(len(known) - 1, -1, -1) if known[k].column == run.column), None)
+        if before is not None and known[before].value == run.value:
+            old = known[before]
+            known[before] = replace(old, last_line=run.last_line, records=old.records + run.records)
+        else:
+            known.append(run)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # readings near the largest number: of infinite spread, they tell nothing

@@ -109,7 +109,9 @@ class JudgedFiles:
         gate = GrossErrorGate(monitor)
         recordings = self.passing(gate.clean(recordings))
         for window in self._windows(monitor, recordings):
-            yield gate.judged(window), monitor.meaning
+            mine = [left for left in self.intake.left_out if left.file == file.name]
+            masked = [run for left in mine if left.engine in ("", window.engine) for run in left.stuck]
+            yield gate.judged(window, masked), monitor.meaning
         gate.report(left for left in self.intake.left_out if left.file == file.name)
 
     def _windows(self, monitor: Monitor, recordings: Iterable[Recording]) -> Iterator[WindowStatistics]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from enginediag_cli.engine.model import MonitoredModel
 from enginediag_cli.intake.left_out import EXCURSION, GrossCounts, LeftOut
+from enginediag_cli.recordings.stuck import StuckRun, joined_runs, same_runs, stuck_runs
 from enginediag_cli.recordings.table import Recording, concat
 from enginediag_cli.residuals.admission import judged_inputs
 from enginediag_cli.residuals.gross_errors import (
@@ -30,6 +31,7 @@ from enginediag_cli.residuals.gross_errors import (
     suspected,
 )
 from enginediag_cli.residuals.groups import Key, Timeline, group_rows
+from enginediag_cli.residuals.instruments import Free, stuck_faults, stuck_inputs, stuck_outputs
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.noise import NoiseModel
 from enginediag_cli.residuals.window import WindowStatistics
@@ -85,6 +87,7 @@ class GrossErrorGate:
         self.monitor = monitor
         self._found: dict[Key, list[tuple[int, GrossCounts]]] = {}
         self._total: dict[tuple[str, str], GrossCounts] = {}
+        self._stuck: dict[tuple[str, str], list[StuckRun]] = {}
         self._waiting: list[_Held] = []
         self._before = self._after = 0
 
@@ -99,10 +102,21 @@ class GrossErrorGate:
                 yield self._judge(BLOCK)
         yield from self._end()
 
-    def judged(self, window: WindowStatistics) -> WindowStatistics:
-        """The window with what was rejected of its records. Windows of a flight are asked for in turn: what lies before
-        this one is forgotten."""
+    def judged(self, window: WindowStatistics, masked: Iterable[StuckRun] = ()) -> WindowStatistics:
+        """The window with what was rejected of its records, and the instruments that are stuck in it; masked: the runs
+        of readings that were stuck by themselves. Windows of a flight are asked for in turn: what lies before this one
+        is forgotten."""
         key = (window.source, window.flight, window.engine)
+        lines = (window.first_line, window.last_line)
+        runs = [*masked, *self._stuck.get((window.source, window.engine), ())]
+        stuck = tuple(stuck_faults(runs, self.monitor.engine.inputs, lines, window.records))
+        window = replace(window, instruments=(*stuck, *window.instruments))
+        wrong = {fault.instrument for fault in window.instruments}
+        silent = [name for name, p in self.monitor.meaning.items() if p.of_instrument and p.component in wrong]
+        window = replace(window, silent=tuple(dict.fromkeys((*window.silent, *silent))))
+        blind = [fault.column for fault in stuck if fault.of_input]
+        if window.statistics is None and blind:
+            window = replace(window, reason=f"{', '.join(dict.fromkeys(blind))} is stuck: the model has no input")
         judged = window.records - window.outside - window.incomplete - window.failed
         found = [(line, counts) for line, counts in self._found.get(key, ()) if line >= window.first_line]
         if not found:
@@ -119,7 +133,10 @@ class GrossErrorGate:
             for (source, engine), counts in self._total.items():
                 if (source == left.file or len(files) == 1) and left.engine in ("", engine):
                     left.gross = left.gross + counts
-        self._total = {}
+            for (source, engine), runs in self._stuck.items():
+                if source == left.file and left.engine in ("", engine):
+                    left.add_stuck(runs)
+        self._total, self._stuck = {}, {}
 
     def _end(self) -> Iterator[Recording]:
         if self._waiting:
@@ -152,11 +169,41 @@ class GrossErrorGate:
         for at, keys, *_ in stretches:
             for key, n in Counter(keys[k] for k in np.flatnonzero((at >= block.start) & (at < block.stop))).items():
                 self._add(key, GrossCounts(judged=n))
+        context = self._moving(context, stretches, block)
         clean = self._rejected(context, stretches, block)
         first = max(0, block.stop - HALO)
         self._waiting = [held.select(slice(first, None))]
         self._before, self._after = block.stop - first, self._after - size
         return clean
+
+    def _moving(
+        self, context: _Held, stretches: list[tuple[np.ndarray, list[Key], np.ndarray, np.ndarray]], block: slice
+    ) -> _Held:
+        """The records of the context without readings that are stuck, and none of records with a stuck input."""
+        monitor, own, sigma = self.monitor, context.recording, self.monitor.noise.sigma
+        gone = np.zeros(context.e.shape, bool)
+        for at, keys, *_ in stretches:
+            readings = np.column_stack([own.columns.get(c, np.full(len(own), np.nan))[at] for c in monitor.sensors])
+            level, z = context.y[at] / sigma, context.e[at] / sigma
+            stuck = stuck_outputs(np.where(np.isfinite(z), readings, np.nan), level)
+            masks = {c: stuck[:, j] for j, c in enumerate(monitor.sensors) if stuck[:, j].any()}
+            recorded = {c: context.inputs[c][at] for c in monitor.engine.inputs if c in own}
+            blind = stuck_inputs(np.where(stuck, np.nan, z), recorded, _with_free_input(monitor, context, at))
+            gone[at] |= stuck
+            for column, mask in {**masks, **blind}.items():
+                if column in blind:
+                    gone[at[mask]] = True
+                source, _, engine = keys[0]
+                rows = np.sort(np.concatenate([rows for key, rows in group_rows(own) if key[2] == engine]))
+                # records that cannot be judged, where a stuck input has led perhaps, belong to the run as well
+                whole = same_runs(own[column][rows], np.isin(rows, at[mask]))
+                mine = whole & (rows >= block.start) & (rows < block.stop)
+                runs = stuck_runs(column, own[column][rows], own.line[rows], mine)
+                joined_runs(self._stuck.setdefault((source, engine), []), runs)
+        if not gone.any():
+            return context
+        columns = {c: np.where(gone[:, j], np.nan, own[c]) for j, c in enumerate(monitor.sensors) if c in own}
+        return replace(context, recording=own.with_columns(columns), e=np.where(gone, np.nan, context.e))
 
     def _rejected(
         self, context: _Held, stretches: list[tuple[np.ndarray, list[Key], np.ndarray, np.ndarray]], block: slice
@@ -220,6 +267,20 @@ class GrossErrorGate:
     def _add(self, key: Key, counts: GrossCounts) -> None:
         place = (key[0], key[2])
         self._total[place] = self._total.get(place, GrossCounts()) + counts
+
+
+def _with_free_input(monitor: Monitor, context: _Held, at: np.ndarray) -> Free:
+    """Residuals of the records at (n,) of the context with one input at other values than were read."""
+    sigma = monitor.noise.sigma
+
+    def free(column: str, rows: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        mine = at[rows]
+        here = {c: v[mine] for c, v in context.inputs.items()} | {column: values}
+        found = monitor.engine.predict(here, monitor.base, sensors=monitor.sensors, wrt=(column,))
+        e = np.where(np.asarray(found.ok)[:, None], context.e[mine] + context.y[mine] - found.y, np.nan)
+        return e / sigma, -np.asarray(found.jacobian)[:, :, 0] / sigma
+
+    return free
 
 
 def _counts(

@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from enginediag_cli.engine.batch import SHARE
+from enginediag_cli.engine.input_errors import suspected
 from enginediag_cli.error_model.slopes import COMMON
 from enginediag_cli.progress import each
 from enginediag_cli.recordings.table import Recording
@@ -21,10 +22,12 @@ from enginediag_cli.residuals.admission import JudgedInputs, NominalResiduals, n
 from enginediag_cli.residuals.blocks import Block
 from enginediag_cli.residuals.cut import cut
 from enginediag_cli.residuals.groups import Key, runs
+from enginediag_cli.residuals.instruments import NOISE, InstrumentFault, scattering, weighed, weights
 from enginediag_cli.residuals.judged_records import JudgedRecords, Keeping, RecordsOfWindow, StoredRecords
 from enginediag_cli.residuals.local import block_statistics
-from enginediag_cli.residuals.long_windows import long_statistics
+from enginediag_cli.residuals.long_windows import RUN, long_statistics
 from enginediag_cli.residuals.monitor import HELD, Monitor
+from enginediag_cli.residuals.noise import NoiseModel
 from enginediag_cli.residuals.operating_points import covariance_of_change, sums_by_point
 from enginediag_cli.residuals.reduced import ReducedMonitor
 from enginediag_cli.residuals.relinearise import Stop, relinearise
@@ -43,6 +46,9 @@ FLOWN = 12
 SETTLED = 0.2
 """Step of the re-estimate, in standard errors, that is not worth another call of the engine: what it leaves out of
 the statistics is of second order in it."""
+
+SAMPLED = 4
+"""Runs of a long window in which scatter is looked for: 500 records know a scatter to 5 %."""
 
 TOGETHER = 500
 """Records of short windows whose statistics are summed by one pass: for each of twenty records the calls would cost
@@ -242,9 +248,11 @@ def _judged(
     """The windows of a batch, which are computed together, or a window that is longer than a batch may be."""
     if len(batch) == 1 and _size(batch[0]) > BATCH_RECORDS:
         whole, records = _whole(monitor, batch[0]), RecordsOfWindow([piece.judged for piece in batch[0]])
-        found = long_statistics(monitor, records, linearise=linearise, tolerance=SETTLED)
-        whole = replace(whole, failed=found.failed)
-        yield _with_statistics(monitor, condense, whole, found.statistics, _unconverged(found.last_step))
+        instruments = _scattering_in_long(monitor, records) if linearise == "estimate" else ()
+        weighed_monitor = replace(monitor, noise=_with_scatter(monitor, instruments)) if instruments else monitor
+        long = long_statistics(weighed_monitor, records, linearise=linearise, tolerance=SETTLED)
+        whole = replace(whole, failed=long.failed, instruments=instruments)
+        yield _with_statistics(monitor, condense, whole, long.statistics, _unconverged(long.last_step))
         return
     sizes = [_size(pieces) for pieces in batch]
     every = RecordsOfWindow([piece.judged for pieces in batch for piece in pieces]).all
@@ -259,10 +267,29 @@ def _judged(
         if not size:
             yield _with_statistics(monitor, condense, whole, None)
             continue
-        statistics, ok, last_step = next(judged)
+        found = next(judged)
         x = None if nominal.x is None else nominal.x[:, rows]
-        whole = replace(whole, failed=size - int(ok.sum()), solution=x)
-        yield _with_statistics(monitor, condense, whole, statistics, _unconverged(last_step))
+        whole = replace(whole, failed=size - int(found.ok.sum()), solution=x)
+        whole = replace(whole, instruments=found.instruments, weights=found.weights)
+        yield _with_statistics(monitor, condense, whole, found.statistics, _unconverged(found.last_step))
+
+
+def _scattering_in_long(monitor: Monitor, records: RecordsOfWindow) -> tuple[InstrumentFault, ...]:
+    """Instruments that scatter in runs of the records of a long window."""
+    n = len(records)
+    spans = [(k, k + RUN) for k in np.linspace(0, n - RUN, SAMPLED).astype(int).tolist()]
+    some = records.read(spans)
+    lags = np.where(np.arange(len(some)) % RUN == 0, np.inf, some.lags)
+    nominal = nominal_residuals(monitor, some.inputs, some.y)
+    _, e = next(iter(_linearised(monitor, nominal, [len(some)], lags)))
+    found, _ = scattering_instruments(monitor, nominal, e, lags)
+    return tuple(replace(fault, count=n, records=n) for fault in found)
+
+
+def _with_scatter(monitor: Monitor, instruments: Sequence[InstrumentFault]) -> NoiseModel:
+    """The noise of a monitor with what its sensors scatter beyond it; that of an input has no place in it."""
+    added = {fault.column: fault.size for fault in instruments if not fault.of_input}
+    return replace(monitor.noise, sigma=np.hypot(monitor.noise.sigma, [added.get(c, 0.0) for c in monitor.sensors]))
 
 
 def _distinct(batch: Sequence[Sequence[_Piece]]) -> np.ndarray | None:
@@ -284,22 +311,82 @@ def _unconverged(last_step: float | None) -> str:
     return f"the re-estimate did not converge (last step {last_step:.2g} standard errors)"
 
 
-Short = tuple[LocalStatistics, np.ndarray, float | None]
-"""Statistics of a window, which of its records can be computed (n,), and the last step of an estimate that did not
-converge."""
+@dataclass(frozen=True)
+class Short:
+    """Of a window of n records: its statistics, which can be computed, ok (n,), the last step of an estimate that did
+    not converge, the instruments that scatter, and what multiplies its readings for that, (n, m, m)."""
+
+    statistics: LocalStatistics
+    ok: np.ndarray
+    last_step: float | None = None
+    instruments: tuple[InstrumentFault, ...] = ()
+    weights: np.ndarray | None = None
 
 
 def _at_nominal(monitor: Monitor, nominal: NominalResiduals, sizes: Sequence[int], lags: np.ndarray) -> Iterator[Short]:
     """Of each window that holds records; sizes (W,)."""
     bounds = np.cumsum([0, *filter(None, sizes)])
     for block, (first, stop) in zip(_blocks(monitor, nominal.e, nominal.J, sizes, lags), pairwise(bounds), strict=True):
-        yield block.statistics, nominal.ok[first:stop], None
+        yield Short(block.statistics, nominal.ok[first:stop])
 
 
 def _at_estimate(
     monitor: Monitor, nominal: NominalResiduals, sizes: Sequence[int], lags: np.ndarray
 ) -> Iterator[Short]:
-    """As `_at_nominal`; all windows are re-linearised together."""
+    """As `_at_nominal`; all windows are re-linearised together, and those in which an instrument scatters once more
+    with its readings weighed by that."""
+    first = 0
+    for short, e in _linearised(monitor, nominal, sizes, lags):
+        rows = slice(first, first + len(e))
+        first += len(e)
+        here = nominal.rows(rows)
+        instruments, weight = scattering_instruments(monitor, here, e, lags[rows])
+        if weight is None:
+            yield short
+            continue
+        again, _ = next(iter(_linearised(monitor, here, [len(e)], lags[rows], weight)))
+        yield replace(again, instruments=instruments, weights=weight)
+
+
+def scattering_instruments(
+    monitor: Monitor, nominal: NominalResiduals, e: np.ndarray, lags: np.ndarray
+) -> tuple[tuple[InstrumentFault, ...], np.ndarray | None]:
+    """Instruments that scatter in the records of one window, e (n, m) their residuals at its estimate, and the weights
+    (n, m, m) of their readings."""
+    engine, noise, sensors = monitor.engine, monitor.noise, monitor.sensors
+    columns = [c for c in engine.inputs if suspected(engine, c) is not None and c in nominal.inputs]
+
+    def effects() -> np.ndarray:
+        found = engine.predict(nominal.inputs, monitor.base, sensors=sensors, wrt=tuple(columns))
+        unit = np.broadcast_to(np.eye(len(sensors)), (len(e), len(sensors), len(sensors)))
+        return np.concatenate([unit, np.asarray(found.jacobian)], axis=2)
+
+    found = scattering(e, nominal.predicted, noise, lags, effects)
+    if not found:
+        return (), None
+    names = (*sensors, *columns)
+    faults = []
+    for one in found:
+        sigma = noise.sigma[one.of] if one.of < len(sensors) else np.nan
+        of_input = one.of >= len(sensors)
+        column = names[one.of]
+        values = nominal.inputs[column] if of_input else nominal.y[:, one.of]
+        times = float(np.sqrt(1 + (one.size / sigma) ** 2))
+        count = int(np.isfinite(values).sum())
+        fault = InstrumentFault(column, NOISE, of_input, one.size, one.probability, times, count, count)
+        faults.append(fault)
+    return tuple(faults), weights(np.isfinite(e), noise, effects(), found)
+
+
+def _linearised(
+    monitor: Monitor,
+    nominal: NominalResiduals,
+    sizes: Sequence[int],
+    lags: np.ndarray,
+    weight: np.ndarray | None = None,
+) -> Iterator[tuple[Short, np.ndarray]]:
+    """Windows that hold records at their own estimates, with their residuals (n, m) there; weight (N, m, m): what
+    multiplies readings and predictions."""
     if not len(nominal.y):
         return
     bent = monitor.curvature if isinstance(monitor, ReducedMonitor) else None
@@ -308,15 +395,17 @@ def _at_estimate(
     def predict(theta: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         here = {c: values[rows] for c, values in nominal.inputs.items()}
         start = None if nominal.x is None else nominal.x[:, rows]
-        return monitor.predict(here, theta, nuisance=False, start=start)[:3]
+        y, J, ok, _ = monitor.predict(here, theta, nuisance=False, start=start)
+        mine = None if weight is None else weight[rows]
+        return weighed(mine, y), weighed(mine, J), ok
 
     found = relinearise(
         predict,
-        nominal.y,
+        weighed(weight, nominal.y),
         monitor.hold,
         monitor.noise,
         window=np.repeat(np.arange(len(some)), some),
-        nominal=(nominal.predicted, nominal.J, nominal.ok),
+        nominal=(weighed(weight, nominal.predicted), weighed(weight, nominal.J), nominal.ok),
         stop=Stop(left_out=bent.left_out if bent else None, tolerance=SETTLED),
     )
     first = 0
@@ -330,7 +419,7 @@ def _at_estimate(
             )
             statistics = replace(statistics, points=points)
         settled = found.converged[w] or statistics.n == 0
-        yield statistics, found.ok[rows], None if settled else float(found.decrement[w])
+        yield Short(statistics, found.ok[rows], None if settled else float(found.decrement[w])), found.e[rows]
 
 
 def _blocks(

@@ -10,6 +10,7 @@ import numpy as np
 
 from enginediag_cli.intake.left_out import GrossCounts
 from enginediag_cli.residuals.admission import Elsewhere
+from enginediag_cli.residuals.instruments import InstrumentFault
 from enginediag_cli.residuals.statistics import LocalStatistics
 
 
@@ -25,7 +26,8 @@ class WindowStatistics:
     records that were judged; readings: mean of each sensor over them; flown: inputs of a few of them, evenly chosen,
     column -> (k,). solution: the engine's unknowns (nx, n) at nominal in the records that were judged, where
     they are known, from which whoever asks the engine again of these records may begin. gross: readings and records
-    that were rejected as gross errors.
+    that were rejected as gross errors. instruments: those that are stuck or scatter; weights (n, m, m): what multiplies
+    the readings of each record that was judged, where some scatter.
     """
 
     source: str
@@ -51,6 +53,8 @@ class WindowStatistics:
     flown: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
     solution: np.ndarray | None = field(default=None, repr=False, compare=False)
     gross: GrossCounts = field(default_factory=GrossCounts)
+    instruments: tuple[InstrumentFault, ...] = ()
+    weights: np.ndarray | None = field(default=None, repr=False, compare=False)
 
     @property
     def counts(self) -> dict[str, int]:

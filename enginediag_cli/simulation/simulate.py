@@ -78,7 +78,7 @@ def simulate_in_chunks(
 ) -> Iterator[Simulated]:
     """The recording in pieces of at most `chunk` records, one at least; the noise does not depend on `chunk`.
 
-    A reading is made in this order: engine output, sensor bias and scale, noise and rounding, stuck or
+    A reading is made in this order: engine output, sensor bias, scale and scatter, noise and rounding, stuck or
     dropped. A point that the engine cannot solve keeps its row, with NaN readings and the reason in `status`.
     An engine with states flies along the time of its records, unless every record is to be `steady`; a point
     that its flight does not reach has no readings either.
@@ -138,7 +138,9 @@ class Instruments:
         if absent:
             raise DataError(f"noise or a fault is wanted on {', '.join(absent)}, which the recording does not have")
         self._sources = noise_sources(noise, rng)
-        states = [SensorFaultState(fault) for fault in faults.sensors]
+        scatters = any(fault.effect["type"] == "noise" for fault in faults.sensors)
+        entropy = rng.integers(0, 2**32, size=4).tolist() if scatters else ()
+        states = [SensorFaultState(fault, entropy) for fault in faults.sensors]
         self._before = [state for state in states if state.fault.effect["type"] in BEFORE_NOISE]
         self._after = [state for state in states if state.fault.effect["type"] not in BEFORE_NOISE]
 

@@ -63,3 +63,11 @@ def test_truth_adds_biases_and_multiplies_factors_of_one_column():
     hidden = sensor_truth([SensorFault(f"f{k}", "T3_K", e) for k, e in enumerate(effects)], CLOCKS)
     assert hidden["sensor.T3_K.bias"][0] == 5.0
     assert hidden["sensor.T3_K.scale"][0] == pytest.approx(1.1 * 1.2)
+
+
+@pytest.mark.parametrize("chunks", [1, 3])
+def test_a_noisy_sensor_scatters_by_its_size_from_the_onset_on_whatever_the_chunks(chunks):
+    x = read({"type": "noise", "size": 4.0}, chunks=chunks) - READING
+    assert not x[:100].any()
+    assert np.std(x[100:]) == pytest.approx(4.0, rel=4 / np.sqrt(2 * 200))
+    np.testing.assert_array_equal(x, read({"type": "noise", "size": 4.0}) - READING)

@@ -30,6 +30,15 @@ WINDOWS = {
         "lpt.map.capacity_speed_slope": -0.4,
     },
 }
+INSTRUMENTS = {
+    "stuck": ("T45_K", lambda x, rng: np.full(N, 1234.5)),
+    "stuck_late": ("P3_Pa", lambda x, rng: np.where(np.arange(N) < 40, x, x[40])),
+    "stuck_input": ("Wf_kg_s", lambda x, rng: np.where(np.arange(N) < 60, x, x[60])),
+    "noisy": ("T3_K", lambda x, rng: x + 12.0 * rng.standard_normal(N)),
+    "noisy_input": ("Wf_kg_s", lambda x, rng: x * (1 + 0.03 * rng.standard_normal(N))),
+    "noisy_beside_hpc": ("T5_K", lambda x, rng: x + 20.0 * rng.standard_normal(N)),
+}
+"""Column, and what its instrument makes of it."""
 
 
 @pytest.fixture(scope="module")
@@ -40,6 +49,10 @@ def folder(tmp_path_factory):
     inputs = climb(engine, N)
     for name, fault in WINDOWS.items():
         write_csv(folder / f"{name}.csv", [Recording(recorded(engine, inputs, fault, rng))])
+    broken = np.random.default_rng(2)
+    for name, (column, read) in INSTRUMENTS.items():
+        columns = recorded(engine, inputs, WINDOWS["hpc"] if "beside" in name else {}, broken)
+        write_csv(folder / f"{name}.csv", [Recording({**columns, column: read(columns[column], broken)})])
     write_known(engine, ENGINE, inputs, folder / "nominal.yaml")
     return folder
 
@@ -176,3 +189,34 @@ def test_an_unknown_extra_sensor_or_a_catalogue_of_another_engine_is_told_withou
     other.write_text("kind: faults\nfaults:\n  - {name: x, changes: {afterburner.efficiency: -0.1}}\n")
     code, _, err = isolate("hpc", "--catalogue", str(other))
     assert code == 2 and "afterburner.efficiency" in err and "Traceback" not in err
+
+
+@pytest.mark.parametrize(
+    ("recording", "name", "words"),
+    [
+        ("stuck", "sensor.T45.stuck", "T45 sensor is stuck at 1234.5 K in all 100 records"),
+        ("stuck_late", "sensor.P3.stuck", "from record 41 of 100 on"),
+        ("stuck_input", "input.Wf.stuck", "from record 61 of 100 on"),
+        ("noisy", "sensor.T3.noise", "times its stated noise"),
+        ("noisy_input", "input.Wf.noise", "Wf reading scatters by 0.0"),
+    ],
+)
+def test_an_instrument_that_is_stuck_or_scatters_is_named_alone(isolate, recording, name, words):
+    code, rows, _ = isolate(recording, "--exit-code")
+    assert code == 1
+    code, rows, told = isolate(recording)
+    assert (rows[0]["verdict"], rows[0]["isolated"]) == ("fault", [name])
+    assert words in told and words in rows[0]["instruments"][0]
+    assert rows[0]["fit"] < 1.5
+
+
+def test_a_fault_is_found_beside_a_sensor_that_scatters(isolate):
+    _, rows, _ = isolate("noisy_beside_hpc")
+    assert rows[0]["isolated"] == ["hpc.efficiency", "sensor.T5.noise"]
+    assert rows[0]["lower"] < -2.0 / 100 < rows[0]["upper"]
+
+
+def test_good_instruments_neither_stick_nor_scatter(isolate):
+    for recording in WINDOWS:
+        _, rows, _ = isolate(recording)
+        assert rows[0]["instruments"] == []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enginediag_cli.presentation.outputs.declared import Table, column
-from enginediag_cli.presentation.outputs.windows import WINDOW
+from enginediag_cli.presentation.outputs.windows import INSTRUMENTS, WINDOW
 
 GROSS = column(
     "gross_readings",
@@ -28,6 +28,7 @@ DETECT = Table(
         column("alarm", "boolean", "whether the statistic is beyond its threshold", empty=True),
         column("fit", "number", "χ² per degree of freedom that no change of parameters explains", empty=True),
         VERDICT,
+        INSTRUMENTS,
         GROSS,
         column("not_excited", "texts", "changes that the window could not have shown", empty=True),
     ),

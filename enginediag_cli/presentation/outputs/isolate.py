@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enginediag_cli.presentation.outputs.beside import ASKED_FLIPS, ASKED_SCOPE, FLIPS, SCOPE
 from enginediag_cli.presentation.outputs.declared import Table, column
-from enginediag_cli.presentation.outputs.windows import WINDOW
+from enginediag_cli.presentation.outputs.windows import INSTRUMENTS, WINDOW
 
 _TESTED = (
     column("verdict", "text", "healthy, fault, no verdict, or cannot tell where the leading answer does not stand"),
@@ -27,7 +27,10 @@ ISOLATE = Table(
     (
         *WINDOW,
         *_TESTED,
-        column("isolated", "texts", "the set of parameters that changed", empty=True),
+        INSTRUMENTS,
+        column(
+            "isolated", "texts", "the set of parameters that changed, with the instruments that are wrong", empty=True
+        ),
         column(
             "probability",
             "number",
@@ -70,6 +73,7 @@ COMPONENTS = Table(
     (
         *WINDOW,
         *_TESTED,
+        INSTRUMENTS,
         column("components", "texts", "the components that changed", empty=True),
         column("probability", "number", "probability of exactly these", empty=True),
         *_CLASS,

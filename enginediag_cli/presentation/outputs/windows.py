@@ -22,3 +22,5 @@ WINDOW = (
     column("reason", "text", "why there is no verdict; empty where there is one"),
 )
 """The columns of `residuals.flat.window_row`."""
+
+INSTRUMENTS = column("instruments", "texts", "instruments that are stuck or scatter, in words", empty=True)

@@ -1,0 +1,339 @@
+"""Instruments whose single readings are wrong, judged on the model residual: stuck, or scattering more than stated.
+
+Bias, scale and drift of an instrument are parameters, and compete with the engine's in one posterior. Two further forms
+of the same fault have no size that a sum over records could show, but a law of the single readings:
+
+**Stuck.** Identical readings over a run in which the model moves. Of an output the model moves where what is predicted
+does, by more than SPAN standard deviations of noise, which no rounding hides. Of an input, which is part of the model,
+where the other readings move as an error of this one input would make them: with the input free in every record, found
+by Newton steps from what was read, the residual falls to EXPLAINED of what moved. A stuck output has no readings, and
+records with a stuck input are of no use.
+
+**Noisy.** With the differences d_k of the residuals of consecutive records, in standard deviations of theirs, and g_k
+the effect of instrument i on them (a unit vector of an output, ∂Φ/∂u of an input), the readings of an instrument that
+scatters by τ beyond what is stated have
+
+    cov d_k = 1 + τ² g_k g_kᵀ     ⇒     t_k = (g_kᵀd_k)²/P_k ~ (1 + τ²P_k) χ²₁,     P_k = g_kᵀg_k
+
+Differences do not know what lasts: faults, drifts and slow errors of the model. Σt_k/n is a ratio of variances, of
+n/1.5 degrees of freedom (differences of neighbours share a reading), to which the law of `adequacy` applies: as stated
+within KNOWN, or anything up to LARGEST. Instruments compete by their likelihood, since the directions g overlap; the
+readings of one that is found are weighed by (1 + τ²SSᵀ)^-½, S its effect on the readings, and the others are asked
+again. Where more than MOST_WRONG would be noisy it is the model that fails, and none is named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from enginediag_cli.recordings.stuck import StuckRun
+from enginediag_cli.residuals.noise import KNOWN, LARGEST, NoiseModel, level_of_ratio
+from enginediag_cli.units import split_column
+
+STUCK, NOISE = "stuck", "noise"
+"""Forms of an instrument's fault that show in single readings."""
+SPAN = 6.0
+"""Standard deviations of noise, rounding included, by which what is predicted moves within a run of identical readings
+of a sensor that is stuck: rounding to one step makes σ at least 0.29 of it, so that this is 1.7 steps."""
+STUCK_RECORDS = 8
+"""Identical readings in a row that make a run: with fewer no median is known either (`gross_errors.LEAST`)."""
+INPUT_RECORDS = 20
+"""The same of an input, which commands and cruise hold for minutes: as many as of `QualitySettings.stuck_records`."""
+MOVED = 9.0
+"""χ² per reading of what moves within such a run, from which an input is suspected: three standard deviations each."""
+EXPLAINED, AS_NOISE = 0.1, 4.0
+"""Share of what moved that a free input may leave, or χ² per reading, whichever is more: the map errors of a far point
+are in it. Judgement."""
+LEAST_READINGS = 4
+"""Readings of a record from which freeing one input says something: of three, a third is explained by any direction."""
+NEWTON, FARTHEST = 6, 0.35
+"""Steps towards the input that the readings would have, and the largest step, as a share of the reading."""
+SCATTER = 0.005
+"""Prior chance of an instrument's fault, as `SetPrior.sensor`, of which each of FORMS holds its share."""
+FORMS = 5
+"""Bias, scale, drift, stuck, noise: forms of one fault, each as probable as the others."""
+INDEPENDENT = 1 / 1.5
+"""Independent differences of neighbours, per difference: neighbouring ones are correlated by −½."""
+MOST_WRONG = 2
+"""Instruments that are wrong at once at most, as `SetPrior.wrong_sensors`."""
+LEAST_DIFFERENCES = 8
+"""Differences from which a scatter is estimated."""
+SIZES = np.exp(np.linspace(np.log(1.2), np.log(LARGEST), 40)) - 1.0
+"""Extra variances along the mean direction at which the likelihood of an instrument is computed."""
+
+
+@dataclass(frozen=True)
+class InstrumentFault:
+    """A fault of the instrument that gives `column`, of an input of the model or of an output; form: STUCK or NOISE.
+
+    size: the value at which it is stuck, or the standard deviation that its scatter has beyond the stated noise, in the
+    column's unit; times: its scatter over the stated noise, NaN of an input, of which none is stated, and where stuck.
+    count: how many readings are concerned, of so many `records`; first_line, last_line: where they stand in the file;
+    first: number of the first of them in the window, 0 where lines do not say.
+    """
+
+    column: str
+    form: str
+    of_input: bool
+    size: float
+    probability: float = 1.0
+    times: float = float("nan")
+    count: int = 0
+    records: int = 0
+    first_line: int = 0
+    last_line: int = 0
+    first: int = 0
+
+    @property
+    def quantity(self) -> str:
+        """What the instrument measures, "T45"."""
+        return split_column(self.column)[0]
+
+    @property
+    def instrument(self) -> str:
+        """The instrument as parameters call their component: "sensor.T45", "input.Wf"."""
+        return f"{'input' if self.of_input else 'sensor'}.{self.quantity}"
+
+    @property
+    def name(self) -> str:
+        """The fault as a parameter: "sensor.T45.stuck"."""
+        return f"{self.instrument}.{self.form}"
+
+    @property
+    def throughout(self) -> bool:
+        """Whether every record of the window is concerned."""
+        return self.count >= self.records
+
+
+def stuck_faults(
+    runs: Iterable[StuckRun], inputs: Collection[str], lines: tuple[int, int], records: int
+) -> Iterator[InstrumentFault]:
+    """The runs that lie in a window, from its first to its last line, of so many records; inputs: columns of the
+    model's inputs."""
+    consecutive = lines[1] - lines[0] + 1 == records
+    for run in runs:
+        if not run.within(*lines):
+            continue
+        first, last = max(run.first_line, lines[0]), min(run.last_line, lines[1])
+        share = (last - first + 1) / (run.last_line - run.first_line + 1)
+        yield InstrumentFault(
+            run.column,
+            STUCK,
+            run.column in inputs,
+            run.value,
+            count=max(round(share * run.records), 1),
+            records=records,
+            first_line=first,
+            last_line=last,
+            first=first - lines[0] + 1 if consecutive else 0,
+        )
+
+
+def identical(values: np.ndarray, least: int) -> Iterator[tuple[int, int]]:
+    """(first, stop) of runs of at least so many identical finite values (n,)."""
+    same = np.isfinite(values[1:]) & (values[1:] == values[:-1])
+    edges = np.flatnonzero(np.diff(np.r_[False, same, False].astype(np.int8)))
+    for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        if last + 1 - first >= least:
+            yield first, last + 1
+
+
+def stuck_outputs(readings: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """Readings (n, m) that repeat themselves while what is predicted, level (n, m) in standard deviations of noise,
+    moves; readings of records that follow each other, NaN where there is none."""
+    found = np.zeros(readings.shape, bool)
+    for j in range(readings.shape[1]):
+        rows = np.flatnonzero(np.isfinite(readings[:, j]))
+        for first, stop in identical(readings[rows, j], STUCK_RECORDS):
+            run = rows[first:stop]
+            if np.ptp(level[run, j]) > SPAN:
+                found[run, j] = True
+    return found
+
+
+Free = Callable[[str, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""free(column, rows (k,), values (k,)) -> residuals (k, m) over σ with the input at these values, and their derivative
+(k, m) with respect to it."""
+
+
+def stuck_inputs(z: np.ndarray, inputs: Mapping[str, np.ndarray], free: Free) -> dict[str, np.ndarray]:
+    """Of inputs, column -> (n,), the records (n,) in which they stand still although the residuals z (n, m), over σ,
+    move as an error of theirs would make them."""
+    found: dict[str, np.ndarray] = {}
+    taken = np.zeros(len(z), bool)
+    candidates = []
+    for column, values in inputs.items():
+        for first, stop in identical(values, INPUT_RECORDS):
+            rows = np.arange(first, stop)[np.isfinite(z[first:stop]).sum(axis=1) >= LEAST_READINGS]
+            if len(rows) < INPUT_RECORDS:
+                continue
+            moved, count = _moved(z[rows])
+            if moved > MOVED * count:
+                left = _left_with_free(column, rows, values[rows], free)
+                if left < max(EXPLAINED * moved, AS_NOISE * count):
+                    candidates.append((left / count, column, first, stop))
+    for _, column, first, stop in sorted(candidates):
+        if not taken[first:stop].any():
+            taken[first:stop] = True
+            found.setdefault(column, np.zeros(len(z), bool))[first:stop] = True
+    return found
+
+
+def _moved(z: np.ndarray) -> tuple[float, float]:
+    """Sum of squares of z (k, m) about the mean of each sensor, and its degrees of freedom."""
+    present = np.isfinite(z)
+    about = np.where(present, z - np.nanmean(np.where(present.any(axis=0), z, 0.0), axis=0), 0.0)
+    return float(np.sum(about**2)), float(present.sum() - present.any(axis=0).sum())
+
+
+def _left_with_free(column: str, rows: np.ndarray, read: np.ndarray, free: Free) -> float:
+    """What is left of the moving residual, a sum of squares, with the input in each of the rows as the readings have
+    it."""
+    values, best = read.astype(float).copy(), np.inf
+    for _ in range(NEWTON):
+        z, slope = free(column, rows, values)
+        known = np.isfinite(z) & np.isfinite(slope)
+        z, slope = np.where(known, z, np.nan), np.where(known, slope, 0.0)
+        # one input cannot mend what all of the run has in common: a fault of the engine is no part of the question
+        about = np.where(known, z - np.nanmean(np.where(known.any(axis=0), z, 0.0), axis=0), 0.0)
+        best = min(best, float(np.sum(about**2)))
+        power = np.sum(slope**2, axis=1)
+        step = -np.sum(slope * np.nan_to_num(z), axis=1) / np.where(power > 0, power, np.inf)
+        largest = FARTHEST * np.maximum(np.abs(read), np.abs(values))
+        values = values + np.clip(step, -largest, largest)
+    return best
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """The instrument number `of` scatters by a standard deviation `size` beyond what is stated, in its column's unit,
+    with this probability against all others and none."""
+
+    of: int
+    size: float
+    probability: float
+
+
+def scattering(
+    e: np.ndarray, level: np.ndarray, noise: NoiseModel, lags: np.ndarray, effects: Effects
+) -> list[Scatter]:
+    """Instruments that scatter, the clearest first: e (n, m) residuals at the estimate of consecutive records and level
+    (n, m) what is predicted, in the sensors' units; lags (n,) in steps. effects() -> (n, m, q): what a unit of each
+    instrument does to the readings, asked for only where some scatter."""
+    sd = noise.sigma * np.sqrt(2 * (1 - noise.rho ** np.maximum(lags[1:, None], 1.0)))
+    d = np.diff(_own_line_removed(e, level), axis=0) / sd
+    present = np.isfinite(d)
+    if len(d) < LEAST_DIFFERENCES or not _might_scatter(d, present):
+        return []
+    S = np.where(present[:, :, None], effects()[1:], 0.0) * (np.sqrt(2) / sd)[:, :, None]
+    S = np.nan_to_num(S)
+    d = np.where(present, d, 0.0)
+    found: list[Scatter] = []
+    while len(found) <= MOST_WRONG:
+        one = _clearest(d, S)
+        if one is None:
+            return found
+        found.append(one)
+        inverse = _weigh(S[:, :, one.of], one.size)
+        d = np.einsum("kij,kj->ki", inverse, d)
+        S = inverse @ S
+    return []
+
+
+Effects = Callable[[], np.ndarray]
+
+
+def _own_line_removed(e: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """e (n, m) without the bias and the scale error of each sensor that fit it best: forms that are no scatter."""
+    found = e.copy()
+    for j in range(e.shape[1]):
+        rows = np.isfinite(e[:, j])
+        x = level[rows, j]
+        if rows.sum() < LEAST_DIFFERENCES or not np.ptp(x) > 0:
+            continue
+        x = (x - x.mean()) / x.std()
+        y = e[rows, j]
+        found[rows, j] = y - y.mean() - x * float(x @ y) / len(y)
+    return found
+
+
+def _might_scatter(d: np.ndarray, present: np.ndarray) -> bool:
+    """Whether the ratios of variances could make any instrument's scatter likelier than none: a bound, which costs
+    nothing."""
+    count = present.sum(axis=0)
+    ratio = np.sum(np.where(present, d, 0.0) ** 2, axis=0) / np.maximum(count, 1)
+    largest = 1.0 + float(np.sum(np.maximum(ratio[count > 0] - 1.0, 0.0)))
+    total = KNOWN**2 + 2.0 / (INDEPENDENT * len(d))
+    stated = -0.5 * np.log(largest) ** 2 / total - 0.5 * np.log(2 * np.pi * total)
+    return bool(-np.log(np.log(LARGEST)) - stated + np.log(SCATTER / FORMS) > 0.0)
+
+
+def _clearest(d: np.ndarray, S: np.ndarray) -> Scatter | None:
+    """The instrument whose scatter explains the differences d (n, m) best, S (n, m, q) its effect on them; None where
+    none is likelier than not."""
+    power = np.sum(S**2, axis=1)
+    along = np.einsum("kjq,kj->kq", S, d) ** 2
+    best: list[tuple[float, float, float]] = []
+    for i in range(S.shape[2]):
+        rows = power[:, i] > 0
+        P, q = power[rows, i], along[rows, i]
+        n = int(rows.sum())
+        if n < LEAST_DIFFERENCES:
+            best.append((-np.inf, 0.0, 0.0))
+            continue
+        ratio = float(np.mean(q / P))
+        log, size = _likeliest(P, q)
+        law = level_of_ratio(max(ratio, 1e-9), INDEPENDENT * n)
+        odds = np.exp(min(law.log_anything - law.log_stated, 700.0)) * SCATTER / FORMS if ratio > 1.0 else 0.0
+        best.append((log, size, float(odds / (1 + odds))))
+    logs = np.array([log for log, _, _ in best])
+    i = int(np.argmax(logs))
+    share = np.exp(logs - logs[i])
+    probability = best[i][2] / float(share.sum())
+    return Scatter(i, best[i][1], probability) if probability > 0.5 else None
+
+
+def _likeliest(P: np.ndarray, q: np.ndarray) -> tuple[float, float]:
+    """Largest log likelihood of an added variance τ² along directions of power P (n,), where q (n,) was seen, against
+    none; and τ."""
+    unit = 1.0 / float(np.mean(P))
+    sizes = SIZES * unit
+    for _ in range(2):
+        v = 1.0 + sizes[:, None] * P
+        log = 0.5 * INDEPENDENT * np.sum(-np.log(v) + sizes[:, None] * q / v, axis=1)
+        k = int(np.argmax(log))
+        low, high = sizes[max(k - 1, 0)], sizes[min(k + 1, len(sizes) - 1)]
+        found = float(log[k]), float(np.sqrt(sizes[k]))
+        sizes = np.exp(np.linspace(np.log(low), np.log(high), len(SIZES)))
+    return found
+
+
+def _weigh(S: np.ndarray, size: float) -> np.ndarray:
+    """(1 + τ²SSᵀ)^-½ (n, m, m) of S (n, m)."""
+    P = np.sum(S**2, axis=1)
+    share = np.where(P > 0, (1 - 1 / np.sqrt(1 + size**2 * P)) / np.where(P > 0, P, 1.0), 0.0)
+    return np.asarray(np.eye(S.shape[1]) - share[:, None, None] * S[:, :, None] * S[:, None, :])
+
+
+def weights(present: np.ndarray, noise: NoiseModel, effects: np.ndarray, found: Sequence[Scatter]) -> np.ndarray:
+    """What multiplies the readings of each record, and all that is predicted of them, so that they scatter as stated:
+    (n, m, m) of n records in which readings are present (n, m); effects (n, m, q) as in `scattering`."""
+    unit = noise.sigma * np.sqrt(noise.inflation)
+    S = np.where(present[:, :, None], np.nan_to_num(effects), 0.0) / unit[:, None]
+    whole = np.tile(np.eye(len(unit)), (len(present), 1, 1))
+    for one in found:
+        step = _weigh(S[:, :, one.of], one.size)
+        whole, S = step @ whole, step @ S
+    return np.asarray(unit[:, None] * whole / unit)
+
+
+def weighed(weight: np.ndarray | None, y: np.ndarray) -> np.ndarray:
+    """y (n, m) or (n, m, p) multiplied by the weights (n, m, m); NaN stays NaN and touches no other reading."""
+    if weight is None:
+        return y
+    if y.ndim == 3:
+        return np.asarray(weight @ y)
+    return np.where(np.isfinite(y), np.einsum("kij,kj->ki", weight, np.nan_to_num(y)), np.nan)
