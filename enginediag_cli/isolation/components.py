@@ -23,7 +23,6 @@ import numpy as np
 
 from enginediag_cli.isolation.adequacy import (
     Adequacy,
-    NoiseLevel,
     beyond_bounds,
     fit_after,
     log_of_free_vector,
@@ -39,6 +38,7 @@ from enginediag_cli.isolation.posterior import size_limit
 from enginediag_cli.isolation.prior import Instruments, SetPrior
 from enginediag_cli.isolation.result import Explanation
 from enginediag_cli.isolation.wear import log_wear
+from enginediag_cli.residuals.noise import NoiseLevel
 from enginediag_cli.residuals.score import Score
 from enginediag_cli.residuals.statistics import LocalStatistics
 

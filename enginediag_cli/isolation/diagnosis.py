@@ -15,7 +15,6 @@ import numpy as np
 from enginediag_cli.faults.component_faults import FaultSet
 from enginediag_cli.isolation.adequacy import (
     Adequacy,
-    NoiseLevel,
     beyond_bounds,
     fit_after,
     log_of_free_vector,
@@ -33,6 +32,7 @@ from enginediag_cli.isolation.result import IsolationResult
 from enginediag_cli.isolation.rivals import SensorRivalry, sensor_rivalry
 from enginediag_cli.isolation.signs import known_signs, one_sided_posterior
 from enginediag_cli.isolation.window_model import WindowModel
+from enginediag_cli.residuals.noise import NoiseLevel
 from enginediag_cli.residuals.score import Score
 from enginediag_cli.residuals.statistics import LocalStatistics
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from enginediag_cli.detection.course import DETERIORATION, STEP, courses, places
 from enginediag_cli.detection.readings import Readings
-from enginediag_cli.isolation.adequacy import level_of_ratio, probability_of_unlisted
+from enginediag_cli.isolation.adequacy import probability_of_unlisted
 from enginediag_cli.isolation.prior import SEPARATED, SetPrior
 from enginediag_cli.isolation.series_looks import Found, Looks, effect
 from enginediag_cli.isolation.series_search import TINY, Chosen, Search
@@ -28,6 +28,7 @@ from enginediag_cli.isolation.story import HALF, UNRECORDED, Event, Fit, Member,
 from enginediag_cli.isolation.suspects import Suspects, log_of_kinds, suspects_of
 from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.progress import stage
+from enginediag_cli.residuals.noise import level_of_ratio
 
 EPOCHS, OF_A_FLEET = 400, 40
 """Epochs of one series that are judged at once, alone and where there are several: work grows with their third power.

@@ -11,7 +11,6 @@ from turbofan_trials import turbofan_monitor
 
 from enginediag_cli.detection.lack_of_fit import lack_of_fit
 from enginediag_cli.isolation.adequacy import (
-    KNOWN,
     beyond_bounds,
     fit_after,
     noise_level,
@@ -23,6 +22,7 @@ from enginediag_cli.isolation.diagnosis import DiagnosisOptions, diagnose
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.isolation.sizes import estimate_sizes
 from enginediag_cli.recordings.table import Recording
+from enginediag_cli.residuals.noise import KNOWN
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.score import fisher_score
 from enginediag_cli.residuals.windows import WindowPlan
