@@ -2,27 +2,31 @@
 
 What has no life is no evidence: a record whose readings repeat those before to the last digit brings no new noise, and
 readings that scatter impossibly little were not measured. Nor does one sensor alone tell anything. Gross errors are
-rejected before they count, which bounds what a reading adds to the evidence, and keeps the mean of E at most 1: a
-Gaussian reading cut at ±c is sub-Gaussian.
+rejected, which bounds what a reading adds to the evidence, and keeps the mean of E at most 1: a Gaussian reading cut at
+±c is sub-Gaussian. What has not yet lasted longer than a gross error may be one or may be a change: there is an alarm
+only if E reaches 1/α without the brief departures of any one channel, too, a sensor's or an input's. What several
+channels show at once is seen as soon as ever; what one alone shows, when it has lasted.
 """
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from enginediag_cli.detection.change import Change, explain_change, posterior_change
 from enginediag_cli.detection.lack_of_fit import LackOfFit
-from enginediag_cli.detection.segments import Coordinates
+from enginediag_cli.detection.segments import Coordinates, Segment
 from enginediag_cli.detection.sequential import EProcess
-from enginediag_cli.detection.verdict import LEAST_SENSORS, lifeless, too_few, too_still
+from enginediag_cli.detection.verdict import LEAST_SENSORS, lifeless, one_channel_decides, too_few, too_still
 from enginediag_cli.intake.left_out import GrossCounts
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.admission import Elsewhere, judged_inputs
 from enginediag_cli.residuals.distributions import chdtrc
-from enginediag_cli.residuals.gross_gate import LiveGate, LiveRecords
+from enginediag_cli.residuals.gross_errors import FEWEST, UNRELATED, brief_departures
+from enginediag_cli.residuals.gross_gate import CleanBlocks, LiveGate, LiveRecords, input_effects
 from enginediag_cli.residuals.groups import Key, Timeline
 from enginediag_cli.residuals.innovations import Innovations
 from enginediag_cli.residuals.monitor import Monitor
@@ -60,6 +64,12 @@ def _jump(monitor: Monitor, j: int) -> float:
     return max(bias.prior_sigma, sigma) if bias is not None and bias.prior_sigma > 0 else JUMP_SIGMAS * sigma
 
 
+def _unit(S: np.ndarray) -> np.ndarray:
+    """S (n, m, q) with columns of length 1 in every record, or 0."""
+    size = np.linalg.norm(S, axis=1, keepdims=True)
+    return np.asarray(S / np.where(size > 0, size, 1.0))
+
+
 @dataclass(frozen=True)
 class BlockReport:
     """One block of a flight; one of no records judges those that waited for what followed.
@@ -94,14 +104,20 @@ class BlockReport:
 
 @dataclass
 class FlightMonitor:
-    """Follows one flight of one engine; `add` takes the records of the next block."""
+    """Follows one flight of one engine; `add` takes the records of the next block. gross: what was rejected of the
+    records that are decided for good, of all when the flight has ended."""
 
     monitor: Monitor
     key: Key
     false_alarm: float
     process: EProcess = field(init=False)
+    gross: GrossCounts = field(default_factory=GrossCounts)
     _innovations: Innovations = field(init=False)
     _gate: LiveGate | None = None
+    _clean: CleanBlocks = field(default_factory=CleanBlocks)
+    _numbers: list[int | None] = field(default_factory=list)
+    _numbered: int = 0
+    _waiting: int = 0
     _timeline: Timeline = field(default_factory=Timeline)
     _skipped: float = 0.0
     _clock: float = 0.0
@@ -131,8 +147,7 @@ class FlightMonitor:
         self._blocks += 1
         self._distinct += kept.size
         self._copies += int(repeated.sum())
-        reason = self._still
-        gross = GrossCounts()
+        reason, gross = self._still, GrossCounts()
         if kept.size:
             e, J, predicted, ok = self._residuals({c: v[kept] for c, v in inputs.items()}, y[kept])
             failed = int(np.sum(~ok))
@@ -141,10 +156,11 @@ class FlightMonitor:
             new = LiveRecords(
                 {c: v[kept] for c, v in inputs.items()}, e, J, predicted, lags, clock[kept], part.line[kept]
             )
-            decided, gross = self._gate.add(new)
-            judged, reason = self._judge(decided, sensors, reason)
+            self._clean = self._gate.add(new)
+            gross = self._clean.rejected[-1]
+            judged, reason = self._judge(sensors, reason)
         alarm = self.process.alarm_block is not None
-        change = explain_change(self.process.past, self.process.coordinates) if alarm else None
+        change = explain_change(self.process.pieces, self.process.coordinates) if alarm else None
         return BlockReport(
             self.key,
             self._blocks - 1,
@@ -174,48 +190,113 @@ class FlightMonitor:
         return NEVER_MOVED if self._distinct == 1 and self._copies else ""
 
     def finish(self) -> BlockReport | None:
-        """Judge the records that still waited for what follows them, if any; the flight has ended."""
-        found = self._gate.finish() if self._gate is not None else None
-        if found is None:
+        """The flight has ended: a row where it has so few records that they waited for more."""
+        blocks = self._clean.open
+        self.gross = sum(self._clean.rejected[len(self._clean.closed) :], self.gross)
+        if not blocks or self._distinct >= FEWEST:
             return None
-        decided, gross = found
+        self._weigh([], *self._innovated(blocks, self._innovations))
+        records = LiveRecords.joined(blocks)
         self._blocks += 1
-        sensors = int(np.isfinite(decided.e).any(axis=0).sum())
-        judged, reason = self._judge(decided, sensors, self._still)
         alarm = self.process.alarm_block is not None
         return BlockReport(
             self.key,
             self._blocks - 1,
-            int(decided.line[0]),
-            int(decided.line[-1]),
-            *((float(decided.time[0]), float(decided.time[-1])) if self._timed else (float("nan"), float("nan"))),
+            int(records.line[0]),
+            int(records.line[-1]),
+            *((float(records.time[0]), float(records.time[-1])) if self._timed else (float("nan"), float("nan"))),
             records=0,
             outside=0,
             incomplete=0,
             failed=0,
             repeated=0,
-            judged=judged,
-            sensors=sensors,
-            sensors_of=decided.e.shape[1],
+            judged=self._waiting,
+            sensors=int(np.isfinite(records.e).any(axis=0).sum()),
+            sensors_of=records.e.shape[1],
             log10_e=self.process.log_e / float(np.log(10)),
             alarm=alarm,
-            change=explain_change(self.process.past, self.process.coordinates) if alarm else None,
-            reason=reason,
-            gross=gross,
+            change=explain_change(self.process.pieces, self.process.coordinates) if alarm else None,
+            reason=self._still or self._alone,
         )
 
-    def _judge(self, decided: LiveRecords, sensors: int, reason: str) -> tuple[int, str]:
-        """Add decided records to the evidence; how many were judged, and why none of them says anything."""
-        judged = int(np.sum(np.isfinite(decided.e).any(axis=1)))
-        z, G = self._innovations.of(decided.e, decided.J, decided.lags)
-        fit = self._scatter(z, G, int(np.isfinite(decided.e).sum()))
+    def _judge(self, sensors: int, reason: str) -> tuple[int, str]:
+        """Take the new block, the last of those that are known, into the evidence, and the others as they look now; how
+        many records were judged, and why the new block tells nothing."""
+        clean, new, k = self._clean, self._clean.open[-1], len(self._clean.closed)
+        self.gross = sum(clean.rejected[:k], self.gross)
+        closed: list[Segment] = []
+        if k:
+            closed = self._segments(clean.closed, self._numbers[:k], *self._innovated(clean.closed, self._innovations))
+        z, X = self._innovated(clean.open, self._innovations.fork())
+        fit = self._scatter(z[-len(new) :], X[-len(new) :], int(np.isfinite(new.e).sum()))
         if sensors < LEAST_SENSORS:
-            return judged, too_few(sensors, decided.e.shape[1])
-        if lifeless(fit):
-            return judged, too_still(fit)
-        if judged and not reason:
-            self.process.add(z, G, float(decided.time[0]), float(np.mean(decided.time)))
-        return judged, reason
+            reason = too_few(sensors, new.e.shape[1])
+        elif lifeless(fit):
+            reason = too_still(fit)
+        self._numbers = [*self._numbers[k:], None if reason else self._numbered]
+        self._numbered += not reason
+        self._waiting += int(np.sum(np.isfinite(new.e).any(axis=1)))
+        if self._distinct < FEWEST:
+            return 0, reason
+        self._weigh(closed, z, X)
+        judged, self._waiting = self._waiting, 0
+        return judged, reason or self._alone
+
+    def _innovated(self, blocks: Sequence[LiveRecords], past: Innovations) -> tuple[np.ndarray, np.ndarray]:
+        """z (n, m) of the records of blocks after the `past`, and X (n, m, d), how they depend on the coordinates."""
+        records = LiveRecords.joined(blocks)
+        z, G = past.of(records.e, records.J, records.lags)
+        return z, G @ self.process.coordinates.basis
+
+    def _segments(
+        self, blocks: Sequence[LiveRecords], numbers: Sequence[int | None], z: np.ndarray, X: np.ndarray
+    ) -> list[Segment]:
+        """Sums of those blocks that have a number, for they tell something."""
+        found, stop = [], 0
+        for block, number in zip(blocks, numbers, strict=True):
+            rows = slice(stop, stop := stop + len(block))
+            if number is not None:
+                times = float(block.time[0]), float(np.mean(block.time))
+                found.append(self.process.segment(number, X[rows], z[rows], *times))
+        return found
+
+    def _weigh(self, closed: Sequence[Segment], z: np.ndarray, X: np.ndarray) -> None:
+        """The evidence with z (n, m) and X (n, m, d) of the open blocks."""
+        blocks, numbers = self._clean.open, self._numbers
+
+        def disturbed() -> Iterator[tuple[str, list[Segment]]]:
+            for channel, V in self._disturbances():
+                t = np.sum(V * z, axis=1)
+                h = np.einsum("km,kmd->kd", V, X)
+                yield channel, self._segments(blocks, numbers, z - V * t[:, None], X - V[:, :, None] * h[:, None])
+
+        self.process.add(closed, self._segments(blocks, numbers, z, X), disturbed)
+
+    @property
+    def _alone(self) -> str:
+        """Why there is no alarm yet where one channel alone speaks for a change; "" elsewhere."""
+        return one_channel_decides(self.process.alone) if self.process.alone else ""
+
+    def _disturbances(self) -> Iterator[tuple[str, np.ndarray]]:
+        """Each channel, a sensor's or a recorded input's, and in which direction V (n, m), unit or zero, it would move
+        the innovations of the open blocks where it may have been wrong for so short a time as a gross error is."""
+        records, monitor = LiveRecords.joined(self._clean.open), self.monitor
+        n, m = records.e.shape
+        sigma = monitor.noise.sigma
+        inputs = self._gate.recorded if self._gate else ()
+        effects = np.concatenate(
+            [np.broadcast_to(np.eye(m), (n, m, m)), input_effects(monitor, records.inputs, np.arange(n), inputs)],
+            axis=2,
+        )
+        S = np.where(np.isfinite(records.e)[:, :, None], np.nan_to_num(effects), 0.0)
+        _, moved = Innovations(monitor.noise).of(records.e, S * sigma[:, None], records.lags)
+        t = np.einsum("km,kmc->kc", np.nan_to_num(records.e / sigma), _unit(S))
+        clock = np.cumsum(np.where(np.isfinite(records.lags), records.lags, UNRELATED))
+        time = records.time if self._timed else np.full(n, np.nan)
+        brief = brief_departures(np.where(S.any(axis=1), t, np.nan), time, clock)
+        directions = _unit(moved) * brief[:, None]
+        for c, channel in enumerate((*monitor.sensors, *inputs)):
+            yield channel, directions[:, :, c]
 
     def _repeated(self, y: np.ndarray) -> np.ndarray:
         """Mask (N,) of the records whose readings y (N, m) are those of the record before, all of them."""
@@ -225,9 +306,9 @@ class FlightMonitor:
         above = np.concatenate([before, y[:-1]])
         return np.all((y == above) | (np.isnan(y) & np.isnan(above)), axis=1) & np.isfinite(y).any(axis=1)
 
-    def _scatter(self, z: np.ndarray, G: np.ndarray, readings: int) -> LackOfFit:
-        """What no change explains of the innovations z (n, m) of a block, of so many readings."""
-        columns = G.reshape(-1, G.shape[2]) @ self.process.coordinates.basis
+    def _scatter(self, z: np.ndarray, X: np.ndarray, readings: int) -> LackOfFit:
+        """What no change explains of the innovations z (n, m) of a block, of so many readings; X (n, m, d)."""
+        columns = X.reshape(-1, X.shape[2])
         _, _, rank, _ = found = np.linalg.lstsq(columns, z.ravel(), rcond=None)
         rest, dof = float(np.sum((z.ravel() - columns @ found[0]) ** 2)), readings - int(rank)
         if dof <= 0:
@@ -266,5 +347,5 @@ class FlightMonitor:
         if self.process.alarm_block is None:
             return shift
         a = len(self.monitor.monitored)
-        shift[:a] = posterior_change(self.process.past, self.process.coordinates) * self.monitor.prior_sigma[:a]
+        shift[:a] = posterior_change(self.process.pieces, self.process.coordinates) * self.monitor.prior_sigma[:a]
         return np.clip(self.monitor.theta0 + shift, self.monitor.lower, self.monitor.upper) - self.monitor.theta0

@@ -50,19 +50,16 @@ class Following:
                     repeating=report.repeated,
                 )
                 self.elsewhere.update(report.elsewhere)
-                self._rejected(report)
                 yield report
         for flight in flights.values():
             yield from self._finished(flight)
 
     def _finished(self, flight: FlightMonitor) -> Iterator[BlockReport]:
+        """The end of a flight. What was rejected is counted where it is reported: files come in turn, each with one
+        engine."""
         report = flight.finish()
-        if report is not None:
-            self._rejected(report)
-            yield report
-
-    def _rejected(self, report: BlockReport) -> None:
-        """Count what was rejected where it is reported: files come in turn, each with one engine."""
-        of_file = [left for left in self.intake.left_out if left.file == report.key[0]]
+        of_file = [left for left in self.intake.left_out if left.file == flight.key[0]]
         left = (of_file or self.intake.left_out)[-1]
-        left.gross = left.gross + report.gross
+        left.gross = left.gross + flight.gross
+        if report is not None:
+            yield report

@@ -17,6 +17,7 @@ Gaussian noise, and with certain nominal for uniform noise too, whose moments E 
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -96,29 +97,59 @@ def onset_weight(block: np.ndarray) -> np.ndarray:
 
 @dataclass
 class EProcess:
-    """E of one flight. `log_e` is log E_n, `alarm_block` the first block with E ≥ 1/α (None while there is none)."""
+    """E of one flight. past: blocks that are decided for good; open: those after them. `log_e` is log E_n,
+    `alarm_block` the first block with E ≥ 1/α (None while there is none); alone: the cause without which E would stay
+    below."""
 
     coordinates: Coordinates
     false_alarm: float
     past: list[Segment] = field(default_factory=list)
-    blocks: int = 0
+    open: list[Segment] = field(default_factory=list)
     log_e: float = 0.0
-    highest: float = 0.0
+    alone: str = ""
     alarm_block: int | None = None
 
-    def add(self, z: np.ndarray, G: np.ndarray, begin: float, clock: float) -> None:
-        """The next block: innovations z (N, m) and sensitivities G (N, m, p) of parameters and sensor biases."""
-        columns = G.reshape(-1, G.shape[2]) @ self.coordinates.basis
-        new = Segment(self.blocks, self.blocks + 1, len(z), begin, clock, columns.T @ z.ravel(), columns.T @ columns)
-        self.past = append(self.past, new)
-        self.blocks += 1
-        found = effect(tails(self.past), self.coordinates.nuisance)
-        weights = onset_weight(np.array([piece.first for piece in self.past]))
+    @property
+    def pieces(self) -> list[Segment]:
+        """The flight so far."""
+        return [*self.past, *self.open]
+
+    def segment(self, block: int, X: np.ndarray, z: np.ndarray, begin: float, clock: float) -> Segment:
+        """A block's sums from innovations z (n, m) and their sensitivities X (n, m, d) to the coordinates."""
+        columns = X.reshape(-1, X.shape[2])
+        return Segment(block, block + 1, len(z), begin, clock, columns.T @ z.ravel(), columns.T @ columns)
+
+    def add(
+        self,
+        closed: Iterable[Segment],
+        open_blocks: Sequence[Segment],
+        disturbed: Callable[[], Iterable[tuple[str, Sequence[Segment]]]] = tuple,
+    ) -> None:
+        """Blocks that are decided for good, and all later ones as they look now, a new one the last.
+
+        disturbed: several causes and what the open blocks would be without what each may have done to them; no alarm
+        rests on one such cause alone. The smallest of several E is no larger than any, so that the bound holds.
+        """
+        for segment in closed:
+            self.past = append(self.past, segment)
+        self.open, self.alone = list(open_blocks), ""
+        limit = -np.log(self.false_alarm)
+        self.log_e = self._log_e(self.open)
+        if self.alarm_block is None and self.log_e >= limit:
+            without = {cause: self._log_e(segments) for cause, segments in disturbed()}
+            self.log_e = min([self.log_e, *without.values()])
+            if self.log_e >= limit:
+                self.alarm_block = self.pieces[-1].last - 1
+            else:
+                self.alone = min(without, key=lambda cause: without[cause])
+
+    def _log_e(self, open_blocks: Sequence[Segment]) -> float:
+        """log E_n with these for the open blocks."""
+        pieces = [*self.past, *open_blocks]
+        if not pieces:
+            return 0.0
+        found = effect(tails(pieces), self.coordinates.nuisance)
+        weights = onset_weight(np.array([piece.first for piece in pieces]))
         # onsets that have been forgotten count as ratio 0, those to come as ratio 1
-        to_come = (1 - FROM_THE_START) * HORIZON / (self.blocks + HORIZON - 1)
-        self.log_e = float(
-            np.logaddexp.reduce([*(np.log(weights) + log_ratio(found, self.coordinates)), np.log(to_come)])
-        )
-        self.highest = max(self.highest, self.log_e)
-        if self.alarm_block is None and self.log_e >= -np.log(self.false_alarm):
-            self.alarm_block = self.blocks - 1
+        to_come = (1 - FROM_THE_START) * HORIZON / (pieces[-1].last + HORIZON - 1)
+        return float(np.logaddexp.reduce([*(np.log(weights) + log_ratio(found, self.coordinates)), np.log(to_come)]))

@@ -123,6 +123,11 @@ def too_few(sensors: int, sensors_of: int) -> str:
     return f"{sensors} of {sensors_of} sensors gave readings, and {LEAST_SENSORS} are the least"
 
 
+def one_channel_decides(channel: str) -> str:
+    """Why nothing is told where a change rests on one channel, and has lasted no longer than a gross error."""
+    return f"{channel} alone decides, and its readings may be gross errors: too few records to tell"
+
+
 def too_still(fit: LackOfFit) -> str:
     """Why nothing is told by readings without life."""
     return f"the readings scatter impossibly little (fit {fit.ratio:.1g}): they repeat, or were not measured"

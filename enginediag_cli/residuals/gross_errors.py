@@ -343,6 +343,18 @@ def _short_runs(
     return kept
 
 
+def brief_departures(t: np.ndarray, time: np.ndarray, clock: np.ndarray) -> np.ndarray:
+    """Where t (n, q), what each of q channels is off by in standard deviations (NaN: no reading), may be a gross error
+    of that channel: in runs that last no longer than those, or not yet."""
+    brief = np.zeros(t.shape, bool)
+    for c in range(t.shape[1]):
+        rows = np.flatnonzero(np.isfinite(t[:, c]))
+        far = np.abs(t[rows, c]) > GROSS
+        if far.any():
+            brief[rows, c] = _short_runs(far, t[rows, c], time[rows], clock[rows])
+    return brief
+
+
 def _long_runs(flagged: np.ndarray, least: int) -> np.ndarray:
     """The flagged (n,) in runs of at least so many."""
     kept = flagged.copy()

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby
+from itertools import groupby, pairwise
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from enginediag_cli.recordings.stuck import StuckRun, joined_runs, same_runs, st
 from enginediag_cli.recordings.table import Recording, concat
 from enginediag_cli.residuals.admission import judged_inputs
 from enginediag_cli.residuals.gross_errors import (
+    AROUND,
     BLOCK,
     FEWEST,
     HALO,
@@ -37,8 +38,7 @@ from enginediag_cli.residuals.noise import NoiseModel
 from enginediag_cli.residuals.window import WindowStatistics
 
 HISTORY = 40
-"""Records with which new ones are compared: enough for a running median, and a fit that a few do not bend. Of a flight
-that begins, suspected records wait until there are so many."""
+"""Records with which new ones are compared: enough for a running median, and a fit that a few do not bend."""
 NOTES = 10_000
 """Records of one window with gross errors that are remembered each by itself, some megabytes; of more in pairs."""
 
@@ -382,55 +382,58 @@ class LiveRecords:
         inputs = {c: v[rows] for c, v in self.inputs.items()}
         return LiveRecords(inputs, *(getattr(self, name)[rows] for name in _ARRAYS))
 
-    def and_then(self, other: LiveRecords) -> LiveRecords:
-        """These records and those after them."""
-        inputs = {c: np.concatenate([v, other.inputs[c]]) for c, v in self.inputs.items()}
-        return LiveRecords(inputs, *(np.concatenate([getattr(self, name), getattr(other, name)]) for name in _ARRAYS))
+    @staticmethod
+    def joined(parts: Sequence[LiveRecords]) -> LiveRecords:
+        """Records one part after the other."""
+        inputs = {c: np.concatenate([part.inputs[c] for part in parts]) for c in parts[0].inputs}
+        return LiveRecords(inputs, *(np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS))
 
 
 _ARRAYS = ("e", "J", "y", "lags", "time", "line")
 
 
+@dataclass(frozen=True)
+class CleanBlocks:
+    """Blocks of a flight without gross readings, in order: `closed` ones are decided for good, `open` ones will be
+    judged anew with what follows them. rejected: what was rejected of each, of the closed ones first."""
+
+    closed: Sequence[LiveRecords] = ()
+    open: Sequence[LiveRecords] = ()
+    rejected: Sequence[GrossCounts] = ()
+
+
 class LiveGate:
-    """Gross errors of one flight that is still going on. A run of gross readings that has not ended may be the start of
-    a change: its records wait for what follows, `RUN` at most. So do the first ones where any is suspected: two bursts
-    among twenty records leave nobody to say which are right. `finish` decides what waits when the flight has ended."""
+    """Gross errors of one flight that is still going on. A reading that departs may be a gross error or the start of a
+    change, and of a flight that has just begun nobody can say which readings are right: so a block is judged anew with
+    each that follows, until the running median of its last record is complete and `HISTORY` records are known."""
 
     def __init__(self, monitor: Monitor, recorded: Sequence[str]):
-        self.monitor, self._recorded = monitor, tuple(recorded)
-        self._known: LiveRecords | None = None
-        self._decided = 0
+        self.monitor, self.recorded = monitor, tuple(recorded)
+        self._before: list[LiveRecords] = []
+        self._open: list[LiveRecords] = []
 
-    def add(self, new: LiveRecords) -> tuple[LiveRecords, GrossCounts]:
-        """The records that are decided by these further ones, without gross readings, and what was rejected of them."""
-        known = new if self._known is None else self._known.and_then(new)
+    def add(self, new: LiveRecords) -> CleanBlocks:
+        """The blocks that were open, and this new one, the last."""
+        blocks = [*self._open, new]
+        known = LiveRecords.joined([*self._before, *blocks])
         found = self._found(known)
-        few = len(known) < (HISTORY if found is not None else FEWEST)
-        return self._decide(known, found, len(known) if few else 0 if found is None else _open_run(found))
-
-    def finish(self) -> tuple[LiveRecords, GrossCounts] | None:
-        """The records that still waited, where there are any; no more will come."""
-        known = self._known
-        if known is None or self._decided == len(known):
-            return None
-        return self._decide(known, self._found(known), 0)
-
-    def _decide(self, known: LiveRecords, found: GrossErrors | None, undecided: int) -> tuple[LiveRecords, GrossCounts]:
-        """Known records, all but the last, which are undecided, without what was found."""
-        first = self._decided
-        stop = max(first, len(known) - undecided)
-        mine = np.zeros(len(known), bool)
-        mine[first:stop] = True
-        counts = GrossCounts(judged=int(mine.sum()))
-        clean = known
+        clean, counts = known, dict[int, GrossCounts]()
         if found is not None:
-            for _, some in _counts(found, known.line, mine, self.monitor.sensors, self._recorded):
-                counts = counts + replace(some, judged=0)
+            every = np.ones(len(known), bool)
+            counts = dict(_counts(found, known.line, every, self.monitor.sensors, self.recorded))
             clean = replace(known, e=np.where(found.readings | found.records[:, None], np.nan, known.e))
-        decided = clean.select(slice(first, stop))
-        kept = max(0, stop - HISTORY)
-        self._known, self._decided = known.select(slice(kept, None)), stop - kept
-        return decided, counts
+        stops = np.cumsum([sum(map(len, self._before)), *map(len, blocks)]).tolist()
+        rows = [range(*ends) for ends in pairwise(stops)]
+        rejected = [
+            sum((replace(counts[k], judged=0) for k in r if k in counts), GrossCounts(judged=len(r))) for r in rows
+        ]
+        N = len(known)
+        closed = sum(N - r.stop >= AROUND // 2 for r in rows) if N >= HISTORY else 0
+        self._open = blocks[closed:]
+        if closed:
+            self._before = [known.select(slice(max(0, min(N - HISTORY, rows[closed].start)), rows[closed].start))]
+        pieces = [clean.select(slice(r.start, r.stop)) for r in rows]
+        return CleanBlocks(pieces[:closed], pieces[closed:], rejected)
 
     def _found(self, known: LiveRecords) -> GrossErrors | None:
         """The gross errors of known records, None where no reading is suspected."""
@@ -442,17 +445,10 @@ class LiveGate:
         G = np.nan_to_num(known.J[:, :, :p] / sigma[:, None])
 
         def effects(rows: np.ndarray) -> np.ndarray:
-            return input_effects(monitor, known.inputs, rows, self._recorded)
+            return input_effects(monitor, known.inputs, rows, self.recorded)
 
         stretch = Stretch(z, G, level, known.lags, known.time, monitor.precision, monitor.noise, effects)
         return find_gross_errors(stretch)
-
-
-def _open_run(found: GrossErrors) -> int:
-    """Records at the end whose gross readings, of a sensor that is not dead, have not ended."""
-    gone = found.records[:, None] | (found.readings & ~found.dead)
-    kept = np.cumsum(~gone[::-1], axis=0) > 0
-    return int(np.max(np.argmax(np.vstack([kept, np.ones_like(kept[:1])]), axis=0), initial=0))
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ likelihood is that of the readings, so that likelihood ratios are exact and not 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -25,6 +25,10 @@ class Innovations:
     noise: NoiseModel
     _last: dict[int, tuple[float, float, np.ndarray]] = field(default_factory=dict)  # time, e/σ, J/σ of a sensor
     _elapsed: float = 0.0
+
+    def fork(self) -> Innovations:
+        """One that goes on from here by itself."""
+        return replace(self, _last=dict(self._last))
 
     def of(self, e: np.ndarray, J: np.ndarray, lags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """z (N, m) and G (N, m, p) of the next records, zero where a sensor is missing.

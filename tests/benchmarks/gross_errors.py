@@ -26,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from end_to_end import ROOT, run
 
+from enginediag_cli.detection import follow
 from enginediag_cli.engine.input_errors import OF_NOISE, InputErrors
 from enginediag_cli.intake.baseline import open_baseline
 from enginediag_cli.residuals import gross_gate
@@ -34,6 +35,7 @@ from enginediag_cli.residuals.monitor import Monitor, monitor_of
 FLIGHTS = {
     "turbofan": "airliner",
     "turboshaft": "helicopter",
+    "turbojet": "business_jet",
     "naval_gas_generator": "naval",
     "three_spool_turbofan": "airliner",
 }
@@ -228,13 +230,14 @@ def exact(nominal: Path, path: Path, truth: Sequence[str]) -> int:
 
 @contextmanager
 def without_rejection() -> Iterator[None]:
-    """Everything as it is, but nothing is taken for a gross error."""
-    kept = gross_gate.suspected
+    """Everything as it is, but nothing is taken for a gross error, nor for what may be one."""
+    kept = gross_gate.suspected, follow.brief_departures
     gross_gate.suspected = lambda *_: False
+    follow.brief_departures = lambda t, *_: np.zeros(t.shape, bool)
     try:
         yield
     finally:
-        gross_gate.suspected = kept
+        gross_gate.suspected, follow.brief_departures = kept
 
 
 def cost(nominal: Path, healthy: Path, wrong: Path) -> dict[str, float]:
@@ -249,8 +252,8 @@ def cost(nominal: Path, healthy: Path, wrong: Path) -> dict[str, float]:
             found["width"].append(np.array([[float(r[c] or "nan") for c in sizes] for r in rows]))
             run("detect", "-n", nominal, wrong, "-o", out, accepted=(0, 3))
             found["statistic"].append(np.array([float(r["statistic"] or "nan") for r in rows_of(out)]))
-            follow = ("--follow", "--idle", 0, "--window", BLOCK)
-            run("detect", "-n", nominal, wrong, *follow, "-o", out, accepted=(0, 3))
+            live = ("--follow", "--idle", 0, "--window", BLOCK)
+            run("detect", "-n", nominal, wrong, *live, "-o", out, accepted=(0, 3))
             first: dict[str, int] = {}
             for r in rows_of(out):
                 if r["alarm"].lower() in ("true", "1", "yes"):

@@ -87,10 +87,11 @@ def test_healthy_flights_alarm_no_more_often_than_stated_over_their_whole_length
     rng, alarms, flights = np.random.default_rng(4), 0, 300
     for _ in range(flights):
         watch, w = process(0.1), 2.0 * rng.standard_normal(2)  # as the coordinates' nuisance has it
-        for _ in range(25):
+        for block in range(25):
             G = rng.standard_normal((6, 1, 7))
             z = rng.standard_normal((6, 1)) if noise == "gaussian" else rng.uniform(-1, 1, (6, 1)) * np.sqrt(3)
-            watch.add(z + G[:, :, :2] @ w, G, 0.0, 0.0)
+            new = watch.segment(block, 2.0 * G, z + G[:, :, :2] @ w, 0.0, 0.0)
+            watch.add([], [*watch.open, new])
         alarms += watch.alarm_block is not None
     assert alarms <= binom.ppf(0.999, flights, 0.1)
 
@@ -185,3 +186,44 @@ def test_what_is_no_text_in_a_growing_file_is_a_line_that_a_reader_passes_over(t
     path.write_bytes(b"\xff\xfea\n1\n")
     with pytest.raises(DataError, match="the header is no UTF-8 text"):
         list(GrowingFile(str(path), 0.0, lambda seconds: None))
+
+
+def disturbed(seed, block, begin, records, *, shift=None, change=0.0, spoil=None):
+    """E in powers of ten, and the block of the alarm, of a flight in which readings shift, and health changes, for some
+    records from one on."""
+    rng, flight = np.random.default_rng(seed), FlightMonitor(toy_monitor(), KEY, 0.01)
+    y = toy_recording(rng, 100)
+    later = toy_recording(np.random.default_rng(seed), 100, change={"hpc.efficiency": change}, shift=shift)
+    rows = slice(begin, begin + records)
+    for c in y.columns:
+        y.columns[c][rows] = later.columns[c][rows]
+    y.columns["time_s"][:] = 60.0 * np.arange(100)
+    if spoil is not None:
+        column, factor = spoil
+        y.columns[column][rows] *= factor
+    reports = [flight.add(y.select(slice(i, i + block))) for i in range(0, 100, block)]
+    return reports, flight
+
+
+@pytest.mark.parametrize("block", [1, 5, 20])
+@pytest.mark.parametrize("begin", [0, 3, 50])
+def test_no_alarm_rests_on_a_burst_of_one_sensor(block, begin):
+    shift = np.array([0.0, 0.0, 25.0, 0.0, 0.0])
+    reports, flight = disturbed(20 + begin, block, begin, 5, shift=shift)
+    assert flight.process.alarm_block is None
+    assert reports[-1].log10_e < 1
+    reports, _ = disturbed(20 + begin, block, begin, 100, shift=shift)  # but on what lasts
+    first = next(k for k, report in enumerate(reports) if report.alarm)
+    assert (first + 1) * block - begin <= 8 + 2 * block
+
+
+@pytest.mark.parametrize("block", [5, 20])
+def test_a_fault_that_several_sensors_show_from_the_start_is_seen_in_the_first_block(block):
+    reports, _ = disturbed(30, block, 0, 100, change=-0.03)
+    assert reports[0].alarm
+
+
+def test_a_block_in_which_one_channel_alone_decides_says_so():
+    reports, _ = disturbed(31, 5, 0, 5, shift=np.array([0.0, 0.0, 25.0, 0.0, 0.0]))
+    assert "T5_K alone decides" in reports[0].reason and not reports[0].alarm
+    assert reports[-1].reason == ""
