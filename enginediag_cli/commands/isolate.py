@@ -114,17 +114,18 @@ def isolate(
     Every sensor may be wrong, too, of an output (`sensor.T3.bias`) or of an input of the model (`input.Wf.scale`),
     unless --no-sensors says that none is, or --monitor what may have changed; `verdict` tests all of that, where detect
     tests the engine alone.
-    `probability` is that of exactly this set, `inclusion` that of the parameter in any set; `rivals` are the
-    other sets that the data cannot exclude. `change` is in the parameter's unit, averaged over the sets that hold the
-    parameter and are possible; the interval counts those without it, too, and reaches to 0 where they are not
-    excluded. `fit` is what the answer leaves unexplained, per degree of freedom:
-    near 1 when it fits; `fit_before` the same without any answer, `explained` the share of the excess that the answer
-    takes away. Where the model fits badly whatever is assumed, probabilities and intervals are widened; where it then
-    convinces no longer, or fits only with changes that no engine shows, the verdict is `cannot tell` and `note` says
-    why. `flips` (json) are the errors that would change the first name: `size` as it would be added to what was
-    recorded, one standard deviation as `stated`, what the name `becomes`; the nearest first. `work_scope` (json) is by
-    how much turbine temperature and fuel would fall at equal thrust or power if a module that is named were as new,
-    with 95 % intervals.
+    `probability` is that these changed and nothing else that matters: no efficiency by 0.7 %, no flow capacity or
+    area by 1 %, nothing else by a third of what is plausible, no instrument. `inclusion` is that of the parameter
+    in any set; `rivals` are the other sets that the data cannot exclude. `change` is in the parameter's unit,
+    averaged over the sets that hold the parameter and are possible; the interval counts those without it, too, and
+    reaches to 0 where they are not excluded. `fit` is what the answer leaves unexplained, per degree of freedom:
+    near 1 when it fits; `fit_before` the same without any answer, `explained` the share of the excess that the
+    answer takes away. Where the model fits badly whatever is assumed, probabilities and intervals are widened;
+    where it then convinces no longer, or fits only with changes that no engine shows, the verdict is `cannot tell`
+    and `note` says why. `flips` (json) are the errors that would change the first name: `size` as it would be added
+    to what was recorded, one standard deviation as `stated`, what the name `becomes`; the nearest first.
+    `work_scope` (json) is by how much turbine temperature and fuel would fall at equal thrust or power if a module
+    that is named were as new, with 95 % intervals.
     """
     from enginediag_cli.isolation.methods import IsolationOptions
     from enginediag_cli.isolation.of_windows import Isolating

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from enginediag_cli.isolation.averaging import moments
 from enginediag_cli.isolation.components import component_posterior
 from enginediag_cli.isolation.posterior import SetPosterior
 from enginediag_cli.isolation.prior import SetPrior
@@ -22,6 +23,10 @@ class Belief:
     posterior: SetPosterior
     prior: SetPrior
     about: Mapping[bytes, Score] = field(default_factory=dict)
+
+    def moments(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean (p,) and covariance (p, p) of the changes of the score's parameters, in their units."""
+        return moments(self.score, self.posterior, self.prior, self.about)
 
 
 def belief_of_components(score: Score, prior: SetPrior, largest: int | None = None) -> Belief:

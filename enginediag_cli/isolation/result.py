@@ -21,14 +21,14 @@ class Explanation:
 class IsolationResult:
     """Outcome of one isolation method.
 
-    isolated: changed parameters, empty when none; probability of exactly this set (NaN for methods without
-    one); rivals: other sets that the data cannot exclude, likeliest first, which together with the answer
-    hold `coverage`; rivals_left_out: how many more were not listed; inclusion: probability per parameter that
-    it changed (empty for methods without one); sizes of the isolated parameters; complete: False when the
-    method stopped at a limit before it was satisfied; note says why in plain words. one_of: the class of which the
-    answer is the likeliest member, where these data cannot tell its members apart, or None. Sets that differ by the
-    form of an instrument's error, bias or scale, are one, named by the likelier form; forms: of an isolated instrument
-    the chance of that form, given that it is wrong.
+    isolated: changed parameters, empty when none; probability that these changed and nothing else that matters
+    (`averaging.least_that_matters`; NaN for methods without one); rivals: other sets that the data cannot exclude,
+    likeliest first, which together with the answer hold `coverage`; rivals_left_out: how many more were not listed;
+    inclusion: probability per parameter that it changed (empty for methods without one); sizes of the isolated
+    parameters; complete: False when the method stopped at a limit before it was satisfied; note says why in plain
+    words. one_of: the class of which the answer is the likeliest member, where these data cannot tell its members
+    apart, or None. Sets that differ by the form of an instrument's error, bias or scale, are one, named by the
+    likelier form; forms: of an isolated instrument the chance of that form, given that it is wrong.
     """
 
     method: str

@@ -274,15 +274,15 @@ def tell(
         )
         for size in result.sizes
     ]
-    exactly = f"; exactly this: probability {probability(result.probability)}" if result.inclusion else ""
+    alone = f": probability {probability(result.probability)}" if result.inclusion else ""
     caution = reservation(diagnosis.adequacy, known)
     if caution:
         messages.note(f"{here}: {caution}", **of)
     leading = "" if diagnosis.adequacy.stands else "leading, but not to be relied on: "
     left = unexplained(diagnosis.adequacy.before, diagnosis.adequacy.fit, diagnosis.adequacy.explained)
-    further = "further change" if verdict.window.instruments else "change"
-    what = "; ".join(told) if told else f"no {further} of a parameter stands out"
-    messages.note(f"{here}: {leading}{what}{exactly}{left and f'; {left}'}", **of)
+    nothing = "no further change that matters" if verdict.window.instruments else "no change that matters"
+    what = "; ".join([*told, "nothing else that matters"] if told and alone else told) or nothing
+    messages.note(f"{here}: {leading}{what}{alone}{left and f'; {left}'}", **of)
     for sentence in _forms(result, known):
         messages.note(f"{here}: {sentence}", **of)
     if result.one_of is not None:

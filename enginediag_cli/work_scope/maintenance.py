@@ -31,7 +31,6 @@ import numpy as np
 from enginediag_cli.isolation.adequacy import tempered
 from enginediag_cli.isolation.belief import Belief
 from enginediag_cli.isolation.methods import in_usual_forms
-from enginediag_cli.isolation.moments import moments
 from enginediag_cli.isolation.posterior import set_posterior
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.residuals.excitation import range_space
@@ -95,7 +94,7 @@ def maintenance(
     score = difference(one, other)
     belief = Belief(score, set_posterior(score, prior, largest=LARGEST), prior)
     names = belief.posterior.names(0)
-    mean, covariance = moments(belief)
+    mean, covariance = belief.moments()
     at = score.indices(names)
     engine = [i for i, p in enumerate(score.described) if not p.of_instrument]
     told = Moments(tuple(score.parameters[i] for i in engine), mean[engine], covariance[np.ix_(engine, engine)])

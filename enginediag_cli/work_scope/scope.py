@@ -11,7 +11,6 @@ from enginediag_cli.engine.engine import Engine
 from enginediag_cli.isolation.adequacy import tempered
 from enginediag_cli.isolation.belief import Belief, belief_of_components
 from enginediag_cli.isolation.classes import Class
-from enginediag_cli.isolation.moments import moments
 from enginediag_cli.isolation.of_windows import IsolatedWindow
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.isolation.story import Member, Story
@@ -71,7 +70,7 @@ class Scoping:
 
     def of_window(self, belief: Belief, named: Sequence[str], recorded: Mapping[str, float]) -> WorkScope:
         """Of the answer of one window; named: parameters or components."""
-        mean, covariance = moments(belief)
+        mean, covariance = belief.moments()
         change = self._health(belief.score.described, mean, covariance)
         chosen = {p.component for p in belief.score.described if {p.name, p.component} & {*named}}
         return self._told(change, _modules(belief.score.described, change.names, chosen), recorded)

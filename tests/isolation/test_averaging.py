@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from enginediag_cli.isolation.averaging import averaged_sizes
+from enginediag_cli.isolation.averaging import averaged_sizes, least_that_matters, with_what_does_not_matter
 from enginediag_cli.isolation.posterior import set_posterior
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.isolation.sizes import estimate_sizes
@@ -120,3 +120,38 @@ def test_the_fit_of_the_full_model_counts_for_the_set_that_was_fitted():
 def test_nothing_named_has_no_size():
     score = score_of(np.eye(2), [0.0, 0.0])
     assert averaged_sizes(score, set_posterior(score, PRIOR), (), PRIOR) == ()
+
+
+def test_an_answer_is_as_probable_as_that_nothing_else_matters_in_engines_drawn_from_the_prior():
+    prior, rng, p = SetPrior(0.15), np.random.default_rng(11), 6
+    J = rng.standard_normal((60, p)) / np.sqrt(60)
+    information = (J.T @ J) / 0.15**2  # a change of a prior standard deviation is seen at six or seven times its error
+    stated, true = [], []
+    changed, sizes = prior.draw(rng, 600, p)
+    for members, size in zip(changed, sizes, strict=True):
+        b = information @ size + np.linalg.cholesky(information) @ rng.standard_normal(p)
+        names = tuple(f"p{i}" for i in range(p))
+        glr = float(b @ np.linalg.solve(information, b))
+        score = Score(names, np.ones(p), np.full(p, 0.02), b / 0.02, information / 0.02**2, glr, p)
+        posterior = with_what_does_not_matter(score, set_posterior(score, prior), prior)
+        assert posterior.probabilities.sum() == pytest.approx(1.0)
+        least = least_that_matters(score.described, score.prior_sigma)
+        answer = posterior.masks[0]
+        stated.append(posterior.probabilities[0])
+        true.append(bool(np.all(members[answer])) and bool(np.all(np.abs(0.02 * size[~answer]) < least[~answer])))
+    assert abs(np.mean(true) - np.mean(stated)) < 0.06  # three standard errors of 600, and slabs wider than the widest
+    sure = np.array(stated) > 0.9
+    assert np.mean(np.array(true)[sure]) > 0.9 and sure.mean() > 0.4
+
+
+def test_a_change_that_the_data_do_not_show_may_matter_and_what_they_show_small_does_not():
+    # the third parameter is hardly seen, the second to a tenth of what matters
+    score = score_of(np.diag([4e4, 4e4, 1e-3]), [1.0, 0.0, 0.0])
+    exactly = set_posterior(score, PRIOR)
+    posterior = with_what_does_not_matter(score, exactly, PRIOR)
+    assert posterior.names(0) == exactly.names(0) == ("p0",)
+    both, unseen = (exactly.masks == [[True, True, False]]).all(axis=1), (exactly.masks[:, 2]).sum()
+    assert exactly.probabilities[both] > 0.001 and unseen
+    gained = posterior.probabilities[0] - exactly.probabilities[0]
+    assert gained > 0.99 * exactly.probabilities[both][0]
+    assert posterior.probabilities[0] < 1 - 0.5 * exactly.inclusion[2]

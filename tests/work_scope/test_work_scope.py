@@ -20,7 +20,6 @@ from enginediag_cli.intake.source import Source
 from enginediag_cli.intake.wanted import columns_of
 from enginediag_cli.isolation.averaging import averaged_sizes
 from enginediag_cli.isolation.belief import Belief
-from enginediag_cli.isolation.moments import moments
 from enginediag_cli.isolation.posterior import set_posterior
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.physics.engine_file import load_engine
@@ -108,7 +107,7 @@ def test_moments_of_all_changes_hold_those_of_each() -> None:
     score = linear_score(rng, sensitivities(rng), [0.01, 0, 0, -0.004, 0, 0])
     prior = SetPrior()
     posterior = set_posterior(score, prior)
-    mean, covariance = moments(Belief(score, posterior, prior))
+    mean, covariance = Belief(score, posterior, prior).moments()
     for size in averaged_sizes(score, posterior, score.parameters, prior):
         i = score.parameters.index(size.parameter)
         q = posterior.inclusion[i]

@@ -34,7 +34,7 @@ ISOLATE = Table(
         column(
             "probability",
             "number",
-            "probability of exactly this set; with those of all others and `unlisted`, 1",
+            "probability that these changed and nothing else that matters; with those of all others and `unlisted`, 1",
             empty=True,
         ),
         *_CLASS,

@@ -193,7 +193,7 @@ ANSWERS = (
     Column("flight"),
     Column("verdict"),
     Column("what changed"),
-    Column("probability of exactly this"),
+    Column("probability of this and nothing else that matters"),
     Column("not excluded either, or why not"),
 )
 

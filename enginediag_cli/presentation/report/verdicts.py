@@ -198,7 +198,7 @@ def _surely(engine: EngineEvidence) -> str:
         head = windows[-1]
         fit = head.number("fit")
         fits = f", χ² per degree of freedom {rounded(fit)} after it" if math.isfinite(fit) else ""
-        exact = "exactly this" if head.list("isolated") else "no change"
+        exact = "this and nothing else that matters" if head.list("isolated") else "nothing that matters"
         told.append(f"{head.window} alone: {exact} with probability {probability(head.number('probability'))}{fits}")
     detected = engine.of(kinds.DETECTED)
     if detected:

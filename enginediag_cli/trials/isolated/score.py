@@ -7,7 +7,8 @@ With T the places that are wrong, A the answer's and R its rivals (sets of place
     covered       T ∈ {A} ∪ R, or the class that is told holds T; not asked of physics
     false_name    a name where nothing is wrong
     false_sensor  A names an output sensor that reads right; false_input: an input channel
-    stated        probability of exactly A, and whether it is right; stated_changed: of each place of A the probability
+    stated        probability that A changed and nothing else that matters, and whether it is so: A lies in T, and what
+                  T holds besides is below `least_that_matters`; stated_changed: of each place of A the probability
                   that it changed, whatever else did, and whether it lies in T (of physics, where the effect acts)
     interval      of every size that is told, whether its interval holds the true change, 0 of what did not change
 
@@ -20,8 +21,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from enginediag_cli.detection.verdict import FAULT
 from enginediag_cli.engine.engine import Engine
+from enginediag_cli.isolation.averaging import least_that_matters
 from enginediag_cli.trials.blind.causes import Cause, components
 from enginediag_cli.trials.isolated import kinds
 from enginediag_cli.trials.isolated.sealed import Sealed, reading
@@ -77,16 +81,17 @@ def marks(engine: Engine, sealed: Sealed, told: Mapping[str, Any]) -> Marks:
         found["found"] = came != NOTHING
     acting = _where_it_acts(engine, sealed) if sealed.effects else truth
     right = said <= acting if sealed.effects else said == truth
+    as_stated = right if sealed.effects else said <= truth and not (truth - said) & _that_matter(engine, sealed)
     if window["named"] and "class" in window and not sealed.effects:
         one_of = [frozenset(s) for s in window["class"]]
         found["stated_class"] = [float(window["class_probability"] or 0.0), truth in one_of]
     if came == NAMED:
-        found["stated"] = [float(window["probabilities"][0] or 0.0), right]
+        found["stated"] = [float(window["probabilities"][0] or 0.0), as_stated]
         each = zip(window["sets"][0], window.get("changed", ()), strict=False)
         found["stated_changed"] = [[float(p or 0.0), place in acting] for place, p in each]
         found["right_name"] = right
     elif came == NOTHING:
-        found["stated_nothing"] = [float(window["probabilities"][0] or 0.0), not truth]
+        found["stated_nothing"] = [float(window["probabilities"][0] or 0.0), as_stated and not sealed.effects]
     if not sealed.effects:
         found["exact"] = came != CANNOT_TELL and right
         sets = [frozenset(s) for s in (*window["sets"], *window.get("class", ()))]
@@ -114,6 +119,17 @@ def _intervals(sealed: Sealed, sizes: Sequence[Sequence[Any]]) -> list[float]:
         true = change.size if change is not None else 0.0
         found.append(float((low is None or low <= true) and (high is None or true <= high)))
     return found
+
+
+def _that_matter(engine: Engine, sealed: Sealed) -> frozenset[str]:
+    """Places of the changes that are as large as what matters beside others."""
+    found = {c.place for c in sealed.changes if c.instrument}
+    for c in sealed.changes:
+        if not c.instrument and c.place in engine.parameters:
+            p = engine.parameters[c.place]
+            if abs(c.size) >= least_that_matters([p], np.array([p.prior_sigma]))[0]:
+                found.add(c.place)
+    return frozenset(found)
 
 
 def _where_it_acts(engine: Engine, sealed: Sealed) -> frozenset[str]:
