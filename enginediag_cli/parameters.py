@@ -13,7 +13,8 @@ What a parameter means stands in its fields. Its name is how files and commands 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from math import inf, isfinite
 from typing import Any
 
 FAMILIES = ("health", "sensor", "input", "actuator", "design", "physics", "discrepancy", "map_error")
@@ -23,7 +24,11 @@ ABBREVIATIONS = frozenset(
 )
 """Component and shaft names that people write in capitals."""
 
-MEANING = ("name", "family", "component", "quantity", "words", "part", "unit", "wear")
+FARTHEST_READING = 0.3
+"""Share of its largest reading by which an instrument may be wrong at most: a probe, a transducer or a meter that is
+off by more is dead, or in another unit."""
+
+MEANING = ("name", "family", "component", "quantity", "words", "part", "unit", "wear", "reach")
 """What travels with statistics, so that they are understood where the engine is not at hand."""
 
 
@@ -39,7 +44,8 @@ class Parameter:
     occur. `roams`: how far the value may plausibly vary along a driver (rms, in its unit) when a place is sought where
     physics is missing; None where such a search has no business; `proportional`: that range is a part of the nominal
     value and moves with it; `switches`: somebody commands it (a bleed, a load), so that it may change within seconds
-    and back, which wear, geometry and losses do not.
+    and back, which wear, geometry and losses do not. `reach`: how far an instrument can be wrong, in `prior_sigma`;
+    infinite where that is not known.
     """
 
     name: str
@@ -58,6 +64,7 @@ class Parameter:
     roams: float | None = None
     proportional: bool = False
     switches: bool = False
+    reach: float = inf
 
     @property
     def of_sensor(self) -> bool:
@@ -88,17 +95,23 @@ class Parameter:
 
     def as_mapping(self) -> dict[str, Any]:
         """Its meaning (MEANING) as plain values; nominal, bounds and spread stay with the engine."""
-        return {name: getattr(self, name) for name in MEANING}
+        found = {name: getattr(self, name) for name in MEANING}
+        if not isfinite(self.reach):
+            del found["reach"]
+        return found
 
     @staticmethod
     def from_mapping(values: Mapping[str, Any]) -> Parameter:
         """A parameter of this meaning, without bounds. ValueError says which entry is missing, unknown or wrong."""
-        types = {f.name: int if f.name == "wear" else str for f in fields(Parameter) if f.name in MEANING}
+        types: dict[str, type | tuple[type, ...]] = dict.fromkeys(MEANING, str)
+        types |= {"wear": int, "reach": (int, float)}
+        kinds = {"wear": "a whole number", "reach": "a number"}
+        values = {"reach": inf, **values}
         for name, kind in types.items():
             if name not in values:
                 raise ValueError(f"{name!r} is missing")
             if not isinstance(values[name], kind) or isinstance(values[name], bool):
-                raise ValueError(f"{name!r} is not {'a whole number' if kind is int else 'a text'}: {values[name]!r}")
+                raise ValueError(f"{name!r} is not {kinds.get(name, 'a text')}: {values[name]!r}")
         if unknown := [name for name in values if name not in types]:
             raise ValueError(f"unknown entry {unknown[0]!r}")
         if values["family"] not in FAMILIES:
@@ -107,14 +120,14 @@ class Parameter:
             raise ValueError(f"'wear' is none of -1, 0, 1: {values['wear']!r}")
         if not values["name"] or not values["component"]:
             raise ValueError("'name' and 'component' must not be empty")
-        infinity = float("inf")
-        return Parameter(nominal=0.0, lower=-infinity, upper=infinity, prior_sigma=infinity, **values)
+        if not values["reach"] > 0:
+            raise ValueError(f"'reach' is not positive: {values['reach']!r}")
+        return Parameter(nominal=0.0, lower=-inf, upper=inf, prior_sigma=inf, **values)
 
 
 def unspecified(name: str, unit: str = "") -> Parameter:
     """A parameter of which only the name is known: a part of its own, that may change either way."""
-    infinity = float("inf")
-    return Parameter(name, "health", 0.0, -infinity, infinity, infinity, unit, component=name, words=name, part=name)
+    return Parameter(name, "health", 0.0, -inf, inf, inf, unit, component=name, words=name, part=name)
 
 
 def meanings(parameters: Mapping[str, Parameter], names: Iterable[str]) -> dict[str, Parameter]:

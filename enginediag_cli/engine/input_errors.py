@@ -12,14 +12,14 @@ forms of one fault of one instrument.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from enginediag_cli.engine.model import MonitoredModel
 from enginediag_cli.engine.wrapped import Question, WrappedModel
-from enginediag_cli.parameters import Parameter
+from enginediag_cli.parameters import FARTHEST_READING, Parameter
 from enginediag_cli.units import UNITS, Unit, known_unit, split_column
 
 FAMILY = "input"
@@ -107,12 +107,22 @@ def forms(engine: MonitoredModel, column: str, largest: float = 0.0) -> tuple[In
     known, and of what may be negative: a deviation from ISA has no scale."""
     usual = suspected(engine, column)
     size = largest or _largest(engine, column)
-    if usual is None or not size > 0 or getattr(engine, "envelope", {}).get(column, (0.0, 0.0))[0] < 0:
-        return () if usual is None else (usual,)
+    if usual is None:
+        return ()
+    if not size > 0 or getattr(engine, "envelope", {}).get(column, (0.0, 0.0))[0] < 0:
+        return (_reaching(usual, FARTHEST_READING if usual.multiplies else 0.0),)
+    usual = _reaching(usual, FARTHEST_READING * (1.0 if usual.multiplies else size))
     by = 1.0 / size if not usual.multiplies else size
     sigma, reach = by * usual.parameter.prior_sigma, by * (usual.parameter.upper - usual.parameter.nominal)
     other = _error(column, not usual.multiplies, sigma, reach if usual.multiplies else min(reach, 0.5))
-    return usual, other
+    return usual, _reaching(other, FARTHEST_READING * (size if usual.multiplies else 1.0))
+
+
+def _reaching(error: InputError, farthest: float) -> InputError:
+    """The error that may be as large as `farthest`, in its unit; 0: as its bounds, where no size of a reading is
+    known."""
+    p = error.parameter
+    return replace(error, parameter=replace(p, reach=(farthest or p.upper - p.nominal) / p.prior_sigma))
 
 
 def suspected(engine: MonitoredModel, column: str) -> InputError | None:

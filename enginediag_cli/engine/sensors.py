@@ -13,7 +13,7 @@ from typing import Any
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.network import Network
-from enginediag_cli.parameters import Parameter
+from enginediag_cli.parameters import FARTHEST_READING, Parameter
 from enginediag_cli.units import split_column
 
 READING_ROAMS = 0.02
@@ -54,7 +54,9 @@ class Sensor:
             values["soak_sigma"],
         )
 
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self, largest: float = 0.0) -> tuple[Parameter, ...]:
+        """Its errors; `largest`: largest reading that was seen, in its unit, 0 where that is not known."""
+        size = largest or self.maximum or float("inf")
         q = f"sensor.{self.quantity}"
         part = f"{self.quantity} sensor"
         big = 1e3 * max(self.bias_sigma, self.noise_sigma, 1e-12)
@@ -72,6 +74,7 @@ class Sensor:
                 "bias",
                 f"{self.quantity} sensor bias",
                 part,
+                reach=FARTHEST_READING * size / self.bias_sigma if self.bias_sigma else float("inf"),
             ),
             Parameter(
                 f"{q}.scale",
@@ -87,6 +90,7 @@ class Sensor:
                 f"{self.quantity} sensor scale factor",
                 part,
                 roams=READING_ROAMS,
+                reach=FARTHEST_READING / self.scale_sigma if self.scale_sigma else float("inf"),
             ),
         ]
         if self.soak:

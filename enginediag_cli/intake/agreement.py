@@ -74,7 +74,8 @@ COMPUTED = 0.5
 class Disagreement:
     """A recording, or a stretch of flights of it, that cannot be of this engine or in these units. flights: first and
     last label of the stretch, () where all records are in it; lines: of its first and last record compared. trial: the
-    mistake that mends it, None where none does or several do, which `others` then names."""
+    mistake that mends it, None where none does or several do, which `others` then names; searched: whether one was
+    looked for."""
 
     source: str
     engine: str
@@ -83,6 +84,7 @@ class Disagreement:
     as_read: Misfit
     trial: Trial | None = None
     others: tuple[str, ...] = ()
+    searched: bool = True
 
     @property
     def place(self) -> str:
@@ -107,6 +109,8 @@ class Disagreement:
             read = f"the model computes {as_read.computed:.0%} of the records as they are read"
         else:
             read = f"as read, readings and model are {far} apart"
+        if not self.searched:
+            return f"{read}, farther than engines of the kind are"
         if self.trial is None:
             said = f"this cannot be this engine or these units: {read}, whatever a fault may explain"
             if self.others:
@@ -158,17 +162,20 @@ class Agreement:
         self.yardstick, self._engine = yardstick, engine
 
     def disagreements(
-        self, recording: Recording, engine: str = "", recorder: Recorder | None = None
+        self, recording: Recording, engine: str = "", recorder: Recorder | None = None, search: bool = True
     ) -> list[Disagreement]:
-        """Of records of the engine that the `recorder` which mapped them calls `engine`; none where they agree."""
+        """Of records of the engine that the `recorder` which mapped them calls `engine`; none where they agree. search:
+        look for the mistake, which takes seconds and decides whether a recording that is far from the engine can be
+        of it; without it all that are farther than engines of the kind are told as they are."""
         sample = _Sample.of(recording, self.yardstick)
         if sample is None:
             return []
         named = recording.text.get("engine")
         place = (recording.source, engine or (named[0] if named and len(set(named)) == 1 else ""))
         origin = Origin(self._engine, recorder, engine)
-        if self.yardstick.identified:
-            return self._by_flight(sample, self.yardstick, NEAR, origin, place)
+        if self.yardstick.identified or not search:
+            near = NEAR if self.yardstick.identified else NEAR_GENERIC
+            return self._by_flight(sample, self.yardstick, near, origin, place, search)
         pooled = sample.pooled(np.ones(len(sample.flights), bool))
         misfit = self.yardstick.misfit(pooled, 3)
         found = self._judged(sample, np.ones(len(sample.flights), bool), misfit, origin, place)
@@ -180,7 +187,13 @@ class Agreement:
         return [found]
 
     def _by_flight(
-        self, sample: _Sample, yardstick: Yardstick, near: float, origin: Origin, place: tuple[str, str]
+        self,
+        sample: _Sample,
+        yardstick: Yardstick,
+        near: float,
+        origin: Origin,
+        place: tuple[str, str],
+        search: bool = True,
     ) -> list[Disagreement]:
         far = sample.far(yardstick, near)
         if not far.any():
@@ -191,7 +204,7 @@ class Agreement:
             if rows.sum() < FEWEST:
                 continue
             misfit = yardstick.misfit(sample.pooled(rows), 3)
-            one = self._judged(sample, rows, misfit, origin, place, yardstick)
+            one = self._judged(sample, rows, misfit, origin, place, yardstick, search)
             if one is not None:
                 found.append(one)
         return found
@@ -216,6 +229,7 @@ class Agreement:
         origin: Origin,
         place: tuple[str, str],
         yardstick: Yardstick | None = None,
+        search: bool = True,
     ) -> Disagreement | None:
         """The disagreement of the records (K,) of a sample; None where they agree."""
         if as_read.tail > ORDINARY:
@@ -226,6 +240,8 @@ class Agreement:
         whole = len(labels) == len(sample.labels)
         lines = sample.line[rows]
         shown = Disagreement(*place, () if whole else tuple(labels), (int(lines.min()), int(lines.max())), as_read)
+        if not search:
+            return replace(shown, searched=False)
         best, others = _best(trials(yardstick, origin, columns, as_read), origin, columns)
         if (best is None and not others) or (best is not None and -best.misfit.log_likelihood > NAMED):
             factor = factor_trial(yardstick, origin, columns, as_read)

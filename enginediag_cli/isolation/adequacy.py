@@ -44,7 +44,7 @@ FREE = (0.5, 1.5, 5.0, 20.0)
 """Sizes of the free vector in widths of the prior: from what is hardly seen to what no component and no instrument
 shows."""
 PAIR = 2
-"""Changes together that are looked at for one that no component can do: a fault and what trades against it."""
+"""Changes together that are looked at for one that is impossible: a fault and what trades against it."""
 CERTAIN = 1e-3
 """p value below which there is an excess of χ² whose share can be stated."""
 
@@ -55,7 +55,7 @@ class Adequacy:
     answer; explained: what the answer takes away of the excess over chance, NaN where there is none for certain.
 
     noise: by what the evidence was divided; unlisted: probability that it is something that is not listed; beyond:
-    parameter and size of a change of the answer, or of what would fit best without bounds, that no component can do.
+    parameter and size of a change of the answer, or of what would fit best without bounds, that is impossible.
     """
 
     fit: float = float("nan")
@@ -123,8 +123,8 @@ def tempered(score: Score, noise: float) -> Score:
 
 
 def beyond_bounds(score: Score, prior: SetPrior) -> tuple[str, float] | None:
-    """Of the one or two changes that would fit best without bounds the one that is farthest beyond what a component can
-    do, with its size; None where they are possible."""
+    """Of the one or two changes that would fit best without bounds the one that is farthest beyond what a component or
+    an instrument can do, with its size; None where they are possible."""
     b, information = prior.scaled(score)
     widest = FREE[-1]
     masks, quadratic, log_det = all_sets(

@@ -75,9 +75,10 @@ def averaged_sizes(
         error = float(np.sqrt(weight @ (spread**2 + (mean - centre) ** 2)))
         upper = _between(weight, mean, spread, confidence)[1]
         ends = _held(weight, mean, spread, confidence, min(float(inclusion[i]), 1.0))
-        d, (low, high) = float(unit[i]), prior.bounds([score.described[i]])
-        centre, ends = float(np.clip(centre, low[0], high[0])), tuple(np.clip(ends, low[0], high[0]).tolist())
-        upper = min(upper, float(high[0]))
+        d, own_prior = float(unit[i]), [score.described[i]]
+        low, high = (float((end / prior.widths(own_prior))[0]) for end in prior.bounds(own_prior))
+        centre, ends = float(np.clip(centre, low, high)), tuple(np.clip(ends, low, high).tolist())
+        upper = min(upper, high)
         own = (centre * d, error * d, ends[0] * d, ends[1] * d)
         found.append(ParameterChange(score.parameters[i], float(score.theta0[i]), *own, (upper - centre) * d))
     return tuple(found)

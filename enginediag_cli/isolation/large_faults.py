@@ -3,12 +3,13 @@
 The quadratic posterior reads one linearisation, at the re-estimate of all parameters together. After a change of
 several per cent that point is far from the truth in the directions that the data hardly show, and curvature is
 taken for a change of further parameters. Here every leading set is fitted with the full model, all sets in one
-call of the engine, and expanded about its own estimate δ̂_S (Laplace):
+call of the engine, within what components and instruments can do, and expanded about its own estimate δ̂_S (Laplace):
 
     log p(data | S) = ℓ(δ̂_S) − β·δ̂_S + ½ δ̂_Sᵀ I δ̂_S + log ∫ exp(β·δ − ½ δᵀ I δ) p(δ) dδ,    β = I δ̂_S + ∇ℓ(δ̂_S)
 
 with a slab prior p(δ). The sets that lead follow from the quadratic posterior about the estimate of the best
-set so far, which is repeated until it names no better one.
+set so far, which is repeated until it names no better one: with a few sets as long as the best one is sought, and with
+all that matter about the one that was found.
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ from enginediag_cli.isolation.wear import log_factors
 from enginediag_cli.isolation.window_model import Expansion, WindowModel
 from enginediag_cli.residuals.score import Score
 
-LEADING = 20
-"""Sets that are fitted by the full model in a round at most: the cost of the search."""
+SOUGHT, LEADING = 5, 20
+"""Sets that are fitted by the full model in a round, while the best is sought and about the best: the cost."""
 CHECKED = 5
 """Leading sets at which the quadratic is compared with the full model."""
 ROUNDS = 6
@@ -38,7 +39,7 @@ NATS = 0.5
 WIDE_SLAB = 5.0
 """Changes of several per cent must be plausible: 10 % where prior_sigma is 2 %."""
 MAX_ITERATIONS = 25
-"""Of the fit of one set; what has not settled by then is told as not converged."""
+"""Of the fit of one set; what has not settled by then has not converged."""
 TOLERANCE = 0.02
 """Length of the last step in standard errors: it changes a log likelihood by 2·10⁻⁴."""
 
@@ -92,16 +93,20 @@ def quadratic_error(model: WindowModel, score: Score, masks: np.ndarray) -> floa
     return float(np.ptp(error)) if np.all(np.isfinite(error)) else np.inf
 
 
-def fit_sets(model: WindowModel, masks: np.ndarray, start: np.ndarray) -> list[SetFit]:
-    """Estimate of the changes of each set (w, p) by damped Gauss–Newton steps from `start` (w, p).
+def fit_sets(
+    model: WindowModel, masks: np.ndarray, start: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]
+) -> list[SetFit]:
+    """Estimate of the changes of each set (w, p) by damped Gauss–Newton steps from `start` (w, p), within the lowest
+    and highest changes `bounds` (p,).
 
     The likelihood is held by the widest slab, N(0, WIDE_SLAB² prior_sigma²), so that what the data do not show
-    stays where it is. All sets are computed in one call of the engine per step. A set whose start the model
-    cannot compute begins with no change.
+    stays where it is. A parameter at a bound that the data pull beyond it stays there, and the others settle without
+    it. All sets are computed in one call of the engine per step. A set whose start the model cannot compute begins
+    with no change.
     """
     w = len(masks)
-    sigma, hold = model.prior_sigma, WIDE_SLAB**-2
-    delta = np.where(masks, model.clipped(start), 0.0)
+    sigma, hold, (low, high) = model.prior_sigma, WIDE_SLAB**-2, bounds
+    delta = np.where(masks, np.clip(start, low, high), 0.0)
     now = model.expand(delta)
     lost = [k for k in range(w) if not np.isfinite(now[k].log_likelihood)]
     if lost:
@@ -117,13 +122,13 @@ def fit_sets(model: WindowModel, masks: np.ndarray, start: np.ndarray) -> list[S
             break
         trial, length = delta.copy(), np.zeros(w)
         for k in chosen:
-            s = masks[k]
+            pull = now[k].gradient - hold * delta[k] / sigma**2
+            s = masks[k] & ~((delta[k] >= high) & (pull > 0)) & ~((delta[k] <= low) & (pull < 0))
             H = now[k].information[np.ix_(s, s)] * sigma[s, None] * sigma[s] + hold * np.eye(int(s.sum()))
-            g = now[k].gradient[s] * sigma[s] - hold * delta[k, s] / sigma[s]
-            step = np.linalg.solve(H + damping[k] * np.diag(np.diag(H)), g)
+            step = np.linalg.solve(H + damping[k] * np.diag(np.diag(H)), pull[s] * sigma[s])
+            trial[k, s] = np.clip(delta[k, s] + step * sigma[s], low[s], high[s])
+            step = (trial[k, s] - delta[k, s]) / sigma[s]
             length[k] = np.sqrt(step @ H @ step) * (1 + damping[k])
-            trial[k, s] = delta[k, s] + step * sigma[s]
-        trial = model.clipped(trial)
         for k, expansion in zip(chosen, model.expand(trial[chosen]), strict=True):
             gained = expansion.log_likelihood - now[k].log_likelihood
             gained -= 0.5 * hold * float(np.sum((trial[k] / sigma) ** 2 - (delta[k] / sigma) ** 2))
@@ -151,26 +156,30 @@ def nonlinear_posterior(
     fits: dict[bytes, SetFit] = {}
     logs: dict[bytes, float] = {}
     instruments = Instruments.from_parameters(score.described)
-    error, about, offset, centre = 0.0, score, 0.0, b""
-    for turn in range(ROUNDS):
-        posterior = set_posterior(about, prior, largest=largest, faults=faults)
-        if turn == 0:
-            error = quadratic_error(model, score, posterior.masks[: min(CHECKED, len(posterior.masks))])
+    low, high = (end * score.prior_sigma for end in prior.bounds(score.described))
+    about, offset, centre, most = score, 0.0, b"", SOUGHT
+    posterior = set_posterior(about, prior, largest=largest, faults=faults)
+    error = quadratic_error(model, score, posterior.masks[: min(CHECKED, len(posterior.masks))])
+    for _ in range(ROUNDS):
         enough = posterior.probabilities > FITTED_SHARE * posterior.probabilities[0]
-        leading = posterior.masks[: min(LEADING, int(enough.sum()))]
+        leading = posterior.masks[: min(most, int(enough.sum()))]
         new = np.array([mask for mask in leading if mask.tobytes() not in fits], bool).reshape(-1, leading.shape[1])
         if len(new):
             start = restricted_changes(about, new)
-            for mask, fit in zip(new, fit_sets(model, new, start), strict=True):
+            for mask, fit in zip(new, fit_sets(model, new, start, (low, high)), strict=True):
                 key = mask.tobytes()
                 fits[key] = fit
                 logs[key] = laplace(score, fit, mask, prior) + float(prior.log_of(mask[None], instruments)[0])
         best = max(logs, key=lambda key: logs[key])
-        if best == centre:
+        if best != centre:
+            centre = best
+            about, offset = fits[best].expansion.score_about(score, fits[best].change)
+            posterior = set_posterior(about, prior, largest=largest, faults=faults)
+        elif most == LEADING:
             break
-        centre = best
-        about, offset = fits[best].expansion.score_about(score, fits[best].change)
-    log_weights = _combined(posterior, about, offset, prior, logs, largest, faults)
+        else:
+            most = LEADING
+    log_weights = _combined(posterior, about, offset, prior, logs)
     weights, top = np.exp(log_weights - log_weights.max()), float(log_weights.max())
     combined = replace(reweighed(posterior, weights), log_total=top + float(np.log(weights.sum())))
     decisive = [k for k, log in logs.items() if log > logs[centre] + np.log(FITTED_SHARE)]
@@ -199,22 +208,13 @@ def _log_slabs(score: Score, mask: np.ndarray, prior: SetPrior) -> float:
 
 
 def _combined(
-    posterior: SetPosterior,
-    about: Score,
-    offset: float,
-    prior: SetPrior,
-    logs: dict[bytes, float],
-    largest: int | None,
-    faults: int | None,
+    posterior: SetPosterior, about: Score, offset: float, prior: SetPrior, logs: dict[bytes, float]
 ) -> np.ndarray:
-    """Log weights (M,) of all sets of `posterior`, against no change: those fitted by their fits, the others by the
-    score `about`."""
-    final = set_posterior(about, prior, largest=largest, faults=faults)
-    anchor = final.masks[0]
+    """Log weights (M,) of all sets of `posterior`, that of the score `about`, against no change: those fitted by their
+    fits, the others by that score."""
+    anchor = posterior.masks[0]
     log_prior = float(prior.log_of(anchor[None], Instruments.from_parameters(about.described))[0])
     level = offset + _log_slabs(about, anchor, prior) + log_prior
     with np.errstate(divide="ignore"):
-        known = level + np.log(final.probabilities) - np.log(final.probabilities[0])
-    quadratic = {mask.tobytes(): log for mask, log in zip(final.masks, known, strict=True)}
-    log = np.array([logs.get(key, quadratic.get(key, -np.inf)) for key in (mask.tobytes() for mask in posterior.masks)])
-    return log
+        known = level + np.log(posterior.probabilities) - np.log(posterior.probabilities[0])
+    return np.array([logs.get(mask.tobytes(), log) for mask, log in zip(posterior.masks, known, strict=True)])

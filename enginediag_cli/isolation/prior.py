@@ -20,8 +20,8 @@ probable, so that a set of parameters and j instruments has
 How much: a change of a parameter is N(0, slab² · prior_sigma²), where the slab is common to the parameters of a
 set and one of `slabs`, each as probable as the others. With prior_sigma of 2 %, as health parameters have it, the
 three widths stand for changes of about 0.3 %, 1 % and 3 %. What wear can only lower, as efficiencies, has risen with
-the probability `rises` where it has changed: modules are repaired and exchanged. No change goes beyond RISE and REACH.
-Of an instrument the slab is
+the probability `rises` where it has changed: modules are repaired and exchanged. No change of a component goes beyond
+RISE and REACH, none of an instrument beyond what a parameter states as its `reach`. Of an instrument the slab is
 `instruments` times as wide. Its prior_sigma is a plausible bias, three times its noise, and what instruments differ by
 from flight to flight is counted beside; one that is *wrong* is off by about half of that bias, by one and a half, or
 by several. Narrower ones are not seen, so that records never speak against them, and a broken probe exceeds them by so
@@ -178,12 +178,11 @@ class SetPrior:
         return np.where(are_sensors(parameters), self.instruments, 1.0)
 
     def bounds(self, parameters: Sequence[Parameter]) -> tuple[np.ndarray, np.ndarray]:
-        """Lowest and highest change (p,) that is possible, in `widths`: of instruments any; where nothing is known of
+        """Lowest and highest change (p,) that is possible, in prior_sigma of each parameter; where nothing is known of
         rises (a repair, a difference of levels) as far up as down."""
         wear = np.array([p.wear if self.rises != 0.5 else 0 for p in parameters])
-        anything = are_sensors(parameters)
-        low = np.where(anything, -np.inf, np.where(wear > 0, -RISE, -REACH))
-        return low, np.where(anything, np.inf, np.where(wear < 0, RISE, REACH))
+        reach = np.array([p.reach if p.of_instrument else REACH for p in parameters])
+        return np.where(wear > 0, -RISE, -reach), np.where(wear < 0, RISE, reach)
 
     def scaled(self, score: Score) -> tuple[np.ndarray, np.ndarray]:
         """Score (p,) and information (p, p) of changes in these `widths`."""

@@ -1,17 +1,17 @@
 """What wear and physics do to the probability of a set: efficiencies seldom rise, and nothing goes beyond bounds.
 
-The slab prior of a change of a component lies within what it can do (`SetPrior.bounds`); of one that wear can only make
-one way 1 − ρ of the mass lies there and ρ, for exchanged and repaired modules, on the other side. Relative to the
-unbounded symmetric prior the marginal likelihood of a set changes by the factor
+The slab prior of a change lies within what a component or an instrument can do (`SetPrior.bounds`); of one that wear
+can only make one way 1 − ρ of the mass lies there and ρ, for exchanged and repaired modules, on the other side.
+Relative to the unbounded symmetric prior the marginal likelihood of a set changes by the factor
 
     E[Π_i h_i(x_i) | S, slab, data],     h_i = (1 − ρ)/P(0 < s x < bound) on the way of wear,
                                               ρ/P(0 < −s x < bound) on the other, 0 beyond either bound
 
-over the components' parameters i of S with the sign s of their wear (ρ = ½ where both ways are as probable), where x
-| S, slab, data ~ N(P β, P), averaged over slabs by their posterior. The expectation is taken parameter by parameter:
-the others are carried on with the first two moments of the one that was weighed, as if they were Gaussian still
-(Mendell, N. R. and Elston, R. C. (1974) Biometrics 30, 41–57). That is exact for one parameter and for independent
-ones, and costs no integral.
+over the parameters i of S that have bounds, with the sign s of their wear (ρ = ½ where both ways are as probable),
+where x | S, slab, data ~ N(P β, P), averaged over slabs by their posterior. The expectation is taken parameter by
+parameter: the others are carried on with the first two moments of the one that was weighed, as if they were Gaussian
+still (Mendell, N. R. and Elston, R. C. (1974) Biometrics 30, 41–57). That is exact for one parameter and for
+independent ones, and costs no integral.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ WEIGHED = 300
 """Sets that are weighed at once, those first that could be likeliest: in the others signs and bounds are as right as
 before the data."""
 BATCHES = 10
-"""Times so many are weighed: where the likeliest are all beyond what a component can do, others lead."""
+"""Times so many are weighed: where the likeliest are all beyond what is possible, others lead."""
 FAINT = 1e-4
 """Of what the likeliest could weigh; sets that could weigh less are not weighed. All that changes no stated probability
 by more than 0.002."""
@@ -38,7 +38,7 @@ by more than 0.002."""
 def log_wear(score: Score, masks: np.ndarray, logs: np.ndarray, prior: SetPrior) -> np.ndarray:
     """Log factors (M,) of sets (M, p) whose log weights without them are `logs` (M,); 0 of what is not weighed, and of
     what is left when BATCHES were weighed no more than of those."""
-    bounded = np.array([not p.of_instrument for p in score.described], bool)
+    bounded = np.isfinite(prior.bounds(score.described)[1])
     found = np.zeros(len(masks))
     if not bounded.any() or not len(masks):
         return found
@@ -83,8 +83,9 @@ def log_factors(
     which = np.arange(len(masks)) if of is None else of
     pulls = np.broadcast_to(b, masks.shape) if moved is None else b + moved
     factors = np.zeros(len(which))
-    bounded = np.array([not p.of_instrument for p in score.described], bool)
-    signs, (low, high) = wear_signs(score, prior), prior.bounds(score.described)
+    signs, widths = wear_signs(score, prior), prior.widths(score.described)
+    low, high = (end / widths for end in prior.bounds(score.described))
+    bounded = np.isfinite(high)
     sizes, counts = masks.sum(axis=1), (masks & bounded).sum(axis=1)
     for size, count in np.unique(np.column_stack([sizes, counts])[counts > 0], axis=0):
         rows = np.flatnonzero((sizes == size) & (counts == count))

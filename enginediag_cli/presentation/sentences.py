@@ -94,10 +94,11 @@ def one_of(found: Class, words: Callable[[Sequence[str]], Sequence[str]]) -> str
 
 
 def outside_physics(parameter: Parameter, delta: float, unlisted: float) -> str:
-    """Why an answer does not stand: what would fit best is a change that no component shows."""
+    """Why an answer does not stand: what would fit best is a change that is impossible."""
+    what = "an instrument" if parameter.of_instrument else "a component"
     return (
         f"something that is not among the suspects (probability {probability(unlisted)}): it would take that "
-        f"{change(parameter, delta)}, outside what a component can do; check units and engine file: cannot tell"
+        f"{change(parameter, delta)}, outside what {what} can do; check units and engine file: cannot tell"
     )
 
 

@@ -36,8 +36,9 @@ if TYPE_CHECKING:
 
 DIGITS = 16
 """Hexadecimal digits of a hash that tells one file from another: an accident in 10¹⁹ passes."""
-SLOPE_POINTS = 12
-"""Operating points over which the effect of a change on map coordinates is averaged; it varies little."""
+SEEN = 12
+"""Operating points at which readings are computed, and over which the effect of a change on map coordinates is
+averaged; it varies little."""
 HELD = 0.5
 """Spread of a change in prior standard deviations, for the point of linearisation: the middle one of the sizes that
 isolation takes for plausible."""
@@ -221,7 +222,7 @@ def monitor_from_nominal(
         base=nominal.theta0,
         names=names,
         monitored=monitored,
-        meaning={name: engine.parameters[name] for name in monitored},
+        meaning=_meaning(engine, nominal, used, monitored),
         offsets=offsets,
         theta0=np.array([*(known[name] for name in inner), *np.zeros(len(offsets))], float),
         prior_sigma=np.array(
@@ -244,14 +245,34 @@ def monitor_from_nominal(
     )
 
 
+def _meaning(
+    engine: MonitoredModel, nominal: Nominal, sensors: Sequence[str], monitored: Sequence[str]
+) -> dict[str, Parameter]:
+    """What the monitored parameters are, biases of sensors with how far they reach by what these read where
+    identification was."""
+    found = {name: engine.parameters[name] for name in monitored}
+    if any(p.of_sensor and p.quantity == "bias" for p in found.values()):
+        values = {name: v for name, v in nominal.theta0.items() if name in engine.parameters}
+        answer = engine.predict(_seen_points(nominal), values, sensors=tuple(sensors))
+        read = np.abs(np.asarray(answer.y)[np.asarray(answer.ok)]).max(axis=0, initial=0.0)
+        for column, largest in zip(sensors, read.tolist(), strict=True):
+            found |= {p.name: p for p in engine.sensors[column].parameters(largest) if p.name in found}
+    return found
+
+
+def _seen_points(nominal: Nominal) -> dict[str, np.ndarray]:
+    """Some of the operating points that identification saw, column -> (SEEN,)."""
+    points = np.asarray(nominal.envelope.points)
+    # np.unique imports numpy.ma, which takes as long as judging a flight
+    at = sorted(set(np.linspace(0, len(points) - 1, SEEN).round().astype(int).tolist()))
+    return {c: points[at, i] for i, c in enumerate(nominal.envelope.inputs)}
+
+
 def _slopes(engine: MonitoredModel, nominal: Nominal, monitored: tuple[str, ...]) -> MapSlopes | None:
     """Slopes of the maps at some of the operating points that identification saw."""
     if nominal.error_model is None:
         return None
-    points = np.asarray(nominal.envelope.points)
-    # np.unique imports numpy.ma, which takes as long as judging a flight
-    at = sorted(set(np.linspace(0, len(points) - 1, SLOPE_POINTS).round().astype(int).tolist()))
-    inputs = {c: points[at, i] for i, c in enumerate(nominal.envelope.inputs)}
+    inputs = _seen_points(nominal)
     theta = {name: v for name, v in nominal.theta0.items() if name in engine.parameters}
     return map_slopes(engine, nominal.error_model, monitored, inputs, theta)
 

@@ -132,7 +132,8 @@ def test_changes_that_no_component_can_do_are_reported_and_named_by_nothing():
 
     assert as_if("hpc.efficiency", 0.2) == ("hpc.efficiency", pytest.approx(0.2, rel=1e-3))
     assert as_if("hpc.efficiency", -0.2) is None and as_if("hpt.flow_capacity", 0.2) is None
-    assert as_if("hpt.flow_capacity", 0.4) is not None and as_if("sensor.T3.bias", 300.0) is None
+    assert as_if("hpt.flow_capacity", 0.4) is not None and as_if("sensor.T3.bias", 100.0) is None
+    assert as_if("sensor.T3.bias", 300.0) == ("sensor.T3.bias", pytest.approx(300.0, rel=1e-3))
 
 
 def test_no_size_is_outside_what_a_component_can_do():

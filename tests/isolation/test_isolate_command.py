@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from pathlib import Path
 
@@ -29,6 +30,7 @@ WINDOWS = {
         "hpt.map.capacity_speed_slope": 0.4,
         "lpt.map.capacity_speed_slope": -0.4,
     },
+    "healthy": {},
 }
 INSTRUMENTS = {
     "stuck": ("T45_K", lambda x, rng: np.full(N, 1234.5)),
@@ -107,6 +109,34 @@ def test_where_the_model_fits_the_verdict_is_a_fault_and_fit_is_near_1(isolate):
     _, rows, _ = isolate("hpc")
     assert rows[0]["verdict"] == "fault" and 0.7 < rows[0]["fit"] < 1.3 and not rows[0]["note"]
     assert rows[0]["unlisted"] < 0.05 and rows[0]["probability"] + rows[0]["unlisted"] <= 1
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"T45_K": 0.88}, {"sensor.T45.bias", "sensor.T45.scale"}),
+        ({"P3_Pa": 1.08}, {"sensor.P3.bias", "sensor.P3.scale"}),
+        ({"T3_K": "T45_K", "T45_K": "T3_K"}, None),
+    ],
+)
+def test_an_instrument_far_off_is_named_and_none_that_is_off_by_more_than_instruments_are(
+    isolate, folder, change, named
+):
+    """Columns times a factor, or with another's readings."""
+    with open(folder / "healthy.csv") as lines:
+        rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    with open(folder / "wrong.csv", "w") as out:
+        table = csv.DictWriter(out, rows[0])
+        table.writeheader()
+        for row in rows:
+            new = {c: row[x] if isinstance(x, str) else repr(float(row[c]) * x) for c, x in change.items()}
+            table.writerow(row | new)
+    _, found, err = isolate("wrong", "--accept-mismatch")
+    if named is None:
+        assert {row["verdict"] for row in found} == {"cannot tell"} and "outside what an instrument can do" in err
+        assert all(row["probability"] < 0.01 and row["unlisted"] > 0.99 for row in found)
+    else:
+        assert found[0]["verdict"] == "fault" and len(found[0]["isolated"]) == 1 and set(found[0]["isolated"]) <= named
 
 
 def test_a_bias_is_told_in_the_sensors_own_words(isolate):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from turbofan_trials import faulty_window, turbofan_monitor, window_score
 
+from enginediag_cli.isolation import window_model
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions, diagnose
 from enginediag_cli.isolation.large_faults import (
     NATS,
@@ -19,7 +20,7 @@ from enginediag_cli.isolation.large_faults import (
     restricted_changes,
 )
 from enginediag_cli.isolation.posterior import set_posterior
-from enginediag_cli.isolation.window_model import WindowModel
+from enginediag_cli.isolation.window_model import COMPUTED, WindowModel, spread_records
 from enginediag_cli.residuals.score import fisher_score
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "residuals"))
@@ -27,6 +28,8 @@ from toy_engine import toy_monitor, toy_recording
 
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.windows import WindowPlan
+
+BOUNDS = np.full(4, -0.2), np.full(4, 0.2)
 
 
 def toy_window(seed, change, n=200, **monitor):
@@ -89,17 +92,57 @@ def test_of_a_small_change_the_full_model_says_what_the_quadratic_says():
 def test_the_fit_of_the_true_set_recovers_a_large_change_within_its_error():
     model, score = toy_window(3, {"fan.efficiency": -0.08, "hpt.efficiency": -0.1})
     mask = np.array([[True, False, False, True]])
-    (fit,) = fit_sets(model, mask, restricted_changes(score, mask))
+    (fit,) = fit_sets(model, mask, restricted_changes(score, mask), BOUNDS)
     assert fit.converged and fit.change[1] == fit.change[2] == 0
     error = np.sqrt(np.diag(np.linalg.inv(fit.expansion.information[np.ix_([0, 3], [0, 3])])))
     assert np.all(np.abs(fit.change[[0, 3]] - [-0.08, -0.1]) < 4 * error)
+
+
+def test_what_is_interpolated_between_operating_points_is_exact_where_it_is_linear():
+    rng = np.random.default_rng(12)
+    inputs = {"altitude_m": rng.uniform(0, 1e4, 500), "mach": rng.uniform(0, 0.8, 500), "dT_isa_K": np.zeros(500)}
+    chosen, weights = spread_records(inputs, 500)
+    straight = 3.0 - 1e-3 * inputs["altitude_m"] + 5.0 * inputs["mach"]
+    np.testing.assert_allclose(weights @ straight[chosen], straight, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(weights[chosen], np.eye(len(chosen)), atol=1e-8)
+    assert len(chosen) == COMPUTED and np.array_equal(spread_records(inputs, COMPUTED)[1], np.eye(COMPUTED))
+
+
+def test_a_window_computed_at_some_of_its_records_has_the_likelihood_of_all_of_them(monkeypatch):
+    """Log likelihood ratios between changes of 5 and 10 % along a climb, to a nat in ten thousand."""
+    monitor = turbofan_monitor()
+    x = np.linspace(0, 1, 160)
+    inputs = {"altitude_m": 1e4 * x, "mach": 0.3 + 0.5 * x**2, "dT_isa_K": 5 - 10 * x}
+    inputs["Wf_kg_s"] = monitor.engine.power_from_fraction(0.95 - 0.3 * x, inputs)
+    theta = monitor.theta0 + 0.0
+    theta[monitor.names.index("hpc.efficiency")] -= 0.1
+    y = monitor.predict(inputs, theta)[0]
+    changes = np.zeros((3, len(monitor.monitored)))
+    changes[0, monitor.names.index("hpc.efficiency")] = -0.1
+    changes[1, monitor.names.index("lpt.flow_capacity")] = changes[2, monitor.names.index("fan.efficiency")] = -0.05
+    some = WindowModel(monitor, inputs, y)
+    monkeypatch.setattr(window_model, "COMPUTED", 1000)
+    every = WindowModel(monitor, inputs, y)
+    expected = every.log_likelihood(changes)
+    np.testing.assert_allclose(some.log_likelihood(changes), expected, atol=1e-4 * np.ptp(expected))
+    for one, whole in zip(some.expand(changes), every.expand(changes), strict=True):
+        np.testing.assert_allclose(one.information, whole.information, rtol=0.01, atol=1e-3 * whole.information.max())
+
+
+def test_a_parameter_at_its_bound_stays_there_and_the_others_settle_without_it():
+    model, score = toy_window(13, {"fan.efficiency": -0.08, "hpt.efficiency": -0.1})
+    mask = np.array([[True, False, False, True]])
+    (fit,) = fit_sets(model, mask, restricted_changes(score, mask), (np.full(4, -0.05), np.full(4, 0.05)))
+    assert fit.converged and fit.change[3] == -0.05
+    free = abs(fit.change[0]) < 0.05
+    assert not free or abs(fit.expansion.gradient[0]) < 0.1 * np.sqrt(fit.expansion.information[0, 0])
 
 
 def test_a_start_that_the_model_cannot_compute_is_replaced_by_no_change():
     model, _ = toy_window(4, {"hpc.efficiency": -0.05})
     mask = np.array([[False, True, False, False]])
     with np.errstate(invalid="ignore"):
-        (fit,) = fit_sets(model, mask, np.full((1, 4), np.nan))
+        (fit,) = fit_sets(model, mask, np.full((1, 4), np.nan), BOUNDS)
     assert fit.converged and fit.change[1] == pytest.approx(-0.05, abs=0.005)
 
 

@@ -54,6 +54,22 @@ def test_a_change_beyond_what_a_component_can_do_has_the_likelihood_of_the_bound
     assert found == pytest.approx(-0.5 * short**2, rel=0.06) and found < -100
 
 
+def test_an_instrument_has_the_marginal_likelihood_of_a_prior_that_ends_where_instruments_do():
+    score = engine_score(np.random.default_rng(5), [0.01, 0, 0, 0, 0, 0])
+    first = replace(score.described[0], family="sensor", wear=0, reach=1.5)
+    score = replace(score, meaning={**score.meaning, NAMES[0]: first})
+    prior = SetPrior(slabs=(0.5,), instruments=3.0)
+    b, information = score.scaled()
+    x = np.linspace(-1.5, 1.5, 400001)
+    at_nominal = np.trapezoid(np.exp(-0.5 * (x / 1.5) ** 2), x)
+    with_data = np.trapezoid(np.exp(b[0] * x - 0.5 * information[0, 0] * x**2 - 0.5 * (x / 1.5) ** 2), x)
+    b, information = prior.scaled(score)
+    A = 1 + 0.25 * information[0, 0]
+    unbounded = 0.5 * 0.25 * b[0] ** 2 / A - 0.5 * np.log(A)
+    (found,) = log_factors(score, np.arange(6)[None] == 0, prior)
+    assert unbounded + found == pytest.approx(np.log(with_data / at_nominal), abs=1e-4)
+
+
 def test_of_several_efficiencies_it_is_nearly_the_orthant_integral():
     rng = np.random.default_rng(7)
     masks = np.array([[1, 0, 1, 0, 0, 0], [1, 1, 1, 0, 0, 0], [1, 0, 1, 0, 1, 0], [1, 1, 1, 1, 1, 1]], bool)
