@@ -45,16 +45,29 @@ def plant(tmp_path_factory):
     return folder
 
 
+def asked(row):
+    """Healthy states; every second one with one part decayed, every third with both."""
+    c, t = decay(row)
+    number = round(1000 * (c + t))
+    if c >= 0.992 and t >= 0.996:
+        return True
+    if c <= 0.97 and t <= 0.985:
+        return number % 3 == 0
+    return number % 2 == 0 and ((c <= 0.97 and t >= 0.996) or (c >= 0.992 and t <= 0.985))
+
+
 @pytest.fixture(scope="module")
 def answers(plant):
-    """One answer per state: (compressor decay, turbine decay, verdict, set of components, probability)."""
+    """One answer per state that is `asked` for: (compressor decay, turbine decay, verdict, set of components,
+    probability)."""
     with (plant / "high.csv").open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+        rows = [row for row in csv.DictReader(file) if asked(row)]
+    write(plant / "asked.csv", rows)
     out, _ = enginediag(
         "isolate",
         "-n",
         plant / "nominal.yaml",
-        plant / "high.csv",
+        plant / "asked.csv",
         "--recorder",
         RECORDER,
         "--window",
