@@ -50,8 +50,9 @@ them: it is the ordinary explanation, whatever else would bring them nearer. A h
 NAMED = 4.5
 """Log odds of a mistake against the recording as it was read, from which it is named: 90 to 1."""
 OF_THE_REST, OF_A_FACTOR = 0.3, 1.0
-"""Further log odds that are needed for each that is lacking with the mistake put right, of a mistake and a factor that
-no unit explains: where a model does not follow a right file, changes that are none of its mistakes bring a little."""
+"""Further log odds that are needed for each that is lacking with the mistake put right, of a mistake (against the file
+as it was read, and against another mistake) and of a factor that no unit explains: where a model does not follow a
+right file, changes that are none of its mistakes bring a little."""
 APART = 2.0
 """Log odds by which a mistake must be likelier than the next that would change the recording otherwise: 7 to 1."""
 SHOWN = 2
@@ -273,7 +274,7 @@ def _best(tried: Sequence[Trial], origin: Origin, columns: Columns) -> tuple[Tri
         return None, []
     best = able[0]
     changed = origin.derived(columns, best.mistake.change(columns))
-    close = [t.mistake for t in able[1:] if t.gain > best.gain - APART]
+    close = [t.mistake for t in able[1:] if t.gain > best.gain - _room(best, APART)]
     same = [m for m in close if _same(changed, origin.derived(columns, m.change(columns)))]
     rivals = [m for m in close if m not in same]
     if any(m.column != best.mistake.column or m.kind == "swapped" for m in rivals):
@@ -293,9 +294,14 @@ def _same(one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]) -> boo
     return True
 
 
+def _room(trial: Trial, odds: float, share: float = OF_THE_REST) -> float:
+    """Log odds, and a share of what is lacking with the mistake put right."""
+    return odds - share * trial.misfit.log_likelihood
+
+
 def _enough(trial: Trial, share: float) -> bool:
     """Whether a mistake brings enough to be named."""
-    return trial.gain >= NAMED - share * trial.misfit.log_likelihood and _fits(trial.misfit)
+    return trial.gain >= _room(trial, NAMED, share) and _fits(trial.misfit)
 
 
 def _fits(misfit: Misfit) -> bool:
