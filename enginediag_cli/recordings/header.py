@@ -378,6 +378,8 @@ def _resolve_shafts(header: Header) -> None:
     """`shaft lp` and the like become N1, N2, N3, by all shafts that the file has."""
     roles = {e.target.split(" ", 1)[1] for e in header.entries if e.target.startswith("shaft ")}
     numbers = shaft_numbers(roles)
+    if {"gg", "fan"} == roles and any(e.target == "torque_Nm" for e in header.entries):
+        numbers = {"gg": "N1", "fan": "N2"}  # `Nf` of a helicopter is its free turbine's
     entries = []
     for e in header.entries:
         role = e.target.split(" ", 1)[1] if e.target.startswith("shaft ") else ""

@@ -18,6 +18,7 @@ TEMPERATURES = ("K", "degC", "degF", "degR")
 PRESSURES = ("Pa", "kPa", "bar", "psi", "mbar", "MPa", "inHg", "atm")
 SPEEDS = ("kt", "m_s", "kmh")
 FLOWS = ("kg_s", "kg_h", "lb_h", "lb_s", "g_s")
+_POWERS = ("W", "kW", "MW", "hp", "pct")
 
 _KINDS = {
     "T": "t temp temps temperature temperatures tmp temperatur température températures tt",
@@ -249,12 +250,7 @@ RULES: tuple[Rule, ...] = (
     _rule("fuel rate", "Wf_kg_s", FLOWS, "engine", rank=-0.3),
     _rule("air flow", "W2_kg_s", FLOWS, "engine in rate compressor total", "at which station the air flow is measured"),
     _rule("torque", "torque_Nm", ("Nm", "kNm", "lbf_ft", "pct"), "shaft out engine propeller pt turbine abs"),
-    _rule(
-        "power",
-        "power_W",
-        ("W", "kW", "MW", "hp", "pct"),
-        "shaft out electrical engine generator net gross gas turbine",
-    ),
+    _rule("power", "power_W", _POWERS, "shaft out electrical engine generator net gross gas turbine"),
     _rule("electrical", "power_W", ("W", "kW", "MW"), "net gross", rank=-1.0),
     _rule("thrust", "Fn_N", ("N", "kN", "lbf"), "net engine"),
     _rule("thrust gross", "Fg_N", ("N", "kN", "lbf"), "engine"),
@@ -411,14 +407,19 @@ _KKS = re.compile(r"\d{0,2}[A-Z]{3}\d{2}[A-Z]{2}\d{3}")
 """A power plant's identification of a measuring point (VGB-S-811): it says which one, the words beside it of what."""
 
 
+_CHUNKS = re.compile(r"(?<![^\W_])[A-Za-z]_(?![ABCDLRabcdlr](?!\w))[A-Za-z]{1,2}\d{0,2}(?![^\W_])|[^\W_]+")
+"""Letters and digits without a gap, or a symbol with its index: `p_t25`, `W_f`, but not the engine's letter."""
+
+
 def _pieces(head: str, offset: int) -> list[_Piece]:
     found = []
-    for c, chunk in enumerate(re.finditer(r"[^\W_]+", head)):
-        if _KKS.fullmatch(chunk.group()):
+    for c, chunk in enumerate(_CHUNKS.finditer(head)):
+        text, gap = chunk.group().replace("_", ""), 1 if "_" in chunk.group() else 0
+        if _KKS.fullmatch(text):
             continue
-        for start, end, kind in _segments(chunk.group()):
+        for start, end, kind in _segments(text):
             at = offset + chunk.start()
-            found.append(_Piece(chunk.group()[start:end], at + start, at + end, c, kind))
+            found.append(_Piece(text[start:end], at + start + (gap if start else 0), at + end + gap, c, kind))
     return found
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from draft_headers import NOT_IN_UNITS, HeaderCase
-from draft_headers_public import FIFTH, FOURTH, FRESH, SECOND, THIRD, TUNED
+from draft_headers_public import FIFTH, FOURTH, FRESH, SECOND, SIXTH, THIRD, TUNED
 
 from enginediag_cli.recordings.draft import Draft, draft
 from enginediag_cli.recordings.quantities import meaning_of, read_name
@@ -51,15 +51,15 @@ def meanings(found: Draft) -> dict[str, tuple[str, str, float, bool]]:
     return made
 
 
-@pytest.mark.parametrize("case", [*TUNED, *FRESH, *SECOND, *THIRD, *FOURTH, *FIFTH], ids=lambda case: case.name)
+@pytest.mark.parametrize("case", [*TUNED, *FRESH, *SECOND, *THIRD, *FOURTH, *FIFTH, *SIXTH], ids=lambda case: case.name)
 def test_no_column_of_a_public_format_is_silently_wrong(case, tmp_path):
     assert outcome(case, tmp_path)[2] == []
 
 
 @pytest.mark.parametrize(
     "cases",
-    [TUNED, FRESH, SECOND, THIRD, FOURTH, FIFTH],
-    ids=["tuned", "fresh", "second", "third", "fourth", "fifth"],
+    [TUNED, FRESH, SECOND, THIRD, FOURTH, FIFTH, SIXTH],
+    ids=["tuned", "fresh", "second", "third", "fourth", "fifth", "sixth"],
 )
 def test_nine_columns_of_ten_are_taken_for_what_they_are(cases, tmp_path):
     outcomes = [outcome(case, tmp_path) for case in cases]
