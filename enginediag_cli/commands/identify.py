@@ -106,7 +106,7 @@ def identify(
     from enginediag_cli.identification.probe_consistency import without_probes, wrong_probes
     from enginediag_cli.identification.repeats import without_repeats
     from enginediag_cli.intake.agreement import agreement_with_engine
-    from enginediag_cli.intake.flights import MOST, RUN, Thinning, whole_flights
+    from enginediag_cli.intake.flights import MOST, Thinning, whole_flights
     from enginediag_cli.intake.intake import Intake
     from enginediag_cli.intake.wanted import columns_of
     from enginediag_cli.physics.engine_file import load_engine
@@ -116,7 +116,7 @@ def identify(
         repeat_lines,
         report_lines,
     )
-    from enginediag_cli.presentation.left_out import tell_left_out, tell_mismatches
+    from enginediag_cli.presentation.left_out import tell_left_out, tell_mismatches, tell_thinning
     from enginediag_cli.presentation.probe_lines import probe_lines
     from enginediag_cli.residuals.compact import is_smooth
     from enginediag_cli.residuals.monitor import monitor_from_nominal
@@ -129,11 +129,7 @@ def identify(
     intake = Intake(source, columns_of(engine, past=True), agreement=agreement)
     thinning = Thinning(0 if first else MOST)
     training = [flight.recording for flight in whole_flights(intake, thinning)]
-    if thinning.halved:
-        messages.note(
-            f"of {thinning.came:,} records one run of {RUN} in {2**thinning.halved} is fitted, evenly spread: {MOST:,} "
-            "are as many as memory is taken for"
-        )
+    tell_thinning(messages, thinning)
     tell_left_out(messages, intake.left_out)
     tell_mismatches(messages, intake.mismatches)
     training, repeats = without_repeats(training, (*engine.inputs, *engine.sensors))

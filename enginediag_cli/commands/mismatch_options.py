@@ -144,9 +144,10 @@ def provenance(command: str, case: Case, inherited: Sequence[str], **notes: str)
 def tell_case(messages: Messages, case: Case, loaded: Loaded) -> None:
     """What should be known of the nominal state, and what was left out of the recordings, on stderr."""
     from enginediag_cli.presentation.baseline_doubts import tell_baseline
-    from enginediag_cli.presentation.left_out import tell_left_out, tell_mismatches
+    from enginediag_cli.presentation.left_out import tell_left_out, tell_mismatches, tell_thinning
 
     if loaded.baseline is not None:
         tell_baseline(messages, loaded.baseline, case.source.engine_instance)
     tell_mismatches(messages, loaded.intake.mismatches)
+    tell_thinning(messages, loaded.thinning)
     tell_left_out(messages, loaded.intake.left_out)

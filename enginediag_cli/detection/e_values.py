@@ -54,6 +54,9 @@ AT_ONCE = 0.1
 """Weight of a change that was there with the first flight after the baseline."""
 FINE_STEPS, FINE_RAMPS = 12, 4
 """Onsets lie one flight apart to begin with, and as far apart as a twelfth (a fourth) of the flights since later."""
+ONSETS, UNLIKELY = 200, 1e-3
+"""Onsets that are looked at together when it is asked since when, each a column over all flights: 60 MB of 20,000; and
+the probability below which one of them is left out."""
 LAWS = ((0.0, 1.0, 0.5), (0.2, 20.0, 0.25), (0.5, 20.0, 0.25))
 """Laws in time of what readings scatter by: share that wanders, flights over which it does, weight. An engine whose
 instruments wander by more than the last of them is called changed more often than is said; the more laws there are the
@@ -122,16 +125,19 @@ def _ladder(n: int, fine: int) -> np.ndarray:
     return np.array(found, int)
 
 
-def _courses(n: int, baseline: int, fine_steps: int = FINE_STEPS, fine_ramps: int = FINE_RAMPS) -> _Courses:
-    i = np.arange(n) - baseline
+def _courses(n: int, baseline: int, onsets: np.ndarray | None = None, stop: int | None = None) -> _Courses:
+    """Steps and ramps that begin with these flights after the baseline, counted from 0, the last of which stands for
+    those before `stop`; default: ladders of onsets up to the last flight."""
+    i, later = np.arange(n) - baseline, max(n - baseline, 0)
+    stop = later if stop is None else stop
     parts = []
-    for fine, ramp in ((fine_steps, False), (fine_ramps, True)):
-        at = _ladder(max(n - baseline, 0), fine)
+    for fine, ramp in ((FINE_STEPS, False), (FINE_RAMPS, True)):
+        at = _ladder(later, fine) if onsets is None else onsets
         after = i - at[:, None]
         g = np.clip(after + 1.0, 0.0, None) / RAMP if ramp else (after >= 0).astype(float)
-        # each onset of the ladder has the weight of those up to the next one
-        edges = np.append(at, n - baseline)
-        total = np.concatenate([[0.0], np.cumsum(onset_weight(np.arange(max(n - baseline, 0), dtype=float)))])
+        # each onset has the weight of those up to the next one
+        edges = np.append(at, stop)
+        total = np.concatenate([[0.0], np.cumsum(onset_weight(np.arange(stop, dtype=float)))])
         parts.append((g, at + baseline, np.full(len(at), ramp), 0.5 * np.diff(total[edges])))
     g, onset, ramp_, weight = (np.concatenate(x) for x in zip(*parts, strict=True))
     return _Courses(g, onset, ramp_, np.log(np.maximum(weight, 1e-300)))
@@ -163,16 +169,27 @@ def e_path(rows: Rows, suspects: Suspects, baseline: int, looks: int = PEAKS) ->
 
 
 def onset_law(rows: Rows, suspects: Suspects, baseline: int) -> np.ndarray:
-    """Probability (n,) that the change began with each flight, given that there is one, looked at flight by flight."""
+    """Probability (n,) that the change began with each flight, given that there is one: `ONSETS` of them are looked at,
+    evenly spread, then as many among those around the likely ones, as long as these are the fewer half. Flights between
+    two that were looked at share the probability of the first."""
     n, m = rows.z.shape
-    if n <= max(baseline, m + 1):
-        return np.zeros(n)
-    among = _courses(n, baseline, n, n)
-    ratios = _Ratios.of(rows, suspects, among, np.array([n - 1]), clipped=False)
-    log = ratios.by_course(among, suspects)[0]
     found = np.zeros(n)
-    np.add.at(found, among.onset, np.exp(log - np.logaddexp.reduce(log)))
-    return found
+    if n <= max(baseline, m + 1):
+        return found
+    first, stop = 0, n - baseline
+    while True:
+        at = np.arange(first, stop, -(-(stop - first) // ONSETS))
+        among = _courses(n, baseline, at, stop)
+        log = _Ratios.of(rows, suspects, among, np.array([n - 1]), clipped=False).by_course(among, suspects)[0]
+        chance = np.exp(log - np.logaddexp.reduce(log)).reshape(2, -1).sum(axis=0)
+        edges = np.append(at, stop)
+        likely = np.flatnonzero(chance > UNLIKELY)
+        low, high = int(edges[max(likely[0] - 1, 0)]), int(edges[min(likely[-1] + 2, len(at))])
+        width = np.diff(edges)
+        if width[0] == 1 or 2 * (high - low) > stop - first:
+            found[baseline + first : baseline + stop] = np.repeat(chance / width, width)
+            return found
+        first, stop = low, high
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ learnt as any wandering is; what no weather does, such as two kilopascals betwee
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -84,8 +84,42 @@ class Readings:
         )
 
 
+@dataclass(frozen=True)
+class EpochStatistics:
+    """What readings take of the statistics of one epoch of n records: s (p,), and of F the rows (r, p) of the
+    parameters at `rows` (r,), those of biases of sensors, all where there are none. They add as statistics do."""
+
+    parameters: tuple[str, ...]
+    prior_sigma: np.ndarray
+    s: np.ndarray
+    information: np.ndarray
+    rows: np.ndarray
+    n: int
+
+    @staticmethod
+    def from_statistics(statistics: LocalStatistics, biases: Collection[str]) -> EpochStatistics:
+        """biases: names of those among the parameters."""
+        names = statistics.parameters
+        rows = np.array([i for i, name in enumerate(names) if name in biases] or range(len(names)), int)
+        information = statistics.F[rows]
+        return EpochStatistics(names, statistics.prior_sigma, statistics.s, information, rows, statistics.n)
+
+    def __add__(self, other: EpochStatistics) -> EpochStatistics:
+        if self.parameters != other.parameters:
+            raise ValueError("statistics of different parameters cannot be added")
+        information = self.information + other.information
+        return replace(self, s=self.s + other.s, information=information, n=self.n + other.n)
+
+    @property
+    def F(self) -> np.ndarray:
+        """(p, p), rows that are not kept being unknown, NaN."""
+        found = np.full((len(self.parameters),) * 2, np.nan)
+        found[self.rows] = self.information
+        return found
+
+
 def readings_of(
-    statistics: Sequence[LocalStatistics],
+    statistics: Sequence[LocalStatistics | EpochStatistics],
     described: Sequence[Parameter],
     clock: np.ndarray,
     conditions: np.ndarray | None = None,
@@ -99,7 +133,8 @@ def readings_of(
     first = statistics[0]
     if any(x.parameters != first.parameters for x in statistics):
         raise ValueError("statistics of different parameters have no common trend")
-    at = first.indices([p.name for p in described])
+    position = {name: i for i, name in enumerate(first.parameters)}
+    at = np.array([position[p.name] for p in described], int)
     D = first.prior_sigma[at]
     s = np.stack([x.s[at] for x in statistics]) * D
     sensors = [i for i, p in enumerate(described) if p.of_sensor and p.quantity == "bias"]
@@ -107,16 +142,22 @@ def readings_of(
     told = [i for i, information in zip(sensors, own, strict=True) if information > TOLD]
     directions = np.eye(len(at))[:, told]
     if not told:
+        if not np.all(np.isfinite(first.F)):
+            raise ValueError("no sensor is read in half of the flights or more")
         directions = _directions(np.stack([x.F[np.ix_(at, at)] for x in statistics]) * D * D[:, None])
     seen = D[:, None] * directions
-    FJ = np.stack([seen.T @ x.F[np.ix_(at, at)] for x in statistics]) * D  # (n, m, p), not (n, p, p)
+    FJ = np.empty((len(statistics), directions.shape[1], len(at)))  # not (n, p, p), and nothing of its size beside it
+    for x, of_epoch in zip(statistics, FJ, strict=True):
+        of_epoch[:] = D[told, None] * x.F[np.ix_(at[told], at)] if told else seen.T @ x.F[np.ix_(at, at)]
+    FJ *= D
     inner = FJ @ directions
     rank = np.linalg.eigvalsh(inner)
     kept = rank[:, 0] > TOLD * np.median(rank[:, -1])
     inverse = np.linalg.inv(inner[kept])
     z = np.einsum("nab,nb->na", inverse, s[kept] @ directions)
-    J = inverse @ (FJ if np.all(kept) else FJ[kept])
-    del FJ
+    J = FJ if np.all(kept) else FJ[kept]
+    for epoch, of_epoch in zip(inverse, J, strict=True):
+        of_epoch[:] = epoch @ of_epoch
     place = {p.name: i for i, p in enumerate(described)}
     for name, on in (effects or {}).items():
         # a bias of one prior standard deviation is the unit of its reading

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
 from math import isfinite
 from typing import Literal, Protocol
 
 import numpy as np
 
-from enginediag_cli.detection.readings import InputReadings, Readings, jump, readings_of
+from enginediag_cli.detection.readings import EpochStatistics, InputReadings, Readings, jump, readings_of
 from enginediag_cli.engine.input_errors import InputError
 from enginediag_cli.errors import DataError
 from enginediag_cli.parameters import Parameter
@@ -24,14 +23,25 @@ Law = Literal["whole", "covariance", "none"]
 
 FEWEST = 3
 """Flights that a trend needs: a level before, one after, and one to tell noise from either."""
+MOST_BYTES = 600e6
+"""Size of the statistics of a series: 20,000 flights of forty parameters with the covariance of their statistics, a
+hundred thousand without. What a machine of 1 GB has to spare."""
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """One flight, or one window of a recording without flights, with its statistics."""
+    """One flight, or one window of a recording without flights; kept: its statistics, or so much of them as readings
+    take."""
 
     window: WindowStatistics
-    statistics: LocalStatistics
+    kept: LocalStatistics | EpochStatistics
+
+    @property
+    def statistics(self) -> LocalStatistics:
+        """All of them. Raises ValueError where they were not kept."""
+        if not isinstance(self.kept, LocalStatistics):
+            raise ValueError("of this series the readings alone are kept")
+        return self.kept
 
 
 @dataclass(frozen=True)
@@ -55,11 +65,11 @@ class Series:
     def readings(self, engine: str) -> Readings:
         """The series of an engine. Raises DataError when its flights have statistics of different parameters."""
         mine = self.stretches[engine]
-        present = set(mine[0].statistics.parameters)
+        present = set(mine[0].kept.parameters)
         described = [p for name, p in self.known.items() if name in present]
         try:
             return readings_of(
-                [x.statistics for x in mine],
+                [x.kept for x in mine],
                 described,
                 _clock(mine),
                 self._conditions(mine),
@@ -139,32 +149,36 @@ class Windows(Protocol):
 
 
 def series_of(files: Windows, law: Law = "whole") -> Series:
-    """Raises DataError when windows of a flight have different parameters. law: how much is kept of the law of each
-    statistic, which is nine tenths of what it holds: all of it; its covariance V, which sums need; or nothing (V is
-    NaN), where `readings` alone will be asked of the series."""
+    """Raises DataError when windows of a flight have different parameters, and for more flights than memory should take
+    (`MOST_BYTES`). law: how much is kept of the law of each statistic, which is nine tenths of what it holds: all of
+    it; its covariance V, which sums need; or nothing, where `readings` alone will be asked of the series."""
     found: dict[str, list[Stretch]] = {}
     place: dict[tuple[str, str, str], int] = {}
     known: dict[str, Parameter] = {}
     lost = 0
+    size = 0.0
     for window, its_own in files.windows():
         if window.statistics is None:
             lost += 1
             continue
-        window = replace(window, statistics=_with_law(window.statistics, law))
-        assert window.statistics is not None
         known.update(its_own)
         mine = found.setdefault(window.engine, [])
+        kept = _with_law(window.statistics, law, mine[0].kept if mine else None)
+        window = replace(window, statistics=None)
         key = (window.engine, window.source, window.flight)
         if not window.flight or key not in place or not files.summed:
             place[key] = len(mine)
-            mine.append(Stretch(window, window.statistics))
+            mine.append(Stretch(window, kept))
+            size += _bytes(kept)
+            if size > MOST_BYTES:
+                raise DataError(_too_many(found))
             continue
         before = mine[place[key]]
         try:
-            both = before.statistics + window.statistics
+            both = _sum(before.kept, kept)
         except ValueError as error:
             raise DataError(f"{window.source}: flight {window.flight}: {error}") from None
-        mine[place[key]] = Stretch(joined([before.window, window]), _with_law(both, law))
+        mine[place[key]] = Stretch(joined([before.window, window]), both)
     if files.monitor is None:
         return Series(found, known, lost)
     engine = files.monitor.engine
@@ -172,19 +186,50 @@ def series_of(files: Windows, law: Law = "whole") -> Series:
     return Series(found, known, lost, steered, getattr(engine, "errors", {}), files.monitor)
 
 
-def _with_law(statistics: LocalStatistics, law: Law) -> LocalStatistics:
+def _with_law(
+    statistics: LocalStatistics, law: Law, first: LocalStatistics | EpochStatistics | None
+) -> LocalStatistics | EpochStatistics:
+    """So much of the law as is asked for; what is the same as in the `first` flight of the series is its own."""
+    if first is not None and first.parameters == statistics.parameters:
+        statistics = replace(statistics, parameters=first.parameters)
+        if np.array_equal(first.prior_sigma, statistics.prior_sigma):
+            statistics = replace(statistics, prior_sigma=first.prior_sigma)
+        if isinstance(first, LocalStatistics) and np.array_equal(first.theta0, statistics.theta0):
+            statistics = replace(statistics, theta0=first.theta0)
     if law == "whole":
         return statistics
-    V = statistics.V if law == "covariance" else _unknown(len(statistics.parameters))
-    return replace(statistics, by_sensor=None, rows=None, kurtosis=None, V=V)
+    if law == "covariance":
+        return replace(statistics, by_sensor=None, rows=None, kurtosis=None)
+    biases = {name for name, p in statistics.meaning.items() if p.of_sensor and p.quantity == "bias"}
+    return EpochStatistics.from_statistics(statistics, biases)
 
 
-@cache
-def _unknown(p: int) -> np.ndarray:
-    """A covariance of which nothing is known, one for all flights."""
-    V = np.full((p, p), np.nan)
-    V.setflags(write=False)
-    return V
+def _sum(
+    one: LocalStatistics | EpochStatistics, other: LocalStatistics | EpochStatistics
+) -> LocalStatistics | EpochStatistics:
+    """Of two windows of one series. Raises ValueError for different parameters."""
+    if isinstance(one, LocalStatistics) and isinstance(other, LocalStatistics):
+        return one + other
+    assert isinstance(one, EpochStatistics) and isinstance(other, EpochStatistics)
+    return one + other
+
+
+def _bytes(kept: LocalStatistics | EpochStatistics) -> float:
+    if isinstance(kept, EpochStatistics):
+        return kept.information.nbytes + kept.s.nbytes
+    parts = (kept.s, kept.F, kept.V, kept.by_sensor, kept.rows, kept.slopes)
+    return sum(part.nbytes for part in parts if part is not None)
+
+
+def _too_many(found: Mapping[str, Sequence[Stretch]]) -> str:
+    """That a series holds more than memory may take, and what to do."""
+    flights = sum(map(len, found.values()))
+    whole = all(x.window.flight for mine in found.values() for x in mine[:1])
+    how = "give fewer files at once, or one engine with --engine-instance" if whole else "cut it with --window 10min"
+    return (
+        f"more than {flights:,} {'flights' if whole else 'windows of a recording without flights'}: their statistics "
+        f"take more than {MOST_BYTES / 1e6:.0f} MB of memory; {how}"
+    )
 
 
 def has_times(window: WindowStatistics) -> bool:

@@ -120,7 +120,7 @@ def flights_of(history: EngineHistory, series: Series) -> Flights:
 
 def _weight(history: EngineHistory, readings: Readings) -> np.ndarray:
     """Square root of how much each flight tells of what a usual one does, 1 at most: by its records."""
-    records = np.array([max(history.stretches[k].statistics.n, 1) for k in readings.first], float)
+    records = np.array([max(history.stretches[k].kept.n, 1) for k in readings.first], float)
     return np.asarray(np.minimum(1.0, np.sqrt(records / np.median(records))))
 
 

@@ -33,6 +33,9 @@ READ_AGAIN = 3
 """Times that the scatter is read again for one suspect; the first time does most."""
 REACH = 20.0
 """Nats that reading the scatter again for one suspect does not make up for; of a fleet of 100 up to 13 were seen."""
+KEPT_BYTES = 150e6
+"""Size of the laws of scatter that are remembered: of series of forty epochs all, of the longest those of a few looks,
+each of which takes as long as a look to find again."""
 OWNERS = 3
 """Suspects of which the first event is tried: the likeliest by the scatter of a series with the event still in it need
 not be the likeliest by that without it."""
@@ -40,10 +43,9 @@ not be the likeliest by that without it."""
 
 @dataclass(frozen=True)
 class Look:
-    """Events, the laws of the scatter that they leave, and the log probability of both."""
+    """Events, and the log probability of them and of the scatter that they leave."""
 
     chosen: tuple[Chosen, ...]
-    scatter: Sequence[Wander]
     log: float
 
 
@@ -70,6 +72,7 @@ class Looks:
     doubt: np.ndarray
     at: np.ndarray
     _scatter: Scatter = field(init=False, repr=False, compare=False)
+    _latest: dict[tuple[Chosen, ...], list[Wander]] = field(default_factory=dict, repr=False, compare=False)
     _looked: dict[tuple[Chosen, ...], Look] = field(default_factory=dict, repr=False, compare=False)
     _glanced: dict[tuple[tuple[int, int, bool], ...], Look] = field(default_factory=dict, repr=False, compare=False)
 
@@ -105,17 +108,28 @@ class Looks:
         """The series with these events taken out."""
         key = tuple(sorted(chosen, key=lambda event: event.place))
         if key not in self._looked:
-            left = self._scatter.without(effect(self.readings, self.suspects, self.among, chosen), LAWS)
+            left = self.scatter(chosen)
             prior = sum(
                 float(self.suspects.log_odds[e.group] + self.kinds[e.group, e.course]) - SIZE * e.fitted for e in chosen
             )
             log = float(np.logaddexp.reduce([wander.beside for wander in left])) + prior
-            self._looked[key] = Look(tuple(chosen), left, log)
+            self._looked[key] = Look(tuple(chosen), log)
         return self._looked[key]
+
+    def scatter(self, chosen: Sequence[Chosen]) -> list[Wander]:
+        """The laws of the scatter that these events leave; those of a few looks are remembered."""
+        key = tuple(chosen)
+        if key not in self._latest:
+            left = self._scatter.without(effect(self.readings, self.suspects, self.among, chosen), LAWS)
+            size = sum(law.inverse.nbytes for law in left)
+            while self._latest and (len(self._latest) + 1) * size > KEPT_BYTES:
+                del self._latest[next(iter(self._latest))]
+            self._latest[key] = left
+        return self._latest[key]
 
     def search(self, at: Look) -> Search:
         """The posterior over one more event by the scatter of a look."""
-        tables = tuple(table(self.readings, wander, self.among, self.at) for wander in at.scatter)
+        tables = tuple(table(self.readings, wander, self.among, self.at) for wander in self.scatter(at.chosen))
         return Search(tables, self.among, self.suspects, self.slabs, self.kinds, self.doubt)
 
     def _glance(self, chosen: Sequence[Chosen]) -> Look:
@@ -140,7 +154,7 @@ class Looks:
         *others, event = look.chosen
         owner = self.suspects.owner[event.group]
         for _ in range(READ_AGAIN):
-            law = max(look.scatter, key=lambda wander: wander.beside)
+            law = max(self.scatter(look.chosen), key=lambda wander: wander.beside)
             trials = [self.look([*others, again]) for again in self._again(law, others, owner)]
             better = max(trials, key=lambda trial: trial.log)
             if better.log <= look.log + SETTLED:

@@ -12,6 +12,7 @@ from enginediag_cli.residuals.admission import Elsewhere
 
 if TYPE_CHECKING:
     from enginediag_cli.intake.agreement import Disagreement
+    from enginediag_cli.intake.flights import Thinning
 
 SOME_LINES = 5
 """Lines of the file that a sentence names: enough to look at; JSON holds more."""
@@ -36,6 +37,17 @@ def tell_left_out(
         messages.note(line, counts=dict(records or {}))
     for line in elsewhere_lines(elsewhere or {}):
         messages.note(line)
+
+
+def tell_thinning(messages: Messages, thinning: Thinning) -> None:
+    """How many records were taken where there are more than memory should hold."""
+    if thinning.halved:
+        from enginediag_cli.intake.flights import RUN
+
+        messages.note(
+            f"of {thinning.came:,} records one run of {RUN} in {2**thinning.halved} is fitted, evenly spread: "
+            f"{thinning.most:,} are as many as memory is taken for"
+        )
 
 
 def undecided_lines(undecided: Collection[str]) -> Iterator[str]:

@@ -40,7 +40,8 @@ from enginediag_cli.side_by_side import in_turn, jobs, processes
 LINEARISE = ("estimate", "nominal")
 BATCH_RECORDS = 3_000
 """Windows wait for each other until they hold this many records, and are then re-linearised together: one call of the
-engine costs less than many. More would save little and hold sensitivities to a hundred parameters of each."""
+engine costs less than many. More would save little and hold sensitivities to a hundred parameters of each. A window
+holds the square of its p parameters, too, as much as p/m records of m readings."""
 FLOWN = 12
 """Records of a window by which it is known where it was flown: a climb and a cruise have their corners among them."""
 SETTLED = 0.2
@@ -164,7 +165,8 @@ def _finished(
     waiting.clear()
     records = sum(map(_size, windows))
     share = records / processes(records // SHARE) if apart else records
-    batches = list(_batches(windows, min(BATCH_RECORDS, max(share, SHARE))))
+    own = len(monitor.names) / max(len(monitor.sensors), 1)
+    batches = list(_batches(windows, min(BATCH_RECORDS, max(share, SHARE)), own))
 
     def judged(k: int) -> list[WindowStatistics]:
         return list(_judged(monitor, batches[k], linearise, condense))
@@ -173,16 +175,18 @@ def _finished(
         yield from found
 
 
-def _batches(windows: Sequence[list[_Piece]], records: float) -> Iterator[list[list[_Piece]]]:
-    """Windows that follow each other and hold at most so many records together; one that holds more is by itself."""
+def _batches(windows: Sequence[list[_Piece]], records: float, own: float) -> Iterator[list[list[_Piece]]]:
+    """Windows that follow each other and hold as much as so many records together, each as much as `own` records more
+    than it has; one that holds more is by itself."""
     batch: list[list[_Piece]] = []
-    size = 0
+    size = 0.0
     for window in windows:
-        if batch and size + _size(window) > records:
+        more = _size(window) + own
+        if batch and size + more > records:
             yield batch
-            batch, size = [], 0
+            batch, size = [], 0.0
         batch.append(window)
-        size += _size(window)
+        size += more
     if batch:
         yield batch
 

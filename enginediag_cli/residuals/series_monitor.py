@@ -100,4 +100,4 @@ def monitored_as_read(monitor: Monitor, window: WindowStatistics, statistics: Lo
     """The window with the statistics of the monitored parameters alone: what is wrong with nominal is wrong in all
     windows alike, and no noise of any."""
     others = set(monitor.names) - set(monitor.monitored)
-    return replace(window, statistics=replace(statistics.without(others), meaning=dict(monitor.meaning)))
+    return replace(window, statistics=replace(statistics.without(others), meaning=monitor.meaning))

@@ -249,3 +249,9 @@ def test_a_series_that_differs_from_nominal_from_its_first_flight_is_never_stead
 def test_a_trend_of_some_parameters_alone_needs_no_direction_that_single_flights_do_not_show(files):
     code, out = run("trend", "-q", "-n", files["nominal.yaml"], files["flown.csv"], "--monitor", "hpc.*", "-f", "json")
     assert code == 0 and {"hpc.efficiency", "hpc.map.work_slope"} <= {row["parameter"] for row in json.loads(out)}
+
+
+def test_more_flights_than_memory_should_hold_are_refused_with_what_to_do(files, monkeypatch, capsys):
+    monkeypatch.setattr("enginediag_cli.detection.trend_of_files.MOST_BYTES", 50e3)
+    assert run("trend", "-n", files["nominal.yaml"], files["flown.csv"])[0] == 2
+    assert "MB of memory; give fewer files at once" in capsys.readouterr().err

@@ -10,7 +10,17 @@ from scipy.integrate import dblquad
 
 from enginediag_cli.detection import e_values
 from enginediag_cli.detection.e_bh import listed
-from enginediag_cli.detection.e_values import CONDITIONS, LAWS, LEVEL, Rows, Suspects, _courses, _whitened, e_path
+from enginediag_cli.detection.e_values import (
+    CONDITIONS,
+    LAWS,
+    LEVEL,
+    Rows,
+    Suspects,
+    _courses,
+    _whitened,
+    e_path,
+    onset_law,
+)
 
 M = 4
 DIRECTIONS = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [1, -2, 3, 1], [0.5, 1, 0, -1]])
@@ -130,6 +140,17 @@ def test_whitening_in_steps_is_the_factor_of_the_whole_covariance(law):
     np.testing.assert_allclose(L @ found.v, rows.z * rows.weight[:, None], rtol=0, atol=1e-6)
     np.testing.assert_allclose(L @ found.h.T, among.g.T * rows.weight[:, None], rtol=0, atol=1e-6)
     np.testing.assert_allclose(found.log_scale, np.log(np.diag(L)), rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize(("onset", "size"), [(300, 1.5), (21, 2.0), (495, 3.0), (250, 0.6)])
+def test_since_when_is_the_same_whether_all_onsets_are_looked_at_or_few_and_then_those_nearby(onset, size, monkeypatch):
+    z = np.random.default_rng(8).standard_normal((500, M))
+    z[onset:, 1] += size
+    few = onset_law(rows(z), SUSPECTS, 20)
+    monkeypatch.setattr(e_values, "ONSETS", 1000)
+    every = onset_law(rows(z), SUSPECTS, 20)
+    assert np.abs(np.cumsum(few - every)).max() < 0.1  # where it is wide, every third onset says as much
+    assert few.sum() == pytest.approx(1.0)
 
 
 def test_memory_of_a_long_history_grows_with_its_flights_and_not_with_their_square():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.detection.readings import InputReadings, jump, readings_of
+from enginediag_cli.detection.readings import EpochStatistics, InputReadings, jump, readings_of
 from enginediag_cli.detection.trend import flight_change
 from enginediag_cli.detection.wander import LOCAL, Scatter, structure
 from enginediag_cli.isolation.over_time import TrendOptions, judge_series
@@ -64,6 +64,19 @@ def test_statistics_with_all_sensors_hold_the_readings_themselves():
     expected[3:, 1] += 6.0
     np.testing.assert_allclose(found.z, expected, atol=1e-9)
     np.testing.assert_allclose(found.J[0, :, :3], EFFECT, atol=1e-9)
+
+
+def test_rows_of_the_biases_alone_hold_the_same_readings():
+    rng = np.random.default_rng(4)
+    whole = flights(rng, rng.standard_normal((6, 7)))
+    whole = [a + b for a, b in zip(whole, whole[::-1], strict=True)]
+    parts = [EpochStatistics.from_statistics(x, SENSORS) for x in whole]
+    assert parts[0].information.shape == (4, 7)
+    expected, found = (readings_of(x, list(MEANING.values()), np.arange(6.0)) for x in (whole, parts))
+    np.testing.assert_array_equal(found.z, expected.z)
+    np.testing.assert_array_equal(found.J, expected.J)
+    one, two = (EpochStatistics.from_statistics(x, SENSORS) for x in whole[:2])
+    np.testing.assert_array_equal((one + two).information, one.information + two.information)
 
 
 def test_a_step_of_one_reading_is_told_as_one_of_that_instrument_with_its_onset():
