@@ -148,7 +148,7 @@ def detect(
 
     def rows() -> Iterator[dict[str, Any]]:
         for found, _ in files.windows():
-            verdict = judge(found, false_alarm, required)
+            verdict = judge(found, false_alarm, required, None if judging.reference else monitor)
             tally[verdict.verdict] += 1
             tell_window(messages, verdict, in_words=tally.total() <= SENTENCES)
             row = detection_row(verdict, shown)

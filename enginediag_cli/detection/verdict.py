@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,9 +18,14 @@ from enginediag_cli.detection.minimum_change import (
     size_with_unit,
     unseen_components,
 )
+from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.distributions import chdtrc
+from enginediag_cli.residuals.gross_gate import input_effects
+from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.score import Score, fisher_score
 from enginediag_cli.residuals.window import WindowStatistics
+from enginediag_cli.residuals.windows import WindowPlan
 
 HEALTHY, FAULT, NO_VERDICT = "healthy", "fault", "no verdict"
 NOISE_UNKNOWN = "the noise was identified from too few independent records"
@@ -63,10 +69,12 @@ def judge(
     window: WindowStatistics,
     false_alarm: float = 0.01,
     required: RequiredPower = USUALLY_REQUIRED,
+    monitor: Monitor | None = None,
 ) -> Verdict:
     """Test one window at the given false-alarm probability.
 
-    required: what silence must rest on.
+    required: what silence must rest on. monitor: judges anew, without each channel in turn, what could not be checked
+    for gross errors; an alarm that rests on one channel is no verdict then.
 
     Errors of sensors that gave no reading are left out of the statistics of the verdict's window: they are no suspects.
     """
@@ -91,7 +99,8 @@ def judge(
     sizes = minimum_change(score, false_alarm=false_alarm, power=power, limit=test.threshold)
     found = Verdict(window, FAULT, "", test, fit, score, sizes)
     if test.alarm:
-        return found
+        channel = "" if monitor is None or window.checked else _decisive_channel(window, monitor, false_alarm)
+        return replace(found, verdict=NO_VERDICT, reason=one_channel_decides(channel)) if channel else found
     if window.extrapolated > MOSTLY * statistics.n:
         return replace(found, verdict=NO_VERDICT, reason=nothing_seen(window.extrapolated, statistics.n))
     limits = must_show(score.described, score.prior_sigma, required.changes)
@@ -125,7 +134,44 @@ def too_few(sensors: int, sensors_of: int) -> str:
 
 def one_channel_decides(channel: str) -> str:
     """Why nothing is told where a change rests on one channel, and has lasted no longer than a gross error."""
-    return f"{channel} alone decides, and its readings may be gross errors: too few records to tell"
+    return f"one channel decides: without {channel} there is no alarm, and so few records may be gross errors of it"
+
+
+def _decisive_channel(window: WindowStatistics, monitor: Monitor, false_alarm: float) -> str:
+    """The sensor without whose readings, or the input with whose likeliest error taken out, there is no alarm; of
+    several the one without which the window looks healthiest."""
+    channels, variants = zip(*_without_each(window, monitor), strict=True)
+    n = len(next(iter(variants[0].values())))
+    columns = {c: np.concatenate([v[c] for v in variants]) for c in variants[0]}
+    flights = [str(k) for k in range(len(channels)) for _ in range(n)]
+    line = np.arange(1, len(flights) + 1)
+    whole = Recording(columns, {"flight": flights}, line=line, source=window.source)
+    least, likeliest = 0.0, ""
+    for channel, found in zip(channels, window_statistics(monitor, [whole], WindowPlan()), strict=True):
+        verdict = judge(found, false_alarm)
+        p = verdict.test.p_value if verdict.test is not None else 1.0
+        if verdict.verdict != FAULT and p > least:
+            least, likeliest = p, str(channel)
+    return likeliest
+
+
+def _without_each(window: WindowStatistics, monitor: Monitor) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
+    """Each channel, and the records of a window, column → (n,), without it: t = Sᵀz/SᵀS of an input whose error moves
+    the readings by S standard deviations."""
+    inputs, y, sigma = dict(window.flown), window.read, monitor.noise.sigma
+    assert y is not None
+    every = {**inputs, **{c: y[:, j] for j, c in enumerate(monitor.sensors)}}
+    for c in monitor.sensors:
+        if np.isfinite(every[c]).any():
+            yield c, {**every, c: np.full(len(y), np.nan)}
+    predicted, _, _, _ = monitor.predict(inputs, monitor.theta0, nuisance=False)
+    S = input_effects(monitor, inputs, np.arange(len(y)), tuple(inputs))
+    z = (y - predicted) / sigma
+    S = np.where(np.isfinite(z)[:, :, None], np.nan_to_num(S), 0.0)
+    power = np.sum(S**2, axis=1)
+    t = np.einsum("kmq,km->kq", S, np.nan_to_num(z)) / np.where(power > 0, power, np.inf)
+    for i, c in enumerate(inputs):
+        yield c, {**every, c: inputs[c] + t[:, i]}
 
 
 def too_still(fit: LackOfFit) -> str:

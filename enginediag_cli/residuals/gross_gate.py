@@ -88,6 +88,7 @@ class GrossErrorGate:
         self._found: dict[Key, list[tuple[int, GrossCounts]]] = {}
         self._total: dict[tuple[str, str], GrossCounts] = {}
         self._stuck: dict[tuple[str, str], list[StuckRun]] = {}
+        self._alone: set[Key] = set()
         self._waiting: list[_Held] = []
         self._before = self._after = 0
 
@@ -118,6 +119,7 @@ class GrossErrorGate:
         if window.statistics is None and blind:
             window = replace(window, reason=f"{', '.join(dict.fromkeys(blind))} is stuck: the model has no input")
         judged = window.records - window.outside - window.incomplete - window.failed
+        window = replace(window, checked=key not in self._alone)
         found = [(line, counts) for line, counts in self._found.get(key, ()) if line >= window.first_line]
         if not found:
             return replace(window, gross=GrossCounts(judged=judged))
@@ -169,6 +171,8 @@ class GrossErrorGate:
         for at, keys, *_ in stretches:
             for key, n in Counter(keys[k] for k in np.flatnonzero((at >= block.start) & (at < block.stop))).items():
                 self._add(key, GrossCounts(judged=n))
+            if len(at) < FEWEST:
+                self._alone.update(keys)
         context = self._moving(context, stretches, block)
         clean = self._rejected(context, stretches, block)
         first = max(0, block.stop - HALO)

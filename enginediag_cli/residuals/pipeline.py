@@ -209,6 +209,7 @@ def _whole(monitor: Monitor, pieces: Sequence[_Piece]) -> WindowStatistics:
         flown = {c: flown.get(c, 0.0) + float(values.sum()) for c, values in part.inputs.items()}
     read = seen > 0
     some = np.array(sorted(set(np.linspace(0, n - 1, FLOWN).astype(int).tolist())) if n else [], int)
+    few = records.read([(k, k + 1) for k in some.tolist()])
     return replace(
         joined([piece.window for piece in pieces]),
         sensors=int(read.sum()),
@@ -217,7 +218,8 @@ def _whole(monitor: Monitor, pieces: Sequence[_Piece]) -> WindowStatistics:
         readings=dict(
             zip(np.array(monitor.sensors, object)[read].tolist(), (sums[read] / seen[read]).tolist(), strict=True)
         ),
-        flown=records.read([(k, k + 1) for k in some.tolist()]).inputs,
+        flown=few.inputs,
+        read=few.y,
     )
 
 

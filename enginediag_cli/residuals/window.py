@@ -24,7 +24,9 @@ class WindowStatistics:
     gave a reading in a record that was judged (0 of 0: not known); silent: the monitored errors of those that gave
     none, of which nothing can be said and which are no suspects. conditions: mean of each input over the
     records that were judged; readings: mean of each sensor over them; flown: inputs of a few of them, evenly chosen,
-    column -> (k,). solution: the engine's unknowns (nx, n) at nominal in the records that were judged, where
+    column -> (k,), and read: their readings (k, m), NaN where missing; of so few records as cannot be checked against
+    each other these are all. checked: whether they could be, for gross errors.
+    solution: the engine's unknowns (nx, n) at nominal in the records that were judged, where
     they are known, from which whoever asks the engine again of these records may begin. gross: readings and records
     that were rejected as gross errors. instruments: those that are stuck or scatter; weights (n, m, m): what multiplies
     the readings of each record that was judged, where some scatter.
@@ -51,6 +53,8 @@ class WindowStatistics:
     conditions: Mapping[str, float] = field(default_factory=dict)
     readings: Mapping[str, float] = field(default_factory=dict)
     flown: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
+    read: np.ndarray | None = field(default=None, repr=False, compare=False)
+    checked: bool = True
     solution: np.ndarray | None = field(default=None, repr=False, compare=False)
     gross: GrossCounts = field(default_factory=GrossCounts)
     instruments: tuple[InstrumentFault, ...] = ()

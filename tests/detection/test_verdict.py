@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from toy_engine import SENSORS, ToyEngine, toy_monitor, toy_recording
+import pytest
+from toy_engine import SENSORS, SIGMA, ToyEngine, toy_monitor, toy_recording
 
 from enginediag_cli.detection.lack_of_fit import LackOfFit
 from enginediag_cli.detection.verdict import FAULT, HEALTHY, NO_VERDICT, judge, lifeless
 from enginediag_cli.parameters import Parameter
+from enginediag_cli.residuals.gross_gate import GrossErrorGate
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.windows import plan_windows
 
@@ -17,6 +19,14 @@ from enginediag_cli.residuals.windows import plan_windows
 def judged(recording, monitor=None):
     (window,) = window_statistics(monitor or toy_monitor(), [recording], plan_windows(None))
     return judge(window)
+
+
+def checked(recording):
+    """The verdict on each flight of a recording, gross errors rejected first."""
+    monitor = toy_monitor()
+    gate = GrossErrorGate(monitor)
+    windows = list(window_statistics(monitor, gate.clean([recording]), plan_windows(None)))
+    return [judge(gate.judged(window), monitor=monitor) for window in windows]
 
 
 def recording(seed=1, **options):
@@ -73,3 +83,35 @@ def test_leaving_out_what_tells_nothing_changes_no_test():
     (window,) = window_statistics(monitor, [there], plan_windows(None))
     kept = judge(replace(window, silent=()))
     assert abs(judge(window).test.statistic - kept.test.statistic) < 1e-9
+
+
+def spoilt(n, row, column, factor, **options):
+    """n records of which one cell is wrong by a factor."""
+    found = toy_recording(np.random.default_rng(2), n, **options)
+    values = found.columns[column].copy()
+    values[row] *= factor
+    return found.with_columns({column: values})
+
+
+@pytest.mark.parametrize("column", [SENSORS[0], SENSORS[3], "Wf_kg_s"])
+@pytest.mark.parametrize("n", [1, 3])
+def test_one_gross_reading_makes_no_alarm_of_records_that_have_no_neighbours(column, n):
+    recording = spoilt(n, 0, column, 1.1)
+    (window,) = window_statistics(toy_monitor(), [recording], plan_windows(None))
+    assert judge(window).verdict == FAULT  # as it is read
+    (found,) = checked(recording)
+    assert found.verdict == NO_VERDICT
+    assert "one channel decides: without " in found.reason
+    assert n > 1 or column in found.reason  # of which, several records may leave open
+
+
+def test_a_fault_that_several_sensors_show_is_one_in_a_single_record_too():
+    (found,) = checked(toy_recording(np.random.default_rng(3), 1, change={"hpc.efficiency": -0.08}))
+    assert found.verdict == FAULT
+
+
+def test_flights_of_one_record_are_each_others_neighbours():
+    shift = np.zeros(5)
+    shift[1] = 12 * SIGMA[1]
+    found = checked(toy_recording(np.random.default_rng(4), 1, flights=8, shift=shift))
+    assert {v.verdict for v in found} == {FAULT}  # what is so in every flight is no gross error

@@ -70,7 +70,7 @@ def _detected(question: Question, left_out: list[str]) -> Iterator[Row]:
     # whether anything has changed does not depend on what wrong slopes of maps would make of the change
     files.economy = Economy(replace(question.monitor, slopes=None))
     for window, _ in each(files.windows(), "windows judged"):
-        row = detection_row(judge(window, question.false_alarm), True)
+        row = detection_row(judge(window, question.false_alarm, monitor=question.monitor), True)
         yield Row(row, _place(window))
     for left in files.intake.left_out:
         left_out += left_out_lines(left)
