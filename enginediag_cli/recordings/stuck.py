@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,13 +16,16 @@ END_OF_SCALE = 1e-3
 @dataclass(frozen=True)
 class StuckRun:
     """Identical readings of a column that should have moved: their value in the column's unit, the lines of the first
-    and the last of them in the file, and how many they are."""
+    and the last of them in the file, and how many they are. opens, closes: it begins with the first, ends with the last
+    reading of the piece of the file in which it was found, and so may go on before or after it."""
 
     column: str
     value: float
     first_line: int
     last_line: int
     records: int
+    opens: bool = field(default=False, compare=False)
+    closes: bool = field(default=False, compare=False)
 
     def within(self, first_line: int, last_line: int) -> bool:
         """Whether some of it lies in these lines."""
@@ -34,10 +37,12 @@ def stuck_runs(column: str, values: np.ndarray, line: np.ndarray, mask: np.ndarr
     rows = np.flatnonzero(mask)
     if not rows.size:
         return
-    new = np.flatnonzero(np.r_[True, values[rows][1:] != values[rows][:-1]])
+    others = np.cumsum(np.isfinite(values) & ~mask)  # readings that are not stuck, up to each record
+    new = np.flatnonzero(np.r_[True, (np.diff(values[rows]) != 0.0) | (np.diff(others[rows]) > 0)])
     for first, stop in zip(new, np.r_[new[1:], rows.size], strict=True):
         own = rows[first:stop]
-        yield StuckRun(column, float(values[own[0]]), int(line[own[0]]), int(line[own[-1]]), len(own))
+        opens, closes = bool(others[own[0]] == 0), bool(others[own[-1]] == others[-1])
+        yield StuckRun(column, float(values[own[0]]), int(line[own[0]]), int(line[own[-1]]), len(own), opens, closes)
 
 
 def same_runs(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
@@ -50,9 +55,10 @@ def joined_runs(known: list[StuckRun], more: Iterator[StuckRun]) -> None:
     """Add runs to those that are known, in order; one that goes on from a block to the next stays one."""
     for run in more:
         before = next((k for k in range(len(known) - 1, -1, -1) if known[k].column == run.column), None)
-        if before is not None and known[before].value == run.value:
+        if before is not None and known[before].value == run.value and known[before].closes and run.opens:
             old = known[before]
-            known[before] = replace(old, last_line=run.last_line, records=old.records + run.records)
+            records = old.records + run.records
+            known[before] = replace(old, last_line=run.last_line, records=records, closes=run.closes)
         else:
             known.append(run)
 

@@ -15,7 +15,7 @@ import csv
 import json
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -55,6 +55,8 @@ class Table:
 
     def __init__(self, names: Row, rows: list[Row]):
         self.names, self.rows = names, rows
+        self.dead: dict[str, str] = {}
+        """Flight → the parameter of a sensor that is stuck in it, which is at fault, too."""
 
     @classmethod
     def read(cls, path: Path) -> Table:
@@ -146,6 +148,7 @@ def dead(table: Table, sizes: Sizes, rng: np.random.Generator) -> Table:
     found = table.copy()
     for rows in table.flights():
         column, first = str(rng.choice(sizes.sensors)), int(rng.integers(0, len(rows) // 2))
+        found.dead[table.rows[rows[0]][table.names.index("flight")]] = f"sensor.{column.rsplit('_', 1)[0]}.stuck"
         text = str(rng.choice(["0", "999", table.rows[rows[first]][table.names.index(column)]]))
         for i in rows[first:]:
             found.put(i, column, text)
@@ -218,14 +221,15 @@ def faulty(engine: str, monitor: Monitor, folder: Path, n: int, seed: int) -> tu
     return Table(tables[0].names, [row for table in tables for row in table.rows]), truth
 
 
-def exact(nominal: Path, path: Path, truth: Sequence[str]) -> int:
-    """Flights of which the parameter at fault is named, and nothing else."""
+def exact(nominal: Path, path: Path, truth: Sequence[str], dead: Mapping[str, str]) -> int:
+    """Flights of which the parameter at fault is named, and nothing else, save a dead sensor by its flight."""
     out = path.with_suffix(".out.json")
     run("isolate", "-n", nominal, path, "--format", "json", "-o", out, accepted=(0, 3))
     document = json.loads(out.read_text(encoding="utf-8"))
     rows = document["rows"] if isinstance(document, dict) else document
     named = {str(r["flight"]): list(r.get("isolated") or ()) for r in rows}
-    return sum(named.get(str(k + 1)) == [name] for k, name in enumerate(truth))
+    expected = {str(k + 1): name for k, name in enumerate(truth)}
+    return sum([n for n in named.get(f, ()) if n != dead.get(f)] == [name] for f, name in expected.items())
 
 
 @contextmanager
@@ -289,7 +293,7 @@ def measured(engine: str, seed: int, flights: int, faults: int) -> Iterator[dict
         for (kind, table), (_, spoilt) in both:
             row: dict[str, object] = {"engine": engine, "seed": seed, "data": kind}
             row |= false_alarms(nominal, table.write(folder / "h.csv"))
-            row |= {"faults": faults, "exact": exact(nominal, spoilt.write(folder / "w.csv"), truth)}
+            row |= {"faults": faults, "exact": exact(nominal, spoilt.write(folder / "w.csv"), truth, spoilt.dead)}
             yield row
         paths = healthy.write(folder / "h.csv"), wrong.write(folder / "w.csv")
         yield {"engine": engine, "seed": seed, "data": "cost on clean data", **cost(nominal, *paths)}

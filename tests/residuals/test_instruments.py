@@ -150,11 +150,12 @@ def test_an_input_is_stuck_where_the_readings_move_as_its_error_would_make_them(
 
 
 def test_runs_are_the_same_in_one_piece_and_in_blocks():
-    x = np.array([1.0, 5, 5, 5, 5, 2, 7, 7, 7])
-    mask, line = np.array([0, 1, 1, 1, 1, 0, 1, 1, 1], bool), np.arange(10, 19)
+    x = np.array([1.0, 5, 5, 5, 5, 2, 7, np.nan, 7, 7, 3, 7, 7])
+    mask, line = np.array([0, 1, 1, 1, 1, 0, 1, 0, 1, 1, 0, 1, 1], bool), np.arange(10, 23)
     whole = list(stuck_runs("T", x, line, mask))
-    assert whole == [StuckRun("T", 5.0, 11, 14, 4), StuckRun("T", 7.0, 16, 18, 3)]
-    for cut in range(1, 9):
+    again = StuckRun("T", 7.0, 21, 22, 2)  # the same value, but it has moved between
+    assert whole == [StuckRun("T", 5.0, 11, 14, 4), StuckRun("T", 7.0, 16, 19, 3), again]
+    for cut in range(1, 13):
         known: list[StuckRun] = []
         for part in (slice(0, cut), slice(cut, None)):
             joined_runs(known, stuck_runs("T", x[part], line[part], mask[part]))
