@@ -181,6 +181,10 @@ def held_readings(
     return masks, min((k[c] for c in columns if c not in inputs), default=1)
 
 
+STUCK = 20
+"""Repeats in a row from which a channel is stuck, and not rounded: as many as the search of whole files asks for."""
+
+
 @dataclass
 class HeldWatch:
     """The causal part, for a recording that is still being written. A reading that repeats the one before is held
@@ -189,8 +193,8 @@ class HeldWatch:
     """
 
     _last: dict[str, float] = field(default_factory=dict)
-    # changes, those a record after another, and runs of repeats that began
-    _runs: dict[str, tuple[int, int, int]] = field(default_factory=dict)
+    # changes, those a record after another, runs of repeats that began, and how long the present one is
+    _runs: dict[str, tuple[int, int, int, int]] = field(default_factory=dict)
     _changed: dict[str, bool] = field(default_factory=dict)
 
     def add(self, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -206,9 +210,12 @@ class HeldWatch:
             changed = ~same & np.isfinite(columns[column])
             twice = changed & np.r_[self._changed.get(column, False), changed[:-1]]
             begun = same & np.r_[self._changed.get(column, False), changed[:-1]]
-            changes, lone, repeats = self._runs.get(column, (0, 0, 0))
+            changes, lone, repeats, run = self._runs.get(column, (0, 0, 0, 0))
             changes, lone, repeats = changes + int(changed.sum()), lone + int(twice.sum()), repeats + int(begun.sum())
-            self._runs[column] = changes, lone, repeats
+            at = np.arange(len(same))
+            lasts = at - np.maximum.accumulate(np.where(same, -1 - run, at)) if len(same) else at
+            repeats -= int(np.sum(same & (lasts == STUCK)))  # it is stuck: that makes no channel a rounded one
+            self._runs[column] = changes, lone, repeats, int(lasts[-1]) if len(same) else run
             if len(changed):
                 self._changed[column] = bool(changed[-1])
             held = lone <= LONE_LIVE * changes or repeats <= max(1.0, RARE * changes)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.recordings.masking import Judged, LiveMasker, mask_recording
-from enginediag_cli.recordings.repeated import held_for
+from enginediag_cli.recordings.repeated import HeldWatch, held_for
 from enginediag_cli.recordings.table import Recording
 
 N = 600
@@ -103,3 +103,19 @@ def test_a_sensor_that_dies_is_seen_while_it_is_written(value):
     assert sum(readings(p, "T45_K") for p in parts) <= 301
     clean, _ = mask_recording(whole.with_columns({"T45_K": dead}), JUDGED)
     assert readings(clean, "T45_K") <= 301
+
+
+@pytest.mark.parametrize("block", [1, 7, 400])
+def test_a_live_channel_that_was_stuck_several_times_is_not_rounded(block):
+    rng = np.random.default_rng(5)
+    x, other = rng.standard_normal((2, 400))
+    stuck = np.zeros(400, bool)
+    for first in (50, 150, 250, 350):
+        x[first : first + 40] = x[first - 1]
+        stuck[first : first + 40] = True
+    watch, masks = HeldWatch(), []
+    for i in range(0, 400, block):
+        found = watch.add({"x": x[i : i + block], "other": other[i : i + block]})
+        assert "other" not in found
+        masks.append(found.get("x", np.zeros(len(x[i : i + block]), bool)))
+    assert np.array_equal(np.concatenate(masks), stuck)
