@@ -30,11 +30,14 @@ from enginediag_cli.fleet_judgement.margin import MarginScale, margin_scale
 from enginediag_cli.fleet_judgement.rows import Flights, compressors_of, event_number, flights_of, renewed
 from enginediag_cli.fleet_judgement.thorough import by_story, chances, isolated
 from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.isolation.prior import SetPrior
+from enginediag_cli.isolation.story import Story
 
 BELIEVED = 0.1
 """Probability beforehand that an engine has changed, where its probability to have is asked for. Judgement."""
 SUSPECTED = 0.5
-"""Probability from which an instrument is taken for the one that changed, so that no health is read from it."""
+"""Probability from which an instrument is taken for the one that changed, so that no health is read from it, and from
+which what changed is not listed."""
 LAST = 10
 """Flights at the end that say what an engine has come to, for what a fleet has in common."""
 PLAUSIBLE = 2.0
@@ -91,24 +94,59 @@ def judged_engine(
         health = by_story(health, story, current)
     if earlier:
         health = tuple(_counted_from(row, earlier) for row in health)
+    unlisted, why = _unlisted(found, health, story)
+    if why:
+        health = tuple(_of_none(row, 1.0 - unlisted) for row in health)
+        reason = "; ".join(filter(None, [reason, why]))
+    severity = Estimate() if why else severity_of(used, found.course)
     return replace(
         nothing,
         verdict=verdict,
         reason=reason,
+        unlisted=unlisted,
         log10_e=float(path.log_e[-1] / np.log(10)),
         since=best + earlier if best else 0,
         since_low=low + earlier if best else 0,
         since_high=high + earlier if best else 0,
         since_flight=current.stretches[best - 1].window.flight if best else "",
-        severity=severity_of(used, found.course),
+        severity=severity,
         severity_unit="K" if used.margin.column else "sigma",
         health=health,
         by_flight=_by_flight(found, used, settings, current, earlier, verdict),
         events=_events(found, used, history, earlier),
-        margin=used.margin,
+        margin=replace(used.margin, consumed_K=Estimate(), now_K=Estimate(), remaining_flights=Estimate(), reason=why)
+        if why
+        else used.margin,
         state=_state(found),
         moved=_moved(flights, found.course, history),
     )
+
+
+def _unlisted(found: _Judged, health: Sequence[HealthRow], story: Story | None) -> tuple[float, str]:
+    """Probability that what changed is something that is not among the suspects, NaN where nothing was isolated, and
+    why nothing is named, "" where something listed is likelier. A change that is named, or certain, and beyond what a
+    component or an instrument can do is none that is listed."""
+    unlisted = float("nan") if story is None else story.unlisted
+    flights = found.flights
+    low, high = SetPrior().bounds(flights.described)
+    size = {p.name: k for k, p in enumerate(flights.described)}
+    for row in health:
+        k = size[row.parameter]
+        at, least, most = np.array([row.change.value, row.change.low, row.change.high]) / flights.readings.D[k]
+        named = row.onset and row.probability >= SUSPECTED
+        if (named and (at < low[k] or at > high[k])) or least > high[k] or most < low[k]:
+            what = "an instrument" if flights.described[k].of_instrument else "a component"
+            why = f"it would take a change of {row.words} outside what {what} can do: check units and engine file"
+            return np.fmax(row.probability, unlisted) if named else unlisted, f"cannot tell what changed: {why}"
+    if unlisted >= SUSPECTED:
+        return unlisted, "cannot tell what changed: something that is not among the suspects"
+    return unlisted, ""
+
+
+def _of_none(row: HealthRow, listed: float) -> HealthRow:
+    """The row where it is not among what is listed, with the probability that it is."""
+    told = replace(row, kind="steady", probability=listed * row.probability, onset=0, onset_low=0, onset_high=0)
+    return replace(told, onset_flight="", rate_per_flight=Estimate())
 
 
 def _inclusion(path: EPath, members: Sequence[tuple[int, ...]]) -> dict[int, float]:

@@ -117,6 +117,7 @@ class EngineFinding:
     `reason`; log10_e: of the sequential test at the end of its data; discovery: whether the fleet's list holds it;
     since: number of the first changed flight, from 1, with its 95 % interval, 0 where nothing is found; severity: how
     far it has gone towards its limit, in `severity_unit` ("K" of the margin, or "sigma", prior standard deviations);
+    unlisted: probability that what changed is something that is not among the suspects, NaN where it was not asked;
     moved: what each of the events did, None where that is not known."""
 
     serial: str
@@ -133,6 +134,7 @@ class EngineFinding:
     since_flight: str = ""
     severity: Estimate = Estimate()
     severity_unit: str = ""
+    unlisted: float = nan
     health: Sequence[HealthRow] = ()
     by_flight: Sequence[FlightRow] = ()
     events: Sequence[EventRow] = ()

@@ -67,7 +67,7 @@ def learnt_limit(failed: Sequence[EngineFinding]) -> tuple[float, float]:
     courses = [c for f in failed if (c := course_of(f)) is not None]
     if len(courses) < LIVES:
         raise ValueError(f"a limit is learnt from {LIVES} lives at least, and {len(courses)} can be followed")
-    reference = float(np.median([f.severity.value for f in failed]))
+    reference = float(np.nanmedian([f.severity.value for f in failed]))
     fits = [fitted(c, reference) for c in courses]
     return limit_from(*ends_of(fits, learnt(fits)))
 

@@ -238,7 +238,7 @@ class Search:
 def slabs_of(suspects: Suspects, group: int, slabs: Sequence[float]) -> list[float]:
     """Sizes of a change of one group, in prior standard deviations, each as probable as the others."""
     found = [min(slab, OF_INSTRUMENTS) for slab in slabs] if suspects.instrument[group] else [*slabs]
-    return found + ([FAILED] if all(suspects.described[i].of_sensor for i in suspects.groups[group]) else [])
+    return found + ([FAILED] if suspects.instrument[group] else [])
 
 
 def _gain(b: np.ndarray, S: np.ndarray, size: np.ndarray) -> np.ndarray:

@@ -44,6 +44,7 @@ def engine_rows(result: FleetResult) -> Iterator[dict[str, Any]]:
             "since_high": x.since_high or None,
             "since_flight": x.since_flight,
             "log10_e": x.log10_e,
+            "unlisted": x.unlisted,
             "changed": [row.parameter for row in _changed(x)],
             "margin_column": margin.column,
             **_estimate("margin_K", margin.now_K),

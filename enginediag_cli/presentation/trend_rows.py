@@ -105,7 +105,8 @@ def component_rows(engine: str, story: Story, series: Series) -> Iterator[dict[s
         }
         yield EVENTS.row(told)
     if not story.events:
-        steady = 1 - max(story.inclusion.values(), default=0.0)
+        # flights that differ for certain leave nothing to that
+        steady = max(1 - story.unlisted - max(story.inclusion.values(), default=0.0), 0.0) * (not story.departures)
         rivals = [f"{m.component} ({m.probability:.2g})" for m in story.undecided.members] if story.undecided else []
         yield EVENTS.row({**head, "components": [], "probability": steady, "rivals": rivals})
 

@@ -72,6 +72,16 @@ def test_an_instrument_that_fails_uses_no_margin():
     assert abs(found.severity.value) < 6.0 < 6 * 7.5  # K; it reads 45 K too high
 
 
+@pytest.mark.parametrize("thorough", [True, False])
+def test_a_change_that_no_component_shows_is_named_by_nothing_and_takes_no_margin(thorough):
+    """As of a column in another unit: an HPC that lost half of its efficiency does not run."""
+    change = lost(60, {"hpc.efficiency": -25.0}, np.arange(60) >= 40)
+    found = judged(engine_history(np.random.default_rng(9), "I", 60, change), FleetSettings(thorough=thorough))
+    assert found.verdict == CHANGED and "check units and engine file" in found.reason
+    assert np.isnan(found.severity.value) and np.isnan(found.margin.now_K.value)
+    assert not any(r.onset for r in found.health) and all(r.probability < 0.5 for r in found.health)
+
+
 def test_what_a_wash_brought_is_told_and_is_no_change():
     course = np.where(
         np.arange(140) < 80, np.clip((np.arange(140) - 20) / 60, 0, 1), np.clip((np.arange(140) - 80) / 60, 0, 1)
