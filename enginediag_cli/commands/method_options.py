@@ -148,25 +148,31 @@ def detect_by_method(
     from enginediag_cli.presentation.method_rows import method_row
     from enginediag_cli.presentation.outputs.detect import BY_METHOD
     from enginediag_cli.recordings.provenance import header_lines
+    from enginediag_cli.residuals.gross_gate import GrossErrorGate
 
     monitor, intake, plan = files.monitor, files.intake, files.judging.plan
     assert monitor is not None
     method, healthy = rival.chosen(files.judging.linearise), None
     if method.learns:
         learnt = open_intake(replace(intake.source, files=rival.healthy), monitor)
-        healthy = learnt_windows(monitor, learnt.chunks(), plan)
+        gate = GrossErrorGate(monitor)
+        healthy = learnt_windows(monitor, gate.clean(learnt.chunks()), plan)
+        gate.report(learnt.left_out)
         tell_left_out(messages, learnt.left_out)
     fitted: FittedMethod = method.train(monitor, healthy)
     tally: Counter[str] = Counter()
+    judged = GrossErrorGate(monitor)
 
     def rows() -> Iterator[dict[str, Any]]:
         found: WindowVerdict
-        for found in judged_windows(fitted, recorded_windows(monitor, intake.chunks(), plan), false_alarm):
+        recordings = judged.clean(intake.chunks())
+        for found in judged_windows(fitted, recorded_windows(monitor, recordings, plan), false_alarm):
             tally[found.verdict] += 1
             place = found.window.place
             files.counts.update(outside=place.outside, incomplete=place.incomplete)
             files.elsewhere.update(place.elsewhere)
             yield method_row(found, method)
+        judged.report(intake.left_out)
 
     every = rows()
     first = next(every, None)

@@ -130,10 +130,11 @@ class GrossErrorGate:
     def report(self, left_out: Iterable[LeftOut]) -> None:
         """Add what was rejected to what was left out of each engine; all of `left_out` are of files that came by their
         whole names, or of the one file that came."""
-        files = {source for source, _ in self._total}
+        left_out = list(left_out)
+        alone = len({source for source, _ in self._total}) == len({left.file for left in left_out}) == 1
         for left in left_out:
             for (source, engine), counts in self._total.items():
-                if (source == left.file or len(files) == 1) and left.engine in ("", engine):
+                if (source == left.file or alone) and left.engine in ("", engine):
                     left.gross = left.gross + counts
             for (source, engine), runs in self._stuck.items():
                 if source == left.file and left.engine in ("", engine):

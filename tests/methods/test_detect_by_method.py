@@ -165,3 +165,17 @@ def test_too_little_to_learn_from_says_what_is_needed(run, none):
 def test_names_of_methods_complete():
     words = ShellComplete(detect, {}, "detect", "_X").get_completions(["--method"], "pca")
     assert [w.value for w in words] == ["pca_raw", "pca_corrected"]
+
+
+def test_gross_errors_are_rejected_before_any_method_judges(files, run):
+    table = list(csv.reader(io.StringIO((files / "healthy.csv").read_text())))
+    rows = [k for k, row in enumerate(table) if row and not row[0].startswith("#")][1:]
+    head = table[rows[0] - 1]
+    for k, column in ((30, "T45_K"), (77, "T3_K")):
+        j = head.index(column)
+        table[rows[k]][j] = str(float(table[rows[k]][j]) + 40.0)
+    with open(files / "spoilt.csv", "w", newline="") as stream:
+        csv.writer(stream).writerows(table)
+    code, (row,), err = run("spoilt.csv", "--method", "parity")
+    assert (code, row["verdict"]) == (0, "healthy")
+    assert "gross error" in err
