@@ -56,7 +56,7 @@ right file, changes that are none of its mistakes bring a little."""
 APART = 2.0
 """Log odds by which a mistake must be likelier than the next that would change the recording otherwise: 7 to 1."""
 SHOWN = 2
-"""Names of what a column may hold instead, where they cannot be separated: the likeliest."""
+"""Names of one change of a column that are shown; of changes that cannot be separated all are."""
 ALIKE = 0.03
 """Relative difference of the changed columns up to which two mistakes are the same change under two names: units a few
 per cent apart (bar and atm) are one."""
@@ -279,9 +279,10 @@ def _best(tried: Sequence[Trial], origin: Origin, columns: Columns) -> tuple[Tri
     rivals = [m for m in close if m not in same]
     if any(m.column != best.mistake.column or m.kind == "swapped" for m in rivals):
         return None, [best.mistake, *rivals]
-    names = [best.mistake, *rivals, *same][:SHOWN]
+    names = [best.mistake, *rivals, *same[: max(0, SHOWN - 1 - len(rivals))]]
     words = " or ".join([names[0].words, *(m.words.removeprefix(origin.name(m.column) + " ") for m in names[1:])])
-    return replace(best, mistake=replace(best.mistake, words=words)), []
+    hint = ", or ".join(dict.fromkeys(m.hint for m in (best.mistake, *rivals)))
+    return replace(best, mistake=replace(best.mistake, words=words, hint=hint)), []
 
 
 def _same(one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]) -> bool:
