@@ -103,6 +103,15 @@ class Misfit:
 
 
 @dataclass(frozen=True)
+class Answer:
+    """Predictions y (K, m), sensitivities (K, m, p), and whether they could be computed (K,)."""
+
+    y: np.ndarray
+    jacobian: np.ndarray
+    ok: np.ndarray
+
+
+@dataclass(frozen=True)
 class Yardstick:
     """What recordings are compared with: a model, `values` of its parameters where the engine is expected, parameters
     `names` in which engines differ, by `spread` (p,), `sensors` with the `noise` of a reading (m,) in their units, and
@@ -127,6 +136,19 @@ class Yardstick:
         inputs = inputs_of(self.engine, columns)
         here = {**self.values, **(values or {})}
         return self.engine.predict(inputs, here, sensors=self.sensors, wrt=self.names, walk=False)  # type: ignore[call-arg]
+
+    def answers(self, several: Sequence[Columns]) -> list[Answer]:
+        """The predictions for each of several recordings, computed at once: many short ones cost their calls."""
+        sizes = [len(next(iter(columns.values()))) for columns in several]
+        if not sizes:
+            return []
+        names = [c for c in self.given if any(c in columns for columns in several)]
+        missing = [np.full(size, np.nan) for size in sizes]
+        whole = {c: np.concatenate([x.get(c, nan) for x, nan in zip(several, missing, strict=True)]) for c in names}
+        found = self.answer(whole)
+        ends = np.cumsum(sizes)[:-1]
+        parts = (np.split(np.asarray(each), ends) for each in (found.y, found.jacobian, found.ok))
+        return [Answer(*part) for part in zip(*parts, strict=True)]
 
     def misfit(
         self, columns: Columns, steps: int = 2, values: Mapping[str, float] | None = None, answer: Any = None
@@ -259,9 +281,14 @@ def _factor(left: np.ndarray, there: np.ndarray) -> np.ndarray:
 
 
 def _median(values: np.ndarray) -> np.ndarray:
-    """Of each column (K, m), NaN where it is empty."""
-    empty = ~np.isfinite(values).any(axis=0)
-    return np.where(empty, np.nan, np.nanmedian(np.where(empty, 0.0, values), axis=0))
+    """Of each column (K, m), NaN where it is empty. np.nanmedian takes thirty times as long for a few records."""
+    ordered, count = np.sort(values, axis=0), np.isfinite(values).sum(axis=0)
+    if not len(values):
+        return np.full(values.shape[1], np.nan)
+    column = np.arange(values.shape[1])
+    below = ordered[np.maximum(count - 1, 0) // 2, column]
+    above = ordered[np.minimum(count // 2, len(values) - 1), column]
+    return np.where(count > 0, (below + above) / 2, np.nan)
 
 
 def yardstick_of_engine(engine: Engine) -> Yardstick:

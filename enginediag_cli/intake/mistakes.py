@@ -409,13 +409,19 @@ def trials(yardstick: Yardstick, origin: Origin, columns: Columns, as_read: Misf
     known = yardstick.answer(sample)
     read = set(yardstick.misfit(sample, 1, answer=known).sensors)
     inputs = [c for c in yardstick.given if c in columns]
-    first: list[tuple[float, Mistake]] = []
+    tried: list[tuple[Mistake, Columns]] = []
+    elsewhere: list[int] = []
     for mistake in mistakes(origin, sample, yardstick.sensors):
         changed = origin.derived(sample, mistake.change(sample))
         same = not mistake.values and all(np.array_equal(changed[c], sample[c]) for c in inputs)
-        if not same and not _flown(origin.engine, changed):
-            continue
-        found = yardstick.misfit(changed, 1, mistake.values, known if same else None)
+        if same or _flown(origin.engine, changed):
+            elsewhere += [] if same or mistake.values else [len(tried)]
+            tried.append((mistake, changed))
+    answers = dict(zip(elsewhere, yardstick.answers([tried[k][1] for k in elsewhere]), strict=True))
+    first: list[tuple[float, Mistake]] = []
+    for k, (mistake, columns_then) in enumerate(tried):
+        answer = None if mistake.values else answers.get(k, known)
+        found = yardstick.misfit(columns_then, 1, mistake.values, answer)
         if not read <= set(found.sensors):
             continue
         first.append((found.log_likelihood + mistake.prior, mistake))
@@ -455,7 +461,7 @@ def factor_trial(yardstick: Yardstick, origin: Origin, columns: Columns, as_read
     few = np.unique(np.linspace(0, size - 1, min(SCREENED, size)).astype(int))
     sample = {c: v[few] for c, v in columns.items()}
     steps = np.geomspace(LEAST_FACTOR, LARGEST_FACTOR, FACTORS)
-    tried: list[tuple[float, Mistake]] = []
+    tried: list[tuple[Mistake, Columns]] = []
     before = dict(zip(as_read.sensors, as_read.before, strict=True))
     for column in origin.recorded(columns, yardstick.sensors):
         unit = known_unit(split_column(column)[1])
@@ -468,10 +474,12 @@ def factor_trial(yardstick: Yardstick, origin: Origin, columns: Columns, as_read
             mistake = _by_factor(origin, column, float(factor))
             changed = origin.derived(sample, mistake.change(sample))
             if _flown(origin.engine, changed):
-                tried.append((yardstick.misfit(changed, 1).log_likelihood, mistake))
+                tried.append((mistake, changed))
     if not tried:
         return None
-    mistake = max(tried, key=lambda one: one[0])[1]
+    answers = yardstick.answers([changed for _, changed in tried])
+    likely = [yardstick.misfit(c, 1, answer=a).log_likelihood for (_, c), a in zip(tried, answers, strict=True)]
+    mistake = tried[int(np.argmax(likely))][0]
     misfit = yardstick.misfit(origin.derived(columns, mistake.change(columns)), 3)
     return Trial(mistake, misfit, misfit.log_likelihood + mistake.prior - as_read.log_likelihood)
 

@@ -166,3 +166,15 @@ def test_a_gearbox_behind_its_turbine_is_called_so(tmp_path, capsys):
     path.write_text("".join(moved), encoding="utf-8")
     assert main(["check", str(path)]) == 2
     assert "must stand before turbine 'power_turbine', which drives it" in capsys.readouterr().err
+
+
+def test_short_recordings_are_predicted_together_as_each_by_itself(turbofan):
+    yardstick = yardstick_of_nominal(turbofan, {}, tuple(turbofan.sensors), np.ones(len(turbofan.sensors)))
+    columns = {"altitude_m": [1e3, 9e3], "mach": [0.3, 0.8], "dT_isa_K": [5.0, 0.0], "Wf_kg_s": [1.6, 0.8]}
+    one = {c: np.array(v) for c, v in columns.items()}
+    other = {c: v[:1] for c, v in one.items()} | {"Wf_kg_s": np.array([1.2])}
+    for alone, together in zip((one, other), yardstick.answers([one, other]), strict=True):
+        expected = yardstick.answer(alone)
+        np.testing.assert_allclose(together.y, expected.y, rtol=1e-9)
+        np.testing.assert_allclose(together.jacobian, expected.jacobian, rtol=1e-6, atol=1e-9)
+        assert together.ok.tolist() == list(expected.ok)
