@@ -227,3 +227,17 @@ def test_a_block_in_which_one_channel_alone_decides_says_so():
     reports, _ = disturbed(31, 5, 0, 5, shift=np.array([0.0, 0.0, 25.0, 0.0, 0.0]))
     assert "without T5_K there is no alarm" in reports[0].reason and not reports[0].alarm
     assert reports[-1].reason == ""
+
+
+@pytest.mark.parametrize("spoilt", [False, True])
+def test_a_flight_too_short_to_show_gross_errors_is_judged_at_its_end(spoilt):
+    flight = FlightMonitor(toy_monitor(), KEY, 0.01)
+    part = toy_recording(np.random.default_rng(32), 3, change={} if spoilt else {"hpc.efficiency": -0.08})
+    if spoilt:
+        part.columns["T3_K"][1] += 40.0
+    first = flight.add(part)
+    assert first.judged == 0 and not first.alarm
+    last = flight.finish()
+    assert last is not None and (last.records, last.judged) == (0, 3)
+    assert last.alarm is not spoilt
+    assert ("without T3_K" in last.reason) is spoilt
