@@ -168,7 +168,7 @@ def isolate_components(
     listed = 1.0 - adequacy.unlisted
     probabilities = listed * probabilities
     own, inclusion = float(probabilities[answer]), probabilities @ sets
-    count = min(int(np.searchsorted(np.cumsum(probabilities), options.coverage - 1e-12)) + 1, len(sets))
+    count = min(int(np.searchsorted(np.cumsum(probabilities), listed * options.coverage - 1e-12)) + 1, len(sets))
 
     def named(row: np.ndarray) -> tuple[str, ...]:
         return tuple(c for c, member in zip(components, row, strict=True) if member)
