@@ -106,13 +106,13 @@ def detect(
     per degree of freedom: near 1 when model and noise are right.
 
     With --follow, `log10_e` is the evidence that something has changed since the flight began, as a power of
-    ten; the alarm comes when it reaches 1/P of --false-alarm, at any time of the flight, and stays. Then `kind`
+    ten; the alarm comes when it reaches 1/P of --false-alarm, at any time of the flight, and stays. What one sensor or
+    input alone shows is an alarm once it has lasted longer than a gross error, 7 records or 10 minutes. Then `kind`
     says sudden fault, gradual deterioration, sensor jump, sensor drift, present from the start, or cannot tell,
     and onset_s since when, with its 95 % interval.
 
     With --method, another method judges each window: rows hold the statistic, threshold and p value of each of its
     tests, and what it names in `isolated`, which `isolated_kind` says are parameters of the engine or sensors.
-    Gross errors are not taken out of what it reads.
     """
     if rival:
         rival.check(rival.chosen(judging.linearise), compared.nominal, source.files)
