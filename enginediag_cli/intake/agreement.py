@@ -25,12 +25,12 @@ from enginediag_cli.intake.comparison import (
     yardstick_of_engine,
     yardstick_of_nominal,
 )
-from enginediag_cli.intake.mistakes import Mistake, Origin, Trial, factor_trial, other_engines, trials
 from enginediag_cli.recordings.flights import FlightNumbers
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
     from enginediag_cli.identification.nominal import Nominal
+    from enginediag_cli.intake.mistakes import Mistake, Origin, Trial
     from enginediag_cli.recordings.recorder import Recorder
     from enginediag_cli.recordings.table import Recording
 
@@ -173,7 +173,7 @@ class Agreement:
             return []
         named = recording.text.get("engine")
         place = (recording.source, engine or (named[0] if named and len(set(named)) == 1 else ""))
-        origin = Origin(self._engine, recorder, engine)
+        origin = recorder, engine
         if self.yardstick.identified or not search:
             near = NEAR if self.yardstick.identified else NEAR_GENERIC
             return self._by_flight(sample, self.yardstick, near, origin, place, search)
@@ -192,7 +192,7 @@ class Agreement:
         sample: _Sample,
         yardstick: Yardstick,
         near: float,
-        origin: Origin,
+        origin: tuple[Recorder | None, str],
         place: tuple[str, str],
         search: bool = True,
     ) -> list[Disagreement]:
@@ -210,7 +210,9 @@ class Agreement:
                 found.append(one)
         return found
 
-    def _mixture(self, sample: _Sample, origin: Origin, place: tuple[str, str]) -> list[Disagreement]:
+    def _mixture(
+        self, sample: _Sample, origin: tuple[Recorder | None, str], place: tuple[str, str]
+    ) -> list[Disagreement]:
         """Flights that fit by themselves show which of the others do not."""
         numbers = range(len(sample.labels))
         if not 1 < len(sample.labels) <= PER_FLIGHT * PER_FLIGHT:
@@ -227,7 +229,7 @@ class Agreement:
         sample: _Sample,
         rows: np.ndarray,
         as_read: Misfit,
-        origin: Origin,
+        origin: tuple[Recorder | None, str],
         place: tuple[str, str],
         yardstick: Yardstick | None = None,
         search: bool = True,
@@ -243,9 +245,12 @@ class Agreement:
         shown = Disagreement(*place, () if whole else tuple(labels), (int(lines.min()), int(lines.max())), as_read)
         if not search:
             return replace(shown, searched=False)
-        best, others = _best(trials(yardstick, origin, columns, as_read), origin, columns)
+        from enginediag_cli.intake.mistakes import Origin, factor_trial, trials  # right recordings need none
+
+        behind = Origin(self._engine, *origin)
+        best, others = _best(trials(yardstick, behind, columns, as_read), behind, columns)
         if (best is None and not others) or (best is not None and -best.misfit.log_likelihood > NAMED):
-            factor = factor_trial(yardstick, origin, columns, as_read)
+            factor = factor_trial(yardstick, behind, columns, as_read)
             if factor is not None and _enough(factor, OF_A_FACTOR):
                 best = factor if best is None or factor.gain >= best.gain + APART else best
         if best is not None:
@@ -253,12 +258,14 @@ class Agreement:
         if others:  # each is likely enough to be named, so that the recording as it was read is not
             return replace(shown, others=tuple(m.words for m in others))
         if _worlds_apart(as_read) and whole:
-            return replace(shown, trial=_other_engine(origin, columns, as_read))
+            return replace(shown, trial=_other_engine(behind, columns, as_read))
         return None
 
 
 def _other_engine(origin: Origin, columns: Columns, as_read: Misfit) -> Trial | None:
     """The shipped engine that it is of, if one alone fits it as right files fit."""
+    from enginediag_cli.intake.mistakes import Trial, other_engines
+
     fitting = [(m, misfit) for m, misfit in other_engines(origin, columns, as_read) if _fits(misfit)]
     fitting.sort(key=lambda one: -one[1].log_likelihood)
     if not fitting or (len(fitting) > 1 and fitting[1][1].log_likelihood > fitting[0][1].log_likelihood - APART):

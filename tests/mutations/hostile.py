@@ -177,12 +177,11 @@ def wide_table(folder: Path, rng: np.random.Generator) -> Hostile:
 
 @maker
 def many_flights(folder: Path, rng: np.random.Generator) -> Hostile:
-    lines = [x for x in (folder / "flights.csv").read_text().splitlines() if not x.startswith("#")]
-    column = pick(rng, ("flight", "engine"))
-    head = lines[0].replace("flight", column)
-    rows = [x.split(",", 1)[1] for x in lines[1:]]
-    assert "flight," in lines[0]
-    text = "\n".join(f"L{k},{rows[k % len(rows)]}" for k in range(3_000))
+    lines = [x.split(",") for x in (folder / "flights.csv").read_text().splitlines() if not x.startswith("#")]
+    place, column = lines[0].index("flight"), pick(rng, ("flight", "engine"))
+    rows = [row[:place] + row[place + 1 :] for row in lines[1:]]
+    head = ",".join([str(column), *lines[0][:place], *lines[0][place + 1 :]])
+    text = "\n".join(f"L{k},{','.join(rows[k % len(rows)])}" for k in range(3_000))
     (folder / "many.csv").write_text(f"{head}\n{text}\n")
     return judging(rng, "many.csv", name=f"3,000 of column {column}")
 
