@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from enginediag_cli.identification.nominal import Nominal
     from enginediag_cli.recordings.recorder import Recorder
 
+MOST_CHECKED = 300_000
+"""Records that are looked over, from the first on: half a kilobyte each in memory. What is wrong shows there."""
 BEYOND = 0.5
 """Share of the range seen, beyond its ends, from which an input's median is doubted to be in its unit."""
 
@@ -70,7 +72,7 @@ class Accepted:
     """What is known of one `file`, and one `engine` of it where they are told apart. text: columns of text; units:
     doubts by what readings usually are, where there is no engine to compare them with; wrong: why it cannot be of the
     engine, or in these units; coverage: None without an engine;
-    refused: why the recorder kept no record at all."""
+    refused: why the recorder kept no record at all; goes_on: there are more records than were looked over."""
 
     file: str
     engine: str
@@ -82,6 +84,7 @@ class Accepted:
     wrong: tuple[Disagreement, ...] = ()
     coverage: Coverage | None = None
     refused: str = ""
+    goes_on: bool = False
 
     @property
     def lacks(self) -> tuple[str, ...]:
@@ -144,15 +147,25 @@ def accepted(file: str, against: Against) -> Iterator[Accepted]:
     wanted = against.wanted
     left, counts = LeftOut(file), ReadingCounts()
     chunks = read(file, declared=wanted.declared if wanted else (), chunk_records=CHUNK, counts=counts)
-    raw = concat(list(of_engine(chunks, against.instance)))
+    raw, goes_on = _looked_over(of_engine(chunks, against.instance))
     left.reading = counts
     if wanted is None:
-        yield _held(file, against, accept(raw), raw, None, left)
+        yield replace(_held(file, against, accept(raw), raw, None, left), goes_on=goes_on)
         return
     judged = judged_columns(wanted, raw)
     found = accept(raw, wanted.given, wanted.sensors, against.switches, judged)
     clean, _ = mask_recording(raw, judged)
-    yield _held(file, against, _without_optional(found, wanted), raw, clean, left)
+    yield replace(_held(file, against, _without_optional(found, wanted), raw, clean, left), goes_on=goes_on)
+
+
+def _looked_over(chunks: Iterator[Recording]) -> tuple[Recording, bool]:
+    """The first `MOST_CHECKED` records, and whether there are more."""
+    held: list[Recording] = []
+    for chunk in chunks:
+        held.append(chunk)
+        if sum(map(len, held)) > MOST_CHECKED:
+            return concat(held).select(slice(0, MOST_CHECKED)), True
+    return concat(held), False
 
 
 def _without_optional(found: Acceptance, wanted: Wanted | None) -> Acceptance:
@@ -165,7 +178,7 @@ def _mapped(file: str, against: Against, recorder: Recorder) -> Iterator[Accepte
     wanted = against.wanted
     given = wanted.given if wanted is not None else ()
     counts = ReadingCounts()
-    raw = concat(list(recorder.chunks(file, counts=counts)))
+    raw, goes_on = _looked_over(recorder.chunks(file, counts=counts))
     for name in engines_wanted(recorder.engines, against.instance, file, fleet=True):
         one = replace(recorder, engines={name: recorder.engines[name]})
         whole = one.derive(Conversion(one, name).add(raw, end=True))
@@ -186,7 +199,8 @@ def _mapped(file: str, against: Against, recorder: Recorder) -> Iterator[Accepte
             kept, left.gate = mapped.recording, mapped.gate
         if against.instance and name != against.instance:
             kept = kept.select(named_rows(kept, against.instance))
-        yield replace(_held(file, against, _without_optional(found, wanted), whole, kept, left), refused=refused)
+        report = _held(file, against, _without_optional(found, wanted), whole, kept, left)
+        yield replace(report, refused=refused, goes_on=goes_on)
 
 
 def _held(

@@ -99,6 +99,9 @@ def remarks(report: Accepted) -> Iterator[Remark]:
 
 def _columns(report: Accepted) -> Iterator[Remark]:
     acceptance, wanted = report.acceptance, report.wanted
+    if report.goes_on:
+        what = f"the first {acceptance.records:,} records were looked over; the file goes on"
+        yield Remark(NOTE, "recording", what, count=acceptance.records)
     if not acceptance.records:
         yield Remark(PROBLEM, "recording", "there is no record", count=0)
     if not acceptance.numeric:

@@ -1,10 +1,11 @@
 """How much memory commands take as a recording grows: peak resident set of each; prints JSON.
 
-    python tests/benchmarks/memory.py [--lengths 10000,100000] [--commands detect,isolate] [--table]
+    python tests/benchmarks/memory.py [--lengths 10000,100000] [--commands detect,isolate] [--series 2000] [--table]
 
 One flight of the turbofan once in 0.2 s, with the default error model, in a file of so many records, judged by a
 nominal that was identified from four flights at 60 s: windows are whole flights, the worst case. `parquet` judges the
-same file as Parquet. Two million records take `detect` half an hour of one core. `--table` prints the table of
+same file as Parquet. Two million records take `detect` a quarter of an hour of one core. --series: so many flights of
+one record each, cruise, for `trend`, `trend --what margin` and a fleet of one engine. `--table` prints the tables of
 README.md beside this.
 """
 
@@ -33,7 +34,40 @@ COMMANDS = {
     "check": ("check", "--engine", "configs/turbofan.yaml", "{file}"),
     "identify": ("identify", "configs/turbofan.yaml", "{file}", "-o", "new.yaml"),
     "report": ("report", "-n", "nominal.yaml", "{file}", "-o", "out.html"),
+    "locate": ("locate", "configs/turbofan.yaml", "{file}", "-o", "out.csv"),
 }
+SERIES = {
+    "trend": ("trend", "-n", "nominal.yaml", "{file}", "-o", "out.csv"),
+    "margin": (
+        "trend",
+        "-n",
+        "nominal.yaml",
+        "--what",
+        "margin",
+        "--limit",
+        "T45_K",
+        "1180",
+        "{file}",
+        "-o",
+        "out.csv",
+    ),
+    "fleet": ("fleet", "fleet.yaml", "{file}", "-o", "out.json"),
+}
+"""Commands that follow an engine over flights."""
+FLEET = """kind: fleet
+engine: turbofan.yaml
+nominal: nominal.yaml
+recordings: ['none_*.csv']
+engines: {serial_from: file, pattern: '(\\d+)'}
+baseline: {flights: 50}
+"""
+FAULT = """kind: faults
+description: a compressor that lost efficiency
+source: assumed
+faults:
+  - {name: loss, description: loss, reference: assumed, assumed: true,
+     changes: {hpc.efficiency: -0.02, hpc.flow_capacity: -0.03}, law: {type: step, clock: flight, onset: 1}}
+"""
 
 
 def peak(folder: Path, command: tuple[str, ...]) -> dict[str, Any]:
@@ -51,12 +85,12 @@ def peak(folder: Path, command: tuple[str, ...]) -> dict[str, Any]:
     }
 
 
-def simulate(folder: Path, step_s: float, flights: int, seed: int, path: str) -> None:
+def simulate(folder: Path, step_s: float, flights: int, seed: int, path: str, *more: str) -> None:
     """Flights of an airliner with a record every so many seconds."""
     text = (TOP / "configs" / "flights" / "airliner.yaml").read_text(encoding="utf-8")
     (folder / "flight.yaml").write_text(text.replace("interval_s: 10", f"interval_s: {step_s:g}"), encoding="utf-8")
     words = ("simulate", "configs/turbofan.yaml", "--flight", "flight.yaml", "--flights", str(flights))
-    found = peak(folder, (*words, "--seed", str(seed), "-o", path))
+    found = peak(folder, (*words, "--seed", str(seed), *more, "-o", path))
     if found["exit"]:
         raise SystemExit(f"simulate ended with {found['exit']}")
 
@@ -83,6 +117,42 @@ def as_parquet(folder: Path, name: str) -> None:
             out.write_batch(batch)
 
 
+def series_recording(folder: Path, flights: int) -> str:
+    """Cruise of healthy flights, then of as many of an engine that has changed, each record a flight of its own."""
+    name, rows, head = f"{flights}_flights.csv", [], ""
+    for path in ("healthy.csv", "changed.csv"):
+        lines = [x for x in (folder / path).read_text(encoding="utf-8").splitlines() if not x.startswith("#")]
+        head = lines[0].split(",", 2)[2]
+        rows.append([x.split(",", 2)[2] for x in lines[1:] if ",cruise," in x])
+    half = flights // 2
+    with open(folder / name, "w", encoding="utf-8") as out:
+        print("flight", head, sep=",", file=out)
+        for i in range(flights):
+            mine = rows[i >= half]
+            print(i + 1, mine[37 * i % len(mine)], sep=",", file=out)
+    return name
+
+
+def measured_series(counts: list[int]) -> list[dict[str, Any]]:
+    """Of series of one-record flights."""
+    found = []
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        (folder / "fault.yaml").write_text(FAULT, encoding="utf-8")
+        (folder / "fleet.yaml").write_text(FLEET, encoding="utf-8")
+        simulate(folder, 60, 4, 1, "training.csv")
+        peak(folder, ("identify", "configs/turbofan.yaml", "training.csv", "-o", "nominal.yaml"))
+        simulate(folder, 60, 40, 2, "healthy.csv")
+        simulate(folder, 60, 40, 3, "changed.csv", "--fault", "fault.yaml")
+        for flights in counts:
+            name = series_recording(folder, flights)
+            for command, words in SERIES.items():
+                used = peak(folder, tuple(w.format(file=name) for w in words))
+                found.append({"command": command, "flights": flights, **used})
+                print(json.dumps(found[-1]), file=sys.stderr)
+    return found
+
+
 def measured(lengths: list[int], commands: list[str]) -> list[dict[str, Any]]:
     found = []
     with tempfile.TemporaryDirectory() as scratch:
@@ -101,16 +171,15 @@ def measured(lengths: list[int], commands: list[str]) -> list[dict[str, Any]]:
     return found
 
 
-def table(found: list[dict[str, Any]]) -> str:
-    lengths = sorted({x["records"] for x in found})
+def table(found: list[dict[str, Any]], what: str) -> str:
+    lengths = sorted({x[what] for x in found})
     lines = [
-        "| peak memory, MB | " + " | ".join(f"{n:,} records" for n in lengths) + " |",
+        "| peak memory, MB | " + " | ".join(f"{n:,} {what}" for n in lengths) + " |",
         "|---" * (len(lengths) + 1) + "|",
     ]
     for command in dict.fromkeys(x["command"] for x in found):
         cells = [
-            next((str(x["peak_MB"]) for x in found if (x["command"], x["records"]) == (command, n)), "")
-            for n in lengths
+            next((str(x["peak_MB"]) for x in found if (x["command"], x[what]) == (command, n)), "") for n in lengths
         ]
         lines.append(f"| {command} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
@@ -119,11 +188,17 @@ def table(found: list[dict[str, Any]]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--lengths", default="10000,100000")
+    parser.add_argument("--series", default="")
     parser.add_argument("--commands", default=",".join(COMMANDS))
     parser.add_argument("--table", action="store_true")
     options = parser.parse_args()
-    found = measured([int(n) for n in options.lengths.split(",")], options.commands.split(","))
-    print(table(found) if options.table else json.dumps(found, indent=1))
+    lengths, counts = ([int(n) for n in text.split(",") if n] for text in (options.lengths, options.series))
+    found = measured(lengths, options.commands.split(",")) if lengths else []
+    series = measured_series(counts) if counts else []
+    if options.table:
+        print("\n\n".join(table(part, what) for part, what in ((found, "records"), (series, "flights")) if part))
+    else:
+        print(json.dumps([*found, *series], indent=1))
 
 
 if __name__ == "__main__":

@@ -41,6 +41,14 @@ def test_good_files_get_a_line_each_and_exit_0(run, files):
     ]
 
 
+def test_of_a_file_that_is_too_long_the_first_records_are_looked_over_and_that_is_said(run, files, monkeypatch):
+    monkeypatch.setattr("enginediag_cli.intake.accepted.MOST_CHECKED", 2)
+    [flight] = files(flight__csv=FLIGHT)
+    ended = run("check", flight)
+    assert ended.exit_code == 0
+    assert "the first 2 records were looked over; the file goes on" in ended.stdout
+
+
 def test_all_problems_of_all_files_are_said_with_their_lines_and_exit_2(run, files):
     broken = FAULTS.replace("changes", "chages").replace("description: fouling", "description: 3")
     paths = files(a__yaml=broken, b__yaml="kind: fault\n", c__csv=FLIGHT.replace("701.5", "7o1"), d__yaml=FAULTS)
