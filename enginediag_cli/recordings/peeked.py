@@ -8,6 +8,10 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from itertools import chain
 
+MOST_BLANK_LINES = 2_000_000
+"""Blank lines in a row after which a file is refused: packed, gigabytes of them take no room. A sheet has 1,048,576
+rows, which may all be there."""
+
 
 class Peeked:
     """An open text file whose head has been read: `provenance`, the `#` lines before the header; `columns`, the cells
@@ -40,6 +44,8 @@ class Peeked:
             elif bare:
                 with suppress(csv.Error):
                     self.columns = tuple(cell.strip() for cell in next(csv.reader([bare]), []))
+                return
+            if len(self._head) > MOST_BLANK_LINES + 1:  # whoever reads on refuses it
                 return
 
     def __iter__(self) -> Iterator[str]:

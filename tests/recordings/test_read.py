@@ -116,3 +116,12 @@ def test_a_dash_reads_standard_input():
 def test_a_device_is_no_recording():
     with pytest.raises(DataError, match="a device"):
         read_all("/dev/zero")
+
+
+def test_of_endless_blank_lines_no_more_are_held_than_are_refused(monkeypatch):
+    from enginediag_cli.recordings import peeked
+
+    monkeypatch.setattr(peeked, "MOST_BLANK_LINES", 10)
+    lines = iter(["\n"] * 1000)
+    peeked.Peeked(lines, "blank.csv")
+    assert len(list(lines)) >= 988

@@ -21,7 +21,7 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.dialect import DELIMITERS, FIXED, WHITESPACE, Dialect, separator_of
 from enginediag_cli.recordings.formats.base import Asked, TableFile, read_positions
 from enginediag_cli.recordings.formats.cells import NumberForm, is_missing, no_number
-from enginediag_cli.recordings.peeked import Peeked
+from enginediag_cli.recordings.peeked import MOST_BLANK_LINES, Peeked
 from enginediag_cli.recordings.source import Source, undecodable
 from enginediag_cli.recordings.table import Recording, check_clock, rechunk
 from enginediag_cli.recordings.unit_words import unit_word
@@ -34,9 +34,6 @@ _SUMMARY = re.compile(r"\W*(total|sum|count|average|avg|mean|median|min(imum)?|m
 
 CELLS_AT_ONCE = 400_000
 """Cells that are texts in memory at once, some 30 MB, whatever the width of a table."""
-MOST_BLANK_LINES = 2_000_000
-"""Blank lines in a row after which a file is refused: packed, gigabytes of them take no room. A sheet has 1,048,576
-rows, which may all be there."""
 CUT = "cut off at the end of the file"
 LEAST_LENGTHS = 10
 """Records from which the lengths of a column's numbers are known."""
