@@ -15,7 +15,9 @@ scatters by τ beyond what is stated have
 
     cov d_k = 1 + τ² g_k g_kᵀ     ⇒     t_k = (g_kᵀd_k)²/P_k ~ (1 + τ²P_k) χ²₁,     P_k = g_kᵀg_k
 
-Differences do not know what lasts: faults, drifts and slow errors of the model. Σt_k/n is a ratio of variances, of
+Differences do not know what lasts: faults, drifts and slow errors of the model. What is uncertain about nominal, as the
+maps are, differs between operating points: the variance ΔJ C ΔJᵀ that its covariance C gives to the difference of two
+records is a part of what is stated. Σt_k/n is a ratio of variances, of
 n/1.5 degrees of freedom (differences of neighbours share a reading), to which the law of `adequacy` applies: as stated
 within KNOWN, or anything up to LARGEST. Instruments compete by their likelihood, since the directions g overlap; the
 readings of one that is found are weighed by (1 + τ²SSᵀ)^-½, S its effect on the readings, and the others are asked
@@ -218,15 +220,20 @@ class Scatter:
 
 
 def scattering(
-    e: np.ndarray, level: np.ndarray, noise: NoiseModel, lags: np.ndarray, effects: Effects
+    e: np.ndarray, level: np.ndarray, noise: NoiseModel, lags: np.ndarray, effects: Effects, nominal: Effects
 ) -> list[Scatter]:
     """Instruments that scatter, the clearest first: e (n, m) residuals at the estimate of consecutive records and level
     (n, m) what is predicted, in the sensors' units; lags (n,) in steps. effects() -> (n, m, q): what a unit of each
-    instrument does to the readings, asked for only where some scatter."""
+    instrument does to the readings; nominal() -> (n − 1, m): variance of the differences of neighbours by what is
+    uncertain about nominal, in the sensors' units squared; both are asked for only where some may scatter."""
     sd = noise.sigma * np.sqrt(2 * (1 - noise.rho ** np.maximum(lags[1:, None], 1.0)))
-    d = np.diff(_own_line_removed(e, level), axis=0) / sd
+    own = np.diff(_own_line_removed(e, level), axis=0)
+    if len(own) < LEAST_DIFFERENCES or not _might_scatter(own / sd):
+        return []
+    sd = np.sqrt(sd**2 + nominal())
+    d = own / sd
     present = np.isfinite(d)
-    if len(d) < LEAST_DIFFERENCES or not _might_scatter(d, present):
+    if not _might_scatter(d):
         return []
     S = np.where(present[:, :, None], effects()[1:], 0.0) * (np.sqrt(2) / sd)[:, :, None]
     S = np.nan_to_num(S)
@@ -260,9 +267,10 @@ def _own_line_removed(e: np.ndarray, level: np.ndarray) -> np.ndarray:
     return found
 
 
-def _might_scatter(d: np.ndarray, present: np.ndarray) -> bool:
+def _might_scatter(d: np.ndarray) -> bool:
     """Whether the ratios of variances could make any instrument's scatter likelier than none: a bound, which costs
     nothing."""
+    present = np.isfinite(d)
     count = present.sum(axis=0)
     ratio = np.sum(np.where(present, d, 0.0) ** 2, axis=0) / np.maximum(count, 1)
     largest = 1.0 + float(np.sum(np.maximum(ratio[count > 0] - 1.0, 0.0)))

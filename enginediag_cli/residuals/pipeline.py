@@ -367,7 +367,11 @@ def scattering_instruments(
         unit = np.broadcast_to(np.eye(len(sensors)), (len(e), len(sensors), len(sensors)))
         return np.concatenate([unit, np.asarray(found.jacobian)], axis=2)
 
-    found = scattering(e, nominal.predicted, noise, lags, effects)
+    def of_nominal() -> np.ndarray:
+        J = np.diff(nominal.J, axis=0)
+        return np.asarray(np.sum((J @ monitor.uncertainty) * J, axis=2))
+
+    found = scattering(e, nominal.predicted, noise, lags, effects, of_nominal)
     if not found:
         return (), None
     names = (*sensors, *columns)

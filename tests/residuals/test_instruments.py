@@ -29,10 +29,11 @@ def effects(n: int) -> np.ndarray:
     return np.tile(np.column_stack([np.eye(M), ALONG]), (n, 1, 1))
 
 
-def found(e: np.ndarray, noise: NoiseModel | None = None) -> list[Scatter]:
+def found(e: np.ndarray, noise: NoiseModel | None = None, nominal: float | np.ndarray = 0.0) -> list[Scatter]:
     n = len(e)
     level = np.linspace(1.0, 2.0, n)[:, None] * 100 * SIGMA
-    return scattering(e, level, noise or white_noise(SIGMA), np.ones(n), lambda: effects(n))
+    known = np.broadcast_to(nominal, (n - 1, M))
+    return scattering(e, level, noise or white_noise(SIGMA), np.ones(n), lambda: effects(n), lambda: known)
 
 
 def autoregressive(rng: np.random.Generator, n: int, rho: float) -> np.ndarray:
@@ -51,6 +52,16 @@ def test_the_sensor_that_scatters_is_found_with_the_size_of_its_scatter(of):
     assert one.of == of and one.probability > 0.99
     # √15 σ are added; a standard deviation of 200 differences is known to a sixteenth
     assert one.size == pytest.approx(np.sqrt(15) * SIGMA[of], rel=4 / 16)
+
+
+def test_what_is_uncertain_about_nominal_between_two_operating_points_is_no_scatter():
+    rng = np.random.default_rng(17)
+    maps = np.array([6.0, 1.0, 90.0, 2.0])  # standard deviations of the model's error, another at every record
+    e = np.hypot(SIGMA, maps) * rng.standard_normal((200, M))
+    assert not found(e, nominal=2 * maps**2)
+    e[:, 3] *= 4.0
+    (one,) = found(e, nominal=2 * maps**2)
+    assert one.of == 3
 
 
 def test_an_input_that_scatters_is_found_although_every_reading_does():
@@ -93,7 +104,9 @@ def test_the_order_of_sensors_does_not_matter():
     (one,) = found(e)
     S = effects(100)[:, order][:, :, [*order, M]]
     level = np.linspace(1.0, 2.0, 100)[:, None] * 100 * SIGMA[order]
-    (other,) = scattering(e[:, order], level, white_noise(SIGMA[order]), np.ones(100), lambda: S)
+    (other,) = scattering(
+        e[:, order], level, white_noise(SIGMA[order]), np.ones(100), lambda: S, lambda: np.zeros((99, M))
+    )
     assert order[other.of] == one.of
     assert other.size == pytest.approx(one.size, rel=1e-9)
 
