@@ -111,7 +111,8 @@ def isolate(
     enginediag isolate -n nominal.yaml flight.csv --method incremental --linearise nominal
     enginediag isolate -n nominal.yaml flight.csv --catalogue configs/faults --advise
 
-    Every sensor may be wrong, too, of an output (`sensor.T3.bias`) or of an input of the model (`input.Wf.scale`),
+    Every sensor may be wrong, too, of an output (`sensor.T3.bias`) or of an input of the model (`input.Wf.scale`):
+    read too high or low, by a scale, drift, be stuck (its records or readings are then not judged) or scatter,
     unless --no-sensors says that none is, or --monitor what may have changed; `verdict` tests all of that, where detect
     tests the engine alone.
     `probability` is that these changed and nothing else that matters: no efficiency by 0.7 %, no flow capacity or
@@ -144,7 +145,11 @@ def isolate(
     plain = not judging.reference  # otherwise the score knows more than the records tell
     further.check(method, by, compared.nominal, not plain)
     monitor = compared.open(
-        messages, source, sensors=further.sensors_watched(method, compared.patterns), model_error=judging.model_error
+        messages,
+        source,
+        sensors=further.sensors_watched(method, compared.patterns),
+        drifts=True,
+        model_error=judging.model_error,
     )
     kept = None
     if monitor is not None and plain and by == "parameter" and further.keeps(method, judging.linearise):

@@ -29,10 +29,16 @@ class Compared:
     accept_changed_engine: bool
 
     def open(
-        self, messages: Messages, source: Source, *, sensors: bool = False, model_error: float | None = None
+        self,
+        messages: Messages,
+        source: Source,
+        *,
+        sensors: bool = False,
+        drifts: bool = False,
+        model_error: float | None = None,
     ) -> Monitor | None:
-        """The monitor, with what should be known of it on stderr; sensors: every instrument may be wrong, too;
-        model_error: accuracy of the maps by hand."""
+        """The monitor, with what should be known of it on stderr; sensors: every instrument may be wrong, too, drifts:
+        and may drift within a flight; model_error: accuracy of the maps by hand."""
         if self.nominal is None:
             return None
         from enginediag_cli.identification.other_accuracy import with_accuracy
@@ -49,7 +55,7 @@ class Compared:
                     "exact; give the option to `enginediag identify`, too"
                 )
             baseline = replace(baseline, nominal=with_accuracy(baseline.nominal, model_error))
-        return monitor_of(baseline, self.patterns, sensors=sensors)
+        return monitor_of(baseline, self.patterns, sensors=sensors, drifts=drifts)
 
     @property
     def configs(self) -> list[str]:

@@ -82,8 +82,9 @@ def judge(
     if statistics is None:
         return Verdict(window, NO_VERDICT, window.reason)
     if window.silent:
-        statistics = statistics.without(window.silent)
-        window = replace(window, statistics=statistics)
+        window = window.without(())
+        statistics = window.statistics
+        assert statistics is not None
     if window.sensors_of and window.sensors < LEAST_SENSORS:
         return Verdict(window, NO_VERDICT, too_few(window.sensors, window.sensors_of))
     score = fisher_score(statistics)

@@ -12,12 +12,14 @@ import numpy as np
 
 from enginediag_cli.config.hints import near
 from enginediag_cli.detection.verdict import Verdict, judge
+from enginediag_cli.engine.drifts import DRIFT
 from enginediag_cli.errors import DataError
 from enginediag_cli.isolation.advice import Advice, advise, advise_flights, condition_options, sensor_options
 from enginediag_cli.isolation.components import ComponentIsolation, isolate_components
 from enginediag_cli.isolation.diagnosis import Diagnosis, DiagnosisOptions, diagnose
 from enginediag_cli.isolation.flips.flips import Flips
 from enginediag_cli.isolation.flips.of_window import flips_of_diagnosis, flips_of_isolated_components
+from enginediag_cli.isolation.prior import SEPARATED, SetPrior
 from enginediag_cli.isolation.telling import telling_sensors
 from enginediag_cli.isolation.window_model import WindowModel
 from enginediag_cli.parameters import Parameter
@@ -27,10 +29,13 @@ from enginediag_cli.residuals.files import JudgedFiles, Window
 from enginediag_cli.residuals.instruments import InstrumentFault
 from enginediag_cli.residuals.kept_records import KeptRecords
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.score import Score
+from enginediag_cli.residuals.score import Score, fisher_score
+from enginediag_cli.residuals.statistics import LocalStatistics
 from enginediag_cli.residuals.window import WindowStatistics
 from enginediag_cli.side_by_side import at_once, side_by_side
 
+SHOWN = 4.0
+"""Square of the score test of a drift, two standard deviations, from which it is compared with the other forms."""
 ADVISED = 3
 """Operating conditions advised: the best few say which way to fly, a longer list only repeats it."""
 
@@ -134,24 +139,35 @@ class Isolating:
             components, found.score, isolation.prior, window, monitor, isolation.largest
         )
 
-    def _isolated(self, window: WindowStatistics, known: Mapping[str, Parameter]) -> IsolatedWindow:
-        verdict = judge(window, self.false_alarm)
-        if verdict.score is None:
+    def _isolated(self, judged: WindowStatistics, known: Mapping[str, Parameter]) -> IsolatedWindow:
+        window = judged
+        # whether anything changed is asked of the usual forms of instruments' errors: a drift shows as a bias
+        drifts = tuple(p.name for p in known.values() if p.of_instrument and p.quantity == DRIFT)
+        verdict = judge(window.without(drifts), self.false_alarm)
+        if verdict.score is None or window.statistics is None:
             return IsolatedWindow(verdict, known, by_component=self.by_component)
-        # a test asks whether anything changed, these questions by what: wrong slopes of the maps matter to them alone
-        statistics = verdict.window.statistics
-        slopes = statistics.slopes if statistics else None
-        score = verdict.score.with_slopes(slopes)
+        shown = drifts_shown(window.without(()).statistics, drifts) if drifts else set[str]()
+        window, verdict, score = _with_suspects(window, verdict, [name for name in drifts if name not in shown])
         if self.by_component:
             components = isolate_components(score, self.options.isolation, verdict.window.statistics)
             return IsolatedWindow(verdict, known, components=components, by_component=True, score=score)
-        records = _Records(self.files.monitor, self.kept, window) if self.kept is not None else None
-        diagnosis = diagnose(score, self.options, records, verdict.window.statistics)
+        diagnosis, records = self._diagnosed(window, verdict, score)
+        wrong = {known[n].component for n, p in diagnosis.result.inclusion.items() if p > 1 - SEPARATED and n in known}
+        more = {name for name in drifts if known[name].component in wrong}
+        if not more <= shown:  # which form it is, is open
+            window, verdict, score = _with_suspects(
+                judged, verdict, [name for name in drifts if name not in shown | more]
+            )
+            diagnosis, records = self._diagnosed(window, verdict, score)
         diagnosis = self._with_telling_sensors(diagnosis, window, records)
         advice = None
         if self.advise and self.files.monitor is not None:
             advice = self._advice(self.files.monitor.without(window.silent), diagnosis, records() if records else None)
         return IsolatedWindow(verdict, known, diagnosis, advice=advice)
+
+    def _diagnosed(self, window: WindowStatistics, verdict: Verdict, score: Score) -> tuple[Diagnosis, _Records | None]:
+        records = _Records(self.files.monitor, self.kept, window) if self.kept is not None else None
+        return diagnose(score, self.options, records, verdict.window.statistics), records
 
     def _with_telling_sensors(
         self, diagnosis: Diagnosis, window: WindowStatistics, records: Callable[[], WindowModel | None] | None
@@ -184,6 +200,35 @@ class Isolating:
         sets = [(result.isolated, result.probability), *((r.parameters, r.probability) for r in result.rivals)]
         flights = best_of_each_kind(advise_flights(diagnosis.score, sets, monitor, _flown(monitor, model)))
         return NextRecording(rivals, monitor.meaning, conditions, sensors, flights)
+
+
+def drifts_shown(statistics: LocalStatistics | None, drifts: Sequence[str]) -> set[str]:
+    """Drifts that these records show, each by its score test beside all that does not drift, free within its prior:
+    without one that shows less than SHOWN the search loses half of that in the log likelihood of sets with it, and is
+    twice as fast."""
+    if statistics is None:
+        return set()
+    score = fisher_score(statistics)
+    prior = SetPrior()
+    b, information = prior.scaled(score)
+    drifting = np.isin(score.parameters, drifts)
+    held = information + max(prior.slabs) ** -2 * np.eye(len(b))
+    across = np.linalg.solve(held[np.ix_(~drifting, ~drifting)], held[np.ix_(~drifting, drifting)])
+    pull = b[drifting] - b[~drifting] @ across
+    variance = np.diag(held)[drifting] - np.sum(held[np.ix_(~drifting, drifting)] * across, axis=0)
+    names = np.array(score.parameters, object)[drifting]
+    return set(names[pull**2 > SHOWN * variance].tolist())
+
+
+def _with_suspects(
+    window: WindowStatistics, verdict: Verdict, dropped: Sequence[str]
+) -> tuple[WindowStatistics, Verdict, Score]:
+    """The window and the verdict of its test with all suspects but some, and the score that tells what changed."""
+    window = window.without(dropped)
+    assert window.statistics is not None
+    # a test asks whether anything changed, these questions by what: wrong slopes of the maps matter to them alone
+    score = fisher_score(window.statistics).with_slopes(window.statistics.slopes)
+    return window, replace(verdict, window=window), score
 
 
 def _flown(monitor: Monitor, model: WindowModel | None) -> Mapping[str, np.ndarray]:

@@ -11,8 +11,8 @@ The first part alone would exclude an engine that is worn throughout, however cl
 priors over the size of a set: Scott, J. G. and Berger, J. O. (2010) Annals of Statistics 38, 2587–2619).
 
 Instruments, those of the model's inputs included, do not wear together: each of m is wrong with probability `sensor`,
-whatever the engine did, and no more than `wrong_sensors` of them at once, in one of its f forms (bias, scale), all as
-probable, so that a set of parameters and j instruments has
+whatever the engine did, and no more than `wrong_sensors` of them at once, in one of its f forms (bias, scale, drift),
+all as probable, so that a set of parameters and j instruments has
 
     P(S) = P(parameters of S) · Π_j 1/f_j · sensor^j (1 − sensor)^(m−j)
                                           / Σ_{i ≤ wrong_sensors} C(m, i) sensor^i (1 − sensor)^(m−i).
@@ -58,7 +58,7 @@ def are_sensors(parameters: Sequence[Parameter]) -> np.ndarray:
 @dataclass(frozen=True)
 class Instruments:
     """Which parameters are forms of the error of which instrument or actuator: its number (p,), −1 of what wears with
-    the engine. The forms of one instrument (its bias, its scale) exclude each other."""
+    the engine. The forms of one instrument (its bias, scale, drift) exclude each other."""
 
     owner: np.ndarray
 
@@ -110,13 +110,17 @@ class Instruments:
         found[self.forms_of] = total[self.owner[self.forms_of]]
         return np.minimum(found, 1.0)
 
-    def shares(self, names: Sequence[str], chosen: Sequence[str], of_forms: np.ndarray) -> dict[str, float]:
-        """Of each instrument among the `chosen` parameters, of `names` (p,), the chance that its error is of that form,
+    def shares(self, names: Sequence[str], chosen: Sequence[str], of_forms: np.ndarray) -> dict[str, dict[str, float]]:
+        """Of each instrument among the `chosen` parameters, of `names` (p,), the chance of each form of its error,
         given that it is wrong; none of instruments of one form. of_forms (p,): chance of each form."""
         total, place = self.inclusion(of_forms), {name: i for i, name in enumerate(names)}
-        several = np.bincount(self.owner[self.forms_of], minlength=self.count) > 1
-        at = [place[name] for name in chosen]
-        return {names[i]: float(of_forms[i] / total[i]) for i in at if self.forms_of[i] and several[self.owner[i]]}
+        found = {}
+        for name in chosen:
+            owner = self.owner[place[name]]
+            mine = np.flatnonzero(self.owner == owner).tolist()
+            if owner >= 0 and len(mine) > 1:
+                found[name] = {names[i]: float(of_forms[i] / total[i]) for i in mine}
+        return found
 
     def in_one_form(self, masks: np.ndarray, of_forms: np.ndarray) -> np.ndarray:
         """The sets (M, p) with every wrong instrument in its likeliest form, or in its usual one, the first, where that

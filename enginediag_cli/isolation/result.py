@@ -27,8 +27,8 @@ class IsolationResult:
     inclusion: probability per parameter that it changed (empty for methods without one); sizes of the isolated
     parameters; complete: False when the method stopped at a limit before it was satisfied; note says why in plain
     words. one_of: the class of which the answer is the likeliest member, where these data cannot tell its members
-    apart, or None. Sets that differ by the form of an instrument's error, bias or scale, are one, named by the
-    likelier form; forms: of an isolated instrument the chance of that form, given that it is wrong.
+    apart, or None. Sets that differ by the form of an instrument's error (bias, scale, drift) are one, named by the
+    likeliest form; forms: of an isolated instrument the chance of each form, given that it is wrong.
     """
 
     method: str
@@ -42,4 +42,4 @@ class IsolationResult:
     complete: bool = True
     note: str = ""
     one_of: Class | None = None
-    forms: Mapping[str, float] = field(default_factory=dict)
+    forms: Mapping[str, Mapping[str, float]] = field(default_factory=dict)

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from enginediag_cli.work_scope.scope import WorkScope
 
 
+FORM_WORDS = {"bias": "a bias", "scale": "a scale error", "drift": "a drift", "soak": "heat soak"}
+"""Forms of an instrument's error, by the quantity of the parameter."""
 CANNOT_TELL = "cannot tell"
 """The verdict where the leading answer does not stand."""
 
@@ -191,14 +193,17 @@ def tell_instruments(messages: Messages, verdict: Verdict) -> None:
 
 
 def _forms(result: IsolationResult, known: Mapping[str, Parameter]) -> list[str]:
-    """Of which instruments these operating points do not separate a bias from a scale error."""
+    """Of which instruments these records do not separate the forms of the error, and which are possible."""
     from enginediag_cli.isolation.prior import SEPARATED
+    from enginediag_cli.presentation.names import listed
 
-    return [
-        f"{known[name].part}: a bias or a scale error, these operating points do not separate them"
-        for name, share in result.forms.items()
-        if share < SEPARATED
-    ]
+    found = []
+    for name, shares in result.forms.items():
+        if shares[name] < SEPARATED:
+            likely = sorted(shares, key=lambda form: -shares[form])
+            forms = [FORM_WORDS[known[form].quantity] for form in likely if shares[form] > 1 - SEPARATED]
+            found.append(f"{known[name].part}: {listed(forms, 'or')}, these records do not separate them")
+    return found
 
 
 def class_cells(found: Class | None) -> dict[str, Any]:

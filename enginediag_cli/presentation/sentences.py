@@ -39,6 +39,8 @@ def change(parameter: Parameter, delta: float, half_width: float | None = None, 
     behind = f" (probability {probability(chance)})" if chance is not None else ""
     if parameter.of_instrument and parameter.quantity in READ_WRONG:
         return f"{parameter.part} reads {size} too {'high' if delta > 0 else 'low'}{behind}"
+    if parameter.of_instrument and parameter.quantity == "drift":
+        return f"{parameter.part} drifts {'up' if delta > 0 else 'down'} by {size}{behind}"
     return f"{parameter.words} {'rose' if delta > 0 else 'fell'} by {size}{behind}"
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 
+from enginediag_cli.engine.drifts import ELAPSED
 from enginediag_cli.errors import DataError, NoVerdictError
 from enginediag_cli.intake.intake import File, Intake
 from enginediag_cli.parameters import Parameter
@@ -16,6 +17,7 @@ from enginediag_cli.residuals.admission import Elsewhere
 from enginediag_cli.residuals.economy import Economy
 from enginediag_cli.residuals.flat import is_flat
 from enginediag_cli.residuals.gross_gate import GrossErrorGate
+from enginediag_cli.residuals.groups import FlightHours
 from enginediag_cli.residuals.lagging import with_lagging
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import window_statistics
@@ -102,6 +104,8 @@ class JudgedFiles:
         if monitor is None:
             raise DataError(f"{file.name}: a recording needs --nominal; only what residual has written does without")
         recordings: Iterable[Recording] = file.masked()
+        if ELAPSED in monitor.engine.optional_inputs:
+            recordings = FlightHours().written(recordings)
         if self.economy is not None:
             monitor, recordings = self.economy.of(recordings)
         else:

@@ -13,6 +13,7 @@ from itertools import groupby, pairwise
 
 import numpy as np
 
+from enginediag_cli.engine.drifts import ELAPSED
 from enginediag_cli.engine.model import MonitoredModel
 from enginediag_cli.intake.left_out import EXCURSION, GrossCounts, LeftOut
 from enginediag_cli.recordings.stuck import StuckRun, joined_runs, same_runs, stuck_runs
@@ -215,7 +216,7 @@ class GrossErrorGate:
     ) -> Recording:
         """The records of the block without what is gross in the stretches of the context."""
         monitor, own = self.monitor, context.recording.select(block)
-        recorded = tuple(c for c in context.inputs if c in context.recording)
+        recorded = tuple(c for c in context.inputs if c in context.recording and c != ELAPSED)
         sigma = monitor.noise.sigma
         suspects = [s for s in stretches if suspected(context.e[s[0]] / sigma, context.y[s[0]] / sigma, monitor.noise)]
         if not suspects:

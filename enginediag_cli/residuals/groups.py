@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import groupby, pairwise
 
 import numpy as np
 
+from enginediag_cli.engine.drifts import ELAPSED
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.order_statistics import median
 
 KEYS = ("flight", "engine")
+HOUR_S = 3600.0
+"""Seconds of an hour."""
 Key = tuple[str, str, str]
 
 
@@ -72,6 +76,26 @@ class Timeline:
         self.last_time = float(time[-1])
         position = time - self.first_time if in_time else np.arange(start, self.count, dtype=float)
         return position, lags
+
+
+@dataclass
+class FlightHours:
+    """Writes into recordings how many hours lie between each record and the first of its flight; 0 without times."""
+
+    _first: dict[Key, float] = field(default_factory=dict)
+
+    def written(self, recordings: Iterable[Recording]) -> Iterator[Recording]:
+        """Chunks of files in turn with the column `ELAPSED`."""
+        for chunk in recordings:
+            hours = np.zeros(len(chunk))
+            time = chunk.columns.get("time_s")
+            if time is not None:
+                for key, rows in group_rows(chunk):
+                    known = rows[np.isfinite(time[rows])]
+                    if known.size:
+                        first = self._first.setdefault(key, float(time[known[0]]))
+                        hours[known] = (time[known] - first) / HOUR_S
+            yield chunk.with_columns({ELAPSED: hours})
 
 
 def runs(labels: np.ndarray) -> list[tuple[int, int]]:

@@ -6,7 +6,7 @@ of the same fault have no size that a sum over records could show, but a law of 
 **Stuck.** Identical readings over a run in which the model moves. Of an output the model moves where what is predicted
 does, by more than SPAN standard deviations of noise, which no rounding hides. Of an input, which is part of the model,
 where the other readings move as an error of this one input would make them: with the input free in every record, found
-by Newton steps from what was read, the residual falls to EXPLAINED of what moved. A stuck output has no readings, and
+by Newton steps from what was read, EXPLAINED of the excess that moved is gone. A stuck output has no readings, and
 records with a stuck input are of no use.
 
 **Noisy.** With the differences d_k of the residuals of consecutive records, in standard deviations of theirs, and g_k
@@ -42,13 +42,10 @@ SPAN = 6.0
 of a sensor that is stuck: rounding to one step makes σ at least 0.29 of it, so that this is 1.7 steps."""
 STUCK_RECORDS = 8
 """Identical readings in a row that make a run: with fewer no median is known either (`gross_errors.LEAST`)."""
-INPUT_RECORDS = 20
-"""The same of an input, which commands and cruise hold for minutes: as many as of `QualitySettings.stuck_records`."""
 MOVED = 9.0
-"""χ² per reading of what moves within such a run, from which an input is suspected: three standard deviations each."""
-EXPLAINED, AS_NOISE = 0.1, 4.0
-"""Share of what moved that a free input may leave, or χ² per reading, whichever is more: the map errors of a far point
-are in it. Judgement."""
+"""Excess of χ² per record of what moves within such a run that an input must explain: three standard deviations each."""
+EXPLAINED = 0.8
+"""Share of that excess which the free input must explain: the map errors of a far point are in the rest. Judgement."""
 LEAST_READINGS = 4
 """Readings of a record from which freeing one input says something: of three, a third is explained by any direction."""
 NEWTON, FARTHEST = 6, 0.35
@@ -168,14 +165,16 @@ def stuck_inputs(z: np.ndarray, inputs: Mapping[str, np.ndarray], free: Free) ->
     taken = np.zeros(len(z), bool)
     candidates = []
     for column, values in inputs.items():
-        for first, stop in identical(values, INPUT_RECORDS):
+        for first, stop in identical(values, STUCK_RECORDS):
             rows = np.arange(first, stop)[np.isfinite(z[first:stop]).sum(axis=1) >= LEAST_READINGS]
-            if len(rows) < INPUT_RECORDS:
+            n = len(rows)
+            if n < STUCK_RECORDS:
                 continue
             moved, count = _moved(z[rows])
-            if moved > MOVED * count:
+            if moved - count > MOVED * n:
                 left = _left_with_free(column, rows, values[rows], free)
-                if left < max(EXPLAINED * moved, AS_NOISE * count):
+                explained = moved - left - n
+                if explained > max(EXPLAINED * (moved - count), MOVED * n):
                     candidates.append((left / count, column, first, stop))
     for _, column, first, stop in sorted(candidates):
         if not taken[first:stop].any():

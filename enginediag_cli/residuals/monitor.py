@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from enginediag_cli.engine.drifts import DRIFT, InstrumentDrifts
 from enginediag_cli.engine.input_errors import InputErrors
 from enginediag_cli.engine.model import MonitoredModel
 from enginediag_cli.engine.moving.lagging import Lagging
@@ -28,6 +29,7 @@ from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.frame import Frame
 from enginediag_cli.residuals.noise import NoiseModel
 from enginediag_cli.residuals.relinearise import Hold
+from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
     from enginediag_cli.identification.nominal import Nominal
@@ -341,21 +343,34 @@ def _valves(engine: Any) -> list[str]:
     return [name for name, station in outlets.items() if name in engine.parameters and station not in divided]
 
 
-def monitor_of(baseline: Baseline, patterns: Sequence[str] = (), *, sensors: bool = False) -> Monitor:
+def _with_drifts(engine: MonitoredModel, sensors: Sequence[str]) -> MonitoredModel:
+    """The engine with a drift of every instrument that has a bias, of these sensors and of the inputs."""
+    known = {p.component: p for p in engine.parameters.values() if p.of_instrument and p.quantity == "bias"}
+    outputs = {c: known[s] for c in sensors if (s := f"sensor.{split_column(c)[0]}") in known}
+    inputs = {c: known[s] for c in engine.inputs if (s := f"input.{split_column(c)[0]}") in known}
+    return InstrumentDrifts.from_biases(engine, outputs, inputs)
+
+
+def monitor_of(
+    baseline: Baseline, patterns: Sequence[str] = (), *, sensors: bool = False, drifts: bool = False
+) -> Monitor:
     """Monitor of a baseline; patterns as in `monitor_from_nominal`; sensors: bias and scale of every sensor in use and
-    of every input channel, and bleed valves, may have changed, too. Raises DataError for a pattern that names
-    nothing."""
+    of every input channel, and bleed valves, may have changed, too; drifts: these instruments may drift as well. Raises
+    DataError for a pattern that names nothing."""
     nominal = baseline.nominal
     engine: MonitoredModel = baseline.engine
     if sensors or patterns:
         seen = nominal.envelope
         largest = dict(zip(seen.inputs, np.abs(np.asarray(seen.points)).max(axis=0).tolist(), strict=True))
         engine = InputErrors.of(engine, readings=largest)
+    if sensors and drifts:
+        engine = _with_drifts(engine, nominal.sensors)
     monitor = monitor_from_nominal(engine, nominal, patterns)
     if sensors:
         known = [p for column in monitor.sensors for p in engine.sensors[column].parameters()]
         wrong = [p.name for p in known if p.quantity in ("bias", "scale")]
         wrong += [p.name for p in engine.parameters.values() if p.of_instrument and not p.of_sensor]
+        wrong += [p.name for p in engine.parameters.values() if p.of_sensor and p.quantity == DRIFT]
         wrong += _valves(engine)
         added = [name for name in wrong if name not in monitor.monitored]
         monitor = monitor_from_nominal(engine, nominal, (*monitor.monitored, *added))

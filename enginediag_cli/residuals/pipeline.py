@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from enginediag_cli.engine.batch import SHARE
+from enginediag_cli.engine.drifts import ELAPSED
 from enginediag_cli.engine.input_errors import suspected
 from enginediag_cli.error_model.slopes import COMMON
 from enginediag_cli.progress import each
@@ -206,7 +207,7 @@ def _whole(monitor: Monitor, pieces: Sequence[_Piece]) -> WindowStatistics:
         part = records.read([(first, min(first + BATCH_RECORDS, n))])
         seen += np.isfinite(part.y).sum(axis=0)
         sums += np.nansum(part.y, axis=0)
-        flown = {c: flown.get(c, 0.0) + float(values.sum()) for c, values in part.inputs.items()}
+        flown = {c: flown.get(c, 0.0) + float(values.sum()) for c, values in part.inputs.items() if c != ELAPSED}
     read = seen > 0
     some = np.array(sorted(set(np.linspace(0, n - 1, FLOWN).astype(int).tolist())) if n else [], int)
     few = records.read([(k, k + 1) for k in some.tolist()])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -59,6 +59,12 @@ class WindowStatistics:
     gross: GrossCounts = field(default_factory=GrossCounts)
     instruments: tuple[InstrumentFault, ...] = ()
     weights: np.ndarray | None = field(default=None, repr=False, compare=False)
+
+    def without(self, names: Collection[str]) -> WindowStatistics:
+        """The window without the suspects `names` and those that are silent, in its statistics, too."""
+        silent = tuple(dict.fromkeys((*self.silent, *names)))
+        statistics = self.statistics and self.statistics.without(silent)
+        return replace(self, silent=silent, statistics=statistics)
 
     @property
     def counts(self) -> dict[str, int]:

@@ -107,3 +107,10 @@ def test_the_laws_have_exact_derivatives():
     flowing, eta = closed_flow(1.0, a, angle), closed_efficiency(1.0, B, angle)
     assert flowing.d[:, 0] == pytest.approx([-A * flowing.v[0], -12.0 * flowing.v[0]])
     assert eta.d[0, 0] == pytest.approx(-2.0 * B * 12.0 * eta.v[0] ** 2)
+
+
+def test_an_answer_about_flow_capacity_names_the_vanes_where_there_are_any():
+    (capacity,) = (p for p in sized().parameters() if p.quantity == "flow_capacity")
+    assert capacity.words.endswith("flow capacity (or variable vanes off schedule)")
+    (capacity,) = (p for p in component_without_vanes().parameters() if p.quantity == "flow_capacity")
+    assert capacity.words.endswith("flow capacity")

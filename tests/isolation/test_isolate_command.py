@@ -38,6 +38,8 @@ INSTRUMENTS = {
     "stuck_input": ("Wf_kg_s", lambda x, rng: np.where(np.arange(N) < 60, x, x[60])),
     "noisy": ("T3_K", lambda x, rng: x + 12.0 * rng.standard_normal(N)),
     "noisy_input": ("Wf_kg_s", lambda x, rng: x * (1 + 0.03 * rng.standard_normal(N))),
+    "drifting": ("P3_Pa", lambda x, rng: x + 40_000.0 * np.linspace(0, 1, N)),
+    "drifting_input": ("Wf_kg_s", lambda x, rng: x + 0.06 * np.linspace(0, 1, N)),
     "noisy_beside_hpc": ("T5_K", lambda x, rng: x + 20.0 * rng.standard_normal(N)),
 }
 """Column, and what its instrument makes of it."""
@@ -252,3 +254,22 @@ def test_good_instruments_neither_stick_nor_scatter(isolate):
     for recording in WINDOWS:
         _, rows, _ = isolate(recording)
         assert rows[0]["instruments"] == []
+
+
+@pytest.mark.parametrize(
+    ("recording", "name", "rate"),
+    [("drifting", "sensor.P3.drift", 40_000.0), ("drifting_input", "input.Wf.drift", 0.06)],
+)
+def test_an_instrument_that_drifts_is_named_with_its_rate_per_hour(isolate, recording, name, rate):
+    _, rows, told = isolate(recording)
+    assert (rows[0]["verdict"], rows[0]["isolated"]) == ("fault", [name])
+    assert "drifts up by" in told
+    per_hour = rate / (10.0 * (N - 1) / 3600)
+    assert rows[0]["lower"] < per_hour < rows[0]["upper"]
+
+
+def test_good_instruments_do_not_drift(isolate):
+    for recording in WINDOWS:
+        _, rows, _ = isolate(recording)
+        if rows[0]["verdict"] == "fault":
+            assert not any(name.endswith("drift") for name in rows[0]["isolated"]), recording

@@ -140,9 +140,11 @@ class Compressor(Valves):
         return () if self.table is not None else tuple(f"map.{f.name}" for f in compressor_map.FIELDS)
 
     def parameters(self) -> tuple[Parameter, ...]:
+        # to first order vanes off their schedule are a change of flow capacity: one answer for both
+        capacity = "flow capacity (or variable vanes off schedule)" if self.values["vanes"] else ""
         found = [
             self.health("efficiency", "isentropic efficiency", words="isentropic efficiency", wear=-1),
-            self.health("flow_capacity", "corrected flow", wear=-1),
+            self.health("flow_capacity", "corrected flow", words=capacity, wear=-1),
         ]
         if self.table is None:
             for f, shape in zip(compressor_map.FIELDS, self.map_shapes, strict=True):

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from enginediag_cli.engine.drifts import DRIFT
 from enginediag_cli.error_model.machines import QUANTITIES
 from enginediag_cli.isolation.flips.left_open import left_open
 from enginediag_cli.residuals.monitor import Monitor
@@ -66,7 +67,7 @@ def single_errors(
     found = []
     for i, p in enumerate(score.described):
         kind = SENSOR if p.of_sensor else INPUT if p.of_instrument else MAP
-        if kind == MAP and p.quantity not in QUANTITIES:
+        if p.quantity == DRIFT or (kind == MAP and p.quantity not in QUANTITIES):
             continue
         own = stated.get(p.name) or Stated(float(score.prior_sigma[i]), CHANGE if kind == MAP else PLAUSIBLE)
         share = p.unit in ("", "1") and (kind == MAP or p.quantity == "scale")
