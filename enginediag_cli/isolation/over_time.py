@@ -98,10 +98,11 @@ def _told(readings: Readings, search: Search, chosen: Sequence[Chosen], found: S
         for member in event.members:
             if member.component != UNRECORDED:
                 missed[member.component] *= 1 - event.probability * member.probability
-    more = _event(readings, search, chosen)
-    for member in more.members:
-        if member.component != UNRECORDED:
-            missed[member.component] *= 1 - more.probability * member.probability
+    if {search.suspects.owner[c.group] for c in chosen} < set(search.suspects.owner):  # others may have changed as well
+        more = _event(readings, search, chosen)
+        for member in more.members:
+            if member.component != UNRECORDED:
+                missed[member.component] *= 1 - more.probability * member.probability
     events.sort(key=lambda e: -e.weight)
     fit = _fit(readings, search, chosen)
     level = level_of_ratio(max(fit.after, TINY), readings.z.size)
