@@ -187,13 +187,13 @@ class GrossErrorGate:
     ) -> _Held:
         """The records of the context without readings that are stuck, and none of records with a stuck input."""
         monitor, own, sigma = self.monitor, context.recording, self.monitor.noise.sigma
-        gone = np.zeros(context.e.shape, bool)
+        gone, still = np.zeros(context.e.shape, bool), _still(monitor)
         for at, keys, *_ in stretches:
             readings = np.column_stack([own.columns.get(c, np.full(len(own), np.nan))[at] for c in monitor.sensors])
             level, z = context.y[at] / sigma, context.e[at] / sigma
             stuck = stuck_outputs(np.where(np.isfinite(z), readings, np.nan), level)
             masks = {c: stuck[:, j] for j, c in enumerate(monitor.sensors) if stuck[:, j].any()}
-            recorded = {c: context.inputs[c][at] for c in monitor.engine.inputs if c in own}
+            recorded = {c: context.inputs[c][at] for c in monitor.engine.inputs if c in own and c not in still}
             blind = stuck_inputs(np.where(stuck, np.nan, z), recorded, _with_free_input(monitor, context, at))
             gone[at] |= stuck
             for column, mask in {**masks, **blind}.items():
@@ -336,6 +336,14 @@ def input_effects(
 def _alike(a: Recording, b: Recording) -> bool:
     """Whether chunks belong to one file and have the same columns."""
     return a.source == b.source and set(a.columns) == set(b.columns) and set(a.text) == set(b.text)
+
+
+def _still(monitor: Monitor) -> frozenset[str]:
+    """Inputs that never moved in what the engine was identified on: a setting, which goes on standing still."""
+    if monitor.envelope is None:
+        return frozenset()
+    spread = np.ptp(np.asarray(monitor.envelope.points), axis=0)
+    return frozenset(c for c, s in zip(monitor.envelope.inputs, spread, strict=True) if not s > 0)
 
 
 def _stretches(monitor: Monitor, context: _Held) -> Iterator[tuple[np.ndarray, list[Key], np.ndarray, np.ndarray]]:

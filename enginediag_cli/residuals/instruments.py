@@ -44,7 +44,7 @@ STUCK_RECORDS = 8
 """Identical readings in a row that make a run: with fewer no median is known either (`gross_errors.LEAST`)."""
 MOVED = 9.0
 """Excess of χ² per record of what moves within such a run that an input must explain: three standard deviations."""
-EXPLAINED = 0.8
+EXPLAINED = 0.9
 """Share of that excess which the free input must explain: the map errors of a far point are in the rest. Judgement."""
 LEAST_READINGS = 4
 """Readings of a record from which freeing one input says something: of three, a third is explained by any direction."""

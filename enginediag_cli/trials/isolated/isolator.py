@@ -80,7 +80,7 @@ def answer(question: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _windows(nominal: Path, judged: str) -> Sequence[IsolatedWindow]:
-    monitor = monitor_of(open_baseline(nominal), sensors=True)
+    monitor = monitor_of(open_baseline(nominal), sensors=True, drifts=True)
     files = JudgedFiles(Intake(Source((judged,)), columns_of(monitor.engine, monitor.sensors)), monitor)
     kept = KeptRecords(monitor, short_windows=False)
     return list(Isolating(files, DiagnosisOptions(), FALSE_ALARM, kept=kept).windows())
