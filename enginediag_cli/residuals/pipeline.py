@@ -13,7 +13,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from enginediag_cli.engine.batch import SHARE
 from enginediag_cli.engine.drifts import ELAPSED
 from enginediag_cli.engine.input_errors import suspected
 from enginediag_cli.error_model.slopes import COMMON
@@ -36,13 +35,16 @@ from enginediag_cli.residuals.score import marginalise
 from enginediag_cli.residuals.statistics import LocalStatistics
 from enginediag_cli.residuals.window import WindowStatistics, joined, nothing_judged
 from enginediag_cli.residuals.windows import WindowPlan
-from enginediag_cli.side_by_side import in_turn, jobs, processes
+from enginediag_cli.side_by_side import in_turn, jobs
 
 LINEARISE = ("estimate", "nominal")
 BATCH_RECORDS = 3_000
-"""Windows wait for each other until they hold this many records, and are then re-linearised together: one call of the
-engine costs less than many. More would save little and hold sensitivities to a hundred parameters of each. A window
-holds the square of its p parameters, too, as much as p/m records of m readings."""
+"""Windows wait for each other until they hold this many records for each process. A window with more is a long one."""
+TOGETHER = 1_000
+"""Records of the windows that are re-linearised together: one call of the engine costs less than many, and more would
+save little and hold sensitivities to a hundred parameters of each. A window holds the square of its p parameters, too,
+as much as p/m records of m readings. Which windows share a call decides on their last digits: it must not depend on how
+many processes there are."""
 FLOWN = 12
 """Records of a window by which it is known where it was flown: a climb and a cruise have their corners among them."""
 SETTLED = 0.2
@@ -120,8 +122,8 @@ def window_statistics(
     for complete in cut(monitor, counted, plan, _pieces, lambda pieces: keeping([p.judged for p in pieces])):
         waiting.extend(complete)
         if sum(map(_size, waiting)) >= BATCH_RECORDS * (jobs() if apart else 1):
-            yield from _finished(monitor, waiting, linearise, condense, apart)
-    yield from _finished(monitor, waiting, linearise, condense, apart)
+            yield from _finished(monitor, waiting, linearise, condense, apart, last=False)
+    yield from _finished(monitor, waiting, linearise, condense, apart, last=True)
 
 
 def _pieces(
@@ -159,15 +161,14 @@ def place(part: Recording, taken: JudgedInputs, key: Key, rows: slice) -> Window
 
 
 def _finished(
-    monitor: Monitor, waiting: deque[list[_Piece]], linearise: str, condense: Condense, apart: bool
+    monitor: Monitor, waiting: deque[list[_Piece]], linearise: str, condense: Condense, apart: bool, last: bool
 ) -> Iterator[WindowStatistics]:
-    """Statistics of the waiting windows, in order; empties the queue."""
-    windows = [*waiting]
-    waiting.clear()
-    records = sum(map(_size, windows))
-    share = records / processes(records // SHARE) if apart else records
+    """Statistics of the waiting windows, in order; leaves the last batch in the queue unless no more follows."""
     own = len(monitor.names) / max(len(monitor.sensors), 1)
-    batches = list(_batches(windows, min(BATCH_RECORDS, max(share, SHARE)), own))
+    batches = list(_batches([*waiting], TOGETHER, own))
+    waiting.clear()
+    if not last:
+        waiting.extend(batches.pop())
 
     def judged(k: int) -> list[WindowStatistics]:
         return list(_judged(monitor, batches[k], linearise, condense))
