@@ -164,6 +164,7 @@ def test_one_engine_of_a_recording_can_be_chosen_without_a_recorder(files, tmp_p
     assert run("detect", *common, files["flown.csv"])[0] == 2
 
 
+@pytest.mark.slow
 def test_trend_from_recordings_and_from_statistics_tells_the_same_change(files):
     """Statistics hold what is uncertain about nominal as noise of each flight: probabilities differ a little."""
     condense = ["residual", "-q", "--sensors", "-n", files["nominal.yaml"], files["flown.csv"]]

@@ -49,6 +49,7 @@ def folder(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_the_map_is_drawn_as_png_the_same_each_time(folder, run):
     pytest.importorskip("PIL", reason="no Pillow here: pip install 'enginediag[report]'")
     maps = [folder / "map.png", folder / "again.png"]

@@ -88,6 +88,7 @@ def test_a_change_that_is_nearly_sure_keeps_an_interval_away_from_none():
     assert 0.0 < size.lower and size.upper - size.change > size.reach
 
 
+@pytest.mark.slow
 def test_intervals_of_what_is_named_hold_the_truth_as_often_as_they_say_where_truths_follow_the_prior():
     rng, information, held = np.random.default_rng(8), 60 * (0.6 * np.eye(4) + 0.4), []
     root = np.linalg.cholesky(information)
@@ -127,7 +128,7 @@ def test_an_answer_is_as_probable_as_that_nothing_else_matters_in_engines_drawn_
     J = rng.standard_normal((60, p)) / np.sqrt(60)
     information = (J.T @ J) / 0.15**2  # a change of a prior standard deviation is seen at six or seven times its error
     stated, true = [], []
-    changed, sizes = prior.draw(rng, 600, p)
+    changed, sizes = prior.draw(rng, 400, p)
     for members, size in zip(changed, sizes, strict=True):
         b = information @ size + np.linalg.cholesky(information) @ rng.standard_normal(p)
         names = tuple(f"p{i}" for i in range(p))
@@ -139,7 +140,7 @@ def test_an_answer_is_as_probable_as_that_nothing_else_matters_in_engines_drawn_
         answer = posterior.masks[0]
         stated.append(posterior.probabilities[0])
         true.append(bool(np.all(members[answer])) and bool(np.all(np.abs(0.02 * size[~answer]) < least[~answer])))
-    assert abs(np.mean(true) - np.mean(stated)) < 0.06  # three standard errors of 600, and slabs wider than the widest
+    assert abs(np.mean(true) - np.mean(stated)) < 0.07  # three standard errors of 400, and slabs wider than the widest
     sure = np.array(stated) > 0.9
     assert np.mean(np.array(true)[sure]) > 0.9 and sure.mean() > 0.4
 

@@ -250,6 +250,7 @@ def test_a_fault_is_found_beside_a_sensor_that_scatters(isolate):
     assert rows[0]["lower"] < -2.0 / 100 < rows[0]["upper"]
 
 
+@pytest.mark.slow
 def test_good_instruments_neither_stick_nor_scatter(isolate):
     for recording in WINDOWS:
         _, rows, _ = isolate(recording)
@@ -268,6 +269,7 @@ def test_an_instrument_that_drifts_is_named_with_its_rate_per_hour(isolate, reco
     assert rows[0]["lower"] < per_hour < rows[0]["upper"]
 
 
+@pytest.mark.slow
 def test_good_instruments_do_not_drift(isolate):
     for recording in WINDOWS:
         _, rows, _ = isolate(recording)

@@ -180,6 +180,7 @@ def test_a_small_problem_by_hand():
     assert sums.gram(np.array([[0, 0]]))[0, 0] == pytest.approx(c @ c - (A.T @ c) @ inside, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_memory_of_the_map_does_not_grow_with_the_columns_of_every_record(monkeypatch):
     monkeypatch.setattr(projection_module, "KEPT_BYTES", 0)
     monkeypatch.setattr(columns_module, "KEPT_BYTES", 0)

@@ -71,6 +71,7 @@ def test_a_fault_that_begins_between_flights_is_called_a_fault():
     assert "flight 4" in a.explanations[0].label
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.6, 1.7])
 def test_a_wrong_noise_level_is_found_out_when_asked(factor):
     recorded = flights([], np.random.default_rng(8), noise=factor)

@@ -65,6 +65,7 @@ def test_rows_and_json_agree_on_the_coefficient(named):
     assert told["status"] == row["status"] == "named"
 
 
+@pytest.mark.slow
 def test_an_effect_outside_the_library_is_a_law_at_its_place(unlisted):
     assert unlisted.answer.status == "law"
     law = unlisted.answer.law
@@ -79,6 +80,7 @@ def test_an_effect_outside_the_library_is_a_law_at_its_place(unlisted):
     assert {r["kind"] for r in rows(unlisted)} == {"law"}
 
 
+@pytest.mark.slow
 def test_a_law_stands_in_the_document_as_an_engine_file_takes_it(unlisted):
     told = json.loads(json.dumps(finite(plain(document(unlisted, ())))))["law"]
     entry = told["laws"][0]["entry"]
@@ -86,6 +88,7 @@ def test_a_law_stands_in_the_document_as_an_engine_file_takes_it(unlisted):
     assert told["places"][0]["location"] == "hpc.efficiency" and len(told["band"]["values"]) >= 10
 
 
+@pytest.mark.slow
 def test_places_within_reach_are_named_once_each(unlisted):
     names = [c.location.name for c in best_places(unlisted.answer.cells)]
     assert len(names) == len(set(names)) and "hpc.efficiency" in names

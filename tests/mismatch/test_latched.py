@@ -51,6 +51,7 @@ def test_thresholds_and_way_are_read_off_the_states(way: Way) -> None:
     assert first.wrong <= 2 and first.sure > 0.9 * RECORDS
 
 
+@pytest.mark.slow
 def test_states_that_come_and_go_by_themselves_follow_nothing() -> None:
     """In at most one of 40 recordings, of some that switch often and some that do seldom: twenty to one in each."""
     rng, told = np.random.default_rng(5), 0

@@ -116,6 +116,7 @@ def test_the_law_of_each_rival_is_searched_and_what_holds_the_same_then_is_told_
     assert sum(x.probability for x in told) == pytest.approx(1.1)
 
 
+@pytest.mark.slow
 def test_what_is_known_of_laws_at_two_places_has_a_place_where_only_these_were_fitted(
     sets: FittedSets, members: LawMembers
 ) -> None:

@@ -42,6 +42,7 @@ def flights(engine, truth, *, seed, interval=1.0, past=True):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("term", "site", "values", "place"),
     [

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from enginediag_cli.__main__ import main
 from enginediag_cli.intake.source import Source
 from enginediag_cli.mismatch.explain.answer import NOTHING
@@ -17,6 +19,7 @@ WITHIN = 0.12
 """Of 360 records three standard deviations."""
 
 
+@pytest.mark.slow
 def test_noise_of_a_speed_is_not_explained_by_metal_that_follows_the_speed_as_it_was_measured(tmp_path):
     profile = (CONFIGS / "flights" / "airliner.yaml").read_text(encoding="utf-8")
     (tmp_path / "flights.yaml").write_text(profile.replace("interval_s: 10", "interval_s: 60"), encoding="utf-8")

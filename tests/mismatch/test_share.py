@@ -99,6 +99,7 @@ def test_a_change_in_time_begins_on_all_records_where_it_does(short):
     assert judged.explanations[0].label == whole.explanations[0].label == "sensor.T3.scale since record 1 of flight 6"
 
 
+@pytest.mark.slow
 def test_nothing_missing_is_nothing_on_all_records_and_says_what_only_a_share_was_searched_for(short):
     story = tell(flown(0.0, seed=7), LIBRARY, advise=False)
     assert story.answer.status == "nothing" and story.answer.readings > 600 * 5

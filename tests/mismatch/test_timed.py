@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 from unsteady_flights import Truth, flown
 
 from enginediag_cli.mismatch.unrecorded.timed import timed
@@ -16,6 +17,7 @@ def case(seed: int) -> Truth:
     return flown(np.random.default_rng(seed))
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_times_of_a_switch_and_most_lie_within_10_s():
     held, near, total = 0, 0, 0
     for seed in (51, 52):

@@ -73,6 +73,7 @@ def test_early_life_is_predicted_to_within_the_noise(nominal):
     )  # the design point was sized to this fleet
 
 
+@pytest.mark.slow
 def test_every_engine_has_departed_at_the_end_of_its_life(nominal, fleet):
     out, _ = enginediag("detect", "-n", nominal, fleet, "--recorder", RECORDER, "--reference", "20", "--last", "20")
     assert [row["verdict"] for row in table(out)] == ["fault"] * 100

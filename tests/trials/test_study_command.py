@@ -168,6 +168,7 @@ def test_the_journal_of_another_study_is_refused(study_file, finished, capsys):
     assert "not the journal" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_an_interrupted_study_keeps_its_journal_and_no_output(study_file, tmp_path):
     many = tmp_path / "many.yaml"
     many.write_text(SMALL.replace("repetitions: 103", "repetitions: 6000"), encoding="utf-8")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import concealed
 import numpy as np
+import pytest
 
 from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
@@ -26,6 +27,7 @@ def looked(*effects: Effect) -> tuple[float, float]:
     return any_curve_at_all(found, projection, known_variables(found)), listed
 
 
+@pytest.mark.slow
 def test_a_wave_that_no_form_has_is_plainly_likelier_as_any_curve() -> None:
     acts, a = Acts("hpc.efficiency", "hpc", "", True), Coefficient("a", "1", "size", 0.0, -900.0, 900.0, 100.0, 200.0)
     mach = {"mach": variables_of(concealed.turbofan().network)["mach"]}
