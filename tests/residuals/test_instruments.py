@@ -138,6 +138,13 @@ def test_a_sensor_that_repeats_itself_is_stuck_where_the_model_moves():
     assert stuck_outputs(readings, level)[:, 0].tolist() == [True] * 30 + [False] * 20
 
 
+def test_records_with_a_wrong_input_make_no_sensor_stuck():
+    """A coarse recorder writes one value for minutes on the ground, and the fuel flow of one record is wrong."""
+    level = np.zeros((8, 1))
+    level[5] = 40.0
+    assert not stuck_outputs(np.full((8, 1), 990610.3), level).any()
+
+
 def test_an_input_is_stuck_where_the_readings_move_as_its_error_would_make_them():
     rng = np.random.default_rng(5)
     n = 60
