@@ -59,6 +59,12 @@ class Verdict:
     score: Score | None = None
     detectable: np.ndarray | None = None
 
+    @property
+    def with_instruments(self) -> str:
+        """The verdict where instruments count, too: one that is stuck or scatters is a fault whatever the test says of
+        the rest."""
+        return FAULT if self.window.instruments and self.verdict == HEALTHY else self.verdict
+
 
 def unknown_noise(score: Score) -> bool:
     """Whether the noise rests on so few independent readings that no threshold keeps its false-alarm rate."""

@@ -33,7 +33,7 @@ def told_verdict(verdict: Verdict, adequacy: Adequacy | None) -> str:
     scatters is a fault whatever the test says of the rest."""
     if adequacy is not None and not adequacy.stands:
         return CANNOT_TELL
-    return "fault" if verdict.window.instruments and verdict.verdict == "healthy" else verdict.verdict
+    return verdict.with_instruments
 
 
 def instrument_rows(verdict: Verdict) -> Iterator[dict[str, Any]]:

@@ -87,9 +87,11 @@ def _windows(nominal: Path, judged: str) -> Sequence[IsolatedWindow]:
 
 
 def _window(found: IsolatedWindow, engine: Engine) -> dict[str, Any]:
-    """The answer for one window: verdict, sets of places with their probabilities (the answer first), sizes; `changed`:
-    of each place of the answer the probability that it changed, whatever else did."""
-    told: dict[str, Any] = {"verdict": found.verdict.verdict, "why": found.verdict.reason, "named": found.named}
+    """The answer for one window: verdict, sets of places with their probabilities (the answer first, with the
+    instruments that are stuck or scatter), sizes; `changed`: of each place of the answer the probability that it
+    changed, whatever else did."""
+    told: dict[str, Any] = {"verdict": found.verdict.with_instruments, "why": found.verdict.reason}
+    told["named"] = found.named
     if found.diagnosis is None:
         return told
     result, place = found.diagnosis.result, _places(found.known, engine)
@@ -97,8 +99,10 @@ def _window(found: IsolatedWindow, engine: Engine) -> dict[str, Any]:
     told["stands"] = found.diagnosis.adequacy.stands
     told["fit"] = _finite(found.diagnosis.adequacy.fit)
     told["sets"] = [[place[n] for n in names] for names, _ in sets]
+    told["sets"][0] += [reading(fault.column) for fault in found.instruments]
     told["probabilities"] = [_finite(p) for _, p in sets]
     told["changed"] = [_finite(result.inclusion[n]) for n in result.isolated]
+    told["changed"] += [_finite(fault.probability) for fault in found.instruments]
     one_of = getattr(result, "one_of", None)  # the class of which the answer is a member, where it cannot be told apart
     if one_of is not None:
         told["class"] = [[place[n] for n in (*one_of.shared, *member)] for member in one_of.members]
