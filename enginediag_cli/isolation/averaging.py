@@ -31,7 +31,7 @@ from enginediag_cli.detection.minimum_change import must_show
 from enginediag_cli.isolation.posterior import SetPosterior
 from enginediag_cli.isolation.prior import Instruments, SetPrior, are_sensors
 from enginediag_cli.isolation.sizes import ParameterChange
-from enginediag_cli.isolation.wear import wear_signs
+from enginediag_cli.isolation.wear import log_mass, wear_signs
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.score import Score
 
@@ -188,7 +188,7 @@ def least_that_matters(described: Sequence[Parameter], prior_sigma: np.ndarray) 
     return np.where(are_sensors(described), 0.0, MATTERS * must_show(described, prior_sigma))
 
 
-def with_what_does_not_matter(
+def absorb_small_changes(
     score: Score, posterior: SetPosterior, prior: SetPrior, about: Mapping[bytes, Score] | None = None
 ) -> SetPosterior:
     """The posterior over answers: of each set the probability that these changed and nothing else that matters.
@@ -214,26 +214,19 @@ def with_what_does_not_matter(
 
 def _log_small(score: Score, masks: np.ndarray, prior: SetPrior, about: Mapping[bytes, Score]) -> np.ndarray:
     """log P(|change| < `least_that_matters`) (S, p) of each member of sets (S, p) under the widest slab, 0 else."""
-    signs, (low, high) = wear_signs(score, prior), prior.bounds(score.described)
-    least = least_that_matters(score.described, score.prior_sigma) / (score.prior_sigma * prior.widths(score.described))
+    signs, widths = wear_signs(score, prior), prior.widths(score.described)
+    low, high = (end / widths for end in prior.bounds(score.described))
+    least = least_that_matters(score.described, score.prior_sigma) / (score.prior_sigma * widths)
     up = np.where(signs > 0, 1 - prior.rises, np.where(signs < 0, prior.rises, 0.5))
     found = np.zeros(masks.shape)
     for sets in _gaussians(score, masks, replace(prior, slabs=(max(prior.slabs),)), about):
         mean, spread = sets.mean[0], np.sqrt(np.einsum("sii->si", sets.covariance[0]))
         z = [(x[sets.members] - mean) / spread for x in (low, -least, np.zeros(len(low)), least, high)]
-        mass, rise = [_mass(z[k], z[k + 1]) for k in range(4)], up[sets.members]
+        mass, rise = [np.exp(log_mass(z[k], z[k + 1])) for k in range(4)], up[sets.members]
         small = (1 - rise) * mass[1] + rise * mass[2]
         whole = small + (1 - rise) * mass[0] + rise * mass[3]
         found[sets.rows[:, None], sets.members] = np.log(np.maximum(small / np.maximum(whole, TINY), TINY))
     return found
-
-
-def _mass(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Mass of the standard normal law between `low` and `high`, in the tails as well."""
-    from scipy.special import ndtr
-
-    flip = low > 0
-    return np.asarray(ndtr(np.where(flip, -low, high)) - ndtr(np.where(flip, -high, low)))
 
 
 def _quantile(weight: np.ndarray, mean: np.ndarray, spread: np.ndarray, level: float) -> float:

@@ -13,7 +13,7 @@ from math import comb
 import numpy as np
 
 from enginediag_cli.detection.glr import threshold
-from enginediag_cli.isolation.averaging import averaged_sizes, with_what_does_not_matter
+from enginediag_cli.isolation.averaging import absorb_small_changes, averaged_sizes
 from enginediag_cli.isolation.classes import class_of
 from enginediag_cli.isolation.holm import holm_minmax
 from enginediag_cli.isolation.incremental import incremental_diagnosis
@@ -100,7 +100,7 @@ def posterior_result(
     """Answer, rivals and sizes from a posterior over sets; `score` and `about` give the sizes, see `averaged_sizes`.
     prior: the one with which the posterior was made; listed: probability that one of these sets is it."""
     every, instruments = posterior, Instruments.from_parameters(score.described)
-    posterior = with_what_does_not_matter(score, every.merged(instruments), prior, about)
+    posterior = absorb_small_changes(score, every.merged(instruments), prior, about)
     posterior = replace(posterior, probabilities=listed * posterior.probabilities)
     isolated = posterior.names(0)
     count = posterior.credible(listed * options.coverage)

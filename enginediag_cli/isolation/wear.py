@@ -147,7 +147,7 @@ def piecewise(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Log of the mass, mean and mean square (w,) of a standard normal variable with the weight `down` from a to c and
     `up` from c to z, 0 beyond."""
-    below, above = np.log(down) + _log_mass(a, c), np.log(up) + _log_mass(c, z)
+    below, above = np.log(down) + log_mass(a, c), np.log(up) + log_mass(c, z)
     total = np.logaddexp(below, above)
     density = [-0.5 * x**2 - 0.5 * np.log(2 * np.pi) for x in (a, c, z)]
     at_a, at_c = (np.exp(np.log(down) + density[k] - total) for k in (0, 1))
@@ -166,7 +166,7 @@ FAR = 30.0
 """Standard deviations beyond a bound from which what is left of the normal law is a point there."""
 
 
-def _log_mass(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def log_mass(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """log of the mass (w,) of the standard normal law between `low` and `high`, however far out."""
     from scipy.special import log_ndtr
 

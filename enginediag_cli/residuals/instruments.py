@@ -4,10 +4,10 @@ Bias, scale and drift of an instrument are parameters, and compete with the engi
 of the same fault have no size that a sum over records could show, but a law of the single readings:
 
 **Stuck.** Identical readings over a run in which the model moves. Of an output the model moves where what is predicted
-does, by more than SPAN standard deviations of noise, which no rounding hides. Of an input, which is part of the model,
-where the other readings move as an error of this one input would make them: with the input free in every record, found
-by Newton steps from what was read, EXPLAINED of the excess that moved is gone. A stuck output has no readings, and
-records with a stuck input are of no use.
+does, by more than SPAN standard deviations of noise, which no rounding hides, a few records apart. Of an input, which
+is part of the model, where the other readings move as an error of this one input would make them: with the input free
+in every record, found by Newton steps from what was read, EXPLAINED of the excess that moved is gone. A stuck output
+has no readings, and records with a stuck input are of no use.
 
 **Noisy.** With the differences d_k of the residuals of consecutive records, in standard deviations of theirs, and g_k
 the effect of instrument i on them (a unit vector of an output, ∂Φ/∂u of an input), the readings of an instrument that
@@ -17,11 +17,11 @@ scatters by τ beyond what is stated have
 
 Differences do not know what lasts: faults, drifts and slow errors of the model. What is uncertain about nominal, as the
 maps are, differs between operating points: the variance ΔJ C ΔJᵀ that its covariance C gives to the difference of two
-records is a part of what is stated. Σt_k/n is a ratio of variances, of
-n/1.5 degrees of freedom (differences of neighbours share a reading), to which the law of `adequacy` applies: as stated
-within KNOWN, or anything up to LARGEST. Instruments compete by their likelihood, since the directions g overlap; the
-readings of one that is found are weighed by (1 + τ²SSᵀ)^-½, S its effect on the readings, and the others are asked
-again. Where more than MOST_WRONG would be noisy it is the model that fails, and none is named.
+records is a part of what is stated. Σt_k/n is a ratio of variances, of n/1.5 degrees of freedom (differences of
+neighbours share a reading), to which `level_of_ratio` applies: as stated within KNOWN, or anything up to LARGEST.
+Instruments compete by their likelihood, since the directions g overlap; the readings of one that is found are weighed
+by (1 + τ²SSᵀ)^-½, S its effect on the readings, and the others are asked again. Where more than MOST_WRONG would be
+noisy it is the model that fails, and none is named.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from enginediag_cli.recordings.stuck import StuckRun
+from enginediag_cli.residuals.groups import runs
 from enginediag_cli.residuals.noise import KNOWN, LARGEST, NoiseModel, level_of_ratio
 from enginediag_cli.units import split_column
 
@@ -131,13 +132,9 @@ def stuck_faults(
         )
 
 
-def identical(values: np.ndarray, least: int) -> Iterator[tuple[int, int]]:
+def identical(values: np.ndarray, least: int) -> list[tuple[int, int]]:
     """(first, stop) of runs of at least so many identical finite values (n,)."""
-    same = np.isfinite(values[1:]) & (values[1:] == values[:-1])
-    edges = np.flatnonzero(np.diff(np.r_[False, same, False].astype(np.int8)))
-    for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        if last + 1 - first >= least:
-            yield first, last + 1
+    return [(first, stop) for first, stop in runs(values) if stop - first >= least and np.isfinite(values[first])]
 
 
 def stuck_outputs(readings: np.ndarray, level: np.ndarray) -> np.ndarray:
@@ -200,8 +197,7 @@ def _left_with_free(column: str, rows: np.ndarray, read: np.ndarray, free: Free)
         known = np.isfinite(z) & np.isfinite(slope)
         z, slope = np.where(known, z, np.nan), np.where(known, slope, 0.0)
         # one input cannot mend what all of the run has in common: a fault of the engine is no part of the question
-        about = np.where(known, z - np.nanmean(np.where(known.any(axis=0), z, 0.0), axis=0), 0.0)
-        best = min(best, float(np.sum(about**2)))
+        best = min(best, _moved(z)[0])
         power = np.sum(slope**2, axis=1)
         step = -np.sum(slope * np.nan_to_num(z), axis=1) / np.where(power > 0, power, np.inf)
         largest = FARTHEST * np.maximum(np.abs(read), np.abs(values))
@@ -217,6 +213,9 @@ class Scatter:
     of: int
     size: float
     probability: float
+
+
+Effects = Callable[[], np.ndarray]
 
 
 def scattering(
@@ -248,9 +247,6 @@ def scattering(
         d = np.einsum("kij,kj->ki", inverse, d)
         S = inverse @ S
     return []
-
-
-Effects = Callable[[], np.ndarray]
 
 
 def _own_line_removed(e: np.ndarray, level: np.ndarray) -> np.ndarray:

@@ -255,26 +255,26 @@ def _meaning(
     found = {name: engine.parameters[name] for name in monitored}
     if any(p.of_sensor and p.quantity == "bias" for p in found.values()):
         values = {name: v for name, v in nominal.theta0.items() if name in engine.parameters}
-        answer = engine.predict(_seen_points(nominal), values, sensors=tuple(sensors))
+        answer = engine.predict(seen_points(nominal.envelope), values, sensors=tuple(sensors))
         read = np.abs(np.asarray(answer.y)[np.asarray(answer.ok)]).max(axis=0, initial=0.0)
         for column, largest in zip(sensors, read.tolist(), strict=True):
             found |= {p.name: p for p in engine.sensors[column].parameters(largest) if p.name in found}
     return found
 
 
-def _seen_points(nominal: Nominal) -> dict[str, np.ndarray]:
-    """Some of the operating points that identification saw, column -> (SEEN,)."""
-    points = np.asarray(nominal.envelope.points)
+def seen_points(envelope: Any, count: int = SEEN) -> dict[str, np.ndarray]:
+    """So many of the operating points that identification saw, evenly chosen, column -> (count,)."""
+    points = np.asarray(envelope.points)
     # np.unique imports numpy.ma, which takes as long as judging a flight
-    at = sorted(set(np.linspace(0, len(points) - 1, SEEN).round().astype(int).tolist()))
-    return {c: points[at, i] for i, c in enumerate(nominal.envelope.inputs)}
+    at = sorted(set(np.linspace(0, len(points) - 1, count).round().astype(int).tolist()))
+    return {c: points[at, i] for i, c in enumerate(envelope.inputs)}
 
 
 def _slopes(engine: MonitoredModel, nominal: Nominal, monitored: tuple[str, ...]) -> MapSlopes | None:
     """Slopes of the maps at some of the operating points that identification saw."""
     if nominal.error_model is None:
         return None
-    inputs = _seen_points(nominal)
+    inputs = seen_points(nominal.envelope)
     theta = {name: v for name, v in nominal.theta0.items() if name in engine.parameters}
     return map_slopes(engine, nominal.error_model, monitored, inputs, theta)
 

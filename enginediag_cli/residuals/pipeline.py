@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -40,7 +41,7 @@ from enginediag_cli.side_by_side import in_turn, jobs
 LINEARISE = ("estimate", "nominal")
 BATCH_RECORDS = 3_000
 """Windows wait for each other until they hold this many records for each process. A window with more is a long one."""
-TOGETHER = 1_000
+CALL_RECORDS = 500
 """Records of the windows that are re-linearised together: one call of the engine costs less than many, and more would
 save little and hold sensitivities to a hundred parameters of each. A window holds the square of its p parameters, too,
 as much as p/m records of m readings. Which windows share a call decides on their last digits: it must not depend on how
@@ -165,7 +166,7 @@ def _finished(
 ) -> Iterator[WindowStatistics]:
     """Statistics of the waiting windows, in order; leaves the last batch in the queue unless no more follows."""
     own = len(monitor.names) / max(len(monitor.sensors), 1)
-    batches = list(_batches([*waiting], TOGETHER, own))
+    batches = list(_batches([*waiting], CALL_RECORDS, own))
     waiting.clear()
     if not last:
         waiting.extend(batches.pop())
@@ -364,6 +365,7 @@ def scattering_instruments(
     engine, noise, sensors = monitor.engine, monitor.noise, monitor.sensors
     columns = [c for c in engine.inputs if suspected(engine, c) is not None and c in nominal.inputs]
 
+    @cache
     def effects() -> np.ndarray:
         found = engine.predict(nominal.inputs, monitor.base, sensors=sensors, wrt=tuple(columns))
         unit = np.broadcast_to(np.eye(len(sensors)), (len(e), len(sensors), len(sensors)))

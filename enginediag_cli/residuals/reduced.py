@@ -18,7 +18,7 @@ import numpy as np
 
 from enginediag_cli.error_model.modelled import MapErrorModel
 from enginediag_cli.residuals.curvature import Curvature, curvature
-from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.monitor import Monitor, seen_points
 
 NEGLIGIBLE = 5e-5
 """Information per record of a direction below which it is left out: a tenth in two thousand records."""
@@ -75,7 +75,7 @@ def reduced(monitor: Monitor, bent: Curvature | None = None) -> Monitor:
     replace. bent: its curvature, where that is known."""
     if not can_be_reduced(monitor):
         return monitor
-    inner, inputs = without_offsets(monitor), _some_points(monitor)
+    inner, inputs = without_offsets(monitor), seen_points(monitor.envelope, POINTS)
     _, J, ok, found = inner.predict(inputs, inner.theta0)
     if not ok.any():
         return monitor
@@ -125,15 +125,9 @@ def curvature_of(monitor: Monitor) -> Curvature | None:
     envelope = monitor.envelope
     if envelope is None or not len(envelope.points) or any(c not in envelope.inputs for c in monitor.engine.inputs):
         return None
-    inputs = _some_points(monitor)
+    inputs = seen_points(monitor.envelope, POINTS)
     _, _, ok, found = monitor.predict(inputs, monitor.theta0)
     return _bent(monitor, inputs, ok, found) if ok.any() else None
-
-
-def _some_points(monitor: Monitor) -> dict[str, np.ndarray]:
-    at = np.linspace(0, len(monitor.envelope.points) - 1, POINTS).round().astype(int)
-    points = np.asarray(monitor.envelope.points)[sorted(set(at.tolist()))]
-    return {c: points[:, i] for i, c in enumerate(monitor.envelope.inputs)}
 
 
 def _bent(monitor: Monitor, inputs: Mapping[str, np.ndarray], ok: np.ndarray, found: Any) -> Curvature | None:

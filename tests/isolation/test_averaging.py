@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from enginediag_cli.isolation.averaging import averaged_sizes, least_that_matters, with_what_does_not_matter
+from enginediag_cli.isolation.averaging import absorb_small_changes, averaged_sizes, least_that_matters
 from enginediag_cli.isolation.posterior import set_posterior
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.isolation.sizes import estimate_sizes
@@ -134,7 +134,7 @@ def test_an_answer_is_as_probable_as_that_nothing_else_matters_in_engines_drawn_
         names = tuple(f"p{i}" for i in range(p))
         glr = float(b @ np.linalg.solve(information, b))
         score = Score(names, np.ones(p), np.full(p, 0.02), b / 0.02, information / 0.02**2, glr, p)
-        posterior = with_what_does_not_matter(score, set_posterior(score, prior), prior)
+        posterior = absorb_small_changes(score, set_posterior(score, prior), prior)
         assert posterior.probabilities.sum() == pytest.approx(1.0)
         least = least_that_matters(score.described, score.prior_sigma)
         answer = posterior.masks[0]
@@ -149,7 +149,7 @@ def test_a_change_that_the_data_do_not_show_may_matter_and_what_they_show_small_
     # the third parameter is hardly seen, the second to a tenth of what matters
     score = score_of(np.diag([4e4, 4e4, 1e-3]), [1.0, 0.0, 0.0])
     exactly = set_posterior(score, PRIOR)
-    posterior = with_what_does_not_matter(score, exactly, PRIOR)
+    posterior = absorb_small_changes(score, exactly, PRIOR)
     assert posterior.names(0) == exactly.names(0) == ("p0",)
     both, unseen = (exactly.masks == [[True, True, False]]).all(axis=1), (exactly.masks[:, 2]).sum()
     assert exactly.probabilities[both] > 0.001 and unseen
