@@ -169,7 +169,7 @@ def stuck_inputs(z: np.ndarray, inputs: Mapping[str, np.ndarray], free: Free) ->
             if n < STUCK_RECORDS:
                 continue
             moved, count = _moved(z[rows])
-            if moved - count > MOVED * n:
+            if moved - count > MOVED * n and _usually_moved(z[rows]) > MOVED:
                 left = _left_with_free(column, rows, values[rows], free)
                 explained = moved - left - n
                 if explained > max(EXPLAINED * (moved - count), MOVED * n):
@@ -186,6 +186,14 @@ def _moved(z: np.ndarray) -> tuple[float, float]:
     present = np.isfinite(z)
     about = np.where(present, z - np.nanmean(np.where(present.any(axis=0), z, 0.0), axis=0), 0.0)
     return float(np.sum(about**2)), float(present.sum() - present.any(axis=0).sum())
+
+
+def _usually_moved(z: np.ndarray) -> float:
+    """Excess of χ² of z (k, m) about the median of each sensor that a quarter of the records reach: a few records with
+    another wrong input move nothing but themselves."""
+    present = np.isfinite(z)
+    about = np.where(present, z - np.nanmedian(np.where(present.any(axis=0), z, 0.0), axis=0), 0.0)
+    return float(np.percentile(np.sum(about**2, axis=1) - present.sum(axis=1), 75))
 
 
 def _left_with_free(column: str, rows: np.ndarray, read: np.ndarray, free: Free) -> float:

@@ -162,6 +162,12 @@ def test_an_input_is_stuck_where_the_readings_move_as_its_error_would_make_them(
     stuck = stuck_inputs(z, {"u": read, "w": np.zeros(n)}, free)
     assert list(stuck) == ["u"]
     assert stuck["u"].tolist() == [False] * 20 + [True] * 40
+    # one record with another wrong input moves nothing but itself, whichever input it looks like
+    calm = np.full(n, 1.5)
+    readings = calm[:, None] ** 2 * 10 * unit + rng.standard_normal((n, M))
+    readings[7] += 40 * unit
+    read = calm
+    assert stuck_inputs(readings - calm[:, None] ** 2 * 10 * unit, {"u": calm}, free) == {}
     # commands and cruise stand still for hours: an input that does so while nothing moves is none
     still = np.full(n, 1.5)
     readings = still[:, None] ** 2 * 10 * unit + rng.standard_normal((n, M)) + [5.0, 0.0, 0.0, 0.0]
