@@ -47,7 +47,7 @@ def isolated(flight: Flight) -> str:
         return no_verdict(flight.reason or "nothing could be isolated", where=f"flight {flight.name}")
     told = [_change(size) for size in flight.isolated.values()]
     rival = f" [next best: {flight.rivals[0]}]" if flight.rivals else ""
-    return f"flight {flight.name}: {'; '.join(told) or 'no parameter stands out'}{rival}"
+    return f"flight {flight.name}: {'; '.join(told) or 'no change that matters'}{rival}"
 
 
 def _change(size: Size) -> str:
