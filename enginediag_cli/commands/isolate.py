@@ -23,6 +23,7 @@ from enginediag_cli.commands.options import (
     probability_option,
 )
 from enginediag_cli.commands.picture_option import picture_option
+from enginediag_cli.faults.chances import INSTRUMENT, PARAMETER
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
 from enginediag_cli.presentation.summaries import COMPONENTS, ISOLATE
@@ -56,9 +57,11 @@ METHODS = ("posterior", "incremental", "sensitivity", "minmax")
 )
 @click.option("--faults", metavar="Q", type=click.IntRange(min=1), help="Number of changed parameters, when known.")
 @false_alarm_option
-@probability_option("--inclusion", 0.1, "Prior probability that a parameter of the engine changed (posterior).")
+@probability_option("--inclusion", PARAMETER, "Prior probability that a parameter of the engine changed (posterior).")
 @probability_option(
-    "--sensor-inclusion", 0.005, "Prior probability that a sensor is wrong (posterior); no more than two are at once."
+    "--sensor-inclusion",
+    INSTRUMENT,
+    "Prior probability that a sensor is wrong (posterior); no more than two are at once.",
 )
 @probability_option("--coverage", 0.98, "Probability that answer and rivals hold together.")
 @probability_option("--confidence", 0.95, "Level of intervals.")

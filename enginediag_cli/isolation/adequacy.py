@@ -31,6 +31,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.detection.lack_of_fit import lack_of_fit
+from enginediag_cli.faults.chances import UNLISTED
 from enginediag_cli.isolation.enumeration import all_sets
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.isolation.sizes import estimate_sizes
@@ -38,8 +39,6 @@ from enginediag_cli.residuals.noise import NoiseLevel, level_of_ratio
 from enginediag_cli.residuals.score import Score
 from enginediag_cli.residuals.statistics import LocalStatistics
 
-UNLISTED = 0.02
-"""Chance beforehand that what happened is none of what is listed: once in fifty windows. Judgement."""
 FREE = (0.5, 1.5, 5.0, 20.0)
 """Sizes of the free vector in widths of the prior: from what is hardly seen to what no component and no instrument
 shows."""

@@ -196,7 +196,7 @@ def absorb_small_changes(
     The set that was likeliest stays the first; the others follow by falling probability.
     """
     masks, left = _likeliest(posterior)
-    small = _log_small(score, masks, prior, about or {})
+    small = log_too_small(score, masks, prior, about or {})
     left, taken = left.copy(), left.copy()
     for r in range(len(masks) - 1):
         donors = r + 1 + np.flatnonzero(~(masks[r] & ~masks[r + 1 :]).any(axis=1))
@@ -212,7 +212,7 @@ def absorb_small_changes(
     return replace(posterior, masks=posterior.masks[order], probabilities=probabilities[order])
 
 
-def _log_small(score: Score, masks: np.ndarray, prior: SetPrior, about: Mapping[bytes, Score]) -> np.ndarray:
+def log_too_small(score: Score, masks: np.ndarray, prior: SetPrior, about: Mapping[bytes, Score]) -> np.ndarray:
     """log P(|change| < `least_that_matters`) (S, p) of each member of sets (S, p) under the widest slab, 0 else."""
     signs, widths = wear_signs(score, prior), prior.widths(score.described)
     low, high = (end / widths for end in prior.bounds(score.described))

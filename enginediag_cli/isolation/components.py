@@ -88,9 +88,7 @@ def component_posterior(
     for c in components:
         mine = [i for i, o in enumerate(owner) if o == c]
         units += [[i] for i in mine] if wrong[mine].all() else [mine]
-    instruments = Instruments(
-        np.array([components.index(owner[m[0]]) if wrong[m].all() else -1 for m in units], int)
-    ).numbered
+    instruments = Instruments.from_parameters([score.described[m[0]] for m in units])
     b, information = prior.scaled(score)
     p, width = len(owner), max(map(len, units), default=0)
     # every unit is filled up to the same width with a parameter of which the data tell nothing

@@ -113,12 +113,12 @@ def set_posterior(
     each = quadratic
     each -= log_det
     each *= 0.5
-    wrong, healthy, log_forms = _counted(tuple(instruments.owner.tolist()), limit, few)
+    wrong, healthy, log_forms = _counted(
+        tuple(instruments.owner.tolist()), tuple(prior.log_odds_of(instruments).tolist()), limit, few
+    )
     top = np.maximum.reduce(list(each))  # with the prior, a bound of the weight that is no more than ln(slabs) off
-    many = int(forms.sum())
-    each_count = np.ogrid[: min(limit, p - many) + 1, : min(few, limit, many) + 1]
-    of_counts = prior.log_of_counts(each_count[0], each_count[1], p - many, instruments.count)
-    logs = top + of_counts.ravel().take(healthy * of_counts.shape[1] + wrong) + log_forms
+    of_size = prior.log_of_size(p - int(forms.sum())) + prior.log_all_right(instruments)
+    logs = top + of_size.take(healthy) + log_forms
     sizes = healthy + wrong
     none = int(np.flatnonzero(sizes == 0)[0])
     asked = np.isfinite(log_forms) & ((sizes == faults) if faults is not None else True)
@@ -144,13 +144,15 @@ def set_posterior(
 
 
 @lru_cache(maxsize=8)
-def _counted(owner: tuple[int, ...], limit: int, few: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of each set of `all_sets`, in its order (M,): how many errors of instruments, how many parameters of the engine,
-    and the log prior share of the forms in it."""
+def _counted(
+    owner: tuple[int, ...], log_odds: tuple[float, ...], limit: int, few: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of each set of `all_sets`, in its order (M,): how many errors of instruments and valves, how many parameters of
+    the engine, and the log prior odds of the forms in it, of which each has log_odds (p,)."""
     instruments = Instruments(np.array(owner, int))
     masks = sets_of(len(owner), limit, tuple((instruments.forms_of).tolist()), few)
     wrong = masks[:, instruments.forms_of].sum(axis=1)
-    return wrong, masks[:, ~instruments.forms_of].sum(axis=1), instruments.log_forms(masks)
+    return wrong, masks[:, ~instruments.forms_of].sum(axis=1), instruments.log_forms(masks, np.array(log_odds))
 
 
 def _holding_nearly_all(logs: np.ndarray, none: np.ndarray) -> np.ndarray:

@@ -10,12 +10,11 @@ k of p parameters then has the probability
 The first part alone would exclude an engine that is worn throughout, however clear the data (on multiplicity and
 priors over the size of a set: Scott, J. G. and Berger, J. O. (2010) Annals of Statistics 38, 2587–2619).
 
-Instruments, those of the model's inputs included, do not wear together: each of m is wrong with probability `sensor`,
-whatever the engine did, and no more than `wrong_sensors` of them at once, in one of its f forms (bias, scale, drift),
-all as probable, so that a set of parameters and j instruments has
+Instruments, those of the model's inputs included, and valves do not wear together: each is wrong with a probability
+of its own, c = `sensor` or `inclusion`, whatever the engine did, and no more than `wrong_sensors` of them at once, in
+one of its f forms (bias, scale, drift), all as probable, so that a set of parameters and of such as these has
 
-    P(S) = P(parameters of S) · Π_j 1/f_j · sensor^j (1 − sensor)^(m−j)
-                                          / Σ_{i ≤ wrong_sensors} C(m, i) sensor^i (1 − sensor)^(m−i).
+    P(S) = P(parameters of S) · Π_{j in S} c_j/f_j · Π_{j not in S} (1 − c_j) / P(no more than wrong_sensors are wrong).
 
 How much: a change of a parameter is N(0, slab² · prior_sigma²), where the slab is common to the parameters of a
 set and one of `slabs`, each as probable as the others. With prior_sigma of 2 %, as health parameters have it, the
@@ -37,6 +36,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from enginediag_cli.faults.chances import INSTRUMENT, MOST_AT_ONCE, PARAMETER
 from enginediag_cli.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -58,25 +58,25 @@ def are_sensors(parameters: Sequence[Parameter]) -> np.ndarray:
 @dataclass(frozen=True)
 class Instruments:
     """Which parameters are forms of the error of which instrument or actuator: its number (p,), −1 of what wears with
-    the engine. The forms of one instrument (its bias, scale, drift) exclude each other."""
+    the engine. The forms of one instrument (its bias, scale, drift) exclude each other. valves: numbers of those that
+    are actuators."""
 
     owner: np.ndarray
+    valves: frozenset[int] = frozenset()
 
     @staticmethod
     def from_parameters(parameters: Sequence[Parameter]) -> Instruments:
-        names = {name: k for k, name in enumerate(dict.fromkeys(p.component for p in parameters if p.fails_alone))}
-        return Instruments(np.array([names[p.component] if p.fails_alone else -1 for p in parameters], int))
+        kinds = {p.component: p.of_instrument for p in parameters if p.fails_alone}
+        number = {name: k for k, name in enumerate(kinds)}
+        return Instruments(
+            np.array([number[p.component] if p.fails_alone else -1 for p in parameters], int),
+            frozenset(number[name] for name, instrument in kinds.items() if not instrument),
+        )
 
     @staticmethod
     def alone(sensors: np.ndarray) -> Instruments:
         """Instruments of one form each, where `sensors` (p,) bool."""
         return Instruments(np.where(sensors, np.cumsum(sensors) - 1, -1))
-
-    @property
-    def numbered(self) -> Instruments:
-        """The same with instruments counted from 0 in the order of their numbers."""
-        known = {k: n for n, k in enumerate(sorted({int(k) for k in self.owner if k >= 0}))}
-        return Instruments(np.array([known.get(int(k), -1) for k in self.owner], int))
 
     @property
     def forms_of(self) -> np.ndarray:
@@ -88,17 +88,16 @@ class Instruments:
         return int(self.owner.max(initial=-1)) + 1
 
     @cached_property
-    def log_share(self) -> np.ndarray:
-        """log of the prior share (p,) of each form of its instrument's error; 0 of the engine's parameters."""
-        forms = np.bincount(self.owner[self.forms_of], minlength=self.count)
-        return np.where(self.forms_of, -np.log(np.maximum(forms, 1)[self.owner] if self.count else 1.0), 0.0)
+    def forms(self) -> np.ndarray:
+        """How many forms the error of each has (count,)."""
+        return np.bincount(self.owner[self.forms_of], minlength=self.count)
 
-    def log_forms(self, masks: np.ndarray) -> np.ndarray:
-        """log prior share (M,) of the forms in sets (M, p); −inf of a set with two forms of one instrument."""
+    def log_forms(self, masks: np.ndarray, log_each: np.ndarray) -> np.ndarray:
+        """Sum (M,) of log_each (p,) over the forms in sets (M, p); −inf of a set with two forms of one instrument."""
         found = np.zeros(len(masks))
         for i in np.flatnonzero(self.forms_of):
-            found[masks[:, i]] += self.log_share[i]
-        for k in np.flatnonzero(np.bincount(self.owner[self.forms_of], minlength=self.count) > 1):
+            found[masks[:, i]] += log_each[i]
+        for k in np.flatnonzero(self.forms > 1):
             found[masks[:, self.owner == k].sum(axis=1) > 1] = -np.inf
         return np.asarray(found)
 
@@ -137,20 +136,17 @@ class Instruments:
 
 @dataclass(frozen=True)
 class SetPrior:
-    """inclusion, worn and sensor: probabilities; slabs: sizes of a change, in prior_sigma; wrong_sensors: at most, at
-    once; spread: factors on the odds of inclusion, which give the π; rises: chance that a parameter that changed went
-    against its wear, 0.5 where nothing is known of that; instruments: by how much slabs are wider for instruments'
-    errors.
-
-    sensor: of sixteen instruments one is then wrong in one window of thirteen. The chance is taken from every answer
-    that records cannot defend against a wrong instrument beside it, as single records cannot.
+    """inclusion, worn and sensor: probabilities, with the reasons in `faults/chances.py`; slabs: sizes of a change, in
+    prior_sigma; wrong_sensors: instruments and valves at most, at once; spread: factors on the odds of inclusion, which
+    give the π; rises: chance that a parameter that changed went against its wear, 0.5 where nothing is known of that;
+    instruments: by how much slabs are wider for instruments' errors.
     """
 
-    inclusion: float = 0.1
+    inclusion: float = PARAMETER
     worn: float = 0.05
     slabs: tuple[float, ...] = (0.15, 0.5, 1.5)
-    sensor: float = 0.005
-    wrong_sensors: int = 2
+    sensor: float = INSTRUMENT
+    wrong_sensors: int = MOST_AT_ONCE
     spread: tuple[float, ...] = (0.5, 1.0, 2.0)
     rises: float = 0.05
     instruments: float = 3.0
@@ -207,23 +203,34 @@ class SetPrior:
                 np.logaddexp(np.log1p(-self.worn) + separate, np.log(self.worn) + betaln(1 + k, 1 + p - k))
             )
 
+    def chances_of(self, instruments: Instruments) -> np.ndarray:
+        """Probability (count,) that each instrument or valve is wrong."""
+        return np.array([self.inclusion if k in instruments.valves else self.sensor for k in range(instruments.count)])
+
+    def log_odds_of(self, instruments: Instruments) -> np.ndarray:
+        """log odds (p,) of each form of an instrument's or a valve's fault; 0 of what wears with the engine."""
+        if not instruments.count:
+            return np.zeros(len(instruments.owner))
+        c = self.chances_of(instruments)
+        odds = np.log(c / (1 - c) / np.maximum(instruments.forms, 1))
+        return np.where(instruments.forms_of, odds[instruments.owner], 0.0)
+
+    def log_all_right(self, instruments: Instruments) -> float:
+        """log probability that none of them is wrong, given that no more than `wrong_sensors` are."""
+        c = self.chances_of(instruments)
+        odds = np.zeros(self.wrong_sensors + 1)  # of each number of wrong ones against none
+        odds[0] = 1.0
+        for x in c / (1 - c):
+            odds[1:] += x * odds[:-1]
+        return -float(np.log(odds.sum()))
+
     def log_of(self, masks: np.ndarray, instruments: Instruments) -> np.ndarray:
         """log P(S) (M,) of sets (M, p) bool."""
         forms = instruments.forms_of
         size, wrong = (masks & ~forms).sum(axis=1), (masks & forms).sum(axis=1)
-        healthy = int(np.sum(~forms))
-        return self.log_of_counts(size, wrong, healthy, instruments.count) + instruments.log_forms(masks)
-
-    def log_of_counts(self, size: np.ndarray, wrong: np.ndarray, healthy: int, m: int) -> np.ndarray:
-        """log P(S) (M,) of sets of `size` of so many parameters of the engine and `wrong` (M,) of m instruments."""
-        log = self.log_of_size(healthy)[size]
-        if not m:
-            return log
-        from scipy.special import bdtr
-
-        few = np.log(bdtr(min(self.wrong_sensors, m), m, self.sensor))
-        own = wrong * np.log(self.sensor) + (m - wrong) * np.log1p(-self.sensor) - few
-        return np.asarray(log + np.where(wrong <= self.wrong_sensors, own, -np.inf))
+        log = self.log_of_size(int(np.sum(~forms)))[size] + self.log_all_right(instruments)
+        log = log + instruments.log_forms(masks, self.log_odds_of(instruments))
+        return np.where(wrong <= self.wrong_sensors, log, -np.inf)
 
     def draw(
         self,
@@ -245,7 +252,7 @@ class SetPrior:
             wrong = np.zeros((count, instruments.count), bool)
             again = np.arange(count)
             while again.size:
-                wrong[again] = rng.random((len(again), instruments.count)) < self.sensor
+                wrong[again] = rng.random((len(again), instruments.count)) < self.chances_of(instruments)
                 again = again[wrong[again].sum(axis=1) > self.wrong_sensors]
             for k in range(instruments.count):
                 mine = np.flatnonzero(instruments.owner == k)

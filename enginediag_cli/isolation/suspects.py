@@ -18,7 +18,8 @@ from enginediag_cli.parameters import Parameter
 
 STEPS = {True: 0.9, False: 0.05}
 """Chance that an instrument (True) and a component (False) changes at once, and not growing. A thermocouple breaks or
-is replaced, few drift; most components wear and foul, a third stands for damage, washing and overhaul. Judgement."""
+is replaced, few drift; most components wear and foul, a third stands for damage, washing and overhaul. Valves leak as
+seals wear, and stick; as often as a component is damaged, so that neither passes for the other by this. Judgement."""
 WRONG_WAY = 0.1
 """Chance that a value which wear can move one way only has moved the other: washing and overhaul, in the main."""
 
@@ -58,7 +59,7 @@ def suspects_of(
     owner, wrong, shown, log_odds = [], [], [], []
     for component, mine in members.items():
         instrument = all(described[i].of_instrument for i in mine)
-        chance = prior.sensor if all(described[i].fails_alone for i in mine) else prior.inclusion
+        chance = prior.sensor if instrument else prior.inclusion
         each, whole = [(i,) for i in mine], [tuple(mine)]
         # an instrument is wrong in one of its forms, a component in all of its parameters or in one
         sets = each if instrument or len(mine) == 1 else [*whole, *each]

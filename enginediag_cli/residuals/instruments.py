@@ -20,7 +20,7 @@ maps are, differs between operating points: the variance ΔJ C ΔJᵀ that its c
 records is a part of what is stated. Σt_k/n is a ratio of variances, of n/1.5 degrees of freedom (differences of
 neighbours share a reading), to which `level_of_ratio` applies: as stated within KNOWN, or anything up to LARGEST.
 Instruments compete by their likelihood, since the directions g overlap; the readings of one that is found are weighed
-by (1 + τ²SSᵀ)^-½, S its effect on the readings, and the others are asked again. Where more than MOST_WRONG would be
+by (1 + τ²SSᵀ)^-½, S its effect on the readings, and the others are asked again. Where more than MOST_AT_ONCE would be
 noisy it is the model that fails, and none is named.
 """
 
@@ -31,6 +31,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from enginediag_cli.faults.chances import FORMS, INSTRUMENT, MOST_AT_ONCE
 from enginediag_cli.recordings.stuck import StuckRun
 from enginediag_cli.residuals.groups import runs
 from enginediag_cli.residuals.noise import KNOWN, LARGEST, NoiseModel, level_of_ratio
@@ -51,14 +52,8 @@ LEAST_READINGS = 4
 """Readings of a record from which freeing one input says something: of three, a third is explained by any direction."""
 NEWTON, FARTHEST = 6, 0.35
 """Steps towards the input that the readings would have, and the largest step, as a share of the reading."""
-SCATTER = 0.005
-"""Prior chance of an instrument's fault, as `SetPrior.sensor`, of which each of FORMS holds its share."""
-FORMS = 5
-"""Bias, scale, drift, stuck, noise: forms of one fault, each as probable as the others."""
 INDEPENDENT = 1 / 1.5
 """Independent differences of neighbours, per difference: neighbouring ones are correlated by −½."""
-MOST_WRONG = 2
-"""Instruments that are wrong at once at most, as `SetPrior.wrong_sensors`."""
 LEAST_DIFFERENCES = 8
 """Differences from which a scatter is estimated."""
 SIZES = np.exp(np.linspace(np.log(1.2), np.log(LARGEST), 40)) - 1.0
@@ -246,7 +241,7 @@ def scattering(
     S = np.nan_to_num(S)
     d = np.where(present, d, 0.0)
     found: list[Scatter] = []
-    while len(found) <= MOST_WRONG:
+    while len(found) <= MOST_AT_ONCE:
         one = _clearest(d, S)
         if one is None:
             return found
@@ -280,7 +275,7 @@ def _might_scatter(d: np.ndarray) -> bool:
     largest = 1.0 + float(np.sum(np.maximum(ratio[count > 0] - 1.0, 0.0)))
     total = KNOWN**2 + 2.0 / (INDEPENDENT * len(d))
     stated = -0.5 * np.log(largest) ** 2 / total - 0.5 * np.log(2 * np.pi * total)
-    return bool(-np.log(np.log(LARGEST)) - stated + np.log(SCATTER / FORMS) > 0.0)
+    return bool(-np.log(np.log(LARGEST)) - stated + np.log(INSTRUMENT / FORMS) > 0.0)
 
 
 def _clearest(d: np.ndarray, S: np.ndarray) -> Scatter | None:
@@ -299,7 +294,7 @@ def _clearest(d: np.ndarray, S: np.ndarray) -> Scatter | None:
         ratio = float(np.mean(q / P))
         log, size = _likeliest(P, q)
         law = level_of_ratio(max(ratio, 1e-9), INDEPENDENT * n)
-        odds = np.exp(min(law.log_anything - law.log_stated, 700.0)) * SCATTER / FORMS if ratio > 1.0 else 0.0
+        odds = np.exp(min(law.log_anything - law.log_stated, 700.0)) * INSTRUMENT / FORMS if ratio > 1.0 else 0.0
         best.append((log, size, float(odds / (1 + odds))))
     logs = np.array([log for log, _, _ in best])
     i = int(np.argmax(logs))

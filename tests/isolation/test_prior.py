@@ -50,6 +50,21 @@ def test_sensors_are_wrong_apart_from_the_engine_and_few_at_once():
     assert probability[healthy].sum() == pytest.approx(np.exp(prior.log_of_size(3)[0]))
 
 
+def test_a_valve_is_as_probable_as_a_parameter_of_the_engine_and_an_instrument_is_not():
+    """All sets of an engine's parameter, a valve and two instruments of two forms each: their sum and their odds."""
+    instruments = Instruments(np.array([-1, 0, 1, 1, 2, 2]), valves=frozenset({0}))
+    prior, masks = SetPrior(0.2, 0.0, sensor=0.01, spread=(1.0,)), sets_and_sensors(6, 0)[0]
+    logs = prior.log_of(masks, instruments)
+    assert np.exp(logs).sum() == pytest.approx(1)
+    of = {tuple(np.flatnonzero(mask).tolist()): log for mask, log in zip(masks, logs, strict=True)}
+    assert of[1,] == pytest.approx(of[0,])
+    assert np.exp(of[1,] - of[()]) == pytest.approx(0.2 / 0.8)
+    assert np.exp(of[2,] - of[()]) == pytest.approx(0.01 / 0.99 / 2)
+    assert of[2, 3] == of[1, 2, 4] == -np.inf
+    changed, _ = prior.draw(np.random.default_rng(4), 40_000, 6, instruments)
+    assert changed[:, 1].mean() == pytest.approx(np.exp(logs[masks[:, 1]]).sum(), abs=0.01)  # five standard errors
+
+
 def test_without_sensors_the_prior_is_that_of_the_size():
     prior, (masks, sensors) = SetPrior(), sets_and_sensors(4, 0)
     np.testing.assert_allclose(prior.log_of(masks, Instruments.alone(sensors)), prior.log_of_size(4)[masks.sum(axis=1)])

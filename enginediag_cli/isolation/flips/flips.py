@@ -2,25 +2,27 @@
 
 The name has changed where another set leads, but for the error of the instrument that is tried: where an answer gets
 "and T3 reads wrong" by an error of T3, the error is told for what it is. A map's error has no name of its own, and
-what is put down to its component's health is a flip.
+what is put down to its component's health is a flip. Nor has it changed where another set holds the answer and changes
+that are too small to matter, as the answer's own probability has it (`averaging.py`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
+from enginediag_cli.isolation.averaging import absorb_small_changes, log_too_small
 from enginediag_cli.isolation.belief import Belief
-from enginediag_cli.isolation.components import component_posterior, more_probable_than_not
+from enginediag_cli.isolation.components import HALF, component_posterior, more_probable_than_not
 from enginediag_cli.isolation.flips.errors import MAP, PRIOR, SingleError
 from enginediag_cli.isolation.flips.lines import Lines, log_prior_of
 from enginediag_cli.isolation.flips.search import Crossing, crossings
 from enginediag_cli.isolation.posterior import SetPosterior
-from enginediag_cli.isolation.prior import Instruments, SetPrior, are_sensors
+from enginediag_cli.isolation.prior import Instruments, SetPrior
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.score import Score
 
@@ -85,15 +87,15 @@ def flips_of_parameters(belief: Belief, errors: Sequence[SingleError], most: flo
     def likeliest(line: np.ndarray, logs: np.ndarray) -> np.ndarray:
         return np.asarray(logs.argmax(axis=1))
 
-    found = crossings(
-        lines, likeliest, partial(_same, _cores(masks, errors, belief.score.described)), _limits(errors, most)
-    )
+    same = partial(_same, _cores(masks, errors, belief.score.described), _Small(belief, masks, along))
+    found = crossings(lines, likeliest, same, _limits(errors, most))
     names = posterior.parameters
     told = [_flip(errors[c.line], c, _names(names, masks[c.becomes])) for c in found.values()]
-    if len(merged.probabilities) > 1 and merged.probabilities[1] > 0:
-        odds = float(merged.probabilities[0] / merged.probabilities[1])
-        told.append(_of_prior(odds, merged.names(1), belief.prior))
-    return Flips(tuple(sorted(told, key=lambda flip: flip.times)), merged.names(0), len(errors), most)
+    answers = absorb_small_changes(belief.score, merged, belief.prior, belief.about)
+    if len(answers.probabilities) > 1 and answers.probabilities[1] > 0:
+        odds = float(answers.probabilities[0] / answers.probabilities[1])
+        told.append(_of_prior(odds, answers.names(1), belief.prior))
+    return Flips(tuple(sorted(told, key=lambda flip: flip.times)), answers.names(0), len(errors), most)
 
 
 def flips_of_components(
@@ -104,11 +106,11 @@ def flips_of_components(
     limit = int(sets.sum(axis=1).max())
     owner = [p.component for p in score.described]
     held = np.array([[o == c for o in owner] for c in components], bool)
-    wrong = np.array([bool(are_sensors(score.described)[row].all()) for row in held], bool)
+    firsts = [score.described[owner.index(c)] for c in components]
     answer = more_probable_than_not(sets, probabilities)
     order = np.concatenate([[answer], np.delete(np.arange(len(sets)), answer)])
     followed, reported = _followed(sets[order], probabilities[order])
-    possible = prior.log_of(followed, Instruments.alone(wrong))
+    possible = prior.log_of(followed, Instruments.from_parameters(firsts))
     kept = np.isfinite(possible) & (followed.sum(axis=1) <= limit)
     followed, reported, possible = followed[kept], reported[kept], possible[kept]
     masks = (followed[:, :, None] & held).any(axis=1)
@@ -118,7 +120,8 @@ def flips_of_components(
     def named(line: np.ndarray, logs: np.ndarray) -> np.ndarray:
         return np.array([_named(followed, row) for row in logs], int)
 
-    found = crossings(lines, named, partial(_same, _cores(masks, errors, score.described)), _limits(errors, most))
+    same = partial(_same, _cores(masks, errors, score.described), None)
+    found = crossings(lines, named, same, _limits(errors, most))
     told = [_flip(errors[c.line], c, _names(components, followed[c.becomes])) for c in found.values()]
     second = next((i for i in range(len(sets)) if i != answer), None)
     if second is not None and probabilities[second] > 0:
@@ -175,8 +178,35 @@ def _cores(masks: np.ndarray, errors: Sequence[SingleError], described: Sequence
     return found
 
 
-def _same(cores: np.ndarray, line: np.ndarray, sets: np.ndarray) -> np.ndarray:
-    return np.asarray(cores[line, sets])
+@dataclass(frozen=True)
+class _Small:
+    """Whether a set holds the first of `masks` (M, p) and beside it changes that are too small to matter, by the score
+    with an error along one of `along` (D, p) in it."""
+
+    belief: Belief
+    masks: np.ndarray
+    along: np.ndarray
+
+    def __call__(self, line: int, size: float, other: int) -> bool:
+        belief, d, mask = self.belief, size * self.along[line], self.masks[other]
+        if not np.all(mask | ~self.masks[0]):
+            return False
+
+        def moved(score: Score) -> Score:
+            return replace(score, b=score.b + score.information @ d)
+
+        own = belief.about.get(mask.tobytes())
+        about = {} if own is None else {mask.tobytes(): moved(own)}
+        (log,) = log_too_small(moved(belief.score), mask[None], belief.prior, about)
+        return bool(np.sum(log[mask & ~self.masks[0]]) > np.log(HALF))
+
+
+def _same(cores: np.ndarray, small: _Small | None, line: np.ndarray, sizes: np.ndarray, sets: np.ndarray) -> np.ndarray:
+    found = np.array(cores[line, sets])
+    if small is not None:
+        for k in np.flatnonzero(~found):
+            found[k] = small(int(line[k]), float(sizes[k]), int(sets[k]))
+    return found
 
 
 def _names(names: Sequence[str], mask: np.ndarray) -> tuple[str, ...]:

@@ -18,6 +18,9 @@ HALVINGS = 9
 
 Named = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """named(lines (n,), log posterior (n, M)) → number of the set that is named on each (n,)."""
+Same = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""same(lines (n,), sizes (n,), sets (n,)) → (n,) whether a set, at this size along that line, is the answer under
+another guise."""
 
 
 @dataclass(frozen=True)
@@ -29,13 +32,8 @@ class Crossing:
     becomes: int
 
 
-def crossings(
-    lines: Lines, named: Named, same: Callable[[np.ndarray, np.ndarray], np.ndarray], most: np.ndarray
-) -> dict[int, Crossing]:
-    """The nearest crossing along each line, on either side of nothing; those beyond `most` (D,) are left out.
-
-    same(lines (n,), sets (n,)) → (n,) whether a set is the answer under another guise along that line.
-    """
+def crossings(lines: Lines, named: Named, same: Same, most: np.ndarray) -> dict[int, Crossing]:
+    """The nearest crossing along each line, on either side of nothing; those beyond `most` (D,) are left out."""
     D = len(most)
     line, sign = np.repeat(np.arange(D), 2), np.tile([1.0, -1.0], D)
     error = lines.standard_errors[line]
@@ -69,7 +67,5 @@ def crossings(
     return found
 
 
-def _stays(
-    lines: Lines, named: Named, same: Callable[[np.ndarray, np.ndarray], np.ndarray], line: np.ndarray, a: np.ndarray
-) -> np.ndarray:
-    return same(line, named(line, lines.at(line, a)))
+def _stays(lines: Lines, named: Named, same: Same, line: np.ndarray, a: np.ndarray) -> np.ndarray:
+    return same(line, a, named(line, lines.at(line, a)))

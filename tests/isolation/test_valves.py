@@ -1,0 +1,53 @@
+"""Bleed valves that stand open are named, or said beside the compressor that they cannot be told from."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from known_engine import climb, nominal_of, recorded
+
+from enginediag_cli.identification.nominal import SensorNoise
+from enginediag_cli.identification.nominal_file import write_nominal
+from enginediag_cli.intake.baseline import open_baseline
+from enginediag_cli.intake.intake import Intake
+from enginediag_cli.intake.source import Source
+from enginediag_cli.intake.wanted import columns_of
+from enginediag_cli.isolation.diagnosis import DiagnosisOptions
+from enginediag_cli.isolation.of_windows import Isolating
+from enginediag_cli.physics.engine_file import load_engine
+from enginediag_cli.recordings.table import Recording
+from enginediag_cli.recordings.write import write_csv
+from enginediag_cli.residuals.files import JudgedFiles
+from enginediag_cli.residuals.kept_records import KeptRecords
+from enginediag_cli.residuals.monitor import monitor_of
+
+ENGINE = Path(__file__).parents[2] / "configs" / "turbofan.yaml"
+RECORDED = ("N1_rpm", "N2_rpm", "T45_K")
+"""What most airliners' reports hold beside fuel flow: too few to tell every valve from its compressor."""
+RECORDS = 12
+"""Of a flight that shows the change, and hardly what it is."""
+
+
+@pytest.fixture(scope="module")
+def monitor(tmp_path_factory):
+    engine, file = load_engine(ENGINE), tmp_path_factory.mktemp("valves") / "nominal.yaml"
+    noise = [SensorNoise(c, engine.sensors[c].noise_sigma, 0.0, RECORDS, float(RECORDS), 0) for c in RECORDED]
+    write_nominal(replace(nominal_of(engine, ENGINE, noise, climb(engine, RECORDS)), engine_path=str(ENGINE)), file)
+    return monitor_of(open_baseline(str(file)), sensors=True)
+
+
+@pytest.mark.parametrize("valve", ["bleed.booster.fraction", "bleed.hpc.fraction"])
+def test_a_valve_that_passes_two_per_cent_is_no_compressor(monitor, valve: str, tmp_path: Path) -> None:
+    engine = load_engine(ENGINE)
+    for seed in range(4):
+        table = recorded(engine, climb(engine, RECORDS), {valve: 0.02}, np.random.default_rng(seed))
+        path = tmp_path / f"{seed}.csv"
+        write_csv(path, [Recording(table)])
+        files = JudgedFiles(Intake(Source((str(path),)), columns_of(monitor.engine, monitor.sensors)), monitor)
+        kept = KeptRecords(monitor, short_windows=False)
+        (found,) = Isolating(files, DiagnosisOptions(), 0.01, kept=kept).windows()
+        result = found.diagnosis.result
+        assert result.isolated == (valve,) or (result.one_of and (valve,) in result.one_of.members)
