@@ -30,6 +30,7 @@ from enginediag_cli.residuals.gross_gate import CleanBlocks, LiveGate, LiveRecor
 from enginediag_cli.residuals.groups import Key, Timeline
 from enginediag_cli.residuals.innovations import Innovations
 from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.units import split_column
 
 JUMP_SIGMAS = 5.0
 """Size of a plausible jump of a sensor, in its noise, where the engine file has no prior for its bias."""
@@ -59,7 +60,7 @@ def coordinates_of(monitor: Monitor) -> Coordinates:
 
 def _jump(monitor: Monitor, j: int) -> float:
     column = monitor.sensors[j]
-    bias = monitor.engine.parameters.get(f"sensor.{column.rsplit('_', 1)[0]}.bias")
+    bias = monitor.engine.parameters.get(f"sensor.{split_column(column)[0]}.bias")
     sigma = float(monitor.noise.sigma[j])
     return max(bias.prior_sigma, sigma) if bias is not None and bias.prior_sigma > 0 else JUMP_SIGMAS * sigma
 

@@ -224,11 +224,14 @@ def _with_suspects(
     window: WindowStatistics, verdict: Verdict, dropped: Sequence[str]
 ) -> tuple[WindowStatistics, Verdict, Score]:
     """The window and the verdict of its test with all suspects but some, and the score that tells what changed."""
-    window = window.without(dropped)
-    assert window.statistics is not None
-    # a test asks whether anything changed, these questions by what: wrong slopes of the maps matter to them alone
-    score = fisher_score(window.statistics).with_slopes(window.statistics.slopes)
-    return window, replace(verdict, window=window), score
+    every, window = window.statistics, window.without(dropped)
+    assert every is not None and window.statistics is not None
+    # a test asks whether anything changed, these questions by what: wrong slopes of the maps matter to them alone. What
+    # they do to parameters that are no suspects is part of what they do to the readings
+    suspects = window.statistics.parameters
+    certain = fisher_score(every, monitored=suspects)
+    score = fisher_score(every, monitored=suspects, uncertainty=every.slopes)
+    return window, replace(verdict, window=window), replace(score, doubt=certain.doubt)
 
 
 def _flown(monitor: Monitor, model: WindowModel | None) -> Mapping[str, np.ndarray]:

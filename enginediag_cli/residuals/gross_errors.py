@@ -2,9 +2,10 @@
 
 A reading is judged by z = e/σ, its residual at nominal in standard deviations of its noise:
 
-- what the engine may be worth of is fitted robustly (Huber, then Tukey: P. J. Huber, Robust Statistics, 1981, ch. 7; A.
-  E. Beaton and J. W. Tukey, Technometrics 16 (1974) 147-185): changes of health within their prior, what is uncertain
-  about nominal, and of each sensor a bias and a scale, so that a true fault of a sensor is no gross error; r = z − fit;
+- what the engine may be worth of is fitted robustly (Tukey's score: A. E. Beaton and J. W. Tukey, Technometrics 16
+  (1974) 147-185; each record against the fit of the others: F. R. Hampel et al., Robust Statistics, 1986, ch. 6):
+  changes of health within their prior, what is uncertain about nominal, and of each sensor a bias and a scale, so that
+  a true fault of a sensor is no gross error; r = z − fit;
 - local: a = r − running median of 31 of r, so that what lasts, a step or a misfit of the model, is no gross error;
 - against noise that remembers, r is predicted from the nearest good neighbours on both sides, g_l and g_r steps away:
   with α = ρ^g_l and β = ρ^g_r
@@ -52,8 +53,8 @@ ALMOST = 0.9
 """Share of `GROSS` from which the fit is made at all."""
 START = 4.0
 """Standard deviations around the running median within which a reading counts in the first fit."""
-HUBER, TUKEY, STEPS, HUBER_STEPS = 1.5, 5.0, 7, 3
-"""Tuning constants of 95 % efficiency or so, and steps: Huber's first, since Tukey's has more than one minimum."""
+TUKEY, STEPS = 5.0, 7
+"""Tuning constant of 95 % efficiency or so, and steps."""
 BIAS_SIGMAS, SCALE = 30.0, 0.03
 """Prior standard deviations of a sensor's own bias, in its noise, and scale: wider than any fault that monitors expect,
 narrow enough that a few readings at one operating point do not have two free numbers each."""
@@ -185,40 +186,54 @@ def suspected(z: np.ndarray, level: np.ndarray, noise: NoiseModel) -> bool:
 def robust_residuals(stretch: Stretch) -> tuple[np.ndarray, np.ndarray, bool]:
     """r (N, m) of the robust fit, scatter S (m,), and whether the fit came to rest within its steps.
 
-    Readings weigh 1/(S²(1+ρ)/(1−ρ)), as many that are correlated are worth, against the prior of the parameters.
+    Readings weigh 1/(S²(1+ρ)/(1−ρ)), as many that are correlated are worth, against the prior of the parameters, times
+    Tukey's function of how far they are from the fit of all other records, so that none draws the fit to itself. The
+    first fit is of those that lie with their neighbours. A record all of whose readings together are too far from it
+    has no weight: where few others were, a wrong input would bend what is uncertain about nominal.
     """
     z, p, m = stretch.z, stretch.G.shape[2], stretch.z.shape[1]
     first = deviations(z)
     S = scatter(first)
     weight = np.where(np.abs(first) < START * S, 1.0, 0.0)  # NaN: 0
-    own = np.stack([np.ones_like(stretch.level), stretch.level], axis=2)
+    X = np.zeros((*z.shape, p + 2 * m))
+    X[:, :, :p] = stretch.G
+    for j in range(m):
+        X[:, j, p + 2 * j], X[:, j, p + 2 * j + 1] = 1.0, stretch.level[:, j]
     prior = np.zeros((p + 2 * m, p + 2 * m))
     prior[:p, :p] = stretch.precision
     prior[range(p, p + 2 * m), range(p, p + 2 * m)] = np.tile([BIAS_SIGMAS**-2, SCALE**-2], m)
     unit = 1 / np.sqrt(np.diag(prior))
+    X = np.where(stretch.present[:, :, None], X * unit, 0.0)
+    prior = unit[:, None] * prior * unit
     readings = np.where(stretch.present, z, 0.0)
+    farthest = _farthest(stretch.present.sum(axis=1))
     fit, settled = np.zeros_like(z), False
-    for step in range(STEPS):
-        A, b = prior.copy(), np.zeros(p + 2 * m)
-        for j in range(m):
-            w = weight[:, j] / (S[j] ** 2 * stretch.noise.inflation[j])
-            X = np.hstack([stretch.G[:, j], own[:, j]])
-            at = np.r_[:p, p + 2 * j : p + 2 * j + 2]
-            A[np.ix_(at, at)] += (X * w[:, None]).T @ X
-            b[at] += X.T @ (w * readings[:, j])
-        beta = unit * np.linalg.solve(unit[:, None] * A * unit, unit * b)
-        before, fit = fit, stretch.G @ beta[:p] + np.einsum("kjc,jc->kj", own, beta[p:].reshape(m, 2))
+    for _ in range(STEPS):
+        w = weight / (S**2 * stretch.noise.inflation)
+        C = np.linalg.inv(prior + np.tensordot(X * w[:, :, None], X, axes=([0, 1], [0, 1])))
+        before, fit = fit, X @ (C @ np.tensordot(X, w * readings, axes=([0, 1], [0, 1])))
         r = z - fit
         S = scatter(r)
-        x = np.where(stretch.present, np.abs(r) / S, np.inf)
-        if step < HUBER_STEPS:
-            weight = HUBER / np.maximum(x, HUBER)
-        else:
-            weight = np.maximum(1 - (x / TUKEY) ** 2, 0.0) ** 2
-            settled = bool(np.all(np.abs(fit - before)[stretch.present] < SETTLED))
-            if settled:
-                break
+        settled = bool(np.all(np.abs(fit - before)[stretch.present] < SETTLED))
+        if settled:
+            break
+        x, chi2 = _from_others(np.where(stretch.present, r, 0.0), X @ C @ X.transpose(0, 2, 1), w, S)
+        near = stretch.present & (chi2 <= farthest)[:, None]
+        weight = np.where(near, np.maximum(1 - (x / TUKEY) ** 2, 0.0) ** 2, 0.0)
     return r, S, settled
+
+
+def _from_others(r: np.ndarray, V: np.ndarray, w: np.ndarray, S: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far readings are from the fit of all records but their own, |r′|/√(S² + V′) (N, m), and the χ² (N,) of each
+    record, by residuals r (N, m), the fit's covariance V (N, m, m), weights w (N, m) in that fit and scatter S (m,):
+
+        r′ = (1 − V w)⁻¹ r,   V′ = (1 − V w)⁻¹ V,   χ² = r′ᵀ (S² + V′)⁻¹ r′.
+    """
+    m = len(S)
+    others = np.linalg.solve(np.eye(m) - V * w[:, None, :], np.concatenate([r[:, :, None], V], axis=2))
+    away, covariance = others[:, :, 0], others[:, :, 1:] + np.diag(S**2)
+    chi2 = np.einsum("kj,kj->k", away, np.linalg.solve(covariance, away[:, :, None])[:, :, 0])
+    return np.abs(away) / np.sqrt(np.einsum("kjj->kj", covariance)), chi2
 
 
 def _predicted(x: np.ndarray, good: np.ndarray, clock: np.ndarray, rho: float) -> tuple[np.ndarray, np.ndarray]:

@@ -114,20 +114,23 @@ class Monitor:
         return Hold(self.theta0, self.precision, len(self.monitored), (self.lower, self.upper))
 
     def without(self, names: Collection[str]) -> Monitor:
-        """The same with `names`, of the monitored parameters, taken for certain."""
+        """The same with `names`, of the monitored parameters, taken not to have changed; what is uncertain about them
+        stays, for it may make up for what is uncertain about others."""
         if not names:
             return self
-        kept = np.array([i for i, name in enumerate(self.names) if name not in names], dtype=int)
+        kept = [i for i, name in enumerate(self.monitored) if name not in names]
+        gone = [i for i, name in enumerate(self.monitored) if name in names]
+        order = np.array([*kept, *gone, *range(len(self.monitored), len(self.names))], dtype=int)
         return replace(
             self,
-            names=tuple(self.names[i] for i in kept),
-            monitored=tuple(name for name in self.monitored if name not in names),
-            theta0=self.theta0[kept],
-            prior_sigma=self.prior_sigma[kept],
-            lower=self.lower[kept],
-            upper=self.upper[kept],
-            uncertainty=self.uncertainty[np.ix_(kept, kept)],
-            slopes=self.slopes and self.slopes.of([i for i, name in enumerate(self.monitored) if name not in names]),
+            names=tuple(self.names[i] for i in order),
+            monitored=tuple(self.monitored[i] for i in kept),
+            theta0=self.theta0[order],
+            prior_sigma=self.prior_sigma[order],
+            lower=self.lower[order],
+            upper=self.upper[order],
+            uncertainty=self.uncertainty[np.ix_(order, order)],
+            slopes=self.slopes and self.slopes.of(kept),
         )
 
     def predict(

@@ -48,22 +48,6 @@ class Score:
         d = self.prior_sigma
         return d * self.b, d[:, None] * self.information * d
 
-    def with_slopes(self, covariance: np.ndarray | None) -> Score:
-        """The score for a question about changes, when wrong slopes of the maps add `covariance` C (p, p) to them:
-
-        b' = (1 + I C)⁻¹ b,     I' = (1 + I C)⁻¹ I
-        """
-        if covariance is None or not np.any(covariance):
-            return self
-        b, information = self.scaled()
-        D = self.prior_sigma
-        inner = np.eye(len(D)) + information @ (covariance / D / D[:, None])
-        moved = np.linalg.solve(inner, np.column_stack([b, information]))
-        information = (moved[:, 1:] + moved[:, 1:].T) / 2
-        space = range_space(information, np.ones(len(D)))
-        glr = float(np.sum((moved[:, 0] @ space.basis) ** 2 / space.eigenvalues))
-        return replace(self, b=moved[:, 0] / D, information=information / D / D[:, None], glr=glr)
-
     def indices(self, names: Sequence[str]) -> np.ndarray:
         """Positions of `names`; KeyError for a name that is not monitored."""
         missing = [name for name in names if name not in self.parameters]

@@ -31,6 +31,7 @@ from enginediag_cli.engine.input_errors import OF_NOISE, InputErrors
 from enginediag_cli.intake.baseline import open_baseline
 from enginediag_cli.residuals import gross_gate
 from enginediag_cli.residuals.monitor import Monitor, monitor_of
+from enginediag_cli.units import split_column
 
 FLIGHTS = {
     "turbofan": "airliner",
@@ -148,7 +149,7 @@ def dead(table: Table, sizes: Sizes, rng: np.random.Generator) -> Table:
     found = table.copy()
     for rows in table.flights():
         column, first = str(rng.choice(sizes.sensors)), int(rng.integers(0, len(rows) // 2))
-        found.dead[table.rows[rows[0]][table.names.index("flight")]] = f"sensor.{column.rsplit('_', 1)[0]}.stuck"
+        found.dead[table.rows[rows[0]][table.names.index("flight")]] = f"sensor.{split_column(column)[0]}.stuck"
         text = str(rng.choice(["0", "999", table.rows[rows[first]][table.names.index(column)]]))
         for i in rows[first:]:
             found.put(i, column, text)
@@ -206,7 +207,7 @@ def faulty(engine: str, monitor: Monitor, folder: Path, n: int, seed: int) -> tu
             size = rng.choice([-1, 1]) * rng.uniform(3, 8) * sigma
             for i in range(len(table.rows)):
                 table.add(i, column, size)
-            truth.append(f"sensor.{column.rsplit('_', 1)[0]}.bias")
+            truth.append(f"sensor.{split_column(column)[0]}.bias")
         else:
             name, size = str(rng.choice(health)), -rng.uniform(0.01, 0.04)
             fault = folder / "fault.yaml"

@@ -116,7 +116,7 @@ def test_the_sensitivity_test_is_equation_13_of_what_the_file_holds():
     inverse = np.linalg.inv(x.V + x.F @ C @ x.F + F_a @ S @ F_a.T)
     by_hand = (x.s @ inverse @ F_a) ** 2 / np.sum(F_a * (inverse @ F_a), axis=0)
     statistics = marginalised(x)
-    score = fisher_score(statistics).with_slopes(statistics.slopes)
+    score = fisher_score(statistics, uncertainty=statistics.slopes)
     np.testing.assert_allclose([sensitivity_test(score, [name])[0] for name in monitor.monitored], by_hand, rtol=1e-6)
     assert best_of_size(score, IsolationOptions())[0] == (monitor.monitored[int(np.argmax(by_hand))],)
 

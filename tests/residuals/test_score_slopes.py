@@ -21,12 +21,12 @@ from enginediag_cli.residuals.score import fisher_score
 from enginediag_cli.residuals.windows import WindowPlan
 
 
-def score_of(J, change, rng, sigma=0.02):
-    """Score of readings of unit noise with sensitivities J (N, m, p)."""
+def statistics_of(J, change, rng, sigma=0.02):
+    """Statistics of readings of unit noise with sensitivities J (N, m, p)."""
     p = J.shape[2]
     e = J @ np.asarray(change) + rng.standard_normal(J.shape[:2])
     frame = Frame(tuple(f"p{i}" for i in range(p)), np.ones(p), np.full(p, sigma))
-    return fisher_score(local_statistics(e, J, white_noise(np.ones(J.shape[1])), frame))
+    return local_statistics(e, J, white_noise(np.ones(J.shape[1])), frame)
 
 
 def slopes_of(monitor, sigma=0.2):
@@ -39,8 +39,8 @@ def slopes_of(monitor, sigma=0.2):
 def test_one_parameter_has_a_closed_form():
     """b' = b/(1 + I c), I' = I/(1 + I c): the estimate b/I stays, its variance grows from 1/I to 1/I + c."""
     rng = np.random.default_rng(1)
-    score, c = score_of(10 * rng.normal(size=(50, 2, 1)), [0.03], rng), 0.01**2
-    wide = score.with_slopes(np.array([[c]]))
+    statistics, c = statistics_of(10 * rng.normal(size=(50, 2, 1)), [0.03], rng), 0.01**2
+    score, wide = fisher_score(statistics), fisher_score(statistics, uncertainty=np.array([[c]]))
     information = score.information[0, 0]
     assert wide.b[0] == pytest.approx(score.b[0] / (1 + information * c))
     assert wide.information[0, 0] == pytest.approx(information / (1 + information * c))
@@ -51,9 +51,9 @@ def test_one_parameter_has_a_closed_form():
 
 def test_several_parameters_keep_their_estimate_and_their_covariance_grows_by_theirs():
     rng = np.random.default_rng(2)
-    score = score_of(10 * rng.normal(size=(50, 4, 3)), [0.02, 0.0, -0.01], rng)
+    statistics = statistics_of(10 * rng.normal(size=(50, 4, 3)), [0.02, 0.0, -0.01], rng)
     C = np.diag([1e-4, 0.0, 4e-4])
-    wide = score.with_slopes(C)
+    score, wide = fisher_score(statistics), fisher_score(statistics, uncertainty=C)
     estimate = np.linalg.solve(score.information, score.b)
     np.testing.assert_allclose(np.linalg.solve(wide.information, wide.b), estimate)
     np.testing.assert_allclose(np.linalg.inv(wide.information), np.linalg.inv(score.information) + C)
@@ -62,10 +62,17 @@ def test_several_parameters_keep_their_estimate_and_their_covariance_grows_by_th
     assert wide.glr < score.glr
 
 
-def test_no_slopes_leave_the_score_itself():
+def test_a_parameter_that_is_no_suspect_goes_on_making_up_for_another():
+    """What wrong slopes do may be no more than what two parameters together do: of two that cancel in a sensor, the one
+    that is not asked for goes on cancelling the other there, and the score of the other is that of its other sensor."""
     rng = np.random.default_rng(3)
-    score = score_of(rng.normal(size=(20, 2, 2)), [0.0, 0.0], rng)
-    assert score.with_slopes(None) is score and score.with_slopes(np.zeros((2, 2))) is score
+    J = np.zeros((200, 2, 2))
+    J[:, 0, 0], J[:, 1, 0], J[:, 1, 1] = 1.0, 10.0, 10.0  # the second sensor shows their sum
+    statistics = statistics_of(J, [0.0, 0.0], rng, sigma=1.0)
+    C = 100.0 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    score = fisher_score(statistics, monitored=["p0"], uncertainty=C)
+    weight = 1 / (1 / 200 + 100.0)  # the first sensor's mean has the variance 1/200 + 100, the second's has 1/200
+    assert score.information[0, 0] == pytest.approx(200 * 10.0**2 + weight)
 
 
 def test_a_healthy_window_has_little_of_it_and_a_worn_one_in_proportion_to_its_wear():
