@@ -3,9 +3,10 @@
 A bounded sample of every flight is compared with the engine. Flights that are as near as engines of the kind are to
 each other end the matter. Otherwise the misfit with all that may differ is found (comparison.py); where an engine of
 the kind within its priors explains the recording, that is the explanation. Else a mistake is named that makes recording
-and engine agree (mistakes.py) where it is likelier than the recording as read by NAMED, fits as well as a right file
-does, and no other mistake does as well. A misfit that nothing mends, and that no fault of an
-engine or of one instrument makes, is a wrong file as well: of another engine, or with several mistakes.
+and engine agree (mistakes.py) where it is likelier than the recording as read by NAMED and a share of what the readings
+that it changes still lack, and no other mistake is as likely. What a model misses in a right file counts on both sides.
+A misfit that nothing mends, and that no fault of an engine or of one instrument makes, is a wrong file as well: of
+another engine, or with several mistakes.
 """
 
 from __future__ import annotations
@@ -50,9 +51,9 @@ them: it is the ordinary explanation, whatever else would bring them nearer. A h
 NAMED = 4.5
 """Log odds of a mistake against the recording as it was read, from which it is named: 90 to 1."""
 OF_THE_REST, OF_A_FACTOR = 0.3, 1.0
-"""Further log odds that are needed for each that is lacking with the mistake put right, of a mistake (against the file
-as it was read, and against another mistake) and of a factor that no unit explains: where a model does not follow a
-right file, changes that are none of its mistakes bring a little."""
+"""Further log odds that are needed for each that is lacking with the mistake put right in the readings that it changes,
+of a mistake (against the file as it was read, and against another mistake) and of a factor that no unit explains: where
+a model does not follow a right file, changes that are none of its mistakes bring a little."""
 APART = 2.0
 """Log odds by which a mistake must be likelier than the next that would change the recording otherwise: 7 to 1."""
 SHOWN = 2
@@ -61,8 +62,8 @@ ALIKE = 0.03
 """Relative difference of the changed columns up to which two mistakes are the same change under two names: units a few
 per cent apart (bar and atm) are one."""
 FITS = 2.0
-"""−ln p per independent reading up to which a mistake mends the recording: seven times what noise and repeatability
-allow, the misfit of right recordings with generic maps. Beyond, the model is wrong by more than a column."""
+"""−ln p per independent reading up to which a flight, or another engine, fits as right files do: seven times what noise
+and repeatability allow, the misfit of right recordings with generic maps."""
 WORLDS_APART = 0.25
 """Root mean square of the deviations that are left with all that engines differ by, the worst sensor left aside, from
 which a recording is of another engine or in other units although no single mistake says which. A plant whose guide
@@ -271,7 +272,7 @@ def _other_engine(origin: Origin, columns: Columns, as_read: Misfit) -> Trial | 
     if not fitting or (len(fitting) > 1 and fitting[1][1].log_likelihood > fitting[0][1].log_likelihood - APART):
         return None
     mistake, misfit = fitting[0]
-    return Trial(mistake, misfit, misfit.log_likelihood - as_read.log_likelihood)
+    return Trial(mistake, misfit, misfit.log_likelihood - as_read.log_likelihood, misfit.sensors)
 
 
 def _best(tried: Sequence[Trial], origin: Origin, columns: Columns) -> tuple[Trial | None, list[Mistake]]:
@@ -281,7 +282,10 @@ def _best(tried: Sequence[Trial], origin: Origin, columns: Columns) -> tuple[Tri
         return None, []
     best = able[0]
     changed = origin.derived(columns, best.mistake.change(columns))
-    close = [t.mistake for t in able[1:] if t.gain > best.gain - _room(best, APART)]
+    # what is likelier still, but not by enough to be named, is not excluded either
+    close = [
+        t.mistake for t in tried if t.gain > best.gain or (t in able[1:] and t.gain > best.gain - _room(best, APART))
+    ]
     same = [m for m in close if _same(changed, origin.derived(columns, m.change(columns)))]
     rivals = [m for m in close if m not in same]
     if any(m.column != best.mistake.column or m.kind == "swapped" for m in rivals):
@@ -303,13 +307,13 @@ def _same(one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]) -> boo
 
 
 def _room(trial: Trial, odds: float, share: float = OF_THE_REST) -> float:
-    """Log odds, and a share of what is lacking with the mistake put right."""
-    return odds - share * trial.misfit.log_likelihood
+    """Log odds, and a share of what the readings that a mistake changes lack with it put right."""
+    return odds + share * trial.rest
 
 
 def _enough(trial: Trial, share: float) -> bool:
-    """Whether a mistake brings enough to be named."""
-    return trial.gain >= _room(trial, NAMED, share) and _fits(trial.misfit)
+    """Whether a mistake brings enough to be named, of a file whose records the model then computes."""
+    return trial.gain >= _room(trial, NAMED, share) and trial.misfit.computed >= COMPUTED
 
 
 def _fits(misfit: Misfit) -> bool:

@@ -6,12 +6,15 @@ Of a bounded sample of K records, the readings y of m sensors are compared with 
 
 δ are changes of the parameters in which engines of the kind, and their instruments, differ (health, errors of sensors
 and inputs; what identification may move, where nothing has been identified), each with a standard deviation. A sensor
-may be misfitted by a factor f_s ≥ 1 of what noise and maps allow, σ_s; with n independent records in the sample
+may be misfitted by a factor f_s of what noise and maps allow, σ_s, and no less than by its noise, f_s ≥ noise_s/σ_s;
+with n independent records in the sample
 
     ln p = −n Σ_s ln f_s − ½ Σ_j (δ_j/spread_j)²
 
-is maximised over δ and f. One sensor that is wrong by any amount costs its own f alone, a deteriorated or damaged
-engine its δ; readings of another engine, or in another unit, cost both. Mistakes are compared by it (mistakes.py).
+is maximised over δ and f: by how much the model is wrong is found with every explanation, and one that brings readings
+down to their noise is the likelier for it. One sensor that is wrong by any amount costs its own f alone, a deteriorated
+or damaged engine its δ; readings of another engine, or in another unit, cost both. Mistakes are compared by it
+(mistakes.py).
 """
 
 from __future__ import annotations
@@ -59,8 +62,11 @@ and thrust pass through zero."""
 LEAST_READ, STILL = 5, 0.5
 """Readings from which it is seen that a sensor stands still, and the share of them at one value from which it does:
 records of a sample lie all over a recording, where the engine moves."""
-GROSS = 3.0
-"""|ln(y/Φ)| beyond which a reading is not looked at more closely: a factor of 20, or a wrong sign."""
+GROSS = 12.0
+"""|ln(y/Φ)| beyond which a reading is not looked at more closely: a bar for a pascal is a factor of e^11.5."""
+QUIET = 0.05
+"""Share of σ that every reading has as noise, 0.015 % of it where REPEATABLE is all that is known: none repeats
+better."""
 
 
 def _is_read(values: np.ndarray) -> bool:
@@ -77,7 +83,8 @@ class Misfit:
     """What is left between a sample and an engine. Of m sensors with readings: `sensors`, `before`: median of ln(y/Φ)
     where the engine is expected, `after`: standard deviation of it when the engine differs as it may, both relative.
     `factor` (m,): f; `departure`: δ over spreads (p,); `log_likelihood`: the sum in the module's head; computed: share
-    of records that the model could compute; `values`: parameters at the end."""
+    of records that the model could compute; `values`: parameters at the end; lacking (m,): n ln(f/least f); count
+    (m,): n."""
 
     sensors: tuple[str, ...]
     before: np.ndarray
@@ -87,14 +94,25 @@ class Misfit:
     log_likelihood: float
     computed: float
     values: Mapping[str, float] = field(default_factory=dict)
+    lacking: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    count: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def tail(self) -> float:
         """Share of engines of the kind, rightly recorded and as their priors say, that lack more: −2 ln p is a χ² of
         one for each sensor, since an engine is off its model much alike wherever it is run."""
+        return self._tail(self.lacking)
+
+    @property
+    def tail_but_worst(self) -> float:
+        """The same of all sensors but the one that fits worst: any one may have failed."""
+        return self._tail(np.sort(self.lacking)[:-1])
+
+    def _tail(self, lacking: np.ndarray) -> float:
         from scipy.special import chdtrc  # only of recordings that are far from the engine
 
-        return float(chdtrc(max(len(self.sensors), 1), -2.0 * self.log_likelihood))
+        missing = float(np.sum(lacking)) + 0.5 * float(self.departure @ self.departure)
+        return float(chdtrc(max(len(lacking), 1), 2.0 * missing))
 
     @property
     def typical(self) -> float:
@@ -166,20 +184,24 @@ class Yardstick:
         for _ in range(steps):
             answer = self.answer(columns, here) if answer is None else answer
             e, J, sigma = _relative(answer, place, read, self.noise[place], self.accuracy)
+            usual = np.median(sigma, axis=0)
+            quiet = np.sqrt(np.maximum(1.0 - (self.accuracy / usual) ** 2, QUIET**2))
+            least = np.where(self.noise[place] > 0.0, quiet, 1.0)
             if before is None:
                 before = e
             J = J * self.spread
-            found = _fitted(e + J @ moved, J, sigma)
-            after = found.factor * np.median(sigma, axis=0) if len(sensors) else np.zeros(0)
+            found = _fitted(e + J @ moved, J, sigma, least)
             reached = Misfit(
                 sensors,
                 _median(before),
-                after,
+                found.factor * usual,
                 found.factor,
-                moved,
+                found.moved,
                 found.log_likelihood,
                 float(np.mean(answer.ok)),
                 here,
+                found.count * np.log(found.factor / least),
+                found.count,
             )
             if best is None or reached.log_likelihood > best.log_likelihood:
                 best = reached
@@ -239,22 +261,30 @@ def _relative(
 
 @dataclass(frozen=True)
 class _Fitted:
+    """δ over spreads (p,), f (m,), the log-likelihood, and independent readings of each sensor (m,)."""
+
     moved: np.ndarray
     factor: np.ndarray
     log_likelihood: float
+    count: np.ndarray
 
 
-def _fitted(e: np.ndarray, J: np.ndarray, sigma: np.ndarray) -> _Fitted:
-    """δ over spreads and f that maximise the sum in the head; e (K, m), J (K, m, p) per spread, σ (K, m). The sum has
-    maxima with sensors that are believed and others that are not: sought from all believed, and as they look."""
+def _fitted(e: np.ndarray, J: np.ndarray, sigma: np.ndarray, least: np.ndarray) -> _Fitted:
+    """δ over spreads and f ≥ least (m,) that maximise the sum in the head; e (K, m), J (K, m, p) per spread, σ (K, m).
+    The sum has maxima with sensors that are believed and others that are not: sought from all believed, and as they
+    look."""
     there = np.isfinite(e)
     r = np.where(there, e, 0.0) / sigma
     A = np.where(there[:, :, None], J / sigma[:, :, None], 0.0).reshape(r.size, J.shape[2])
     count = there.sum(axis=0)
     n = np.minimum(count, INDEPENDENT)
     share = np.where(count > 0, n / np.maximum(count, 1), 0.0)
-    still = np.zeros(A.shape[1])
-    begin = _Fitted(still, *_scored(r, there, n, still))
+
+    def scored(left: np.ndarray, moved: np.ndarray) -> _Fitted:
+        factor = np.maximum(least, MAD * np.nan_to_num(_median(np.where(there, np.abs(left), np.nan))))
+        return _Fitted(moved, factor, float(-np.sum(n * np.log(factor)) - 0.5 * moved @ moved), n)
+
+    begin = scored(r, np.zeros(A.shape[1]))
     ends = [begin]
     for factor in (np.ones(len(n)), begin.factor):
         left = r
@@ -262,22 +292,13 @@ def _fitted(e: np.ndarray, J: np.ndarray, sigma: np.ndarray) -> _Fitted:
             # Huber's weights: readings beyond two of what their sensor scatters by count less
             weight = share / factor**2 * np.minimum(1.0, HUBER * factor / np.maximum(np.abs(left), 1e-9))
             W = A * weight.reshape(-1, 1)
-            moved = np.linalg.solve(W.T @ A + np.eye(len(still)), W.T @ r.ravel())
+            moved = np.linalg.solve(W.T @ A + np.eye(A.shape[1]), W.T @ r.ravel())
             left = r - (A @ moved).reshape(r.shape)
-            ends.append(_Fitted(moved, *_scored(left, there, n, moved)))
+            ends.append(scored(left, moved))
             factor = ends[-1].factor
             if abs(ends[-1].log_likelihood - ends[-2].log_likelihood) < AT_REST:
                 break
     return max(ends, key=lambda one: one.log_likelihood)
-
-
-def _scored(left: np.ndarray, there: np.ndarray, n: np.ndarray, moved: np.ndarray) -> tuple[np.ndarray, float]:
-    factor = _factor(left, there)
-    return factor, float(-np.sum(n * np.log(factor)) - 0.5 * moved @ moved)
-
-
-def _factor(left: np.ndarray, there: np.ndarray) -> np.ndarray:
-    return np.maximum(1.0, MAD * np.nan_to_num(_median(np.where(there, np.abs(left), np.nan))))
 
 
 def _median(values: np.ndarray) -> np.ndarray:

@@ -380,11 +380,22 @@ def _swaps(origin: Origin, recorded: Sequence[str]) -> Iterator[Mistake]:
 
 @dataclass(frozen=True)
 class Trial:
-    """A mistake, the misfit with it, and by how much likelier (log odds) the recording is with it than as read."""
+    """A mistake, the misfit with it, and by how much likelier (log odds) the recording is with it than as read.
+    touched: the sensors whose deviations it changes: its own, or all where it changes inputs or the engine."""
 
     mistake: Mistake
     misfit: Misfit
     gain: float
+    touched: tuple[str, ...]
+
+    @property
+    def rest(self) -> float:
+        """−ln p of the readings that it changes, with the mistake put right."""
+        misfit = self.misfit
+        if len(self.touched) == len(misfit.sensors):
+            return max(-misfit.log_likelihood, 0.0)
+        own = np.isin(misfit.sensors, self.touched)
+        return float(max(misfit.count[own] @ np.log(misfit.factor[own]), 0.0))
 
 
 FINALISTS = 6
@@ -407,7 +418,8 @@ def trials(yardstick: Yardstick, origin: Origin, columns: Columns, as_read: Misf
     few = np.unique(np.linspace(0, size - 1, min(SCREENED, size)).astype(int))
     sample = {c: v[few] for c, v in columns.items()}
     known = yardstick.answer(sample)
-    read = set(yardstick.misfit(sample, 1, answer=known).sensors)
+    before = yardstick.misfit(sample, 1, answer=known)
+    read = set(before.sensors)
     inputs = [c for c in yardstick.given if c in columns]
     tried: list[tuple[Mistake, Columns]] = []
     elsewhere: list[int] = []
@@ -422,15 +434,19 @@ def trials(yardstick: Yardstick, origin: Origin, columns: Columns, as_read: Misf
     for k, (mistake, columns_then) in enumerate(tried):
         answer = None if mistake.values else answers.get(k, known)
         found = yardstick.misfit(columns_then, 1, mistake.values, answer)
-        if not read <= set(found.sensors):
-            continue
-        first.append((found.log_likelihood + mistake.prior, mistake))
+        gain = found.log_likelihood + mistake.prior - before.log_likelihood
+        if read <= set(found.sensors) and gain > 0.0:
+            first.append((gain, mistake))
     first.sort(key=lambda one: -one[0])
     ended = []
     for _, mistake in first[:FINALISTS]:
         changed = origin.derived(columns, mistake.change(columns))
         misfit = yardstick.misfit(changed, 3, mistake.values)
-        ended.append(Trial(mistake, misfit, misfit.log_likelihood + mistake.prior - as_read.log_likelihood))
+        gain = misfit.log_likelihood + mistake.prior - as_read.log_likelihood
+        same = [c for c in changed if np.array_equal(changed[c], columns.get(c), equal_nan=True)]
+        everywhere = mistake.values or any(c in columns and c not in same for c in yardstick.given)
+        touched = misfit.sensors if everywhere else tuple(s for s in misfit.sensors if s not in same)
+        ended.append(Trial(mistake, misfit, gain, touched))
     return sorted(ended, key=lambda one: -one.gain)
 
 
@@ -481,7 +497,8 @@ def factor_trial(yardstick: Yardstick, origin: Origin, columns: Columns, as_read
     likely = [yardstick.misfit(c, 1, answer=a).log_likelihood for (_, c), a in zip(tried, answers, strict=True)]
     mistake = tried[int(np.argmax(likely))][0]
     misfit = yardstick.misfit(origin.derived(columns, mistake.change(columns)), 3)
-    return Trial(mistake, misfit, misfit.log_likelihood + mistake.prior - as_read.log_likelihood)
+    gain = misfit.log_likelihood + mistake.prior - as_read.log_likelihood
+    return Trial(mistake, misfit, gain, misfit.sensors)
 
 
 def _by_factor(origin: Origin, column: str, factor: float) -> Mistake:

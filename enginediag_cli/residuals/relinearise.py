@@ -40,6 +40,9 @@ that it is not. Judgement: the usual gain ratios of a trust region are 0.75 and 
 RELIEF, TIGHTER, FIRST_DAMPING = 0.2, 4.0, 0.2
 """Factors on the damping after a step that kept its promise and one that did not, and what the damping is then at
 least. Judgement: two bad steps are undone by one or two good ones."""
+ROUNDS = 5
+"""Times that parameters which a step takes beyond their bounds are put there and the others solved again: more than
+that many by turns are seldom met, and what is then left is found by the next step."""
 STALLED = 0.01
 """Share of the fall of χ² since nominal that a window may still promise where no step lowers it any more, because the
 model is bent there: what is told of the change is then right to a tenth of its distance from nominal, and the sets
@@ -195,6 +198,24 @@ class _Steps:
         return _Steps(self.chosen[some], self.target[some], self.taken[some], self.promised[some], self.length[some])
 
 
+def within(gradient: np.ndarray, hessian: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Steps (w, q) that maximise gᵀx − ½ xᵀHx with g (w, q) and H (w, q, q), from low to high (w, q): what would go
+    beyond a bound stays at it, and the others follow without it (D. P. Bertsekas, SIAM J. Control Optim. 20 (1982) 221:
+    projected Newton steps)."""
+    step, fixed = np.zeros_like(gradient), np.zeros(gradient.shape, bool)
+    for _ in range(ROUNDS):
+        right = np.where(fixed, step, gradient - np.einsum("wij,wj->wi", hessian, np.where(fixed, step, 0.0)))
+        free = ~fixed[:, :, None] & ~fixed[:, None, :]
+        own = fixed[:, :, None] & np.eye(gradient.shape[1], dtype=bool)
+        step = np.linalg.solve(np.where(free, hessian, own), right[:, :, None])[:, :, 0]
+        beyond = ~fixed & ((step < low) | (step > high))
+        step = np.clip(step, low, high)
+        if not beyond.any():
+            break
+        fixed |= beyond
+    return step
+
+
 class GaussNewton:
     """Damped Gauss–Newton steps of W windows at once; each has its own damping and stops by itself."""
 
@@ -245,10 +266,10 @@ class GaussNewton:
         chosen, q = np.flatnonzero(self.active), self.q
         gradient, hessian = self._normal_equations(chosen)
         diagonal = self.damping[chosen, None] * np.einsum("wii->wi", hessian)
-        step = np.linalg.solve(hessian + diagonal[:, :, None] * np.eye(q), gradient[:, :, None])[:, :, 0]
         target = self.sums.theta[chosen]
-        target[:, :q] = np.clip(target[:, :q] + step, self.lower[:q], self.upper[:q])
-        taken = (target - self.sums.theta[chosen])[:, :q]
+        low, high = self.lower[:q] - target[:, :q], self.upper[:q] - target[:, :q]
+        taken = within(gradient, hessian + diagonal[:, :, None] * np.eye(q), low, high)
+        target[:, :q] += taken
         squared = np.einsum("wi,wij,wj->w", taken, hessian, taken)
         promised = 2 * np.sum(taken * gradient, axis=1) - squared
         length = np.sqrt(squared) * (1 + self.damping[chosen])  # as long as the step would be without damping
