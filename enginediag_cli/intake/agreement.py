@@ -46,10 +46,14 @@ mistake that changes less cannot be told from wear."""
 NEAR_GENERIC = 0.05
 """The same for flights of an engine that is not identified, from the fit to all of them: as far as maps are wrong."""
 ORDINARY = 1e-4
-"""Share of engines of the kind, rightly recorded, that are as far from the model, from which a recording is one of
-them: it is the ordinary explanation, whatever else would bring them nearer. A hundred mistakes are tried."""
-NAMED = 4.5
-"""Log odds of a mistake against the recording as it was read, from which it is named: 90 to 1."""
+"""Share of engines of the kind, rightly recorded, that are as far from the model, below which a recording that nobody
+looks into is said to be far from the engine."""
+WRONG = 0.01
+"""Share of recordings that come with a mistake, or with the file of another engine: one in a hundred. Judgement."""
+TRIED = 100
+"""Mistakes that are tried, about; each has its share of what is wrong."""
+NAMED = float(-np.log(WRONG / TRIED))
+"""Log-likelihood ratio of a mistake against the recording as it was read, from which it is likelier than that."""
 OF_THE_REST, OF_A_FACTOR = 0.3, 1.0
 """Further log odds that are needed for each that is lacking with the mistake put right in the readings that it changes,
 of a mistake (against the file as it was read, and against another mistake) and of a factor that no unit explains: where
@@ -101,6 +105,22 @@ class Disagreement:
             return ""
         first, last = self.flights[0], self.flights[-1]
         return f"flight {first}" if first == last else f"flights {first} to {last}"
+
+    @property
+    def wrong_file(self) -> float:
+        """Probability that the recording is of another engine, or not in these units, against an engine as worn or
+        damaged as engines are and one instrument that has failed by any amount."""
+        return WRONG / (WRONG + (1.0 - WRONG) * self.as_read.tail_but_worst)
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the recording is likelier wrong than the engine."""
+        return self.wrong_file > 0.5
+
+    def concerns(self, source: str, flight: str, engine: str) -> bool:
+        """Whether a flight of an engine in a recording is part of it."""
+        own = self.source == source and self.engine in ("", engine)
+        return own and (not self.flights or flight in self.flights)
 
     @property
     def what(self) -> str:
@@ -236,7 +256,7 @@ class Agreement:
         search: bool = True,
     ) -> Disagreement | None:
         """The disagreement of the records (K,) of a sample; None where they agree."""
-        if as_read.tail > ORDINARY:
+        if as_read.missing < NAMED or not (search or as_read.tail < ORDINARY):
             return None
         yardstick = yardstick or self.yardstick
         columns = sample.pooled(rows)
@@ -253,7 +273,7 @@ class Agreement:
         if (best is None and not others) or (best is not None and -best.misfit.log_likelihood > NAMED):
             factor = factor_trial(yardstick, behind, columns, as_read)
             if factor is not None and _enough(factor, OF_A_FACTOR):
-                best = factor if best is None or factor.gain >= best.gain + APART else best
+                best = factor if best is None or factor.gain >= best.gain + _room(best, APART, OF_A_FACTOR) else best
         if best is not None:
             return replace(shown, trial=best)
         if others:  # each is likely enough to be named, so that the recording as it was read is not
@@ -283,9 +303,7 @@ def _best(tried: Sequence[Trial], origin: Origin, columns: Columns) -> tuple[Tri
     best = able[0]
     changed = origin.derived(columns, best.mistake.change(columns))
     # what is likelier still, but not by enough to be named, is not excluded either
-    close = [
-        t.mistake for t in tried if t.gain > best.gain or (t in able[1:] and t.gain > best.gain - _room(best, APART))
-    ]
+    close = [t.mistake for t in tried if t.gain > best.gain or (t in able[1:] and _close(t, best))]
     same = [m for m in close if _same(changed, origin.derived(columns, m.change(columns)))]
     rivals = [m for m in close if m not in same]
     if any(m.column != best.mistake.column or m.kind == "swapped" for m in rivals):
@@ -294,6 +312,13 @@ def _best(tried: Sequence[Trial], origin: Origin, columns: Columns) -> tuple[Tri
     words = " or ".join([names[0].words, *(m.words.removeprefix(origin.name(m.column) + " ") for m in names[1:])])
     hint = ", or ".join(dict.fromkeys(m.hint for m in (best.mistake, *rivals)))
     return replace(best, mistake=replace(best.mistake, words=words, hint=hint)), []
+
+
+def _close(trial: Trial, best: Trial) -> bool:
+    """Whether the likeliest mistake is not likelier than another by what counts; what both change may be misfitted by
+    the model as much as either leaves it."""
+    rest = max(best.rest, trial.rest) if trial.touched == best.touched else best.rest
+    return trial.gain > best.gain - APART - OF_THE_REST * rest
 
 
 def _same(one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]) -> bool:

@@ -108,11 +108,18 @@ class Misfit:
         """The same of all sensors but the one that fits worst: any one may have failed."""
         return self._tail(np.sort(self.lacking)[:-1])
 
+    @property
+    def missing(self) -> float:
+        """Log-likelihood that the best of all files would have more: no mistake can bring more than that."""
+        return self._missing(self.lacking)
+
+    def _missing(self, lacking: np.ndarray) -> float:
+        return float(np.sum(lacking)) + 0.5 * float(self.departure @ self.departure)
+
     def _tail(self, lacking: np.ndarray) -> float:
         from scipy.special import chdtrc  # only of recordings that are far from the engine
 
-        missing = float(np.sum(lacking)) + 0.5 * float(self.departure @ self.departure)
-        return float(chdtrc(max(len(lacking), 1), 2.0 * missing))
+        return float(chdtrc(max(len(lacking), 1), 2.0 * self._missing(lacking)))
 
     @property
     def typical(self) -> float:

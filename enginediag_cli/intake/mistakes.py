@@ -443,9 +443,9 @@ def trials(yardstick: Yardstick, origin: Origin, columns: Columns, as_read: Misf
         changed = origin.derived(columns, mistake.change(columns))
         misfit = yardstick.misfit(changed, 3, mistake.values)
         gain = misfit.log_likelihood + mistake.prior - as_read.log_likelihood
-        same = [c for c in changed if np.array_equal(changed[c], columns.get(c), equal_nan=True)]
-        everywhere = mistake.values or any(c in columns and c not in same for c in yardstick.given)
-        touched = misfit.sensors if everywhere else tuple(s for s in misfit.sensors if s not in same)
+        other = {c for c in changed if c in columns and not np.array_equal(changed[c], columns[c], equal_nan=True)}
+        everywhere = bool(mistake.values) or not other.isdisjoint(yardstick.given)
+        touched = misfit.sensors if everywhere else tuple(s for s in misfit.sensors if s in other)
         ended.append(Trial(mistake, misfit, gain, touched))
     return sorted(ended, key=lambda one: -one.gain)
 

@@ -32,6 +32,7 @@ import numpy as np
 
 from enginediag_cli.detection.lack_of_fit import lack_of_fit
 from enginediag_cli.faults.chances import UNLISTED
+from enginediag_cli.intake.agreement import Disagreement
 from enginediag_cli.isolation.enumeration import all_sets
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.isolation.sizes import estimate_sizes
@@ -55,6 +56,7 @@ class Adequacy:
 
     noise: by what the evidence was divided; unlisted: probability that it is something that is not listed; beyond:
     parameter and size of a change of the answer, or of what would fit best without bounds, that is impossible.
+    disagreement: of the recording with the engine, where that was accepted.
     """
 
     fit: float = float("nan")
@@ -63,11 +65,19 @@ class Adequacy:
     noise: float = 1.0
     unlisted: float = 0.0
     beyond: tuple[str, float] | None = None
+    disagreement: Disagreement | None = None
 
     @property
     def stands(self) -> bool:
         """Whether something listed is likelier than something that is not."""
         return self.unlisted < 0.5
+
+    def of_file(self, disagreement: Disagreement | None) -> Adequacy:
+        """The same where the file itself may be wrong: what is listed explains a right one only."""
+        if disagreement is None:
+            return self
+        unlisted = 1.0 - (1.0 - disagreement.wrong_file) * (1.0 - self.unlisted)
+        return replace(self, unlisted=unlisted, disagreement=disagreement)
 
 
 def noise_level(score: Score, statistics: LocalStatistics) -> NoiseLevel:

@@ -21,6 +21,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from enginediag_cli.intake.agreement import Disagreement
 from enginediag_cli.isolation.adequacy import (
     Adequacy,
     beyond_bounds,
@@ -146,21 +147,26 @@ def more_probable_than_not(sets: np.ndarray, probabilities: np.ndarray) -> int:
 
 
 def isolate_components(
-    score: Score, options: IsolationOptions | None = None, statistics: LocalStatistics | None = None
+    score: Score,
+    options: IsolationOptions | None = None,
+    statistics: LocalStatistics | None = None,
+    disagreement: Disagreement | None = None,
 ) -> ComponentIsolation:
     """The components that changed; of the options, those of the posterior method count.
 
-    statistics: those of which `score` was made, for the question whether the answer fits, as in `diagnose`.
+    statistics: those of which `score` was made, for the question whether the answer fits, and disagreement of the
+    recording with the engine, as in `diagnose`.
     """
     options = options or IsolationOptions()
     level = NoiseLevel() if statistics is None else noise_level(score, statistics)
     about, score = score, tempered(score, level.factor)
     components, sets, probabilities, total = component_posterior(score, options.prior, largest=options.largest)
-    answer, adequacy = more_probable_than_not(sets, probabilities), Adequacy()
+    answer, adequacy = more_probable_than_not(sets, probabilities), Adequacy().of_file(disagreement)
     if statistics is not None:
         names = _parameters(score, components, sets[answer])
         unlisted = probability_of_unlisted(level, total, log_of_free_vector(score, options.prior))
         adequacy = replace(fit_after(about, statistics, names), noise=level.factor, unlisted=unlisted)
+        adequacy = adequacy.of_file(disagreement)
         if not adequacy.stands:
             adequacy = replace(adequacy, beyond=beyond_bounds(about, options.prior))
     listed = 1.0 - adequacy.unlisted

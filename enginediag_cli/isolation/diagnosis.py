@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from enginediag_cli.faults.component_faults import FaultSet
+from enginediag_cli.intake.agreement import Disagreement
 from enginediag_cli.isolation.adequacy import (
     Adequacy,
     beyond_bounds,
@@ -75,11 +76,13 @@ def diagnose(
     options: DiagnosisOptions,
     records: Callable[[], WindowModel | None] | None = None,
     statistics: LocalStatistics | None = None,
+    disagreement: Disagreement | None = None,
 ) -> Diagnosis:
     """Diagnosis of one window; `records` gives its records with the full model, when there are any.
 
     statistics: those of which `score` was made. With them the posterior's answer is asked whether it fits, and where it
-    fits badly the evidence is worth less; without them the model is taken to be right.
+    fits badly the evidence is worth less; without them the model is taken to be right. disagreement: of the recording
+    with the engine; where the file is likelier wrong than the engine no full model is asked for what it cannot explain.
 
     Methods other than the posterior are as `isolate` gives them. DataError when no fault of the catalogue can
     be told by the score's parameters.
@@ -91,7 +94,9 @@ def diagnose(
         isolation = replace(isolation, largest=LARGEST_OF_MANY)
     large, adequacy, belief = False, Adequacy(), None
     if options.method == "posterior":
-        belief, result, large, adequacy = _by_posterior(score, isolation, options, records, statistics)
+        if disagreement is not None and disagreement.doubtful:
+            records = None
+        belief, result, large, adequacy = _by_posterior(score, isolation, options, records, statistics, disagreement)
         score = belief.score
     else:
         result = isolate(score, options.method, isolation)
@@ -114,6 +119,7 @@ def _by_posterior(
     options: DiagnosisOptions,
     records: Callable[[], WindowModel | None] | None,
     statistics: LocalStatistics | None,
+    disagreement: Disagreement | None,
 ) -> tuple[Belief, IsolationResult, bool, Adequacy]:
     prior, notes = isolation.prior, []
     if options.one_sided:  # knows the signs by itself
@@ -139,11 +145,11 @@ def _by_posterior(
         faults = options.catalogue.components if options.catalogue is not None else ()
         signs = known_signs(score.described, faults)
         posterior = one_sided_posterior(score, posterior, signs, prior)
-    adequacy = Adequacy()
+    adequacy = Adequacy().of_file(disagreement)
     if statistics is not None:
         free = log_of_free_vector(score, prior) + offset
         unlisted = probability_of_unlisted(level, posterior.log_total, free)
-        adequacy = Adequacy(noise=level.factor, unlisted=unlisted)
+        adequacy = Adequacy(noise=level.factor, unlisted=unlisted).of_file(disagreement)
         if not adequacy.stands:
             adequacy = replace(adequacy, beyond=beyond_bounds(about, prior))
     result = posterior_result(score, posterior, isolation, prior, own, 1.0 - adequacy.unlisted)

@@ -110,6 +110,7 @@ class Isolating:
             for column in self.extra:
                 if column not in columns:
                     raise DataError(f"{engine.name} has no column {column!r} for a sensor; {near(column, columns)}")
+        self.files.brief = True
         if self.kept is not None:
             self.files.passing = self.kept.passing
             self.files.solutions = True
@@ -149,12 +150,14 @@ class Isolating:
         shown = drifts_shown(window.without(()).statistics, drifts) if drifts else set[str]()
         window, verdict, score = _with_suspects(window, verdict, [name for name in drifts if name not in shown])
         if self.by_component:
-            components = isolate_components(score, self.options.isolation, verdict.window.statistics)
+            components = isolate_components(
+                score, self.options.isolation, verdict.window.statistics, window.disagreement
+            )
             return IsolatedWindow(verdict, known, components=components, by_component=True, score=score)
         diagnosis, records = self._diagnosed(window, verdict, score)
         wrong = {known[n].component for n, p in diagnosis.result.inclusion.items() if p > 1 - SEPARATED and n in known}
         more = {name for name in drifts if known[name].component in wrong}
-        if not more <= shown:  # which form it is, is open
+        if not more <= shown and not window.doubtful:  # which form it is, is open
             window, verdict, score = _with_suspects(
                 judged, verdict, [name for name in drifts if name not in shown | more]
             )
@@ -167,7 +170,7 @@ class Isolating:
 
     def _diagnosed(self, window: WindowStatistics, verdict: Verdict, score: Score) -> tuple[Diagnosis, _Records | None]:
         records = _Records(self.files.monitor, self.kept, window) if self.kept is not None else None
-        return diagnose(score, self.options, records, verdict.window.statistics), records
+        return diagnose(score, self.options, records, verdict.window.statistics, window.disagreement), records
 
     def _with_telling_sensors(
         self, diagnosis: Diagnosis, window: WindowStatistics, records: Callable[[], WindowModel | None] | None

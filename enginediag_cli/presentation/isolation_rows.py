@@ -51,10 +51,12 @@ def instrument_rows(verdict: Verdict) -> Iterator[dict[str, Any]]:
 
 def reservation(adequacy: Adequacy, known: Mapping[str, Parameter]) -> str:
     """Why the answer does not stand; empty where it does."""
-    from enginediag_cli.presentation.sentences import not_listed, outside_physics
+    from enginediag_cli.presentation.sentences import not_listed, outside_physics, wrong_file
 
     if adequacy.stands:
         return ""
+    if adequacy.disagreement is not None and adequacy.disagreement.doubtful:
+        return wrong_file(adequacy.disagreement)
     if adequacy.beyond is not None:
         name, change = adequacy.beyond
         return outside_physics(known[name], change, adequacy.unlisted)
@@ -283,6 +285,8 @@ def tell(
     caution = reservation(diagnosis.adequacy, known)
     if caution:
         messages.note(f"{here}: {caution}", **of)
+    if verdict.window.doubtful:  # what would explain a right file says nothing of this one
+        return
     leading = "" if diagnosis.adequacy.stands else "leading, but not to be relied on: "
     left = unexplained(diagnosis.adequacy.before, diagnosis.adequacy.fit, diagnosis.adequacy.explained)
     nothing = "no further change that matters" if verdict.window.instruments else "no change that matters"

@@ -12,6 +12,7 @@ from enginediag_cli.presentation.numbers import p_value, probability, rounded, w
 from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
+    from enginediag_cli.intake.agreement import Disagreement
     from enginediag_cli.isolation.classes import Class
     from enginediag_cli.residuals.instruments import InstrumentFault
 
@@ -73,6 +74,14 @@ def not_listed(ratio: float, unlisted: float) -> str:
     """Why an answer does not stand: what happened is likelier none of the suspects."""
     left = f", chi2 per degree of freedom {ratio:.2g} after the best of them" if math.isfinite(ratio) else ""
     return f"something that is not among the suspects (probability {probability(unlisted)}{left}): cannot tell"
+
+
+def wrong_file(found: Disagreement) -> str:
+    """Why an answer does not stand: the recording is likelier wrong than the engine, although that was accepted."""
+    return (
+        f"the recording is likelier wrong than the engine (probability {probability(found.wrong_file)}): {found.what}; "
+        "check columns, units and engine file: cannot tell"
+    )
 
 
 def unexplained(before: float, after: float, explained: float) -> str:

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import chain, islice
 
 from enginediag_cli.engine.drifts import ELAPSED
 from enginediag_cli.errors import DataError, NoVerdictError
@@ -66,6 +67,7 @@ class JudgedFiles:
     None: always the one for few records. series: windows are compared with each other, see `series_monitor`, which goes
     without a reference. solutions: windows hold the engine's unknowns, too. additive: windows of recordings hold what
     is uncertain beside the monitored parameters, so that they add, as long as no reference is taken out of them.
+    brief: no estimate is sought in recordings that are likelier wrong than the engine, which none explains.
     `ledger`: what was read of statistics."""
 
     intake: Intake
@@ -80,6 +82,7 @@ class JudgedFiles:
     series: bool = False
     solutions: bool = False
     additive: bool = False
+    brief: bool = False
 
     _few: Monitor | None = field(default=None, repr=False)
 
@@ -112,14 +115,22 @@ class JudgedFiles:
             monitor = self._reduced(monitor)
         gate = GrossErrorGate(monitor)
         recordings = self.passing(gate.clean(recordings))
-        for window in self._windows(monitor, recordings):
+        for window in self._windows(monitor, recordings, file.name):
             mine = [left for left in self.intake.left_out if left.file == file.name]
             masked = [run for left in mine if left.engine in ("", window.engine) for run in left.stuck]
-            yield gate.judged(window, masked), monitor.meaning
+            here = (window.source, window.flight, window.engine)
+            found = next((one for one in self.intake.mismatches if one.concerns(*here)), None)
+            yield replace(gate.judged(window, masked), disagreement=found), monitor.meaning
         gate.report(left for left in self.intake.left_out if left.file == file.name)
 
-    def _windows(self, monitor: Monitor, recordings: Iterable[Recording]) -> Iterator[WindowStatistics]:
-        judging = self.judging
+    def _windows(self, monitor: Monitor, recordings: Iterable[Recording], name: str) -> Iterator[WindowStatistics]:
+        judging, linearise = self.judging, self.judging.linearise
+        if self.brief:
+            recordings = iter(recordings)
+            first = list(islice(recordings, 1))  # as soon as records are read, they have been compared with the engine
+            recordings = chain(first, recordings)
+            if any(m.source == name and not m.flights and m.doubtful for m in self.intake.mismatches):
+                linearise = "nominal"
         if self.series or self._adding:
             later = last_records(recordings, judging.last) if judging.last else recordings
             condense = unmarginalised(monitor) if self._adding else partial(monitored_as_read, monitor)
@@ -131,7 +142,7 @@ class JudgedFiles:
             judging.plan,
             judging.reference,
             last=judging.last,
-            linearise=judging.linearise,
+            linearise=linearise,
         )
 
     @property

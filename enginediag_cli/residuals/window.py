@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from enginediag_cli.intake.agreement import Disagreement
 from enginediag_cli.intake.left_out import GrossCounts
 from enginediag_cli.residuals.admission import Elsewhere
 from enginediag_cli.residuals.instruments import InstrumentFault
@@ -29,7 +30,8 @@ class WindowStatistics:
     solution: the engine's unknowns (nx, n) at nominal in the records that were judged, where
     they are known, from which whoever asks the engine again of these records may begin. gross: readings and records
     that were rejected as gross errors. instruments: those that are stuck or scatter; weights (n, m, m): what multiplies
-    the readings of each record that was judged, where some scatter.
+    the readings of each record that was judged, where some scatter. disagreement: that the recording is hardly of this
+    engine, or in these units, which was accepted.
     """
 
     source: str
@@ -59,12 +61,18 @@ class WindowStatistics:
     gross: GrossCounts = field(default_factory=GrossCounts)
     instruments: tuple[InstrumentFault, ...] = ()
     weights: np.ndarray | None = field(default=None, repr=False, compare=False)
+    disagreement: Disagreement | None = field(default=None, repr=False, compare=False)
 
     def without(self, names: Collection[str]) -> WindowStatistics:
         """The window without the suspects `names` and those that are silent, in its statistics, too."""
         silent = tuple(dict.fromkeys((*self.silent, *names)))
         statistics = self.statistics and self.statistics.without(silent)
         return replace(self, silent=silent, statistics=statistics)
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the recording is likelier wrong than the engine."""
+        return self.disagreement is not None and self.disagreement.doubtful
 
     @property
     def counts(self) -> dict[str, int]:

@@ -12,6 +12,7 @@ from enginediag_cli.intake.agreement import Agreement, agreement_with_engine
 from enginediag_cli.intake.comparison import yardstick_of_nominal
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
+from enginediag_cli.recordings.write import write_csv
 from enginediag_cli.shipped import shipped
 
 
@@ -178,3 +179,40 @@ def test_short_recordings_are_predicted_together_as_each_by_itself(turbofan):
         np.testing.assert_allclose(together.y, expected.y, rtol=1e-9)
         np.testing.assert_allclose(together.jacobian, expected.jacobian, rtol=1e-6, atol=1e-9)
         assert together.ok.tolist() == list(expected.ok)
+
+
+@pytest.mark.parametrize("drawn", [True, False])
+def test_swapped_speeds_in_per_cent_are_named_although_an_engine_of_the_kind_comes_near(
+    turbofan, tmp_path, capsys, drawn
+):
+    """Both spools near 100 %: what is swapped differs from the right file by a few per cent, less than engines do."""
+    rng = np.random.default_rng(17)
+    altitude = np.repeat([600.0, 10500.0], 30) + rng.uniform(-300, 300, 60)
+    flown = {"altitude_m": altitude, "mach": np.where(altitude < 2000, 0.25, 0.78) + rng.uniform(-0.02, 0.02, 60)}
+    flown["dT_isa_K"] = rng.uniform(-12, 12, 60)
+    power = turbofan.power_from_fraction(np.repeat([0.97, 0.8], 30) + rng.uniform(-0.05, 0.03, 60), flown)
+    columns = recording(turbofan, {**flown, "Wf_kg_s": power}, rng, identified=not drawn)
+    full = {f"{s['speed_label']}_rpm": s["design_speed_rpm"] for s in turbofan.declared["shafts"]}
+    written = {c: 100 * v / full[c] if c in full else v for c, v in columns.items()}
+    flight = tmp_path / "flight.csv"
+    write_csv(flight, [Recording(written)])
+    for low, high, code in (("N1_rpm", "N2_rpm", 0), ("N2_rpm", "N1_rpm", 2)):
+        lines = [f"  {c}: {{from: {c}}}" for c in columns if c not in full]
+        lines += [f"  N1_rpm: {{from: {low}, unit: pct, full_scale: {full['N1_rpm']}}}"]
+        lines += [f"  N2_rpm: {{from: {high}, unit: pct, full_scale: {full['N2_rpm']}}}"]
+        (tmp_path / "recorder.yaml").write_text(
+            "kind: recorder\ndescription: one\nsources: [one]\ncolumns:\n" + "\n".join(lines)
+        )
+        words = ["check", "--engine", str(shipped("turbofan.yaml")), "--recorder", str(tmp_path / "recorder.yaml")]
+        assert main([*words, str(flight)]) == code
+        text = "".join(capsys.readouterr())
+        assert ("are swapped" in text) is bool(code), text
+
+
+def test_what_is_likelier_a_wrong_file_than_an_engine_is_no_healthy_one(turbofan, inputs, identified):
+    """Two sensors that nothing explains are a wrong file, one that nothing explains is an instrument that failed."""
+    columns = recording(turbofan, inputs, np.random.default_rng(18), identified=True)
+    failed = {**columns, "P3_Pa": columns["P3_Pa"] * 0.01}
+    swapped = {**columns, "T3_K": columns["T45_K"], "T45_K": columns["T3_K"]}
+    (one,), (two,) = (identified.disagreements(Recording(c, source="x"), search=False) for c in (failed, swapped))
+    assert one.wrong_file < 0.5 < 0.99 < two.wrong_file and two.doubtful and two.concerns("x", "3", "left")

@@ -8,7 +8,7 @@ import pytest
 from enginediag_cli.residuals.frame import Frame
 from enginediag_cli.residuals.local import local_statistics
 from enginediag_cli.residuals.noise import white_noise
-from enginediag_cli.residuals.relinearise import Hold, Stop, relinearise
+from enginediag_cli.residuals.relinearise import Hold, Stop, relinearise, within
 from enginediag_cli.residuals.score import fisher_score
 
 SIGMA = np.array([0.01, 0.01, 0.02])
@@ -149,3 +149,15 @@ def test_an_estimate_stays_within_the_physical_bounds():
     )
     assert result.theta[0, 0] == 1.1
     assert result.converged.all()
+
+
+def test_a_step_beyond_a_bound_ends_there_and_the_others_follow_without_it():
+    coupled = np.array([[[1.0, 0.9], [0.9, 1.0]]])
+    step = within(np.array([[10.0, 8.0]]), coupled, np.array([[-5.0, -20.0]]), np.array([[1.0, 20.0]]))
+    assert step == pytest.approx(np.array([[1.0, 8.0 - 0.9]]))  # the second solves its own equation with the first at 1
+    free = within(np.array([[10.0, 8.0]]), coupled, np.full((1, 2), -np.inf), np.full((1, 2), np.inf))
+    assert free == pytest.approx(np.linalg.solve(coupled[0], [10.0, 8.0])[None])
+    alone = within(
+        np.array([[4.0, -6.0]]), np.array([np.diag([2.0, 2.0])]), np.full((1, 2), -1.0), np.full((1, 2), 3.0)
+    )
+    assert alone == pytest.approx(np.array([[2.0, -1.0]]))
