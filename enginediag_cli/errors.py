@@ -52,6 +52,10 @@ class EngineDiagError(Exception):
     exit_code = ExitCode.TROUBLE
 
 
+class UsageError(EngineDiagError, ValueError):
+    """Options, or arguments of the same names, that do not go together."""
+
+
 class WorkerDiedError(EngineDiagError):
     """A process that shares the work was ended from outside, as by the system when memory runs out."""
 

@@ -27,6 +27,20 @@ def shipped(name: str) -> Path:
     raise DataError(f"no file {name!r} comes with enginediag; {hint}")
 
 
+def own_or_shipped(name: str | Path) -> Path:
+    """The file of this name, or one that comes with the program where there is none in the working folder. Raises
+    DataError."""
+    import os
+
+    path = Path(name)
+    if os.path.lexists(path) or path.is_absolute():
+        return path
+    try:
+        return shipped(str(name))
+    except DataError as error:
+        raise DataError(f"there is no file {str(name)!r} here, and {error}") from None
+
+
 def shipped_folder() -> Path:
     """The folder of the shipped files. Raises DataError when the installation has none."""
     places = _places()

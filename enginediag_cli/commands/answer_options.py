@@ -9,11 +9,7 @@ from typing import Any
 
 import click
 
-from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
-
-SENTENCES = 10
-"""Windows told in words on stderr; beyond that the rows speak for themselves."""
 
 
 @dataclass(frozen=True)
@@ -35,16 +31,10 @@ class Beside:
             for name, choice in asked.items()
         }
 
-    def looked_for(self, messages: Messages, output: Output, name: str) -> Callable[[int, bool], bool]:
-        """Whether one of them is looked for in a window, by its number, from 1, and whether it has a name that stands:
-        where it is shown."""
-        choice, shown = getattr(self, name), bool(self.forms(output)[name])
-        return lambda number, named: shown or (choice is not False and told_in_words(messages, number, named))
-
-
-def told_in_words(messages: Messages, number: int, named: bool) -> bool:
-    """Whether a window, by its number from 1, has sentences of what it names."""
-    return named and number <= SENTENCES and not messages.quiet
+    def arguments(self, output: Output) -> dict[str, Any]:
+        """The choices as arguments of the library: how each stands in rows, or is said in sentences alone."""
+        unwanted = {"flips": self.flips is False, "work_scope": self.work_scope is False}
+        return {name: form or ("" if unwanted[name] else "sentences") for name, form in self.forms(output).items()}
 
 
 def work_scope_option(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator
-from dataclasses import replace
-from itertools import chain
-from math import inf
+from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from enginediag_cli.commands.answer_options import SENTENCES
-from enginediag_cli.commands.detect_follow import Follow, check_follow, follow_options, run_follow
+from enginediag_cli.commands.detect_follow import Follow, check_follow, follow_options
 from enginediag_cli.commands.intake_options import compared_options, judging_options, source_options, window_options
-from enginediag_cli.commands.judging import Compared, ending, judged_files, tell_files
-from enginediag_cli.commands.method_options import Rival, detect_by_method, method_options
+from enginediag_cli.commands.judging import Compared, digits_of, ending, write_result
+from enginediag_cli.commands.method_options import Rival, method_options
 from enginediag_cli.commands.options import (
     FiniteRange,
     exit_code_option,
@@ -30,12 +26,11 @@ from enginediag_cli.commands.parameter_types import RequiredChange
 from enginediag_cli.commands.picture_option import picture_option
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
-from enginediag_cli.presentation.summaries import DETECT
 
 if TYPE_CHECKING:
+    from enginediag_cli.api.inputs import Recordings
+    from enginediag_cli.api.results import Result
     from enginediag_cli.errors import ExitCode
-    from enginediag_cli.intake.source import Source
-    from enginediag_cli.residuals.files import Judging
 
 
 @click.command(
@@ -80,9 +75,9 @@ if TYPE_CHECKING:
 @pass_messages
 def detect(
     messages: Messages,
-    source: Source,
+    source: Recordings,
     compared: Compared,
-    judging: Judging,
+    windows: dict[str, Any],
     false_alarm: float,
     rival: Rival,
     detectable: bool,
@@ -115,60 +110,37 @@ def detect(
     tests, and what it names in `isolated`, which `isolated_kind` says are parameters of the engine or sensors.
     """
     if rival:
-        rival.check(rival.chosen(judging.linearise), compared.nominal, source.files)
+        rival.check(compared.nominal, source.files)
     if follow.wanted:
-        check_follow(follow, judging, detectable)
+        check_follow(follow, windows, detectable)
     if picture_path and (follow.wanted or rival):
         raise click.UsageError("--picture goes with neither --follow nor --method")
-    if detectable and power <= false_alarm:
-        raise click.UsageError("--power must be larger than --false-alarm")
     if "none" in must_show and len(must_show) > 1:
         raise click.UsageError("--must-show none goes with no other --must-show")
-    from enginediag_cli.detection.minimum_change import RequiredPower
-    from enginediag_cli.detection.verdict import judge
-    from enginediag_cli.presentation.detection_rows import detection_row, tell_window
-    from enginediag_cli.presentation.outputs.detect import DETECT as DETECT_ROWS
-    from enginediag_cli.recordings.provenance import header_lines
-    from enginediag_cli.residuals.economy import Economy
-
-    monitor = compared.open(messages, source, model_error=judging.model_error)
-    if follow.wanted and monitor is not None:
-        return run_follow(messages, follow, source, monitor, false_alarm, exit_code, output)
-    files = judged_files(source, monitor, judging)
-    if rival:
-        return detect_by_method(messages, rival, files, false_alarm, exit_code, output)
-    # whether anything has changed does not depend on what wrong slopes of maps would make of the change
-    files.economy = Economy(replace(monitor, slopes=None)) if monitor else None
-    tally: Counter[str] = Counter()
-    drawn: list[dict[str, Any]] = []
-    required = RequiredPower((("*", inf),) if "none" in must_show else must_show, power)
-    if monitor is not None:
-        required.check(monitor.monitored)
-    shown = detectable or output.chosen_format() in ("json", "ndjson")
-
-    def rows() -> Iterator[dict[str, Any]]:
-        for found, _ in files.windows():
-            verdict = judge(found, false_alarm, required, None if judging.reference else monitor)
-            tally[verdict.verdict] += 1
-            tell_window(messages, verdict, in_words=tally.total() <= SENTENCES)
-            row = detection_row(verdict, shown)
-            drawn.extend([row] if picture_path else [])
-            yield row
-
-    found = rows()
-    first = next(found, None)
-    head = header_lines(
-        "detect",
-        configs=[*compared.configs, *source.configs],
-        notes={**DETECT_ROWS.notes, "false_alarm": str(false_alarm), **source.notes, **judging.notes},
-        inherited=files.intake.provenance,
+    result = _judged(
+        follow,
+        rival,
+        detectable or output.chosen_format() in ("json", "ndjson"),
+        {"power": power, "must_show": "none" if "none" in must_show else must_show},
+    )(
+        compared.nominal,
+        source,
+        false_alarm=false_alarm,
+        messages=messages,
+        stream=True,
+        **windows,
+        **compared.arguments,
     )
-    rows_found = chain([first] if first is not None else [], found)
-    output.write_rows(rows_found, summary=DETECT, provenance=head, live=True)
-    tell_files(messages, files)
-    if picture_path:
-        from enginediag_cli.presentation.charts.pictured import of_detection, write_picture
+    write_result(result, output, picture_path)
+    return ending(result.found, result.judged, exit_code, result.unread)
 
-        write_picture(of_detection(drawn), picture_path)
-    messages.note(", ".join(f"{n} {what}" for what, n in sorted(tally.items())) or "no window", counts=dict(tally))
-    return ending(tally["fault"], sum(tally.values()) - tally["no verdict"], exit_code, files.intake.unread)
+
+def _judged(follow: Follow, rival: Rival, detectable: bool, test: dict[str, Any]) -> Callable[..., Result]:
+    """The verb of the library that the options ask for, with the arguments that it alone has."""
+    from enginediag_cli.api import detection
+
+    if follow.wanted:
+        return partial(detection.follow, block=digits_of(follow.window), idle_s=follow.idle_s)
+    if rival:
+        return partial(detection.detect_by_method, method=rival.name, healthy=rival.healthy)
+    return partial(detection.detect, detectable=detectable, **test)

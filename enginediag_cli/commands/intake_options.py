@@ -5,15 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from functools import wraps
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import click
 
 from enginediag_cli.commands.judging import Compared
 from enginediag_cli.commands.options import ConfigFile, FiniteRange, recordings_argument
-
-if TYPE_CHECKING:
-    from enginediag_cli.residuals.windows import WindowPlan
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -22,7 +19,7 @@ LENGTH = re.compile(r"\s*\d+(\.\d+)?\s*(s|min|h|)\s*")
 
 
 def source_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """`[FILE]...`, `--recorder`, `--engine-instance`, `--accept-mismatch`, given to the command as one `Source`."""
+    """`[FILE]...`, `--recorder`, `--engine-instance`, `--accept-mismatch`, given as one `source: Recordings`."""
 
     @wraps(function)
     def with_source(
@@ -33,9 +30,9 @@ def source_options(function: Callable[..., Any]) -> Callable[..., Any]:
         accept_mismatch: bool,
         **others: Any,
     ) -> Any:
-        from enginediag_cli.intake.source import Source
+        from enginediag_cli.api.inputs import Recordings
 
-        return function(*args, source=Source(recordings, recorder, engine_instance, accept_mismatch), **others)
+        return function(*args, source=Recordings(recordings, recorder, engine_instance, accept_mismatch), **others)
 
     return recordings_argument(recorder_options(accept_mismatch_option(with_source)))
 
@@ -110,10 +107,10 @@ def model_error_option(function: Function) -> Function:
 
 def judging_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """`--linearise`, `--reference`, `--last`, `--model-error`, with `--window` and `--step` of `window_options` if the
-    command has them: given to it as one `judging: Judging`."""
+    command has them: given to it as one `windows`, arguments of the library."""
 
     @wraps(function)
-    def with_judging(
+    def with_windows(
         *args: Any,
         linearise: str,
         reference: int,
@@ -123,10 +120,16 @@ def judging_options(function: Callable[..., Any]) -> Callable[..., Any]:
         step: str | None = None,
         **others: Any,
     ) -> Any:
-        from enginediag_cli.residuals.files import Judging
-
-        judging = Judging(_planned(window, step), linearise, reference, last, model_error)
-        return function(*args, judging=judging, **others)
+        _check_plan(window, step)
+        windows = {
+            "window": window,
+            "step": step,
+            "linearise": linearise,
+            "reference": reference,
+            "last": last,
+            "model_error": model_error,
+        }
+        return function(*args, windows=windows, **others)
 
     options = [
         click.option(
@@ -155,8 +158,8 @@ def judging_options(function: Callable[..., Any]) -> Callable[..., Any]:
         model_error_option,
     ]
     for option in reversed(options):
-        with_judging = option(with_judging)
-    return with_judging
+        with_windows = option(with_windows)
+    return with_windows
 
 
 def monitor_option(function: Function) -> Function:
@@ -178,14 +181,15 @@ def check_length(context: click.Context, parameter: click.Parameter, value: str 
     return value
 
 
-def _planned(window: str | None, step: str | None) -> WindowPlan:
-    """The plan of windows, with click's own message when the options do not fit together."""
-    from enginediag_cli.residuals.windows import plan_windows
+def _check_plan(window: str | None, step: str | None) -> None:
+    """Click's own message when the options do not fit together."""
+    from enginediag_cli.api.windows import WindowOptions
+    from enginediag_cli.errors import UsageError
 
     try:
-        return plan_windows(window, step)
-    except ValueError as error:
-        raise click.UsageError(f"--window, --step: {error}") from None
+        _ = WindowOptions(window, step).judging
+    except UsageError as error:
+        raise click.UsageError(str(error)) from None
 
 
 def compared_options(*, required: bool = False, help: str = "") -> Callable[[Function], Callable[..., Any]]:

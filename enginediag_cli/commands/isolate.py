@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from enginediag_cli.commands.answer_options import SENTENCES, Beside, beside_options
+from enginediag_cli.commands.answer_options import Beside, beside_options
 from enginediag_cli.commands.intake_options import compared_options, judging_options, source_options, window_options
 from enginediag_cli.commands.isolation_options import Further, further_options
-from enginediag_cli.commands.judging import Compared, ending, judged_files, tell_files
+from enginediag_cli.commands.judging import Compared, ending, write_result
 from enginediag_cli.commands.options import (
     exit_code_option,
     exit_codes,
@@ -26,14 +24,10 @@ from enginediag_cli.commands.picture_option import picture_option
 from enginediag_cli.faults.chances import INSTRUMENT, PARAMETER
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
-from enginediag_cli.presentation.summaries import COMPONENTS, ISOLATE
-from enginediag_cli.progress import each
 
 if TYPE_CHECKING:
+    from enginediag_cli.api.inputs import Recordings
     from enginediag_cli.errors import ExitCode
-    from enginediag_cli.intake.source import Source
-    from enginediag_cli.isolation.of_windows import IsolatedWindow
-    from enginediag_cli.residuals.files import Judging
 
 METHODS = ("posterior", "incremental", "sensitivity", "minmax")
 
@@ -88,9 +82,9 @@ METHODS = ("posterior", "incremental", "sensitivity", "minmax")
 @pass_messages
 def isolate(
     messages: Messages,
-    source: Source,
+    source: Recordings,
     compared: Compared,
-    judging: Judging,
+    windows: dict[str, Any],
     method: str,
     faults: int | None,
     false_alarm: float,
@@ -131,84 +125,28 @@ def isolate(
     `work_scope` (json) is by how much turbine temperature and fuel would fall at equal thrust or power if a module
     that is named were as new, with 95 % intervals.
     """
-    from enginediag_cli.isolation.methods import IsolationOptions
-    from enginediag_cli.isolation.of_windows import Isolating
-    from enginediag_cli.isolation.prior import SetPrior
-    from enginediag_cli.presentation.isolation_rows import beside_cells, isolated_rows, tell_isolated
-    from enginediag_cli.presentation.outputs.isolate import COMPONENTS as BY_COMPONENT
-    from enginediag_cli.presentation.outputs.isolate import ISOLATE as BY_PARAMETER
-    from enginediag_cli.recordings.provenance import header_lines
-    from enginediag_cli.residuals.kept_records import KeptRecords
-    from enginediag_cli.work_scope.scope import Scoping
+    from enginediag_cli.api.isolation import isolate as run
 
-    if by == "component" and (method != "posterior" or faults):
-        raise click.UsageError("--by component goes with --method posterior and without --faults")
     if picture_path and by == "component":
         raise click.UsageError("--picture goes with --by parameter")
-    plain = not judging.reference  # otherwise the score knows more than the records tell
-    further.check(method, by, compared.nominal, not plain)
-    monitor = compared.open(
-        messages,
+    result = run(
+        compared.nominal,
         source,
-        sensors=further.sensors_watched(method, compared.patterns),
-        drifts=True,
-        model_error=judging.model_error,
-    )
-    kept = None
-    if monitor is not None and plain and by == "parameter" and further.keeps(method, judging.linearise):
-        kept = KeptRecords(monitor, short_windows=not judging.plan.whole)
-    options = IsolationOptions(
+        method=method,
+        by=by,
         faults=faults,
+        largest=largest,
         false_alarm=false_alarm,
-        prior=SetPrior(inclusion=inclusion, sensor=sensor_inclusion),
+        inclusion=inclusion,
+        sensor_inclusion=sensor_inclusion,
         coverage=coverage,
         confidence=confidence,
-        largest=largest,
+        messages=messages,
+        stream=True,
+        **further.arguments,
+        **beside.arguments(output),
+        **windows,
+        **compared.arguments,
     )
-    files = judged_files(source, monitor, judging)
-    asked = further.diagnosis_options(method, judging.linearise, options)
-    forms = beside.forms(output)
-    flips, scopes = (beside.looked_for(messages, output, name) for name in forms)
-    isolating = Isolating(files, asked, false_alarm, by == "component", kept, further.advise, further.extra, flips)
-    scoping = Scoping(monitor) if monitor is not None else None
-    named = judged = windows = 0
-    drawn: list[IsolatedWindow] = []
-
-    def rows() -> Iterator[dict[str, Any]]:
-        nonlocal named, judged, windows
-        for found in each(isolating.windows(), "windows isolated"):
-            windows += 1
-            statistics = found.verdict.window.statistics
-            if windows == 1 and statistics is not None and monitor is None:
-                further.warn_of_sensors(messages, found.known.values())
-            judged += found.judged
-            named += found.named
-            scope = None
-            if scoping is not None and scopes(windows, found.named):
-                scope = scoping.of_isolated(found, options.prior, largest)
-            if picture_path:
-                drawn[:] = [*(w for w in drawn if w.named and not found.named), found]
-            if windows <= SENTENCES:
-                tell_isolated(messages, found, scope)
-            for row in isolated_rows(found, asked.catalogue is not None, advice=further.advise):
-                yield {**row, **beside_cells(found, scope, forms)}
-
-    found = rows()
-    first = next(found, None)
-    declared = BY_COMPONENT if by == "component" else BY_PARAMETER
-    notes = {**declared.notes, "method": method, "false_alarm": str(false_alarm)}
-    head = header_lines(
-        "isolate",
-        configs=[*compared.configs, *source.configs, *further.files()],
-        notes={**notes, **source.notes, **judging.notes, **further.notes},
-        inherited=files.intake.provenance,
-    )
-    summary = COMPONENTS if by == "component" else ISOLATE
-    rows_found = chain([first] if first is not None else [], found)
-    output.write_rows(rows_found, summary=summary, provenance=head, live=True)
-    tell_files(messages, files)
-    if picture_path:
-        from enginediag_cli.presentation.charts.pictured import of_isolation, write_picture
-
-        write_picture(of_isolation(drawn), picture_path)
-    return ending(named, judged, exit_code, files.intake.unread)
+    write_result(result, output, picture_path)
+    return ending(result.found, result.judged, exit_code, result.unread)

@@ -56,14 +56,14 @@ class ConfigFile(click.Path):
         super().__init__(exists=True, dir_okay=False, readable=True)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        if isinstance(value, str) and not os.path.lexists(value) and not os.path.isabs(value):
+        if isinstance(value, str) and not os.path.lexists(value):
             from enginediag_cli.errors import DataError
-            from enginediag_cli.shipped import shipped
+            from enginediag_cli.shipped import own_or_shipped
 
             try:
-                value = str(shipped(value))
+                value = str(own_or_shipped(value))
             except DataError as error:
-                self.fail(f"there is no file {value!r} here, and {error}", param, ctx)
+                self.fail(str(error), param, ctx)
         return super().convert(value, param, ctx)
 
 

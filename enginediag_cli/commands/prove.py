@@ -126,8 +126,8 @@ def prove(
     enginediag prove --question isolate --kind field --trials 320 --seed 12
 
     The explainer, or isolator, is a process of its own that is given the recordings, the engine file, and what is known
-    of noise and maps. ENGINE.yaml is turbofan.yaml when not given; of realistic truths each has one of turbofan,
-    turbojet, power_plant and turboshaft. The same seed gives the same sheet, whatever --jobs.
+    of noise and maps. ENGINE.yaml is turbofan.yaml when not given; of realistic truths other than those in the field
+    each has one of turbofan, turbojet, power_plant and turboshaft. The same seed gives the same sheet, whatever --jobs.
     """
     if resume and not trials_output:
         raise click.UsageError("--resume goes on from --trials-output FILE, which was not given")

@@ -23,6 +23,8 @@ EXPLAIN, ISOLATE = "explain", "isolate"
 BOTH = "both"
 SEVERAL_ENGINES = ("turbofan.yaml", "turbojet.yaml", "power_plant.yaml", "turboshaft.yaml")
 """Engines that are flown when nobody names one and a truth is realistic, a law, or several causes."""
+AIRLINER = SEVERAL_ENGINES[0]
+"""Engine of whole flights of an airliner when nobody names one."""
 MOVING_ENGINES = (
     "turbofan.yaml",
     "turbojet.yaml",
@@ -108,6 +110,8 @@ class Asked:
             return (given,)
         if self.moving:
             return tuple(str(shipped(name)) for name in MOVING_ENGINES)
+        if self.question == ISOLATE and self.kinds == (isolated.FIELD,):
+            return (str(shipped(AIRLINER)),)
         several = explained.REALISTIC in self.truths or bool(self.choices & {explained.LAW, explained.SEVERAL})
         return tuple(str(shipped(name)) for name in (SEVERAL_ENGINES if several else SEVERAL_ENGINES[:1]))
 

@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from enginediag_cli.commands.intake_options import compared_options, judging_options, source_options, window_options
-from enginediag_cli.commands.judging import Compared, ending, judged_files, tell_files
+from enginediag_cli.commands.judging import Compared, ending, write_result
 from enginediag_cli.commands.options import exit_codes, jobs_option, message_options, output_options, pass_messages
 from enginediag_cli.errors import ExitCode
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
-from enginediag_cli.presentation.summaries import STATISTICS
 
 if TYPE_CHECKING:
-    from enginediag_cli.intake.source import Source
-    from enginediag_cli.residuals.files import JudgedFiles, Judging
-    from enginediag_cli.residuals.monitor import Monitor
-
-if TYPE_CHECKING:
-    from enginediag_cli.errors import ExitCode
+    from enginediag_cli.api.inputs import Recordings
 
 
 @click.command(short_help="Condense recordings into local statistics.", epilog=exit_codes())
@@ -44,9 +36,9 @@ if TYPE_CHECKING:
 @pass_messages
 def residual(
     messages: Messages,
-    source: Source,
+    source: Recordings,
     compared: Compared,
-    judging: Judging,
+    windows: dict[str, Any],
     sensors: bool,
     what: str,
     output: Output,
@@ -64,51 +56,17 @@ def residual(
 
     Statistics are formed without gross errors; rows of records have every reading as it is, gross errors, too.
     """
-    from enginediag_cli.presentation.outputs.residual import RECORDS, RESIDUAL
-    from enginediag_cli.recordings.provenance import header_lines
-    from enginediag_cli.residuals.flat import flat_columns
-    from enginediag_cli.residuals.seal import CHECKSUM, MADE_COLUMNS
+    from enginediag_cli.api.detection import residual as run
 
-    monitor = compared.open(messages, source, sensors=sensors, model_error=judging.model_error)
-    assert monitor is not None
-    files = judged_files(source, monitor, judging)
-    columns: tuple[str, ...] | None
-    if what == "records":
-        rows, columns = _records(files), None
-    else:
-        files.additive = True
-        rows = _statistics(files, monitor)
-        columns = (*flat_columns(monitor.monitored, files.nuisance), *MADE_COLUMNS, CHECKSUM)
-    first = next(rows, None)  # reads the head of the first file, which the provenance quotes
-    notes = {"linearised": "at nominal" if judging.linearise == "nominal" or what == "records" else "at each estimate"}
-    head = header_lines(
-        "residual",
-        configs=[*compared.configs, *source.configs],
-        notes={**(RECORDS if what == "records" else RESIDUAL).notes, **notes, **source.notes, **judging.notes},
-        inherited=files.intake.provenance,
+    result = run(
+        compared.nominal,
+        source,
+        what=what,
+        sensors=sensors,
+        messages=messages,
+        stream=True,
+        **windows,
+        **compared.arguments,
     )
-    summary = STATISTICS if what == "statistics" else ()  # residuals go by the engine's own sensors, in their order
-    rows_found = chain([first] if first is not None else [], rows)
-    output.write_rows(rows_found, columns, summary=summary, provenance=head, live=True)
-    tell_files(messages, files)
-    return ending(0, files.counts["statistics"], False, files.intake.unread)
-
-
-def _statistics(files: JudgedFiles, monitor: Monitor) -> Iterator[dict[str, Any]]:
-    from enginediag_cli.residuals.files import made_with
-    from enginediag_cli.residuals.flat import flat_row
-    from enginediag_cli.residuals.seal import sealed
-
-    made = made_with(files, monitor)
-    for found, _ in files.windows():
-        yield sealed(flat_row(found), made)
-
-
-def _records(files: JudgedFiles) -> Iterator[dict[str, Any]]:
-    from enginediag_cli.residuals.records import record_residuals
-
-    assert files.monitor is not None
-    for chunk in files.intake.chunks():
-        for row in record_residuals(files.monitor, chunk):
-            files.counts["statistics"] += any(value == value for c, value in row.items() if c.endswith(":residual"))
-            yield row
+    write_result(result, output)
+    return ending(0, result.judged, False, result.unread)

@@ -13,18 +13,17 @@ from enginediag_cli.commands.intake_options import (
     judging_options,
     source_options,
 )
-from enginediag_cli.commands.judging import Compared, ending, judged_files, tell_files
-from enginediag_cli.commands.margin_options import Asked, margin_options
+from enginediag_cli.commands.judging import Compared, ending, write_result
+from enginediag_cli.commands.margin_options import margin_options
 from enginediag_cli.commands.options import exit_codes, jobs_option, message_options, output_options, pass_messages
 from enginediag_cli.commands.picture_option import picture_option
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
-from enginediag_cli.presentation.summaries import FLIGHTS, MARGIN, TREND, TREND_COMPONENTS
 
 if TYPE_CHECKING:
+    from enginediag_cli.api.inputs import Recordings
+    from enginediag_cli.api.over_time import MarginOptions
     from enginediag_cli.errors import ExitCode
-    from enginediag_cli.intake.source import Source
-    from enginediag_cli.residuals.files import Judging
 
 
 @click.command(short_help="Follow health over flights: level, onset and rate of deterioration.", epilog=exit_codes())
@@ -73,13 +72,13 @@ if TYPE_CHECKING:
 @pass_messages
 def trend(
     messages: Messages,
-    source: Source,
+    source: Recordings,
     compared: Compared,
-    judging: Judging,
+    windows: dict[str, Any],
     by: str,
     no_sensors: bool,
     what: str,
-    asked: Asked,
+    margin: MarginOptions,
     work_scope: bool | None,
     events: tuple[str, ...],
     picture_path: str | None,
@@ -102,100 +101,23 @@ def trend(
     windows of a recording without flights, are counted from 1, per engine. --reference N says that nothing began in the
     first N records of an engine.
     """
-    from dataclasses import replace
+    from enginediag_cli.api.over_time import trend as run
 
-    from enginediag_cli.detection.trend_of_files import FEWEST, series_of
-    from enginediag_cli.isolation.stories import stories_of
-    from enginediag_cli.presentation.maintenance_rows import maintenance_row, tell_maintenance, tell_scope, with_scope
-    from enginediag_cli.presentation.margin_rows import margin_rows, tell_margins
-    from enginediag_cli.presentation.outputs import trend as outputs
-    from enginediag_cli.presentation.trend_rows import (
-        component_rows,
-        flight_rows,
-        tell_story,
-        tell_too_few,
-        trend_rows,
+    # maintenance that is named by --event is described by what it brought
+    beside = Beside(work_scope=work_scope or (True if events else work_scope))
+    result = run(
+        compared.nominal,
+        source,
+        what=what,
+        by=by,
+        sensors=not no_sensors,
+        work_scope=beside.arguments(output)["work_scope"],
+        events=events,
+        margin=margin,
+        messages=messages,
+        stream=True,
+        **windows,
+        **compared.arguments,
     )
-    from enginediag_cli.recordings.provenance import header_lines
-    from enginediag_cli.residuals.series_monitor import for_comparison, of_series
-    from enginediag_cli.work_scope.of_series import conditions_of, maintenance_of
-    from enginediag_cli.work_scope.scope import Scoping
-
-    if events and (compared.nominal is None or what != "trend"):
-        raise click.UsageError(f"--event needs --nominal, and does not go with --what {what}")
-    followed = bool(asked) or what == "margin"
-    if followed and compared.nominal is None:
-        raise click.UsageError("--what margin, its limits and --events need --nominal: the engine says what wear heats")
-    if followed and what != "margin" and "-" in source.files:
-        raise click.UsageError("standard input is read once, and limits and --events read it again: name a file")
-    whole = judging.plan.whole
-    notes = {**source.notes, **judging.notes, **asked.notes}
-    healthy = judging.reference
-    question = asked.question(healthy=healthy, sensors=not no_sensors)
-    judging = replace(judging, plan=judging.plan.of_series, reference=0)  # of the series, not of a window
-    monitor = compared.open(messages, source, sensors=not compared.patterns, model_error=judging.model_error)
-    generic = monitor is None or monitor.slopes is not None
-    monitor = None if monitor is None else of_series(monitor)
-    margins = None
-    if followed and monitor is not None:
-        from enginediag_cli.fleet_judgement.of_series import margins_of
-
-        files = judged_files(source, for_comparison(monitor), judging, summed=whole, series=True)
-        margins = margins_of(files, monitor, question)
-        series = margins.series
-        tell_margins(messages, margins)
-    if margins is None or what != "margin":
-        files = judged_files(source, monitor, judging, summed=whole, series=True)
-        series = series_of(files, "covariance" if what == "trend" else "whole")
-    if monitor is None and series.stretches and what == "trend":
-        messages.note(
-            "without --nominal it is not known which inputs are weather and which set the power: what follows the "
-            "weather may pass for a change, and no instrument of an input is held against what it read"
-        )
-    form = Beside(work_scope=work_scope or (True if events else None)).forms(output)["work_scope"]
-    scoping = None if monitor is None or work_scope is False else Scoping(monitor)
-    rows: list[dict[str, Any]] = []
-    if margins is not None and what == "margin":
-        rows = list(margin_rows(margins))
-    elif what == "flights":
-        rows = list(flight_rows(series))
-    else:
-        as_rows = component_rows if by == "component" else trend_rows
-        for engine, stretches in series.stretches.items():
-            if len(stretches) < FEWEST:
-                tell_too_few(messages, engine, len(stretches))
-        stories = stories_of(series, reference=healthy, sensors=not no_sensors, generic=generic, against_nominal=True)
-        for engine, story in stories:
-            stretches = series.stretches[engine]
-            tell_story(messages, engine, story, series)
-            scope = None
-            if scoping is not None and story.events and (form or not messages.quiet):
-                scope = scoping.of_story(story, series.known, conditions_of(stretches))
-            tell_scope(messages, engine, scope)
-            rows += with_scope(as_rows(engine, story, series), scope, form)
-            if scoping is not None:
-                for found in maintenance_of(scoping, series, engine, events):
-                    tell_maintenance(messages, engine, found, series, scoping)
-                    rows.append(maintenance_row(engine, found, series, scoping, form, rows))
-    name = "components" if what == "trend" and by == "component" else what
-    declared, summary = {
-        "trend": (outputs.TREND, TREND),
-        "components": (outputs.EVENTS, TREND_COMPONENTS),
-        "flights": (outputs.FLIGHTS, FLIGHTS),
-        "margin": (outputs.MARGIN, MARGIN),
-    }[name]
-    head = header_lines(
-        "trend",
-        configs=[*compared.configs, *source.configs, *asked.configs],
-        notes={**declared.notes, **notes},
-        inherited=files.intake.provenance,
-    )
-    output.write_rows(rows, summary=summary, provenance=head)
-    tell_files(messages, files)
-    if picture_path:
-        from enginediag_cli.presentation.charts.pictured import of_margin, of_trend, write_picture
-
-        write_picture(of_margin(rows) if what == "margin" else of_trend(series, rows), picture_path)
-    if series.lost:
-        messages.warning(f"{series.lost} windows without a verdict were left out")
-    return ending(0, len(rows), False, files.intake.unread)
+    write_result(result, output, picture_path)
+    return ending(0, result.judged, False, result.unread)

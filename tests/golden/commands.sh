@@ -68,7 +68,7 @@ explain_null: enginediag explain configs/turbofan.yaml healthy.csv --no-advice
 refine: enginediag refine configs/turbofan.yaml recorded.csv --term reynolds_efficiency@hpc --test unseen.csv --window 30 -o refined.yaml --report refined.csv --picture refine.svg
 
 # -- studies and trials
-study: enginediag study configs/studies/paper.yaml --repetitions 10 --processes 1 -q
+study: enginediag study configs/studies/paper.yaml --repetitions 10 --processes 1 -q --columns case,method,detected,exact,contained
 prove_null: enginediag prove --trials 1 --seed 5 --kind null --truth same_model --jobs 1 -f json -q
 prove_isolate: enginediag prove --question isolate --trials 4 --seed 5 --truth realistic --jobs 1 -f csv -q
 

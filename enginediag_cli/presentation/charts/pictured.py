@@ -32,7 +32,12 @@ LIKELY = 0.5
 
 def write_picture(chart: Chart, path: str) -> None:
     """As PNG for a name that says so, else as SVG. Raises DataError without what PNG needs, OSError."""
-    write_drawing(picture(chart).text(), path)
+    write_drawing(svg_of(chart), path)
+
+
+def svg_of(chart: Chart) -> str:
+    """The chart as SVG text."""
+    return picture(chart).text()
 
 
 def of_detection(rows: Iterable[Mapping[str, Any]]) -> Chart:

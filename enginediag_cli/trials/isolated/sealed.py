@@ -10,6 +10,7 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
+from enginediag_cli.errors import DataError
 from enginediag_cli.simulation.default_flight import default_plan
 from enginediag_cli.simulation.flights import generate_flights
 from enginediag_cli.trials.blind.flights import draw_flights
@@ -126,12 +127,12 @@ def _draw_in_field(engine: Engine, seed: int, trial: int, truths: Sequence[str])
 
 
 def field_flights(engine: Engine, count: int, rng: np.random.Generator) -> list[dict[str, np.ndarray]]:
-    """Columns (N,) of so many whole flights of an airliner, or days on the ground: time and the engine's inputs."""
+    """Columns (N,) of so many whole flights of an airliner: time and the engine's inputs. Raises DataError for an
+    engine that does not fly."""
     if "altitude_m" not in engine.inputs:
-        days: list[dict[str, np.ndarray]] = []
-        while len(days) < count:
-            days += draw_flights(engine, rng)[0]
-        return days[:count]
+        raise DataError(
+            f"trials in the field are whole flights of an airliner, and {engine.name!r} stays on the ground"
+        )
     plan = default_plan(engine)
     plan["mission"]["record_interval_s"] = FIELD_STEP_S
     columns = generate_flights(plan, engine, rng, flights=count).columns

@@ -1,0 +1,60 @@
+"""The public functions and classes of the library, each where its name says."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from enginediag_cli.api.detection import DetectionResult as DetectionResult
+    from enginediag_cli.api.detection import FollowResult as FollowResult
+    from enginediag_cli.api.detection import MethodResult as MethodResult
+    from enginediag_cli.api.detection import ResidualResult as ResidualResult
+    from enginediag_cli.api.detection import detect as detect
+    from enginediag_cli.api.detection import detect_by_method as detect_by_method
+    from enginediag_cli.api.detection import follow as follow
+    from enginediag_cli.api.detection import residual as residual
+    from enginediag_cli.api.inputs import Recordings as Recordings
+    from enginediag_cli.api.inputs import load_engine as load_engine
+    from enginediag_cli.api.inputs import load_nominal as load_nominal
+    from enginediag_cli.api.inputs import read_recordings as read_recordings
+    from enginediag_cli.api.isolation import IsolationResult as IsolationResult
+    from enginediag_cli.api.isolation import isolate as isolate
+    from enginediag_cli.api.over_time import MarginOptions as MarginOptions
+    from enginediag_cli.api.over_time import TrendResult as TrendResult
+    from enginediag_cli.api.over_time import trend as trend
+    from enginediag_cli.api.reporting import ReportPage as ReportPage
+    from enginediag_cli.api.reporting import report as report
+    from enginediag_cli.api.results import MessageLog as MessageLog
+    from enginediag_cli.api.results import Picture as Picture
+    from enginediag_cli.api.results import Result as Result
+    from enginediag_cli.api.windows import WindowOptions as WindowOptions
+
+HOMES = {
+    "api.detection": (
+        "DetectionResult",
+        "FollowResult",
+        "MethodResult",
+        "ResidualResult",
+        "detect",
+        "detect_by_method",
+        "follow",
+        "residual",
+    ),
+    "api.inputs": ("Recordings", "load_engine", "load_nominal", "read_recordings"),
+    "api.isolation": ("IsolationResult", "isolate"),
+    "api.over_time": ("MarginOptions", "TrendResult", "trend"),
+    "api.reporting": ("ReportPage", "report"),
+    "api.results": ("MessageLog", "Picture", "Result"),
+    "api.windows": ("WindowOptions",),
+}
+"""Module → names that it gives to the library; a module is loaded when one of its names is first used."""
+_HOME = {name: module for module, names in HOMES.items() for name in names}
+
+__all__ = list(_HOME)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"enginediag_cli.{_HOME[name]}"), name)

@@ -1,0 +1,417 @@
+"""`residual`, `detect` and `follow`: recordings held against a nominal engine, window by window."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from math import inf
+from typing import TYPE_CHECKING, Any
+
+from enginediag_cli.api.inputs import NominalLike, RecordingsLike, as_recordings
+from enginediag_cli.api.results import Picture, Result, Row
+from enginediag_cli.api.windows import SENTENCES, Comparison, compare, open_intake, tell_files
+from enginediag_cli.errors import UsageError
+from enginediag_cli.presentation.messages import Messages
+from enginediag_cli.presentation.summaries import DETECT, STATISTICS
+
+if TYPE_CHECKING:
+    from enginediag_cli.detection.minimum_change import RequiredPower
+    from enginediag_cli.intake.source import Source
+    from enginediag_cli.methods.base import FittedMethod, Method
+
+
+class ResidualResult(Result):
+    """Sufficient statistics of windows, or residuals of records; see `residual`."""
+
+    def __init__(self, comparison: Comparison, what: str, sensors: bool):
+        from enginediag_cli.presentation.outputs.residual import RECORDS, RESIDUAL
+        from enginediag_cli.residuals.flat import flat_columns
+        from enginediag_cli.residuals.seal import CHECKSUM, MADE_COLUMNS
+
+        monitor = comparison.monitor(sensors=sensors)
+        if monitor is None:
+            raise UsageError("residual needs a nominal engine")
+        self._monitor, self._what = monitor, what
+        self._files = files = comparison.files(monitor)
+        records = what == "records"
+        files.additive = not records
+        at_nominal = records or comparison.judging.linearise == "nominal"
+        notes = {"linearised": "at nominal" if at_nominal else "at each estimate"}
+        table = RECORDS if records else RESIDUAL
+        super().__init__(
+            table=table,
+            head=comparison.head("residual", table, files.intake, notes),
+            columns=None if records else (*flat_columns(monitor.monitored, files.nuisance), *MADE_COLUMNS, CHECKSUM),
+            # residuals go by the engine's own sensors, in their order
+            summary_columns=() if records else STATISTICS,
+            messages=comparison.messages,
+        )
+        self.unread = files.intake.unread
+
+    def _compute(self) -> Iterator[Row]:
+        yield from self._records() if self._what == "records" else self._statistics()
+        tell_files(self.messages, self._files)
+
+    def _statistics(self) -> Iterator[Row]:
+        from enginediag_cli.residuals.files import made_with
+        from enginediag_cli.residuals.flat import flat_row
+        from enginediag_cli.residuals.seal import sealed
+
+        made = made_with(self._files, self._monitor)
+        for window, _ in self._files.windows():
+            self.judged = self._files.counts["statistics"]
+            yield sealed(flat_row(window), made)
+
+    def _records(self) -> Iterator[Row]:
+        from enginediag_cli.residuals.records import record_residuals
+
+        for chunk in self._files.intake.chunks():
+            for row in record_residuals(self._monitor, chunk):
+                self.judged += any(value == value for name, value in row.items() if name.endswith(":residual"))
+                yield row
+
+
+def residual(
+    nominal: NominalLike,
+    recordings: RecordingsLike,
+    *,
+    what: str = "statistics",
+    sensors: bool = False,
+    messages: Messages | None = None,
+    stream: bool = False,
+    **windows: Any,
+) -> ResidualResult:
+    """Reduce recordings to sufficient statistics of windows, or list residuals record by record.
+
+    Parameters
+    ----------
+    nominal : str, Path, Baseline or IdentificationResult
+        Nominal engine.
+    recordings
+        Paths, `Recordings`, arrays or a DataFrame; see `read_recordings`.
+    what : {"statistics", "records"}
+        One row of statistics (s, F, V) per window, which add, or one row of residuals per record.
+    sensors : bool
+        Statistics of the error of every sensor, too, for `isolate`.
+    messages : Messages, optional
+        Receives notes and warnings; they are collected when not given.
+    stream : bool
+        Compute rows only as they are read, in bounded memory.
+    **windows
+        Attributes of `WindowOptions`: ``window="10min"``, ``monitor=("hpc.*",)`` and so on.
+
+    Returns
+    -------
+    ResidualResult
+
+    Raises
+    ------
+    UsageError, ConfigError, DataError, NoVerdictError
+
+    References
+    ----------
+    Local approach: s = Σ JᵀR⁻¹e, F = Σ JᵀR⁻¹J; see `enginediag_cli.residuals`.
+    """
+    return ResidualResult(compare(nominal, recordings, windows, messages), what, sensors).complete(stream)
+
+
+class DetectionResult(Result):
+    """A verdict for every window; see `detect`. `found` counts faults, `judged` the windows with a verdict."""
+
+    def __init__(self, comparison: Comparison, false_alarm: float, required: RequiredPower, detectable: bool):
+        from enginediag_cli.presentation.outputs.detect import DETECT as DECLARED
+        from enginediag_cli.residuals.economy import Economy
+
+        self._comparison, self._false_alarm = comparison, false_alarm
+        self._required, self._detectable = required, detectable
+        self._monitor = monitor = comparison.monitor()
+        self._files = files = comparison.files(monitor)
+        # whether anything has changed does not depend on what wrong slopes of maps would make of the change
+        files.economy = Economy(replace(monitor, slopes=None)) if monitor else None
+        if monitor is not None:
+            required.check(monitor.monitored)
+        head = comparison.head("detect", DECLARED, files.intake, {"false_alarm": str(false_alarm)})
+        super().__init__(table=DECLARED, head=head, summary_columns=DETECT, messages=comparison.messages)
+        self.unread = files.intake.unread
+
+    def _compute(self) -> Iterator[Row]:
+        from enginediag_cli.detection.verdict import judge
+        from enginediag_cli.presentation.detection_rows import detection_row, tell_window
+
+        tally: Counter[str] = Counter()
+        monitor = None if self._comparison.judging.reference else self._monitor
+        for window, _ in self._files.windows():
+            verdict = judge(window, self._false_alarm, self._required, monitor)
+            tally[verdict.verdict] += 1
+            self.found += verdict.verdict == "fault"
+            self.judged += verdict.verdict != "no verdict"
+            tell_window(self.messages, verdict, in_words=tally.total() <= SENTENCES)
+            yield detection_row(verdict, self._detectable)
+        tell_files(self.messages, self._files)
+        told = ", ".join(f"{n} {what}" for what, n in sorted(tally.items())) or "no window"
+        self.messages.note(told, counts=dict(tally))
+
+    def plot(self) -> Picture:
+        """The statistic of every window over its threshold. Raises NoVerdictError where nothing was judged."""
+        from enginediag_cli.presentation.charts.pictured import of_detection, svg_of
+
+        return Picture(svg_of(of_detection(self.rows)))
+
+
+def detect(
+    nominal: NominalLike,
+    recordings: RecordingsLike,
+    *,
+    false_alarm: float = 0.01,
+    detectable: bool = True,
+    power: float = 0.9,
+    must_show: Sequence[tuple[str, float]] | str = (),
+    messages: Messages | None = None,
+    stream: bool = False,
+    **windows: Any,
+) -> DetectionResult:
+    """Test whether monitored parameters have changed: healthy, fault or no verdict for every window.
+
+    Parameters
+    ----------
+    nominal : str, Path, Baseline, IdentificationResult or None
+        Nominal engine; None where the recordings are statistics that `residual` made.
+    recordings
+        Paths, `Recordings`, arrays or a DataFrame; see `read_recordings`.
+    false_alarm : float
+        Probability of a false alarm of the test [1].
+    detectable : bool
+        Add the smallest change of each parameter that a window would have shown, in the parameter's unit.
+    power : float
+        Probability with which a change counts as shown [1].
+    must_show : sequence of (str, float), or "none"
+        Healthy is only a window that would have shown such a change, (pattern, size in the parameter's unit).
+    messages : Messages, optional
+        Receives notes and warnings; they are collected when not given.
+    stream : bool
+        Compute rows only as they are read, in bounded memory.
+    **windows
+        Attributes of `WindowOptions`.
+
+    Returns
+    -------
+    DetectionResult
+
+    Raises
+    ------
+    UsageError, ConfigError, DataError, NoVerdictError
+
+    References
+    ----------
+    Generalised likelihood ratio test of the local approach; see `enginediag_cli.detection.glr`.
+    """
+    from enginediag_cli.detection.minimum_change import RequiredPower
+
+    if detectable and power <= false_alarm:
+        raise UsageError("--power must be larger than --false-alarm")
+    if isinstance(must_show, str) and must_show != "none":
+        raise UsageError(f"--must-show: {must_show!r} is neither (pattern, size) nor none")
+    sizes = (("*", inf),) if isinstance(must_show, str) else tuple(must_show)
+    required = RequiredPower(sizes, power)
+    comparison = compare(nominal, recordings, windows, messages)
+    return DetectionResult(comparison, false_alarm, required, detectable).complete(stream)
+
+
+class FollowResult(Result):
+    """A row for every block of a flight as it comes; see `follow`. `found` counts flights with an alarm."""
+
+    def __init__(self, comparison: Comparison, false_alarm: float, block: int | None, idle_s: float):
+        from enginediag_cli.detection.following import BLOCK, Following
+        from enginediag_cli.presentation.outputs.detect import FOLLOW as DECLARED
+        from enginediag_cli.residuals.files import Judging
+        from enginediag_cli.residuals.lagging import with_lagging
+
+        monitor = comparison.monitor()
+        if monitor is None:
+            raise UsageError("--follow needs --nominal")
+        size = block or BLOCK
+        self._intake = open_intake(comparison.source, monitor)
+        self._following = Following(self._intake, with_lagging(monitor), false_alarm, size, idle_s)
+        notes = {"follow": f"{size} records", "false_alarm": str(false_alarm)}
+        head = comparison.head("detect", DECLARED, self._intake, notes, judging=Judging())
+        super().__init__(table=DECLARED, head=head, messages=comparison.messages)
+
+    def _compute(self) -> Iterator[Row]:
+        from enginediag_cli.presentation.detection_rows import block_row
+        from enginediag_cli.presentation.left_out import tell_left_out, tell_mismatches
+
+        alarms: dict[tuple[str, str, str], bool] = {}
+        following, intake = self._following, self._intake
+        for report in following.reports():
+            alarms[report.key] = report.alarm
+            self.found = sum(alarms.values())
+            self.judged += 0 if report.reason else report.judged
+            yield block_row(report)
+        tell_mismatches(self.messages, intake.mismatches)
+        tell_left_out(self.messages, intake.left_out, following.counts, following.elsewhere)
+        counts = {"flights": len(alarms), "alarms": self.found}
+        self.messages.note(f"{self.found} of {len(alarms)} flights with an alarm", counts=counts)
+
+
+def follow(
+    nominal: NominalLike,
+    recordings: RecordingsLike,
+    *,
+    false_alarm: float = 0.01,
+    block: int | None = None,
+    idle_s: float = 60.0,
+    messages: Messages | None = None,
+    stream: bool = True,
+    **windows: Any,
+) -> FollowResult:
+    """Judge records as they come, from standard input or a growing file: a sequential test of each flight.
+
+    Parameters
+    ----------
+    nominal : str, Path, Baseline or IdentificationResult
+        Nominal engine.
+    recordings
+        One path, ``"-"`` for standard input.
+    false_alarm : float
+        Probability of a false alarm for the whole of each flight [1].
+    block : int, optional
+        Records of a block.
+    idle_s : float
+        A file to which nothing is added for so long has ended [s].
+    messages : Messages, optional
+        Receives notes and warnings; they are collected when not given.
+    stream : bool
+        Rows come as the flight does; without it, when it has ended.
+    **windows
+        ``monitor``, ``model_error`` and ``accept_changed_engine`` of `WindowOptions`.
+
+    Returns
+    -------
+    FollowResult
+
+    Raises
+    ------
+    UsageError, ConfigError, DataError, NoVerdictError
+    """
+    return FollowResult(compare(nominal, recordings, windows, messages), false_alarm, block, idle_s).complete(stream)
+
+
+class MethodResult(Result):
+    """The verdicts of another method on each window; see `detect_by_method`."""
+
+    def __init__(self, comparison: Comparison, name: str, healthy: Sequence[str], false_alarm: float):
+        from enginediag_cli.presentation.outputs.detect import BY_METHOD
+        from enginediag_cli.residuals.files import Judging
+
+        self._comparison, self._false_alarm = comparison, false_alarm
+        monitor = comparison.monitor()
+        if monitor is None:
+            raise UsageError(f"--method {name} needs --nominal")
+        self._monitor = monitor
+        self._method = chosen_method(name, comparison.judging.linearise)
+        self._files = files = comparison.files(monitor)
+        self._fitted = self._learnt(as_recordings(tuple(healthy)) if self._method.learns else None)
+        notes = {"method": self._method.name, "false_alarm": str(false_alarm)}
+        head = comparison.head("detect", BY_METHOD, files.intake, notes, configs=tuple(healthy), judging=Judging())
+        super().__init__(table=BY_METHOD, head=head, messages=comparison.messages)
+        self.unread = files.intake.unread
+
+    def _learnt(self, healthy: Source | None) -> FittedMethod:
+        from enginediag_cli.methods.on_recordings import learnt_windows
+        from enginediag_cli.presentation.left_out import tell_left_out
+        from enginediag_cli.residuals.gross_gate import GrossErrorGate
+
+        if healthy is None:
+            return self._method.train(self._monitor, None)
+        source = replace(self._comparison.source, files=healthy.files)
+        learnt = open_intake(source, self._monitor)
+        gate = GrossErrorGate(self._monitor)
+        windows = learnt_windows(self._monitor, gate.clean(learnt.chunks()), self._comparison.judging.plan)
+        gate.report(learnt.left_out)
+        tell_left_out(self._comparison.messages, learnt.left_out)
+        return self._method.train(self._monitor, windows)
+
+    def _compute(self) -> Iterator[Row]:
+        from enginediag_cli.methods.on_recordings import judged_windows, recorded_windows
+        from enginediag_cli.presentation.method_rows import method_row
+        from enginediag_cli.residuals.gross_gate import GrossErrorGate
+
+        tally: Counter[str] = Counter()
+        gate, files = GrossErrorGate(self._monitor), self._files
+        recordings = gate.clean(files.intake.chunks())
+        windows = recorded_windows(self._monitor, recordings, self._comparison.judging.plan)
+        for found in judged_windows(self._fitted, windows, self._false_alarm):
+            tally[found.verdict] += 1
+            self.found += found.verdict == "fault"
+            self.judged += found.verdict != "no verdict"
+            place = found.window.place
+            files.counts.update(outside=place.outside, incomplete=place.incomplete)
+            files.elsewhere.update(place.elsewhere)
+            yield method_row(found, self._method)
+        gate.report(files.intake.left_out)
+        tell_files(self.messages, files)
+        told = ", ".join(f"{n} {what}" for what, n in sorted(tally.items())) or "no window"
+        self.messages.note(told, counts=dict(tally))
+
+
+def detect_by_method(
+    nominal: NominalLike,
+    recordings: RecordingsLike,
+    method: str,
+    *,
+    healthy: Sequence[str] = (),
+    false_alarm: float = 0.01,
+    messages: Messages | None = None,
+    stream: bool = False,
+    **windows: Any,
+) -> MethodResult:
+    """Judge each window by another method than the tool's own, as a study compares them.
+
+    Parameters
+    ----------
+    nominal : str, Path, Baseline or IdentificationResult
+        Nominal engine.
+    recordings
+        Paths, `Recordings`, arrays or a DataFrame; see `read_recordings`.
+    method : str
+        Such as ``"parity"``, ``"extended_kalman"``, ``"pca_raw"`` or ``"incremental"``.
+    healthy : sequence of str
+        Recordings believed healthy, for a method that learns.
+    false_alarm : float
+        Probability of a false alarm of the method [1].
+    messages : Messages, optional
+        Receives notes and warnings; they are collected when not given.
+    stream : bool
+        Compute rows only as they are read, in bounded memory.
+    **windows
+        Attributes of `WindowOptions`.
+
+    Returns
+    -------
+    MethodResult
+
+    Raises
+    ------
+    UsageError, ConfigError, DataError, NoVerdictError
+    """
+    comparison = compare(nominal, recordings, windows, messages)
+    return MethodResult(comparison, method, healthy, false_alarm).complete(stream)
+
+
+def method_names() -> Mapping[str, str]:
+    """Names of the methods of `detect_by_method`, with a line of help each."""
+    from enginediag_cli.methods.registry import METHODS
+
+    return {name: method.HELP for name, method in METHODS.items()}
+
+
+def chosen_method(name: str, linearise: str = "estimate") -> Method:
+    """A method with its choices. Raises UsageError, with the nearest name."""
+    from enginediag_cli.methods.registry import METHODS
+
+    if name not in METHODS:
+        from enginediag_cli.config.hints import near
+
+        raise UsageError(f"there is no method {name!r} ({near(name, METHODS)})")
+    return METHODS[name].with_options({"linearise": linearise})

@@ -1,0 +1,316 @@
+"""`isolate`: which parameters changed, by how much, how surely, and what else it could be."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from enginediag_cli.api.inputs import NominalLike, RecordingsLike
+from enginediag_cli.api.results import Picture, Result, Row
+from enginediag_cli.api.windows import SENTENCES, Comparison, compare, tell_files
+from enginediag_cli.errors import UsageError
+from enginediag_cli.presentation.messages import Messages
+from enginediag_cli.presentation.summaries import COMPONENTS, ISOLATE
+from enginediag_cli.progress import each
+from enginediag_cli.shipped import own_or_shipped
+
+if TYPE_CHECKING:
+    from enginediag_cli.isolation.diagnosis import DiagnosisOptions
+    from enginediag_cli.isolation.methods import IsolationOptions
+    from enginediag_cli.isolation.of_windows import IsolatedWindow, Isolating
+    from enginediag_cli.parameters import Parameter
+    from enginediag_cli.residuals.kept_records import KeptRecords
+    from enginediag_cli.residuals.monitor import Monitor
+    from enginediag_cli.work_scope.scope import WorkScope
+
+METHODS = ("posterior", "incremental", "sensitivity", "minmax")
+FORMS = ("nested", "cell", "sentences", "")
+"""How what is found beside an answer stands in its rows: as objects, as the text of a cell, in messages alone, or not
+at all: then it is not looked for."""
+
+
+@dataclass(frozen=True)
+class IsolationChoices:
+    """Arguments of `isolate` other than what it reads."""
+
+    method: str = "posterior"
+    by: str = "parameter"
+    sensors: bool | None = None
+    one_sided: bool = False
+    catalogue: Sequence[str] = ()
+    nonlinear: str = "auto"
+    advise: bool = False
+    extra_sensors: Mapping[str, float] = field(default_factory=dict)
+    flips: str = "nested"
+    work_scope: str = "nested"
+
+    def check(self, comparison: Comparison) -> None:
+        """Raises UsageError for choices that do not go together."""
+        nominal, reference = comparison.given, comparison.judging.reference
+        by_component = self.by == "component"
+        refused = {
+            f"--method: there is no {self.method!r}, but {', '.join(METHODS)}": self.method not in METHODS,
+            "--one-sided, --catalogue, --nonlinear and --advise go with --by parameter": by_component
+            and (self.one_sided or bool(self.catalogue) or self.advise or self.nonlinear == "always"),
+            "--one-sided and --nonlinear always go with --method posterior": self.method != "posterior"
+            and (self.one_sided or self.nonlinear == "always"),
+            "--sensors needs --nominal; to statistics they come by residual --sensors": not nominal
+            and bool(self.sensors),
+            "--advise and --nonlinear always need --nominal": not nominal
+            and (self.advise or self.nonlinear == "always"),
+            "--nonlinear always does not go with --reference": bool(reference) and self.nonlinear == "always",
+            "--extra-sensor goes with --advise": bool(self.extra_sensors) and not self.advise,
+        }
+        for reason, wrong in refused.items():
+            if wrong:
+                raise UsageError(reason)
+
+    @property
+    def notes(self) -> dict[str, str]:
+        """Choices that the result depends on, for its provenance."""
+        shown = {"one_sided": "yes"} if self.one_sided else {}
+        if self.nonlinear != "auto":
+            shown["nonlinear"] = self.nonlinear
+        if self.sensors is not None:
+            shown["sensors"] = "yes" if self.sensors else "no"
+        return shown
+
+    def files(self) -> list[str]:
+        """Files of the catalogue; of a folder, its YAML files."""
+        found: list[str] = []
+        for name in self.catalogue:
+            path = own_or_shipped(name)
+            here = sorted(map(str, path.glob("*.yaml"))) if path.is_dir() else [str(path)]
+            if not here:
+                raise UsageError(f"--catalogue: no YAML file in {name}")
+            found += here
+        return found
+
+    def keeps_records(self, linearise: str) -> bool:
+        """Whether the records may be needed: not for the full model where the linear statistic at nominal is
+        wanted."""
+        return self.advise or self._full_model(linearise)
+
+    def _full_model(self, linearise: str) -> bool:
+        wanted = self.nonlinear == "always" or (self.nonlinear == "auto" and linearise == "estimate")
+        return self.method == "posterior" and wanted
+
+    def diagnosis_options(self, linearise: str, isolation: IsolationOptions) -> DiagnosisOptions:
+        """Everything that the diagnosis of a window needs; reads the catalogue."""
+        from enginediag_cli.faults.component_faults import FaultSet
+        from enginediag_cli.faults.fault_file import load_faults
+        from enginediag_cli.isolation.diagnosis import DiagnosisOptions
+
+        # a fault that several files hold is described best by the one that holds the fewest others
+        parts = sorted((load_faults(file) for file in self.files()), key=lambda part: len(part.names))
+        components = tuple(fault for part in parts for fault in part.components)
+        catalogue = FaultSet(components, tuple(fault for part in parts for fault in part.sensors))
+        nonlinear = self.nonlinear if self._full_model(linearise) else "never"
+        return DiagnosisOptions(self.method, isolation, self.one_sided, nonlinear, catalogue if parts else None)
+
+    def sensors_watched(self, patterns: Sequence[str]) -> bool:
+        """Whether every sensor in use, of an output or an input, may be wrong, too: unless the parameters that may have
+        changed are named, or the method is one of the tests of the local approach, or no sensor is to be suspected."""
+        return (self.method == "posterior" and not patterns) if self.sensors is None else self.sensors
+
+    def warn_of_sensors(self, messages: Messages, parameters: Iterable[Parameter]) -> None:
+        """Statistics that hold no error of a sensor put a wrong sensor down to the engine."""
+        if self.sensors is None and not any(p.of_sensor for p in parameters):
+            messages.warning(
+                "these statistics hold no errors of sensors: a wrong sensor would be taken for a change of the engine; "
+                "`residual --sensors` writes statistics that hold them"
+            )
+
+
+class IsolationResult(Result):
+    """A row for every window and isolated parameter, or component; see `isolate`. `found` counts windows in which
+    something was isolated."""
+
+    def __init__(self, comparison: Comparison, choices: IsolationChoices, options: IsolationOptions):
+        from enginediag_cli.isolation.of_windows import Isolating
+        from enginediag_cli.presentation.outputs.isolate import COMPONENTS as BY_COMPONENT
+        from enginediag_cli.presentation.outputs.isolate import ISOLATE as BY_PARAMETER
+
+        choices.check(comparison)
+        self._quiet = comparison.messages.quiet
+        judging, by_component = comparison.judging, choices.by == "component"
+        if by_component and (choices.method != "posterior" or options.faults):
+            raise UsageError("--by component goes with --method posterior and without --faults")
+        self._choices, self._options = choices, options
+        watched = choices.sensors_watched(comparison.options.monitor)
+        self._monitor = monitor = comparison.monitor(sensors=watched, drifts=True)
+        self._files = files = comparison.files(monitor)
+        self._diagnosis = choices.diagnosis_options(judging.linearise, options)
+        kept = _kept_records(comparison, choices, monitor)
+        flips = self._looked_for(choices.flips)
+        self._isolating: Isolating = Isolating(
+            files,
+            self._diagnosis,
+            options.false_alarm,
+            by_component,
+            kept,
+            choices.advise,
+            dict(choices.extra_sensors),
+            flips,
+        )
+        self._drawn: list[IsolatedWindow] = []
+        table = BY_COMPONENT if by_component else BY_PARAMETER
+        notes = {"method": choices.method, "false_alarm": str(options.false_alarm)}
+        head = comparison.head("isolate", table, files.intake, notes, configs=choices.files(), last=choices.notes)
+        summary = COMPONENTS if by_component else ISOLATE
+        super().__init__(table=table, head=head, summary_columns=summary, messages=comparison.messages)
+        self.unread = files.intake.unread
+
+    def _looked_for(self, form: str) -> Any:
+        """Whether what is beside an answer is looked for in a window, by its number, from 1, and whether it has a
+        name that stands."""
+        if form not in FORMS:
+            raise UsageError(f"flips and work_scope are one of {', '.join(map(repr, FORMS))}, not {form!r}")
+        in_words = form != "" and not self._quiet
+        return lambda number, named: form in ("nested", "cell") or (in_words and named and number <= SENTENCES)
+
+    def _compute(self) -> Iterator[Row]:
+        from enginediag_cli.presentation.isolation_rows import beside_cells, isolated_rows, tell_isolated
+
+        choices = self._choices
+        shown = {"flips": choices.flips, "work_scope": choices.work_scope}
+        forms = {name: "" if form == "sentences" else form for name, form in shown.items()}
+        for number, found in enumerate(each(self._isolating.windows(), "windows isolated"), start=1):
+            if number == 1 and found.verdict.window.statistics is not None and self._monitor is None:
+                choices.warn_of_sensors(self.messages, found.known.values())
+            self.judged += found.judged
+            self.found += found.named
+            scope = self._work_scope(number, found)
+            self._drawn[:] = [*(w for w in self._drawn if w.named and not found.named), found]
+            if number <= SENTENCES:
+                tell_isolated(self.messages, found, scope)
+            for row in isolated_rows(found, self._diagnosis.catalogue is not None, advice=choices.advise):
+                yield {**row, **beside_cells(found, scope, forms)}
+        tell_files(self.messages, self._files)
+
+    def _work_scope(self, number: int, found: IsolatedWindow) -> WorkScope | None:
+        from enginediag_cli.work_scope.scope import Scoping
+
+        if self._monitor is None or not self._looked_for(self._choices.work_scope)(number, found.named):
+            return None
+        self._scoping = getattr(self, "_scoping", None) or Scoping(self._monitor)
+        return self._scoping.of_isolated(found, self._options.prior, self._options.largest)
+
+    def plot(self) -> Picture:
+        """The fingerprint of the last window in which something was isolated. Raises NoVerdictError where no window
+        was judged, and by component."""
+        from enginediag_cli.presentation.charts.pictured import of_isolation, svg_of
+
+        _ = self.rows
+        return Picture(svg_of(of_isolation(self._drawn)))
+
+
+def _kept_records(comparison: Comparison, choices: IsolationChoices, monitor: Monitor | None) -> KeptRecords | None:
+    from enginediag_cli.residuals.kept_records import KeptRecords
+
+    judging = comparison.judging
+    plain = not judging.reference  # otherwise the score knows more than the records tell
+    if monitor is None or not plain or choices.by == "component" or not choices.keeps_records(judging.linearise):
+        return None
+    return KeptRecords(monitor, short_windows=not judging.plan.whole)
+
+
+def isolate(
+    nominal: NominalLike,
+    recordings: RecordingsLike,
+    *,
+    method: str = "posterior",
+    by: str = "parameter",
+    faults: int | None = None,
+    largest: int | None = None,
+    false_alarm: float = 0.01,
+    inclusion: float | None = None,
+    sensor_inclusion: float | None = None,
+    coverage: float = 0.98,
+    confidence: float = 0.95,
+    sensors: bool | None = None,
+    one_sided: bool = False,
+    catalogue: Sequence[str] = (),
+    nonlinear: str = "auto",
+    advise: bool = False,
+    extra_sensors: Mapping[str, float] | None = None,
+    flips: str = "nested",
+    work_scope: str = "nested",
+    messages: Messages | None = None,
+    stream: bool = False,
+    **windows: Any,
+) -> IsolationResult:
+    """Isolate the parameters, or the components, that changed.
+
+    Parameters
+    ----------
+    nominal : str, Path, Baseline, IdentificationResult or None
+        Nominal engine; None where the recordings are statistics that `residual` made.
+    recordings
+        Paths, `Recordings`, arrays or a DataFrame; see `read_recordings`.
+    method : {"posterior", "incremental", "sensitivity", "minmax"}
+        Posterior of all sets of changes, or a test of the local approach.
+    by : {"parameter", "component"}
+        One row per parameter, or one per window with the components that changed.
+    faults, largest : int, optional
+        Number of changed parameters where it is known; most that may have changed together.
+    false_alarm : float
+        Probability of a false alarm of the test [1].
+    inclusion, sensor_inclusion : float, optional
+        Prior probability that a parameter of the engine changed, that a sensor is wrong [1].
+    coverage, confidence : float
+        Probability that answer and alternatives hold together [1]; level of intervals [1].
+    sensors : bool, optional
+        Whether every sensor may be wrong, too; they may when not given, unless ``monitor`` names parameters.
+    one_sided : bool
+        Changes have known signs: efficiencies fall.
+    catalogue : sequence of str
+        Fault files, or folders of them, whose faults are to be named.
+    nonlinear : {"auto", "always", "never"}
+        When leading sets are fitted with the full model.
+    advise : bool
+        Say what to record next; ``extra_sensors`` maps further columns to their noise, in the column's unit.
+    flips, work_scope : {"nested", "cell", "sentences", ""}
+        How the sensitivity of the answer, and what a shop visit would bring, stand in the rows.
+    messages : Messages, optional
+        Receives sentences and warnings; they are collected when not given.
+    stream : bool
+        Compute rows only as they are read, in bounded memory.
+    **windows
+        Attributes of `WindowOptions`.
+
+    Returns
+    -------
+    IsolationResult
+
+    Raises
+    ------
+    UsageError, ConfigError, DataError, NoVerdictError
+
+    References
+    ----------
+    Equations (13) and (14) of the local approach; posterior of sets: see `enginediag_cli.isolation.posterior`.
+    """
+    from enginediag_cli.isolation.methods import IsolationOptions
+    from enginediag_cli.isolation.prior import SetPrior
+
+    extra = dict(extra_sensors or {})
+    choices = IsolationChoices(
+        method, by, sensors, one_sided, tuple(catalogue), nonlinear, advise, extra, flips, work_scope
+    )
+    plain = SetPrior()
+    prior = SetPrior(
+        inclusion=plain.inclusion if inclusion is None else inclusion,
+        sensor=plain.sensor if sensor_inclusion is None else sensor_inclusion,
+    )
+    options = IsolationOptions(
+        faults=faults,
+        false_alarm=false_alarm,
+        prior=prior,
+        coverage=coverage,
+        confidence=confidence,
+        largest=largest,
+    )
+    comparison = compare(nominal, recordings, windows, messages)
+    return IsolationResult(comparison, choices, options).complete(stream)

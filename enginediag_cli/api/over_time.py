@@ -1,0 +1,302 @@
+"""`trend`: health over flights, since when and how fast it changes, and the margin of the turbine temperature."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from enginediag_cli.api.inputs import NominalLike, RecordingsLike
+from enginediag_cli.api.results import Picture, Result, Row
+from enginediag_cli.api.windows import Comparison, compare, tell_files
+from enginediag_cli.errors import UsageError
+from enginediag_cli.presentation.messages import Messages
+from enginediag_cli.presentation.summaries import FLIGHTS, MARGIN, TREND, TREND_COMPONENTS
+
+if TYPE_CHECKING:
+    from enginediag_cli.detection.trend_of_files import Series
+    from enginediag_cli.fleet_judgement.of_series import MarginQuestion, Margins
+    from enginediag_cli.residuals.files import JudgedFiles
+    from enginediag_cli.work_scope.scope import Scoping
+
+WHAT = ("trend", "flights", "margin")
+
+
+@dataclass(frozen=True)
+class MarginOptions:
+    """What the margin of a turbine temperature is counted to and from.
+
+    Attributes
+    ----------
+    limits_K : mapping of str to float
+        Column → highest permitted turbine temperature [K].
+    consumed_limit_K : (float, float), optional
+        Margin that is lost when an engine is removed, and its standard deviation [K].
+    taken_off : sequence of str
+        Engines of these recordings that end where they were removed.
+    events_path : str
+        CSV of maintenance, ``""`` for none.
+    baseline : int
+        First flights that are believed healthy; 0 where it is not said.
+    """
+
+    limits_K: Mapping[str, float] = field(default_factory=dict)
+    consumed_limit_K: tuple[float, float] | None = None
+    taken_off: Sequence[str] = ()
+    events_path: str = ""
+    baseline: int = 0
+
+    def __bool__(self) -> bool:
+        return bool(self.limits_K or self.consumed_limit_K or self.taken_off or self.events_path)
+
+    @property
+    def configs(self) -> list[str]:
+        """Files that a result depends on, for its provenance."""
+        return [self.events_path] if self.events_path else []
+
+    @property
+    def notes(self) -> dict[str, str]:
+        """Choices that a result depends on, for its provenance."""
+        limits = ", ".join(f"{c} {v:g}" for c, v in self.limits_K.items())
+        consumed = " ± ".join(f"{v:g}" for v in self.consumed_limit_K or ())
+        made = {
+            "limit": limits,
+            "consumed limit": consumed and f"{consumed} K",
+            "taken off": ", ".join(self.taken_off),
+            "baseline": self.baseline and f"first {self.baseline} flights",
+        }
+        return {name: str(value) for name, value in made.items() if value}
+
+    def question(self, *, healthy: int = 0, sensors: bool = True) -> MarginQuestion:
+        """With the events of the file; healthy, sensors: as of `MarginQuestion`. Raises ConfigError."""
+        from enginediag_cli.fleet.events import read_events
+        from enginediag_cli.fleet_judgement.of_series import MarginQuestion
+
+        return MarginQuestion(
+            limits_K=dict(self.limits_K),
+            consumed_limit_K=self.consumed_limit_K,
+            taken_off=tuple(self.taken_off),
+            events=read_events(Path(self.events_path), named=False) if self.events_path else (),
+            events_file=os.path.basename(self.events_path),
+            baseline=self.baseline,
+            healthy=healthy,
+            sensors=sensors,
+        )
+
+
+@dataclass(frozen=True)
+class TrendChoices:
+    """Arguments of `trend` other than what it reads; `events`: labels of first flights after maintenance."""
+
+    what: str = "trend"
+    by: str = "parameter"
+    sensors: bool = True
+    work_scope: str = "nested"
+    events: Sequence[str] = ()
+    margin: MarginOptions = field(default_factory=MarginOptions)
+
+    @property
+    def follows_margin(self) -> bool:
+        """Whether the margin of the turbine temperature is followed."""
+        return bool(self.margin) or self.what == "margin"
+
+    def check(self, comparison: Comparison) -> None:
+        """Raises UsageError for choices that do not go together."""
+        nominal, what = comparison.given, self.what
+        refused = {
+            f"--what: there is no {what!r}, but {', '.join(WHAT)}": what not in WHAT,
+            f"--event needs --nominal, and does not go with --what {what}": bool(self.events)
+            and (nominal is None or what != "trend"),
+            "--what margin, its limits and --events need --nominal: the engine says what wear heats": (
+                self.follows_margin and nominal is None
+            ),
+            "standard input is read once, and limits and --events read it again: name a file": (
+                self.follows_margin and what != "margin" and "-" in comparison.source.files
+            ),
+        }
+        for reason, wrong in refused.items():
+            if wrong:
+                raise UsageError(reason)
+
+
+class TrendResult(Result):
+    """Rows of health over flights; see `trend`."""
+
+    def __init__(self, comparison: Comparison, choices: TrendChoices):
+        from enginediag_cli.residuals.series_monitor import of_series
+
+        choices.check(comparison)
+        self._choices, self.messages = choices, comparison.messages
+        judging = comparison.judging
+        self._whole, self._healthy = judging.plan.whole, judging.reference
+        # the options of windows hold for the series, not for a window of it
+        self._comparison = replace(comparison, judging=replace(judging, plan=judging.plan.of_series, reference=0))
+        monitor = self._comparison.monitor(sensors=not comparison.options.monitor)
+        self._generic = monitor is None or monitor.slopes is not None
+        self._monitor = None if monitor is None else of_series(monitor)
+        self._series, self._margins, self._files = self._read()
+        table, summary = self._declared()
+        intake, margin = self._files.intake, choices.margin
+        head = comparison.head("trend", table, intake, {}, configs=margin.configs, last=margin.notes)
+        super().__init__(table=table, head=head, summary_columns=summary, messages=comparison.messages)
+        self.unread = intake.unread
+
+    def _declared(self) -> tuple[Any, tuple[str, ...]]:
+        from enginediag_cli.presentation.outputs import trend as outputs
+
+        what = self._choices.what
+        return {
+            "trend": (outputs.TREND, TREND),
+            "components": (outputs.EVENTS, TREND_COMPONENTS),
+            "flights": (outputs.FLIGHTS, FLIGHTS),
+            "margin": (outputs.MARGIN, MARGIN),
+        }["components" if what == "trend" and self._choices.by == "component" else what]
+
+    def _read(self) -> tuple[Series, Margins | None, JudgedFiles]:
+        """The series of flights, its margins where they are followed, and the files that it was read from."""
+        from enginediag_cli.detection.trend_of_files import series_of
+        from enginediag_cli.fleet_judgement.of_series import margins_of
+        from enginediag_cli.presentation.margin_rows import tell_margins
+        from enginediag_cli.residuals.series_monitor import for_comparison
+
+        choices, monitor, margins = self._choices, self._monitor, None
+        question = choices.margin.question(healthy=self._healthy, sensors=choices.sensors)
+        if choices.follows_margin and monitor is not None:
+            files = self._comparison.files(for_comparison(monitor), summed=self._whole, series=True)
+            margins = margins_of(files, monitor, question)
+            tell_margins(self.messages, margins)
+            if choices.what == "margin":
+                return margins.series, margins, files
+        files = self._comparison.files(monitor, summed=self._whole, series=True)
+        series = series_of(files, "covariance" if choices.what == "trend" else "whole")
+        if monitor is None and series.stretches and choices.what == "trend":
+            self.messages.note(
+                "without --nominal it is not known which inputs are weather and which set the power: what follows the "
+                "weather may pass for a change, and no instrument of an input is held against what it read"
+            )
+        return series, margins, files
+
+    def _compute(self) -> Iterator[Row]:
+        from enginediag_cli.presentation.margin_rows import margin_rows
+        from enginediag_cli.presentation.trend_rows import flight_rows
+
+        if self._choices.what == "margin" and self._margins is not None:
+            rows = list(margin_rows(self._margins))
+        elif self._choices.what == "flights":
+            rows = list(flight_rows(self._series))
+        else:
+            rows = list(self._changes())
+        self.judged = len(rows)
+        yield from rows
+        tell_files(self.messages, self._files)
+        if self._series.lost:
+            self.messages.warning(f"{self._series.lost} windows without a verdict were left out")
+
+    def _changes(self) -> Iterator[Row]:
+        """Rows of what changed in each engine, and of what maintenance did."""
+        from enginediag_cli.detection.trend_of_files import FEWEST
+        from enginediag_cli.isolation.stories import stories_of
+        from enginediag_cli.presentation.trend_rows import tell_too_few
+        from enginediag_cli.work_scope.scope import Scoping
+
+        choices, series = self._choices, self._series
+        for engine, stretches in series.stretches.items():
+            if len(stretches) < FEWEST:
+                tell_too_few(self.messages, engine, len(stretches))
+        scoping = None if self._monitor is None or choices.work_scope == "" else Scoping(self._monitor)
+        stories = stories_of(
+            series, reference=self._healthy, sensors=choices.sensors, generic=self._generic, against_nominal=True
+        )
+        rows: list[Row] = []
+        for engine, story in stories:
+            rows += self._of_engine(engine, story, scoping, rows)
+        return iter(rows)
+
+    def _of_engine(self, engine: str, story: Any, scoping: Scoping | None, before: Sequence[Row]) -> list[Row]:
+        from enginediag_cli.presentation.maintenance_rows import (
+            maintenance_row,
+            tell_maintenance,
+            tell_scope,
+            with_scope,
+        )
+        from enginediag_cli.presentation.trend_rows import component_rows, tell_story, trend_rows
+        from enginediag_cli.work_scope.of_series import conditions_of, maintenance_of
+
+        choices, series, messages = self._choices, self._series, self.messages
+        form = "" if choices.work_scope == "sentences" else choices.work_scope
+        as_rows = component_rows if choices.by == "component" else trend_rows
+        tell_story(messages, engine, story, series)
+        scope = None
+        if scoping is not None and story.events and (form or not messages.quiet):
+            scope = scoping.of_story(story, series.known, conditions_of(series.stretches[engine]))
+        tell_scope(messages, engine, scope)
+        rows = list(with_scope(as_rows(engine, story, series), scope, form))
+        if scoping is not None:
+            for found in maintenance_of(scoping, series, engine, tuple(choices.events)):
+                tell_maintenance(messages, engine, found, series, scoping)
+                rows.append(maintenance_row(engine, found, series, scoping, form, [*before, *rows]))
+        return rows
+
+    def plot(self) -> Picture:
+        """The health of the engine that changed, or the margin, over flights. Raises NoVerdictError where there is
+        nothing to draw."""
+        from enginediag_cli.presentation.charts.pictured import of_margin, of_trend, svg_of
+
+        rows = self.rows
+        return Picture(svg_of(of_margin(rows) if self._choices.what == "margin" else of_trend(self._series, rows)))
+
+
+def trend(
+    nominal: NominalLike,
+    recordings: RecordingsLike,
+    *,
+    what: str = "trend",
+    by: str = "parameter",
+    sensors: bool = True,
+    work_scope: str = "nested",
+    events: Sequence[str] = (),
+    margin: MarginOptions | None = None,
+    messages: Messages | None = None,
+    stream: bool = False,
+    **windows: Any,
+) -> TrendResult:
+    """Follow the health of engines over flights, in the order of the files and of the flights in them.
+
+    Parameters
+    ----------
+    nominal : str, Path, Baseline, IdentificationResult or None
+        Nominal engine; None where the recordings are statistics that `residual` made.
+    recordings
+        Paths, `Recordings`, arrays or a DataFrame; see `read_recordings`.
+    what : {"trend", "flights", "margin"}
+        One row per change with kind, onset and rate; one per flight and parameter; or the margin of the turbine
+        temperature.
+    by : {"parameter", "component"}
+        One row per parameter, or per event with all parameters of the component.
+    sensors : bool
+        Whether instruments are suspected.
+    work_scope : {"nested", "cell", "sentences", ""}
+        How what restoring a component would bring stands in the rows.
+    events : sequence of str
+        First flights after maintenance, by their labels.
+    margin : MarginOptions, optional
+        What the margin is counted to and from.
+    messages : Messages, optional
+        Receives sentences and warnings; they are collected when not given.
+    stream : bool
+        Compute rows only as they are read.
+    **windows
+        Attributes of `WindowOptions`; ``reference`` says that nothing began in an engine's first records.
+
+    Returns
+    -------
+    TrendResult
+
+    Raises
+    ------
+    UsageError, ConfigError, DataError, NoVerdictError
+    """
+    choices = TrendChoices(what, by, sensors, work_scope, tuple(events), margin or MarginOptions())
+    return TrendResult(compare(nominal, recordings, windows, messages), choices).complete(stream)

@@ -1,0 +1,153 @@
+"""`report`: results, or recordings, as one page that opens offline."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from enginediag_cli.api.inputs import NominalLike, RecordingsLike
+from enginediag_cli.api.over_time import MarginOptions
+from enginediag_cli.api.results import MessageLog
+from enginediag_cli.api.windows import Comparison, compare
+from enginediag_cli.errors import DataError, UsageError
+from enginediag_cli.presentation.messages import Messages
+
+if TYPE_CHECKING:
+    from enginediag_cli.intake.source import Source
+    from enginediag_cli.presentation.report.evidence import Evidence
+    from enginediag_cli.presentation.report.results.read import Result
+
+
+class ReportPage:
+    """A page; notebooks show it.
+
+    Attributes
+    ----------
+    html : str
+        The page, complete in itself.
+    no_verdict : bool
+        Whether the page has findings, and none of them is a verdict.
+    """
+
+    def __init__(self, html: str, no_verdict: bool):
+        self.html, self.no_verdict = html, no_verdict
+
+    def save(self, path: str | Path) -> None:
+        """Write the page, completely or not at all; ``-`` is standard output. Raises OSError."""
+        from enginediag_cli.recordings.write import output
+
+        with output(str(path)) as stream:
+            stream.write(self.html)
+
+    def _repr_html_(self) -> str:
+        return self.html
+
+
+def report(
+    files: RecordingsLike,
+    *,
+    nominal: NominalLike = None,
+    false_alarm: float = 0.01,
+    margin: MarginOptions | None = None,
+    title: str = "",
+    static: bool = False,
+    command: Sequence[str] = (),
+    messages: Messages | None = None,
+    **windows: Any,
+) -> ReportPage:
+    """Write what was found as one page: the verdict first, then charts, each with its table, then how it was made.
+
+    Parameters
+    ----------
+    files
+        Files that other verbs or commands wrote; with `nominal`, recordings among them are judged here.
+    nominal : str, Path, Baseline or IdentificationResult, optional
+        Nominal engine of the recordings.
+    false_alarm : float
+        Probability of a false alarm [1].
+    margin : MarginOptions, optional
+        What the margin of the turbine temperature is counted to and from.
+    title : str
+        Headline.
+    static : bool
+        Pictures that do not move, although bokeh is installed.
+    command : sequence of str
+        Commands that the page names as those that made it.
+    messages : Messages, optional
+        Receives notes and warnings; they are collected when not given.
+    **windows
+        Attributes of `WindowOptions`.
+
+    Returns
+    -------
+    ReportPage
+
+    Raises
+    ------
+    UsageError, ConfigError, DataError, NoVerdictError
+    """
+    from enginediag_cli.presentation.charts.interactive import WITHOUT
+    from enginediag_cli.presentation.report.build import page_of
+    from enginediag_cli.presentation.report.page import State
+    from enginediag_cli.presentation.report.rendered import moves, rendered, versions
+
+    comparison = compare(nominal, files, windows, messages if messages is not None else MessageLog())
+    if margin and comparison.given is None:
+        raise UsageError("limits and --events need -n NOMINAL; of results, give what trend --what margin wrote")
+    results, unreadable = _results(comparison)
+    evidence, left_out = _evidence(comparison, results, false_alarm, margin or MarginOptions())
+    if not static and not moves():
+        comparison.messages.note(WITHOUT)
+    page = page_of(
+        evidence, title=title, command=list(command), left_out=[*unreadable, *left_out], versions=versions(static)
+    )
+    judged = [lead for lead in page.leads if lead.state is not State.NO_VERDICT]
+    return ReportPage(rendered(page, static), bool(page.leads) and not judged)
+
+
+def _results(comparison: Comparison) -> tuple[list[Result], list[str]]:
+    """What can be read of the files, and why others cannot, which ends nothing as long as one can. Raises DataError."""
+    from enginediag_cli.presentation.report.results.read import read_result
+
+    source: Source = comparison.source
+    results, unreadable = [], []
+    for path in source.files:
+        try:
+            results.append(read_result(path, source.label(path), recordings=comparison.given is not None))
+        except DataError as error:
+            if len(source.files) == 1:
+                raise
+            unreadable.append(f"{error}: left out")
+    if not results:
+        raise DataError("; ".join(unreadable))
+    for sentence in unreadable:
+        comparison.messages.warning(sentence)
+    return results, unreadable
+
+
+def _evidence(
+    comparison: Comparison, results: list[Result], false_alarm: float, margin: MarginOptions
+) -> tuple[Evidence, list[str]]:
+    """What the results say, with what recordings say that are judged here."""
+    from enginediag_cli.presentation.report.computed import Question, computed
+    from enginediag_cli.presentation.report.evidence import evidence_of
+    from enginediag_cli.presentation.report.results import kinds
+    from enginediag_cli.presentation.report.results.known import known_of, nominal_result
+
+    recordings = tuple(result.path for result in results if result.kind is kinds.RECORDING)
+    if not recordings:
+        if comparison.given is not None:
+            raise DataError(f"--nominal {comparison.nominal}: none of the files is a recording that it could judge")
+        return evidence_of(results, known_of(results)), []
+    if "-" in recordings:
+        raise DataError("standard input can be read once, and recordings are read several times: name a file")
+    source = replace(comparison.source, files=recordings)
+    comparison = replace(comparison, source=source)
+    monitor = comparison.monitor()
+    suspicious = replace(comparison, messages=Messages(quiet=True)).monitor(sensors=True)
+    assert monitor is not None and suspicious is not None
+    margins = margin.question(healthy=comparison.judging.reference)
+    question = Question(source, monitor, suspicious, comparison.judging, false_alarm, margins)
+    return computed(question, [*results, nominal_result(comparison.nominal)])

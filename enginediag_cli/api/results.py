@@ -1,0 +1,320 @@
+"""What a verb of the library returns: rows with their declaration, messages, files, and a picture."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from enginediag_cli.errors import EngineDiagError, NoVerdictError
+from enginediag_cli.presentation.messages import Messages
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+    from typing_extensions import Self
+
+    from enginediag_cli.presentation.outputs.declared import Table
+
+Row = dict[str, Any]
+
+SHOWN_ROWS = 20
+"""Rows that a notebook shows: what fits on a screen; `to_frame` has all of them."""
+
+
+class MessageLog(Messages):
+    """Collects what a command would write to standard error, instead of writing it.
+
+    Attributes
+    ----------
+    entries : list of (str, str)
+        Level (``"note"``, ``"warning"`` or ``"error"``) and text, in the order in which they came.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.entries: list[tuple[str, str]] = []
+
+    def note(self, text: str, **fields: Any) -> None:
+        """Keep a fact about the run."""
+        self.entries.append(("note", text))
+
+    def warning(self, text: str, **fields: Any) -> None:
+        """Keep something that the user should look at."""
+        self.entries.append(("warning", text))
+
+    def error(self, text: str, **fields: Any) -> None:
+        """Keep why a part of the work was given up."""
+        self.entries.append(("error", text))
+
+
+class Picture:
+    """A drawing as SVG text; a notebook shows it.
+
+    Parameters
+    ----------
+    svg : str
+        The drawing.
+    """
+
+    def __init__(self, svg: str):
+        self.svg = svg
+
+    def save(self, path: str | Path) -> None:
+        """Write the picture.
+
+        Parameters
+        ----------
+        path : str or Path
+            Ends in ``.svg`` or ``.png``; ``-`` is standard output.
+
+        Raises
+        ------
+        DataError
+            Without the package that draws PNG.
+        OSError
+            Where the file cannot be written.
+        """
+        from enginediag_cli.presentation.pictures.written import write_drawing
+
+        write_drawing(self.svg, str(path))
+
+    def _repr_svg_(self) -> str:
+        return self.svg
+
+
+class Result:
+    """Rows that a verb has found, computed as they are read.
+
+    Iterating over a result, or asking for `rows`, computes what is still missing and keeps it; `stream` computes each
+    row once and keeps none, so that memory is bounded.
+
+    Attributes
+    ----------
+    table : Table or None
+        Declaration of the columns, with their units.
+    messages : Messages
+        Where notes and warnings go; a `MessageLog` unless the caller gave another.
+    found, judged : int
+        Findings, and pieces of data that could be judged, as far as rows have been computed.
+    unread : mapping of str to str
+        Files that could not be read to their end, with the reason.
+    """
+
+    def __init__(
+        self,
+        *,
+        table: Table | None = None,
+        head: Callable[[], tuple[str, ...]] = tuple,
+        columns: Sequence[str] | None = None,
+        summary_columns: Sequence[str] = (),
+        messages: Messages | None = None,
+    ):
+        self.table, self.summary_columns = table, tuple(summary_columns)
+        self.messages = messages if messages is not None else MessageLog()
+        self.found = self.judged = 0
+        self.unread: Mapping[str, str] = {}
+        self._head, self._columns = head, columns
+        self._rows = self._compute()
+        self._kept: list[Row] = []
+        self._complete = False
+
+    def _compute(self) -> Iterator[Row]:
+        """The rows, one after another; what is to be said of all of them is said after the last."""
+        raise NotImplementedError
+
+    def complete(self, stream: bool = False) -> Self:
+        """The result with all its rows computed, unless they are to come as a stream."""
+        if not stream:
+            _ = self.rows
+        return self
+
+    def stream(self) -> Iterator[Row]:
+        """Yield every row as it is computed; rows that have been kept come first and are kept no longer.
+
+        Yields
+        ------
+        dict
+            One row, its keys as declared in `table`.
+        """
+        while self._kept:
+            yield self._kept.pop(0)
+        yield from self._rows
+        self._complete = True
+
+    @property
+    def rows(self) -> list[Row]:
+        """All rows, in their order."""
+        if not self._complete:
+            self._kept += self._rows
+            self._complete = True
+        return self._kept
+
+    def __iter__(self) -> Iterator[Row]:
+        return iter(self.rows)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __getitem__(self, number: int) -> Row:
+        return self.rows[number]
+
+    @property
+    def provenance(self) -> tuple[str, ...]:
+        """Lines that say which program, files and choices made this; they head a CSV file. Computes the first row."""
+        if not self._kept and not self._complete:
+            first = next(self._rows, None)
+            self._kept += [] if first is None else [first]
+        return self._head()
+
+    @property
+    def columns(self) -> tuple[str, ...] | None:
+        """Names of the columns where they are known before the first row; None where the first row has them."""
+        return None if self._columns is None else tuple(self._columns)
+
+    def array(self, column: str) -> NDArray[np.float64]:
+        """The numbers of a column.
+
+        Parameters
+        ----------
+        column : str
+            Its name; the unit is the name's suffix, or the one that the schema states.
+
+        Returns
+        -------
+        ndarray, shape (rows,)
+            NaN where a cell is empty.
+
+        Raises
+        ------
+        KeyError
+            Where there is no such column; names the nearest.
+        """
+        import numpy as np
+
+        names = list(dict.fromkeys(chain.from_iterable(self.rows)))
+        if column not in names:
+            from enginediag_cli.config.hints import near
+
+            raise KeyError(f"there is no column {column!r} ({near(column, names)})")
+        cells = [row.get(column) for row in self.rows]
+        return np.array([np.nan if value is None or value == "" else float(value) for value in cells])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain Python objects, ready for ``json.dump``.
+
+        Returns
+        -------
+        dict
+            ``schema``, ``provenance`` (lines) and ``rows``.
+        """
+        from enginediag_cli.presentation.rows import plain
+
+        schema = {} if self.table is None else {"schema": self.table.id}
+        rows = [plain(row) for row in self.rows]
+        return {**schema, "provenance": list(self.provenance), "rows": rows}
+
+    def to_frame(self) -> Any:
+        """The rows as a table of pandas, or of pyarrow where pandas is not installed.
+
+        Returns
+        -------
+        pandas.DataFrame or pyarrow.Table
+            One column per key; lists as the text that a CSV cell has.
+
+        Raises
+        ------
+        EngineDiagError
+            Where neither package is installed.
+        """
+        from enginediag_cli.presentation.rows import bare_cells
+
+        names = list(self.columns or dict.fromkeys(chain.from_iterable(self.rows)))
+        cells = [bare_cells(row, names) for row in self.rows]
+        return frame({name: [row[k] for row in cells] for k, name in enumerate(names)})
+
+    def summary(self) -> str:
+        """What the command would say of the result on standard error: sentences, warnings and counts.
+
+        Returns
+        -------
+        str
+            One line each. Where messages went elsewhere, the rows as a table.
+        """
+        rows = self.rows
+        log = self.messages
+        if isinstance(log, MessageLog) and log.entries:
+            return "\n".join(text if level == "note" else f"{level}: {text}" for level, text in log.entries)
+        return "\n".join(", ".join(f"{k} {v}" for k, v in row.items() if v not in (None, "")) for row in rows)
+
+    def plot(self) -> Picture:
+        """The picture that the command's ``--picture`` draws.
+
+        Returns
+        -------
+        Picture
+            Shown by notebooks; ``save`` writes it as SVG or PNG.
+
+        Raises
+        ------
+        NoVerdictError
+            Where there is nothing to draw.
+        """
+        raise NoVerdictError("this result has no picture")
+
+    def save(self, path: str | Path, format: str = "auto") -> None:
+        """Write the rows as the command's ``-o`` does, completely or not at all.
+
+        Parameters
+        ----------
+        path : str or Path
+            The ending chooses the format: ``.csv``, ``.json``, ``.ndjson``, ``.parquet``; ``.gz`` packs.
+        format : {"auto", "csv", "json", "ndjson", "table"}
+            Overrides the ending.
+
+        Raises
+        ------
+        OSError
+            Where the file cannot be written.
+        """
+        from enginediag_cli.presentation.output import Output
+
+        Output(str(path), format).write_rows(
+            iter(self.rows), self.columns, summary=self.summary_columns, provenance=self.provenance
+        )
+
+    def _repr_html_(self) -> str:
+        rows = self.rows
+        names = list(dict.fromkeys(chain.from_iterable(rows[:SHOWN_ROWS])))
+        from enginediag_cli.presentation.rows import cell
+
+        head = "".join(f"<th>{html.escape(name)}</th>" for name in names)
+        body = "".join(
+            "<tr>" + "".join(f"<td>{html.escape(cell(row.get(name)))}</td>" for name in names) + "</tr>"
+            for row in rows[:SHOWN_ROWS]
+        )
+        more = f"<p>{len(rows) - SHOWN_ROWS} more rows</p>" if len(rows) > SHOWN_ROWS else ""
+        return f"<table><tr>{head}</tr>{body}</table>{more}"
+
+
+def frame(columns: Mapping[str, Sequence[Any]]) -> Any:
+    """A table of pandas, else of pyarrow.
+
+    Raises
+    ------
+    EngineDiagError
+        Where neither package is installed.
+    """
+    try:
+        import pandas
+    except ImportError:
+        pass
+    else:
+        return pandas.DataFrame(dict(columns))
+    try:
+        import pyarrow
+    except ImportError:
+        raise EngineDiagError("to_frame needs pandas or pyarrow: pip install 'enginediag[parquet]'") from None
+    return pyarrow.table(dict(columns))
