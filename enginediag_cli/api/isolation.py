@@ -10,6 +10,7 @@ from enginediag_cli.api.inputs import NominalLike, RecordingsLike
 from enginediag_cli.api.results import Picture, Result, Row
 from enginediag_cli.api.windows import SENTENCES, Comparison, compare, tell_files
 from enginediag_cli.errors import UsageError
+from enginediag_cli.faults.chances import INSTRUMENT, PARAMETER
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.summaries import COMPONENTS, ISOLATE
 from enginediag_cli.progress import each
@@ -225,8 +226,8 @@ def isolate(
     faults: int | None = None,
     largest: int | None = None,
     false_alarm: float = 0.01,
-    inclusion: float | None = None,
-    sensor_inclusion: float | None = None,
+    inclusion: float = PARAMETER,
+    sensor_inclusion: float = INSTRUMENT,
     coverage: float = 0.98,
     confidence: float = 0.95,
     sensors: bool | None = None,
@@ -257,7 +258,7 @@ def isolate(
         Number of changed parameters where it is known; most that may have changed together.
     false_alarm : float
         Probability of a false alarm of the test [1].
-    inclusion, sensor_inclusion : float, optional
+    inclusion, sensor_inclusion : float
         Prior probability that a parameter of the engine changed, that a sensor is wrong [1].
     coverage, confidence : float
         Probability that answer and alternatives hold together [1]; level of intervals [1].
@@ -299,11 +300,7 @@ def isolate(
     choices = IsolationChoices(
         method, by, sensors, one_sided, tuple(catalogue), nonlinear, advise, extra, flips, work_scope
     )
-    plain = SetPrior()
-    prior = SetPrior(
-        inclusion=plain.inclusion if inclusion is None else inclusion,
-        sensor=plain.sensor if sensor_inclusion is None else sensor_inclusion,
-    )
+    prior = SetPrior(inclusion=inclusion, sensor=sensor_inclusion)
     options = IsolationOptions(
         faults=faults,
         false_alarm=false_alarm,

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from enginediag_cli.api.isolation import INSTRUMENT, METHODS, PARAMETER
 from enginediag_cli.commands.answer_options import Beside, beside_options
 from enginediag_cli.commands.intake_options import compared_options, judging_options, source_options, window_options
 from enginediag_cli.commands.isolation_options import Further, further_options
@@ -21,15 +22,12 @@ from enginediag_cli.commands.options import (
     probability_option,
 )
 from enginediag_cli.commands.picture_option import picture_option
-from enginediag_cli.faults.chances import INSTRUMENT, PARAMETER
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
 
 if TYPE_CHECKING:
     from enginediag_cli.api.inputs import Recordings
     from enginediag_cli.errors import ExitCode
-
-METHODS = ("posterior", "incremental", "sensitivity", "minmax")
 
 
 @click.command(
