@@ -45,7 +45,7 @@ ORDER = (
     "mismatch",
     "methods",
     "trials",
-    "fleet",
+    "fleets",
     "presentation",
     "api",
     "demonstration",

@@ -71,8 +71,8 @@ class MarginOptions:
 
     def question(self, *, healthy: int = 0, sensors: bool = True) -> MarginQuestion:
         """With the events of the file; healthy, sensors: as of `MarginQuestion`. Raises ConfigError."""
-        from enginediag_cli.fleet.events import read_events
         from enginediag_cli.fleet_judgement.of_series import MarginQuestion
+        from enginediag_cli.fleets.events import read_events
 
         return MarginQuestion(
             limits_K=dict(self.limits_K),

@@ -99,11 +99,11 @@ def fleet(
     from dataclasses import replace
 
     from enginediag_cli.errors import ExitCode
-    from enginediag_cli.fleet.fleet import load_fleet
-    from enginediag_cli.fleet.recordings import recordings_of
-    from enginediag_cli.fleet.run import run_fleet
-    from enginediag_cli.fleet.runners.places import runner_for
-    from enginediag_cli.fleet.store import opened_store
+    from enginediag_cli.fleets.fleet import load_fleet
+    from enginediag_cli.fleets.recordings import recordings_of
+    from enginediag_cli.fleets.run import run_fleet
+    from enginediag_cli.fleets.runners.places import runner_for
+    from enginediag_cli.fleets.store import opened_store
     from enginediag_cli.presentation.fleet_rows import ROWS, document, tell_models, tell_result
     from enginediag_cli.presentation.summaries import FLEET
     from enginediag_cli.recordings.provenance import header_lines

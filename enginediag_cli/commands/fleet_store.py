@@ -36,10 +36,10 @@ def status(messages: Messages, fleet_file: str, recordings: tuple[str, ...], sto
     \b
     enginediag fleet status fleet.yaml --store kept
     """
-    from enginediag_cli.fleet.fleet import load_fleet
-    from enginediag_cli.fleet.keeping import standing
-    from enginediag_cli.fleet.recordings import recordings_of
-    from enginediag_cli.fleet.store import Store
+    from enginediag_cli.fleets.fleet import load_fleet
+    from enginediag_cli.fleets.keeping import standing
+    from enginediag_cli.fleets.recordings import recordings_of
+    from enginediag_cli.fleets.store import Store
     from enginediag_cli.presentation.fleet_rows import status_rows, tell_standing
 
     described = load_fleet(fleet_file)
@@ -62,10 +62,10 @@ def prune(messages: Messages, fleet_file: str, recordings: tuple[str, ...], stor
     \b
     enginediag fleet prune fleet.yaml --store kept --dry-run
     """
-    from enginediag_cli.fleet.fleet import load_fleet
-    from enginediag_cli.fleet.keeping import prune as remove
-    from enginediag_cli.fleet.recordings import recordings_of
-    from enginediag_cli.fleet.store import Store
+    from enginediag_cli.fleets.fleet import load_fleet
+    from enginediag_cli.fleets.keeping import prune as remove
+    from enginediag_cli.fleets.recordings import recordings_of
+    from enginediag_cli.fleets.store import Store
     from enginediag_cli.presentation.sentences import count
 
     described = load_fleet(fleet_file)
@@ -84,8 +84,8 @@ def merge(messages: Messages, into: str, others: tuple[str, ...]) -> None:
     \b
     enginediag fleet merge kept from_the_other_machine
     """
-    from enginediag_cli.fleet.keeping import merge as merged
-    from enginediag_cli.fleet.store import Store
+    from enginediag_cli.fleets.keeping import merge as merged
+    from enginediag_cli.fleets.store import Store
     from enginediag_cli.presentation.fleet_rows import tell_merged
 
     for other in others:

@@ -74,8 +74,8 @@ FILE_KINDS: dict[str, FileKind] = {
         FileKind(
             "fleet",
             "a fleet: engines by serial number, their recordings, maintenance and what to judge",
-            "enginediag_cli.fleet.fleet_file:FLEET_FILE",
-            "enginediag_cli.fleet.fleet:load_fleet",
+            "enginediag_cli.fleets.fleet_file:FLEET_FILE",
+            "enginediag_cli.fleets.fleet:load_fleet",
         ),
         FileKind(
             "flight",

@@ -12,10 +12,10 @@ from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.sentences import count
 
 if TYPE_CHECKING:
-    from enginediag_cli.fleet.keeping import Merged, Standing
-    from enginediag_cli.fleet.models import Model
-    from enginediag_cli.fleet.run import FleetResult
     from enginediag_cli.fleet_judgement.finding import EngineFinding, Estimate
+    from enginediag_cli.fleets.keeping import Merged, Standing
+    from enginediag_cli.fleets.models import Model
+    from enginediag_cli.fleets.run import FleetResult
 
 SCHEMA = "enginediag/fleet/1"
 """Of the document, whose keys stay while this does."""

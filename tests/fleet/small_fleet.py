@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from made_nominal import ESTIMATED, noise_of, nominal_of
 
-from enginediag_cli.fleet.fleet import Fleet, load_fleet
-from enginediag_cli.fleet.models import Model, model_of
-from enginediag_cli.fleet.recordings import Recorded, recordings_of
-from enginediag_cli.fleet.store import Store
+from enginediag_cli.fleets.fleet import Fleet, load_fleet
+from enginediag_cli.fleets.models import Model, model_of
+from enginediag_cli.fleets.recordings import Recorded, recordings_of
+from enginediag_cli.fleets.store import Store
 from enginediag_cli.identification.nominal_file import write_nominal
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording

@@ -9,13 +9,13 @@ import pytest
 import small_fleet
 
 from enginediag_cli.detection.trend_of_files import series_of
-from enginediag_cli.fleet import condense as module
-from enginediag_cli.fleet.condense import CondenseTask, condense, whole_monitor
-from enginediag_cli.fleet.condensed_file import CondensedReader
-from enginediag_cli.fleet.judging import Piece, _Stored
-from enginediag_cli.fleet.run import condense_all, engine_tasks
-from enginediag_cli.fleet.runners.serial import Serial
-from enginediag_cli.fleet.store import Store
+from enginediag_cli.fleets import condense as module
+from enginediag_cli.fleets.condense import CondenseTask, condense, whole_monitor
+from enginediag_cli.fleets.condensed_file import CondensedReader
+from enginediag_cli.fleets.judging import Piece, _Stored
+from enginediag_cli.fleets.run import condense_all, engine_tasks
+from enginediag_cli.fleets.runners.serial import Serial
+from enginediag_cli.fleets.store import Store
 from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intake.source import Source
 from enginediag_cli.intake.wanted import columns_of
@@ -52,7 +52,7 @@ def test_each_engine_has_its_flights_and_the_readings_that_trend_has_of_them(fle
 
 
 def task_plan(fleet_file):
-    from enginediag_cli.fleet.fleet import load_fleet
+    from enginediag_cli.fleets.fleet import load_fleet
 
     return load_fleet(fleet_file).plan
 

@@ -9,10 +9,10 @@ import pytest
 import small_fleet
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.fleet.judging import judge
-from enginediag_cli.fleet.run import condense_all, engine_tasks
-from enginediag_cli.fleet.runners.serial import Serial
-from enginediag_cli.fleet.store import Store
+from enginediag_cli.fleets.judging import judge
+from enginediag_cli.fleets.run import condense_all, engine_tasks
+from enginediag_cli.fleets.runners.serial import Serial
+from enginediag_cli.fleets.store import Store
 
 distributed = pytest.importorskip("distributed", reason="pip install 'enginediag[fleet]' for tests with Dask")
 
@@ -21,7 +21,7 @@ def killed_once(task):
     """The work of a recording, in a worker that dies of its first one."""
     import os
 
-    from enginediag_cli.fleet.condense import condense
+    from enginediag_cli.fleets.condense import condense
 
     marker = os.path.join(os.path.dirname(task.store), "died")
     try:
@@ -35,8 +35,8 @@ def killed_once(task):
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", [2, 8])
 def test_a_cluster_that_loses_a_worker_finds_what_one_process_finds(fleet_file, tmp_path, monkeypatch, workers):
-    from enginediag_cli.fleet import run
-    from enginediag_cli.fleet.runners.on_dask import OnDask
+    from enginediag_cli.fleets import run
+    from enginediag_cli.fleets.runners.on_dask import OnDask
 
     monkeypatch.setattr(run, "BATCH_FILES", 1)
     fleet, recordings, models, alone = small_fleet.opened(fleet_file, tmp_path / "alone")
@@ -64,7 +64,7 @@ def test_a_cluster_that_loses_a_worker_finds_what_one_process_finds(fleet_file, 
 
 
 def test_a_scheduler_that_does_not_answer_is_told(monkeypatch):
-    from enginediag_cli.fleet.runners import on_dask
+    from enginediag_cli.fleets.runners import on_dask
 
     monkeypatch.setattr(on_dask, "CONNECT_S", 0.2)
     with pytest.raises(DataError, match="no Dask scheduler answers"):

@@ -10,9 +10,9 @@ import pytest
 
 from enginediag_cli.config.reading import outside_allowed
 from enginediag_cli.errors import ConfigError, DataError, NoVerdictError
-from enginediag_cli.fleet.common_model import _chosen, _EarlyLife, _even
-from enginediag_cli.fleet.fleet import Baseline, load_fleet
-from enginediag_cli.fleet.recordings import natural, recordings_of
+from enginediag_cli.fleets.common_model import _chosen, _EarlyLife, _even
+from enginediag_cli.fleets.fleet import Baseline, load_fleet
+from enginediag_cli.fleets.recordings import natural, recordings_of
 from enginediag_cli.recordings.table import Recording
 
 GOOD = """\

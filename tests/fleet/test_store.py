@@ -11,15 +11,15 @@ import pytest
 import small_fleet
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.fleet import run
-from enginediag_cli.fleet.fleet import load_fleet
-from enginediag_cli.fleet.keeping import merge, prune, standing
-from enginediag_cli.fleet.recordings import recordings_of
-from enginediag_cli.fleet.run import condense_all
-from enginediag_cli.fleet.runners.places import runner_for
-from enginediag_cli.fleet.runners.processes import Processes
-from enginediag_cli.fleet.runners.serial import Serial
-from enginediag_cli.fleet.store import Store
+from enginediag_cli.fleets import run
+from enginediag_cli.fleets.fleet import load_fleet
+from enginediag_cli.fleets.keeping import merge, prune, standing
+from enginediag_cli.fleets.recordings import recordings_of
+from enginediag_cli.fleets.run import condense_all
+from enginediag_cli.fleets.runners.places import runner_for
+from enginediag_cli.fleets.runners.processes import Processes
+from enginediag_cli.fleets.runners.serial import Serial
+from enginediag_cli.fleets.store import Store
 
 
 def content(store: Store) -> dict[str, bytes]:
@@ -53,7 +53,7 @@ def test_another_name_is_known_and_other_bytes_nominal_or_settings_are_new(fleet
     moved = tmp_path / "engine_77.csv"
     moved.write_bytes((fleet_file.parent / "engine_1.csv").read_bytes())
     making = models["nominal"].making
-    from enginediag_cli.fleet.condense import CondenseTask, condense
+    from enginediag_cli.fleets.condense import CondenseTask, condense
 
     assert not condense(CondenseTask((str(moved),), making, str(store.folder)))[0].fresh
     with open(moved, "a", encoding="utf-8") as stream:

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.fleet.fleet import load_fleet
-from enginediag_cli.fleet.recordings import recordings_of
-from enginediag_cli.fleet.run import run_fleet
-from enginediag_cli.fleet.runners.serial import Serial
-from enginediag_cli.fleet.store import Store
 from enginediag_cli.fleet_judgement.remaining import learnt_limit
+from enginediag_cli.fleets.fleet import load_fleet
+from enginediag_cli.fleets.recordings import recordings_of
+from enginediag_cli.fleets.run import run_fleet
+from enginediag_cli.fleets.runners.serial import Serial
+from enginediag_cli.fleets.store import Store
 
 
 def ran(fleet_file, folder, judge):

@@ -13,8 +13,8 @@ import numpy as np
 
 from enginediag_cli import __version__
 from enginediag_cli.errors import DataError, EngineDiagError, NoVerdictError
-from enginediag_cli.fleet.fleet import Baseline, Build, Fleet
-from enginediag_cli.fleet.recordings import Recorded, natural
+from enginediag_cli.fleets.fleet import Baseline, Build, Fleet
+from enginediag_cli.fleets.recordings import Recorded, natural
 from enginediag_cli.identification.problem import TrainingRecording
 from enginediag_cli.identification.training import training_recordings
 from enginediag_cli.intake.agreement import Agreement, agreement_with_engine

@@ -12,7 +12,7 @@ from pathlib import Path
 from enginediag_cli.config.patterns import matching, search
 from enginediag_cli.config.reading import READING
 from enginediag_cli.errors import DataError, NoVerdictError
-from enginediag_cli.fleet.fleet import Build, Fleet
+from enginediag_cli.fleets.fleet import Build, Fleet
 
 DIGITS = re.compile(r"(\d+)")
 

@@ -13,10 +13,10 @@ from enginediag_cli.config.kinds import load_checked
 from enginediag_cli.config.named import named_file
 from enginediag_cli.config.patterns import compile_pattern
 from enginediag_cli.errors import ConfigError, Problem
-from enginediag_cli.fleet.events import read_events
-from enginediag_cli.fleet.fleet_file import BUILD
 from enginediag_cli.fleet_judgement.history import Event
 from enginediag_cli.fleet_judgement.remaining import LIVES
+from enginediag_cli.fleets.events import read_events
+from enginediag_cli.fleets.fleet_file import BUILD
 from enginediag_cli.residuals.windows import WindowPlan, plan_windows
 
 BUILD_KEYS = tuple(f.name for f in BUILD.fields)

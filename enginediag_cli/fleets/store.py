@@ -14,7 +14,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.fleet.condensed_file import Condensed, CondensedReader, CondensedWriter
+from enginediag_cli.fleets.condensed_file import Condensed, CondensedReader, CondensedWriter
 from enginediag_cli.recordings.write import binary_output
 
 RECORDINGS, NOMINALS = "recordings", "nominals"

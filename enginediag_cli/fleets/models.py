@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from enginediag_cli.fleet.common_model import CommonModel, identify_common, model_key
-from enginediag_cli.fleet.fleet import Build, Fleet
-from enginediag_cli.fleet.making import Making
-from enginediag_cli.fleet.recordings import Recorded
-from enginediag_cli.fleet.store import Store
+from enginediag_cli.fleets.common_model import CommonModel, identify_common, model_key
+from enginediag_cli.fleets.fleet import Build, Fleet
+from enginediag_cli.fleets.making import Making
+from enginediag_cli.fleets.recordings import Recorded
+from enginediag_cli.fleets.store import Store
 from enginediag_cli.recordings.provenance import sha256_of
 
 

@@ -9,17 +9,17 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from enginediag_cli.errors import DataError, NoVerdictError
-from enginediag_cli.fleet.condense import CondenseTask, Outcome, condense, whole_monitor
-from enginediag_cli.fleet.fleet import Fleet
-from enginediag_cli.fleet.judging import EngineTask, Piece, judge
-from enginediag_cli.fleet.models import Model, model_of
-from enginediag_cli.fleet.recordings import Recorded, natural
-from enginediag_cli.fleet.runners.runner import Runner
-from enginediag_cli.fleet.store import Store
-from enginediag_cli.fleet.tree import TreeSum
 from enginediag_cli.fleet_judgement.finding import EngineFinding, FleetFinding, FleetSettings
 from enginediag_cli.fleet_judgement.fleet import judged_fleet
 from enginediag_cli.fleet_judgement.remaining import with_taken_off
+from enginediag_cli.fleets.condense import CondenseTask, Outcome, condense, whole_monitor
+from enginediag_cli.fleets.fleet import Fleet
+from enginediag_cli.fleets.judging import EngineTask, Piece, judge
+from enginediag_cli.fleets.models import Model, model_of
+from enginediag_cli.fleets.recordings import Recorded, natural
+from enginediag_cli.fleets.runners.runner import Runner
+from enginediag_cli.fleets.store import Store
+from enginediag_cli.fleets.tree import TreeSum
 from enginediag_cli.progress import each
 from enginediag_cli.residuals.admission import Elsewhere
 from enginediag_cli.residuals.statistics import LocalStatistics

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 
-from enginediag_cli.fleet.runners.runner import Result, Task
+from enginediag_cli.fleets.runners.runner import Result, Task
 
 
 class Serial:

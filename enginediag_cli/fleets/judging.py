@@ -9,14 +9,14 @@ from functools import lru_cache
 
 from enginediag_cli.detection.trend_of_files import Series, series_of
 from enginediag_cli.errors import EngineDiagError
-from enginediag_cli.fleet.condense import whole_monitor
-from enginediag_cli.fleet.condensed_file import CondensedReader
-from enginediag_cli.fleet.fleet import Baseline
-from enginediag_cli.fleet.tree import tree_sum
 from enginediag_cli.fleet_judgement.engine import judged_engine
 from enginediag_cli.fleet_judgement.finding import NO_VERDICT, EngineFinding, FleetSettings
 from enginediag_cli.fleet_judgement.history import EngineHistory, Event
 from enginediag_cli.fleet_judgement.margin import MarginScale, margin_scale
+from enginediag_cli.fleets.condense import whole_monitor
+from enginediag_cli.fleets.condensed_file import CondensedReader
+from enginediag_cli.fleets.fleet import Baseline
+from enginediag_cli.fleets.tree import tree_sum
 from enginediag_cli.residuals.admission import Elsewhere
 from enginediag_cli.residuals.files import Window
 from enginediag_cli.residuals.monitor import Monitor

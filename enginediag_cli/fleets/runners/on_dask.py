@@ -17,7 +17,7 @@ from typing import Any
 
 from enginediag_cli import __version__
 from enginediag_cli.errors import DataError, EngineDiagError
-from enginediag_cli.fleet.runners.runner import IN_WORK, Result, Task
+from enginediag_cli.fleets.runners.runner import IN_WORK, Result, Task
 
 RETRIES = 1
 """Times that a task that failed is begun again, for what passes by itself, such as a file server out of reach. One

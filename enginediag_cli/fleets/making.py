@@ -6,7 +6,7 @@ import hashlib
 from dataclasses import dataclass
 
 from enginediag_cli import __version__
-from enginediag_cli.fleet.condensed_file import FORMAT
+from enginediag_cli.fleets.condensed_file import FORMAT
 from enginediag_cli.residuals.windows import WindowPlan
 
 

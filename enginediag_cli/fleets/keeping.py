@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.fleet.fleet import Fleet
-from enginediag_cli.fleet.models import making_of, nominal_path
-from enginediag_cli.fleet.recordings import Recorded
-from enginediag_cli.fleet.store import NOMINALS, RECORDINGS, Store
+from enginediag_cli.fleets.fleet import Fleet
+from enginediag_cli.fleets.models import making_of, nominal_path
+from enginediag_cli.fleets.recordings import Recorded
+from enginediag_cli.fleets.store import NOMINALS, RECORDINGS, Store
 from enginediag_cli.recordings.provenance import sha256_of
 from enginediag_cli.recordings.write import binary_output
 

@@ -8,7 +8,7 @@ from concurrent.futures.process import BrokenProcessPool
 from itertools import islice
 
 from enginediag_cli.errors import WorkerDiedError
-from enginediag_cli.fleet.runners.runner import IN_WORK, Result, Task
+from enginediag_cli.fleets.runners.runner import IN_WORK, Result, Task
 from enginediag_cli.trials.pool import single_threaded, worker_pool
 
 DEATHS = 3

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 
 from enginediag_cli.errors import EngineDiagError
-from enginediag_cli.fleet.condensed_file import Condensed, CondensedWriter, Part
-from enginediag_cli.fleet.making import Making
-from enginediag_cli.fleet.store import Store
+from enginediag_cli.fleets.condensed_file import Condensed, CondensedWriter, Part
+from enginediag_cli.fleets.making import Making
+from enginediag_cli.fleets.store import Store
 from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intake.left_out import LeftOut
 from enginediag_cli.intake.source import Source
