@@ -238,20 +238,23 @@ class FollowResult(Result):
         super().__init__(table=DECLARED, head=head, messages=comparison.messages)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.presentation.detection_rows import block_row
+        from enginediag_cli.presentation.detection_rows import block_row, tell_new_instruments
         from enginediag_cli.presentation.left_out import tell_left_out, tell_mismatches
 
         alarms: dict[tuple[str, str, str], bool] = {}
+        wrong: dict[tuple[str, str, str], set[str]] = {}
         following, intake = self._following, self._intake
         for report in following.reports():
             alarms[report.key] = report.alarm
-            self.found = sum(alarms.values())
+            tell_new_instruments(self.messages, report, wrong.setdefault(report.key, set()))
+            self.found = sum(alarms.values()) + sum(map(bool, wrong.values()))
             self.judged += 0 if report.reason else report.judged
             yield block_row(report)
         tell_mismatches(self.messages, intake.mismatches)
         tell_left_out(self.messages, intake.left_out, following.counts, following.elsewhere)
-        counts = {"flights": len(alarms), "alarms": self.found}
-        self.messages.note(f"{self.found} of {len(alarms)} flights with an alarm", counts=counts)
+        counts = {"flights": len(alarms), "alarms": sum(alarms.values()), "instruments": sum(map(bool, wrong.values()))}
+        beside = f", {counts['instruments']} with an instrument that is stuck or scatters" * bool(counts["instruments"])
+        self.messages.note(f"{counts['alarms']} of {len(alarms)} flights with an alarm{beside}", counts=counts)
 
 
 def follow(

@@ -159,6 +159,7 @@ class TrendResult(Result):
         from enginediag_cli.detection.trend_of_files import series_of
         from enginediag_cli.fleet_judgement.of_series import margins_of
         from enginediag_cli.presentation.margin_rows import tell_margins
+        from enginediag_cli.presentation.trend_rows import tell_instruments_in_flights
         from enginediag_cli.residuals.series_monitor import for_comparison
 
         choices, monitor, margins = self._choices, self._monitor, None
@@ -171,6 +172,7 @@ class TrendResult(Result):
                 return margins.series, margins, files
         files = self._comparison.files(monitor, summed=self._whole, series=True)
         series = series_of(files, "covariance" if choices.what == "trend" else "whole")
+        tell_instruments_in_flights(self.messages, series)
         if monitor is None and series.stretches and choices.what == "trend":
             self.messages.note(
                 "without --nominal it is not known which inputs are weather and which set the power: what follows the "

@@ -28,7 +28,7 @@ WHAT = ("engines", "health", "flights")
 @click.command(
     cls=WithParts,
     short_help="Judge the engines of a fleet, rank them, and say what is common.",
-    epilog=exit_codes(finding="an engine is on the list of discoveries and --exit-code given"),
+    epilog=exit_codes(finding="an engine is on the list of discoveries or an instrument is stuck or scatters, and --exit-code given"),
 )
 @click.argument("fleet_file", metavar="FLEET.yaml", type=ConfigFile())
 @fleet_recordings
@@ -120,4 +120,5 @@ def fleet(
     tell_result(messages, result)
     if not any(x.verdict != "no verdict" for x in result.finding.engines):
         return ExitCode.NO_VERDICT
-    return ExitCode.FINDING if exit_code and result.finding.discoveries.engines else ExitCode.DONE
+    listed = result.finding.discoveries.engines or any(x.instruments for x in result.finding.engines)
+    return ExitCode.FINDING if exit_code and listed else ExitCode.DONE

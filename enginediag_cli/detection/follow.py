@@ -22,13 +22,16 @@ from enginediag_cli.detection.segments import Coordinates, Segment
 from enginediag_cli.detection.sequential import EProcess
 from enginediag_cli.detection.verdict import LEAST_SENSORS, lifeless, one_channel_decides, too_few, too_still
 from enginediag_cli.intake.left_out import GrossCounts
+from enginediag_cli.recordings.stuck import StuckRun
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.admission import Elsewhere, judged_inputs
 from enginediag_cli.residuals.distributions import chdtrc
 from enginediag_cli.residuals.gross_errors import FEWEST, UNRELATED, brief_departures
-from enginediag_cli.residuals.gross_gate import CleanBlocks, LiveGate, LiveRecords, input_effects
+from enginediag_cli.residuals.gross_gate import input_effects
 from enginediag_cli.residuals.groups import Key, Timeline
 from enginediag_cli.residuals.innovations import Innovations
+from enginediag_cli.residuals.instruments import InstrumentFault
+from enginediag_cli.residuals.live_gate import CleanBlocks, LiveGate, LiveRecords
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.units import split_column
 
@@ -79,7 +82,7 @@ class BlockReport:
     many of `sensors_of` gave a reading that was judged; log10_e: evidence that something has changed, as a power of
     ten; alarm: E has reached 1/α, in this block or before; change: what it looks like, once there is an alarm; reason:
     why the block tells nothing, "" where it does; elsewhere: how many records training did not cover, by where they
-    lie."""
+    lie; instruments: those that are stuck or scatter, as far as the flight has come."""
 
     key: Key
     block: int
@@ -101,6 +104,7 @@ class BlockReport:
     reason: str = ""
     elsewhere: Counter[Elsewhere] = field(default_factory=Counter)
     gross: GrossCounts = field(default_factory=GrossCounts)
+    instruments: Sequence[InstrumentFault] = ()
 
 
 @dataclass
@@ -132,8 +136,9 @@ class FlightMonitor:
         self.process = EProcess(coordinates_of(self.monitor), self.false_alarm)
         self._innovations = Innovations(self.monitor.noise)
 
-    def add(self, part: Recording) -> BlockReport:
-        """Judge the records of a block; those without inputs or outside the points identified are counted only."""
+    def add(self, part: Recording, masked: Sequence[StuckRun] = ()) -> BlockReport:
+        """Judge the records of a block; those without inputs or outside the points identified are counted only.
+        masked: runs of readings of the file that were stuck by themselves."""
         monitor = self.monitor
         taken = judged_inputs(monitor, part, widening=False)
         inputs, y, incomplete, outside = taken.inputs, taken.y, taken.incomplete, taken.outside
@@ -154,9 +159,9 @@ class FlightMonitor:
             failed = int(np.sum(~ok))
             if self._gate is None:
                 self._gate = LiveGate(monitor, [c for c in inputs if c in part])
-            new = LiveRecords(
-                {c: v[kept] for c, v in inputs.items()}, e, J, predicted, lags, clock[kept], part.line[kept]
-            )
+            self._gate.masked = masked
+            mine = {c: v[kept] for c, v in inputs.items()}
+            new = LiveRecords(mine, y[kept], e, J, predicted, lags, clock[kept], part.line[kept])
             self._clean = self._gate.add(new)
             gross = self._clean.rejected[-1]
             judged, reason = self._judge(sensors, reason)
@@ -183,6 +188,7 @@ class FlightMonitor:
             reason,
             taken.elsewhere(slice(None)),
             gross,
+            self._clean.instruments,
         )
 
     @property
@@ -218,6 +224,7 @@ class FlightMonitor:
             alarm=alarm,
             change=explain_change(self.process.pieces, self.process.coordinates) if alarm else None,
             reason=self._still or self._alone,
+            instruments=self._clean.instruments,
         )
 
     def _judge(self, sensors: int, reason: str) -> tuple[int, str]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from enginediag_cli.detection.follow import BlockReport, FlightMonitor
 from enginediag_cli.intake.intake import Intake
+from enginediag_cli.intake.left_out import LeftOut
 from enginediag_cli.intake.live import live_chunks
 from enginediag_cli.residuals.admission import Elsewhere
 from enginediag_cli.residuals.groups import Key, group_rows
@@ -42,7 +43,7 @@ class Following:
                 flights[key] = flight  # the latest is the last
                 while len(flights) > OPEN_FLIGHTS:
                     yield from self._finished(flights.pop(next(iter(flights))))
-                report = flight.add(chunk.select(rows))
+                report = flight.add(chunk.select(rows), self._left_out(key).stuck)
                 self.counts.update(
                     outside=report.outside,
                     incomplete=report.incomplete,
@@ -54,12 +55,16 @@ class Following:
         for flight in flights.values():
             yield from self._finished(flight)
 
+    def _left_out(self, key: Key) -> LeftOut:
+        """What was left out of the file of a flight."""
+        of_file = [left for left in self.intake.left_out if left.file == key[0]]
+        return (of_file or self.intake.left_out)[-1]
+
     def _finished(self, flight: FlightMonitor) -> Iterator[BlockReport]:
         """The end of a flight. What was rejected is counted where it is reported: files come in turn, each with one
         engine."""
         report = flight.finish()
-        of_file = [left for left in self.intake.left_out if left.file == flight.key[0]]
-        left = (of_file or self.intake.left_out)[-1]
+        left = self._left_out(flight.key)
         left.gross = left.gross + flight.gross
         if report is not None:
             yield report

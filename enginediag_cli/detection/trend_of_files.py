@@ -14,6 +14,7 @@ from enginediag_cli.engine.input_errors import InputError
 from enginediag_cli.errors import DataError
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.files import Window
+from enginediag_cli.residuals.instruments import FaultInFlights, InstrumentFault, faults_in_flights
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.series_monitor import effects_of_inputs
 from enginediag_cli.residuals.statistics import LocalStatistics
@@ -47,6 +48,7 @@ class Stretch:
 @dataclass(frozen=True)
 class Series:
     """The stretches of each engine in order, what the parameters are, and `lost`: windows that had no statistics.
+    instruments: of each engine those that are stuck or scatter in some of its flights, also of lost ones;
     steered: inputs that set the power, which an engine's state does not leave alone; errors: of inputs, by name;
     monitor: None where statistics came without one."""
 
@@ -56,6 +58,7 @@ class Series:
     steered: Collection[str] = ()
     errors: Mapping[str, InputError] = field(default_factory=dict)
     monitor: Monitor | None = None
+    instruments: Mapping[str, tuple[FaultInFlights, ...]] = field(default_factory=dict)
 
     def healthy(self, engine: str, records: int) -> int:
         """How many of an engine's first stretches hold no more than its first `records` records."""
@@ -153,18 +156,27 @@ def series_of(files: Windows, law: Law = "whole") -> Series:
     (`MOST_BYTES`). law: how much is kept of the law of each statistic, which is nine tenths of what it holds: all of
     it; its covariance V, which sums need; or nothing, where `readings` alone will be asked of the series."""
     found: dict[str, list[Stretch]] = {}
+    flights: dict[str, int] = {}
+    shown: dict[str, list[tuple[int, str, InstrumentFault]]] = {}
+    before: dict[str, tuple[str, str]] = {}
     place: dict[tuple[str, str, str], int] = {}
     known: dict[str, Parameter] = {}
     lost = 0
     size = 0.0
     for window, its_own in files.windows():
+        named = (window.source, window.flight)
+        if not window.flight or before.get(window.engine) != named:
+            flights[window.engine] = flights.get(window.engine, 0) + 1
+        before[window.engine] = named
+        for fault in window.instruments:
+            shown.setdefault(window.engine, []).append((flights[window.engine], window.flight, fault))
         if window.statistics is None:
             lost += 1
             continue
         known.update(its_own)
         mine = found.setdefault(window.engine, [])
         kept = _with_law(window.statistics, law, mine[0].kept if mine else None)
-        window = replace(window, statistics=None)
+        window = replace(window, statistics=None, weights=None)
         key = (window.engine, window.source, window.flight)
         if not window.flight or key not in place or not files.summed:
             place[key] = len(mine)
@@ -173,17 +185,18 @@ def series_of(files: Windows, law: Law = "whole") -> Series:
             if size > MOST_BYTES:
                 raise DataError(_too_many(found))
             continue
-        before = mine[place[key]]
+        one = mine[place[key]]
         try:
-            both = _sum(before.kept, kept)
+            both = _sum(one.kept, kept)
         except ValueError as error:
             raise DataError(f"{window.source}: flight {window.flight}: {error}") from None
-        mine[place[key]] = Stretch(joined([before.window, window]), both)
+        mine[place[key]] = Stretch(joined([one.window, window]), both)
+    wrong = {name: faults_in_flights(faults, flights[name]) for name, faults in shown.items()}
     if files.monitor is None:
-        return Series(found, known, lost)
+        return Series(found, known, lost, instruments=wrong)
     engine = files.monitor.engine
     steered = (getattr(engine, "power_setting", ""),)
-    return Series(found, known, lost, steered, getattr(engine, "errors", {}), files.monitor)
+    return Series(found, known, lost, steered, getattr(engine, "errors", {}), files.monitor, wrong)
 
 
 def _with_law(

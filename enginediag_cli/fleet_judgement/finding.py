@@ -9,6 +9,7 @@ from math import nan
 import numpy as np
 
 from enginediag_cli.fleet_judgement.history import Event
+from enginediag_cli.residuals.instruments import FaultInFlights
 
 HEALTHY, CHANGED, NO_VERDICT = "healthy", "changed", "no verdict"
 
@@ -118,7 +119,8 @@ class EngineFinding:
     since: number of the first changed flight, from 1, with its 95 % interval, 0 where nothing is found; severity: how
     far it has gone towards its limit, in `severity_unit` ("K" of the margin, or "sigma", prior standard deviations);
     unlisted: probability that what changed is something that is not among the suspects, NaN where it was not asked;
-    moved: what each of the events did, None where that is not known."""
+    moved: what each of the events did, None where that is not known; instruments: those that are stuck or scatter in
+    some of its flights."""
 
     serial: str
     build: str
@@ -142,6 +144,7 @@ class EngineFinding:
     baseline: int = 0
     state: State | None = field(default=None, repr=False, compare=False)
     moved: Sequence[Moved | None] = field(default=(), repr=False, compare=False)
+    instruments: Sequence[FaultInFlights] = ()
 
 
 @dataclass(frozen=True)

@@ -109,7 +109,9 @@ def _together(making: Making, store: Store, todo: dict[str, str]) -> dict[str, O
             condense=partial(monitored_as_read, monitor),
         )
         for window in windows:
-            keeping[window.source].take(window)
+            mine = (left for left in intake.left_out if left.file == window.source)
+            masked = [run for left in mine if left.engine in ("", window.engine) for run in left.stuck]
+            keeping[window.source].take(gate.judged(window, masked))
         gate.report(intake.left_out)
         for path, kept in keeping.items():
             left_out = tuple(left for left in intake.left_out if left.file == path)
@@ -151,7 +153,7 @@ class _Kept:
 
     def take(self, window: WindowStatistics) -> None:
         mine = self._waiting.setdefault(window.engine, [])
-        mine.append(replace(window, solution=None))
+        mine.append(replace(window, solution=None, weights=None))
         self._counts.update(window.counts)
         if sum(map(len, self._waiting.values())) >= PART:
             self._flush()

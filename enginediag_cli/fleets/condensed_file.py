@@ -26,10 +26,11 @@ from enginediag_cli.recordings.read import Absent
 from enginediag_cli.recordings.steady import GateReport
 from enginediag_cli.recordings.stuck import StuckRun
 from enginediag_cli.residuals.admission import Elsewhere
+from enginediag_cli.residuals.instruments import InstrumentFault
 from enginediag_cli.residuals.statistics import LocalStatistics
 from enginediag_cli.residuals.window import WindowStatistics
 
-FORMAT = 2
+FORMAT = 3
 """Of these files; others are made anew."""
 INDEX = "index.json"
 PLACES = ("first_line", "last_line", "start_s", "end_s", "records", "outside", "incomplete", "failed")
@@ -83,6 +84,9 @@ class CondensedWriter:
             str(k): [[e.column, e.judged, n] for e, n in w.elsewhere.items()]
             for k, w in enumerate(windows)
             if w.elsewhere
+        }
+        texts["instruments"] = {
+            str(k): [asdict(fault) for fault in w.instruments] for k, w in enumerate(windows) if w.instruments
         }
         part = Part(
             engine,
@@ -239,6 +243,7 @@ def _window(
         silent=tuple(texts["silent"].get(key, ())),
         elsewhere=Counter({Elsewhere(c, j): m for c, j, m in texts["elsewhere"].get(key, ())}),
         conditions={c: v for c, v in flown if np.isfinite(v)},
+        instruments=tuple(InstrumentFault(**fault) for fault in texts["instruments"].get(key, ())),
     )
 
 

@@ -92,12 +92,14 @@ def _judged(task: EngineTask) -> Judged:
     monitor = whole_monitor(task.nominal, task.fingerprint)
     stored = _Stored(task, monitor)
     series = series_of(stored, "covariance")
-    stretches = series.stretches.get(task.serial, [])
+    stretches, instruments = series.stretches.get(task.serial, []), series.instruments.get(task.serial, ())
     if not stretches:
-        return Judged(_nothing(task, stored, series), None, stored.elsewhere)
+        nothing = replace(_nothing(task, stored, series), instruments=instruments)
+        return Judged(nothing, None, stored.elsewhere)
     baseline = task.baseline.stretches([x.window.records for x in stretches])
     history = EngineHistory(task.serial, task.build, stretches, baseline, task.events)
     finding = judged_engine(history, series, task.settings, _scale(task.nominal, task.fingerprint))
+    finding = replace(finding, instruments=instruments)
     return Judged(finding, tree_sum([x.statistics for x in stretches]), stored.elsewhere)
 
 

@@ -21,7 +21,7 @@ from enginediag_cli.recordings.table import Recording, concat
 
 def live_chunks(intake: Intake, block: int, idle_s: float) -> Iterator[Recording]:
     """Masked blocks of up to `block` records of each file in turn; a file to which nothing is added for `idle_s`
-    seconds has ended. What only a longer stretch shows (stuck sensors, spikes) is not searched for."""
+    seconds has ended. What only a longer stretch shows (spikes) is not searched for."""
     codec = OWN.codec if intake.recorder is None else intake.recorder.dialect.codec
     for file in intake.source.files:
         source: Any = file if file == STDIN or is_whole(file) else GrowingFile(file, idle_s, codec=codec)

@@ -58,8 +58,22 @@ def tell_window(messages: Messages, verdict: Verdict, *, in_words: bool) -> None
     messages.record("note", told, verdict=verdict.verdict, p_value=p_value, **about(verdict))
 
 
+def tell_new_instruments(messages: Messages, report: BlockReport, known: set[str]) -> None:
+    """Instruments of a flight that are found stuck or scattering for the first time, beside those that are `known`."""
+    from enginediag_cli.presentation.sentences import instrument_fault
+
+    source, flight, engine = report.key
+    place = ", ".join(filter(None, [engine and f"engine {engine}", flight and f"flight {flight}"])) or source
+    for fault in report.instruments:
+        if fault.name not in known:
+            known.add(fault.name)
+            messages.note(f"{place}: {instrument_fault(fault)}", engine=engine, flight=flight)
+
+
 def block_row(report: BlockReport) -> dict[str, Any]:
     """A block as a row; what is said of the change is empty without an alarm."""
+    from enginediag_cli.presentation.sentences import instrument_fault
+
     change = report.change
     row: dict[str, Any] = dict(zip(("source", "flight", "engine"), report.key, strict=True))
     for name in (
@@ -89,6 +103,7 @@ def block_row(report: BlockReport) -> dict[str, Any]:
         onset_low_s=change.low_s if change else None,
         onset_high_s=change.high_s if change else None,
         reason=report.reason,
+        instruments=[instrument_fault(fault) for fault in report.instruments],
         gross_readings=report.gross.rejected,
     )
     return FOLLOW.row(row)

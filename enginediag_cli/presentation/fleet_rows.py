@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 from enginediag_cli.presentation.left_out import elsewhere_lines, not_judged_lines
 from enginediag_cli.presentation.margin_rows import taken_off_words
 from enginediag_cli.presentation.messages import Messages
-from enginediag_cli.presentation.sentences import count
+from enginediag_cli.presentation.sentences import count, instrument_in_flights
 
 if TYPE_CHECKING:
     from enginediag_cli.fleet_judgement.finding import EngineFinding, Estimate
     from enginediag_cli.fleets.keeping import Merged, Standing
     from enginediag_cli.fleets.models import Model
     from enginediag_cli.fleets.run import FleetResult
+    from enginediag_cli.residuals.instruments import FaultInFlights
 
 SCHEMA = "enginediag/fleet/1"
 """Of the document, whose keys stay while this does."""
@@ -46,6 +47,7 @@ def engine_rows(result: FleetResult) -> Iterator[dict[str, Any]]:
             "log10_e": x.log10_e,
             "unlisted": x.unlisted,
             "changed": [row.parameter for row in _changed(x)],
+            "instruments": [instrument_in_flights(found) for found in x.instruments],
             "margin_column": margin.column,
             **_estimate("margin_K", margin.now_K),
             **_estimate("remaining_flights", margin.remaining_flights),
@@ -126,9 +128,21 @@ def document(result: FleetResult, provenance: Sequence[str]) -> dict[str, Any]:
 
 def _engine(x: EngineFinding) -> dict[str, Any]:
     """Without its `state`, of which `common` tells what it comes to, and without the moments of its `events`."""
-    told = asdict(replace(x, state=None, moved=()))
+    told = asdict(replace(x, state=None, moved=(), instruments=()))
     del told["state"], told["moved"]
-    return told
+    return {**told, "instruments": [_instrument(found) for found in x.instruments]}
+
+
+def _instrument(x: FaultInFlights) -> dict[str, Any]:
+    fault = x.fault
+    names = ("flights", "of", "first", "first_flight", "last", "last_flight")
+    return {
+        "instrument": fault.instrument,
+        "column": fault.column,
+        "form": fault.form,
+        "words": instrument_in_flights(x),
+        **{name: getattr(x, name) for name in names},
+    }
 
 
 def _sum(build: str, x: Any) -> dict[str, Any]:
@@ -174,13 +188,18 @@ def tell_result(messages: Messages, result: FleetResult) -> None:
     for line in (*not_judged_lines(result.counts), *elsewhere_lines(result.elsewhere)):
         messages.note(line)
     counts = result.counts
-    found = len(result.recordings) - len(result.left_out)
+    judged = len(result.recordings) - len(result.left_out)
     messages.note(
-        f"{count(len(result.finding.engines), 'engine')}, {count(found, 'recording')}, "
+        f"{count(len(result.finding.engines), 'engine')}, {count(judged, 'recording')}, "
         f"{count(counts['records'], 'record')}; {count(counts['fresh'], 'recording')} condensed anew"
     )
     if result.consumed_limit_K and result.fleet.judge["taken_off"]:
         messages.note(taken_off_words(result.consumed_limit_K))
+    wrong = [(x.serial, found) for x in result.finding.engines for found in x.instruments]
+    for serial, found in wrong[:SHOWN]:
+        messages.note(f"engine {serial}: {instrument_in_flights(found)}", engine=serial)
+    if len(wrong) > SHOWN:
+        messages.note(f"{len(wrong) - SHOWN} more instruments are stuck or scatter; the rows name all")
     for common in result.finding.common:
         if common.common:
             messages.note(f"{common.words}: {common.reading}")

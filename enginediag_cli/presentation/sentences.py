@@ -14,7 +14,7 @@ from enginediag_cli.units import split_column
 if TYPE_CHECKING:
     from enginediag_cli.intake.agreement import Disagreement
     from enginediag_cli.isolation.classes import Class
-    from enginediag_cli.residuals.instruments import InstrumentFault
+    from enginediag_cli.residuals.instruments import FaultInFlights, InstrumentFault
 
 READ_WRONG = frozenset({"bias", "scale"})
 """Errors of a sensor by which it reads too high or too low."""
@@ -48,14 +48,10 @@ def change(parameter: Parameter, delta: float, half_width: float | None = None, 
 def instrument_fault(fault: InstrumentFault) -> str:
     """An instrument that is stuck or scatters, "T45 sensor is stuck at 812 K from record 120 of 400", "T45 sensor
     scatters 4 times its stated noise"."""
-    part = f"{fault.quantity} {'reading' if fault.of_input else 'sensor'}"
-    unit = split_column(fault.column)[1]
-    behind = "" if fault.probability > SURE else f" (probability {probability(fault.probability)})"
-    if fault.form == "noise" and fault.of_input:
-        return f"{part} scatters by {with_unit(fault.size, unit)}{behind}"
+    stuck = _wrong(fault)
     if fault.form == "noise":
-        return f"{part} scatters {fault.times:.2g} times its stated noise{behind}"
-    stuck = f"{part} is stuck at {with_unit(fault.size, unit, digits=STUCK_DIGITS)}"
+        behind = "" if fault.probability > SURE else f" (probability {probability(fault.probability)})"
+        return stuck + behind
     if fault.throughout:
         return f"{stuck} in all {count(fault.records, 'record')}"
     last = fault.first + fault.last_line - fault.first_line
@@ -64,6 +60,24 @@ def instrument_fault(fault: InstrumentFault) -> str:
     if last < fault.records:
         return f"{stuck} from record {fault.first:,} to {last:,} of {fault.records:,}"
     return f"{stuck} from record {fault.first:,} of {fault.records:,} on"
+
+
+def instrument_in_flights(found: FaultInFlights) -> str:
+    """An instrument that is stuck or scatters over flights, "T45 sensor is stuck at 812 K in 3 of 40 flights (12 to
+    14)"."""
+    first, last = found.first_flight or str(found.first), found.last_flight or str(found.last)
+    where = first if found.flights == 1 else f"{first} to {last}"
+    return f"{_wrong(found.fault)} in {found.flights:,} of {count(found.of, 'flight')} ({where})"
+
+
+def _wrong(fault: InstrumentFault) -> str:
+    """How an instrument is wrong, without where: "T45 sensor is stuck at 812 K"."""
+    part = f"{fault.quantity} {'reading' if fault.of_input else 'sensor'}"
+    unit = split_column(fault.column)[1]
+    if fault.form == "noise":
+        by = f"by {with_unit(fault.size, unit)}" if fault.of_input else f"{fault.times:.2g} times its stated noise"
+        return f"{part} scatters {by}"
+    return f"{part} is stuck at {with_unit(fault.size, unit, digits=STUCK_DIGITS)}"
 
 
 def _times(factor: float, value: float | None) -> float | None:

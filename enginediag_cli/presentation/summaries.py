@@ -118,6 +118,7 @@ FLEET = (
     "unit",
     "since",
     "changed",
+    "instruments",
     "margin_K",
     "remaining_flights",
     "discovery",

@@ -53,7 +53,8 @@ def trend_rows(engine: str, story: Story, series: Series) -> Iterator[dict[str, 
                     continue
                 changed.add(name)
                 told = {
-                    **_head(engine, story, name),
+                    **_head(engine, story, series),
+                    "parameter": name,
                     "component": member.component,
                     "kind": event.kind,
                     "probability": chance,
@@ -67,7 +68,8 @@ def trend_rows(engine: str, story: Story, series: Series) -> Iterator[dict[str, 
     for name, parameter in series.known.items():
         if name not in changed and parameter.component not in wrong:  # the other form of an instrument's error
             told = {
-                **_head(engine, story, name),
+                **_head(engine, story, series),
+                "parameter": name,
                 "component": parameter.component,
                 "kind": CANNOT_TELL if story.from_the_first or story.verdict == CANNOT_TELL else "steady",
                 "probability": story.inclusion.get(parameter.component, 0.0),
@@ -77,12 +79,13 @@ def trend_rows(engine: str, story: Story, series: Series) -> Iterator[dict[str, 
             yield TREND.row(told)
 
 
-def _head(engine: str, story: Story, parameter: str) -> dict[str, Any]:
-    return {"engine": engine, "flights": story.flights, "parameter": parameter, **_fit(story)}
+def _head(engine: str, story: Story, series: Series) -> dict[str, Any]:
+    from enginediag_cli.presentation.sentences import instrument_in_flights
 
-
-def _fit(story: Story) -> dict[str, Any]:
     return {
+        "engine": engine,
+        "flights": story.flights,
+        "instruments": [instrument_in_flights(found) for found in series.instruments.get(engine, ())],
         "verdict": story.verdict,
         "fit_before": story.fit.before,
         "fit": story.fit.after,
@@ -93,7 +96,7 @@ def _fit(story: Story) -> dict[str, Any]:
 def component_rows(engine: str, story: Story, series: Series) -> Iterator[dict[str, Any]]:
     """One row per event, with the component or the class of components; one alone where nothing changed or it cannot be
     told whether anything did, with the suspects as rivals."""
-    head = {"engine": engine, "flights": story.flights, **_fit(story)}
+    head = _head(engine, story, series)
     for event in story.events:
         told = {
             **head,
@@ -144,6 +147,16 @@ def _change(event: Event, story: Story, change: float, deviation: float) -> dict
         "rate_low": (change - half) / span,
         "rate_high": (change + half) / span,
     }
+
+
+def tell_instruments_in_flights(messages: Messages, series: Series) -> None:
+    """Instruments that are stuck or scatter in some flights of the engines of a series, in words."""
+    from enginediag_cli.presentation.sentences import instrument_in_flights
+
+    for engine, wrong in series.instruments.items():
+        for found in wrong:
+            name = f"engine {engine}: " if engine else ""
+            messages.note(f"{name}{instrument_in_flights(found)}", engine=engine)
 
 
 def tell_story(messages: Messages, engine: str, story: Story, series: Series) -> None:

@@ -264,7 +264,8 @@ class LiveMasker:
         columns, counts = {}, {}
         whole = QualitySettings(dropped_records=0)  # how long a gap lasts depends on what comes
         sensors = {c: chunk[c] for c in self.judged.columns if c not in self.judged.inputs}
-        held = self._held.add(sensors) if self.judged.repeated else {}
+        held = self._held.add(sensors, chunk.line) if self.judged.repeated else {}
+        self.counts.stuck = list(self._held.stuck)
         for column in self.judged.columns:
             limits = self.judged.limits.get(column) or physical_limits(column)
             reasons = local_reasons(chunk[column], limits, whole)

@@ -12,11 +12,12 @@ other, k the same throughout. Rounding makes readings repeat as well, but irregu
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 
+from enginediag_cli.recordings.stuck import StuckRun
 from enginediag_cli.recordings.table import Recording
 
 SEGMENT = 65_536
@@ -190,15 +191,19 @@ class HeldWatch:
     """The causal part, for a recording that is still being written. A reading that repeats the one before is held
     until the channel has changed often enough from one record to the next, as one does that is rounded; in a channel
     that hardly ever repeats a reading it is held, or stuck. A record in which every reading repeats is another matter.
+    stuck: runs of STUCK repeats and more of a channel that changed from record to record before, and of one that has
+    never changed, which `opens`: it may be coarse, and whoever knows what it should read decides.
     """
 
+    stuck: list[StuckRun] = field(default_factory=list)
+    _since: dict[str, int] = field(default_factory=dict)
     _last: dict[str, float] = field(default_factory=dict)
     # changes, those a record after another, runs of repeats that began, and how long the present one is
     _runs: dict[str, tuple[int, int, int, int]] = field(default_factory=dict)
     _changed: dict[str, bool] = field(default_factory=dict)
 
-    def add(self, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Masks (N,) of the readings of the next records that say nothing new, by column."""
+    def add(self, columns: Mapping[str, np.ndarray], line: np.ndarray) -> dict[str, np.ndarray]:
+        """Masks (N,) of the readings of the next records, on these lines (N,), that say nothing new, by column."""
         again, masks = {}, {}
         for column, x in columns.items():
             before = np.r_[self._last.get(column, np.nan), x[:-1]]
@@ -221,4 +226,18 @@ class HeldWatch:
             held = lone <= LONE_LIVE * changes or repeats <= max(1.0, RARE * changes)
             if moves is not None and (same & moves).any() and held:
                 masks[column] = same & moves
+                if lone > LONE_LIVE * changes or changes <= 1:
+                    like = StuckRun(column, 0.0, 0, 0, 0, opens=changes <= 1)
+                    self._note(like, line, lasts, columns[column])
+            if changed.any():
+                self._since[column] = int(line[changed][-1])
         return masks
+
+    def _note(self, like: StuckRun, line: np.ndarray, lasts: np.ndarray, x: np.ndarray) -> None:
+        """Note runs of STUCK repeats and more like this one; lasts (N,): how many there are up to each record."""
+        for k in np.flatnonzero((lasts >= STUCK) & (np.r_[lasts[1:], 0] == 0)).tolist():
+            n = int(lasts[k])
+            first = int(line[k - n]) if k >= n else self._since.get(like.column, int(line[0]))
+            found = replace(like, value=float(x[k]), first_line=first, last_line=int(line[k]), records=n + 1)
+            others = [run for run in self.stuck if (run.column, run.first_line) != (like.column, first)]
+            self.stuck = [*others, found]

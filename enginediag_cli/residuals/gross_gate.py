@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby, pairwise
+from itertools import groupby
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from enginediag_cli.recordings.stuck import StuckRun, joined_runs, same_runs, st
 from enginediag_cli.recordings.table import Recording, concat
 from enginediag_cli.residuals.admission import judged_inputs
 from enginediag_cli.residuals.gross_errors import (
-    AROUND,
     BLOCK,
     FEWEST,
     HALO,
@@ -33,13 +32,15 @@ from enginediag_cli.residuals.gross_errors import (
     suspected,
 )
 from enginediag_cli.residuals.groups import Key, Timeline, group_rows
-from enginediag_cli.residuals.instruments import Free, stuck_faults, stuck_inputs, stuck_outputs
+from enginediag_cli.residuals.instruments import (
+    stuck_faults,
+    stuck_inputs,
+    stuck_outputs,
+)
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.noise import NoiseModel
 from enginediag_cli.residuals.window import WindowStatistics
 
-HISTORY = 40
-"""Records with which new ones are compared: enough for a running median, and a fit that a few do not bend."""
 NOTES = 10_000
 """Records of one window with gross errors that are remembered each by itself, some megabytes; of more in pairs."""
 
@@ -186,25 +187,21 @@ class GrossErrorGate:
         self, context: _Held, stretches: list[tuple[np.ndarray, list[Key], np.ndarray, np.ndarray]], block: slice
     ) -> _Held:
         """The records of the context without readings that are stuck, and none of records with a stuck input."""
-        monitor, own, sigma = self.monitor, context.recording, self.monitor.noise.sigma
-        gone, still = np.zeros(context.e.shape, bool), _still(monitor)
+        monitor, own = self.monitor, context.recording
+        gone = np.zeros(context.e.shape, bool)
         for at, keys, *_ in stretches:
             readings = np.column_stack([own.columns.get(c, np.full(len(own), np.nan))[at] for c in monitor.sensors])
-            level, z = context.y[at] / sigma, context.e[at] / sigma
-            stuck = stuck_outputs(np.where(np.isfinite(z), readings, np.nan), level)
-            masks = {c: stuck[:, j] for j, c in enumerate(monitor.sensors) if stuck[:, j].any()}
-            recorded = {c: context.inputs[c][at] for c in monitor.engine.inputs if c in own and c not in still}
-            blind = stuck_inputs(np.where(stuck, np.nan, z), recorded, _with_free_input(monitor, context, at))
-            gone[at] |= stuck
-            for column, mask in {**masks, **blind}.items():
-                if column in blind:
-                    gone[at[mask]] = True
+            inputs = {c: v[at] for c, v in context.inputs.items()}
+            recorded = [c for c in monitor.engine.inputs if c in own]
+            gone[at], masks = stuck_readings(monitor, inputs, recorded, readings, context.e[at], context.y[at])
+            for column, mask in masks.items():
                 source, _, engine = keys[0]
                 rows = np.sort(np.concatenate([rows for key, rows in group_rows(own) if key[2] == engine]))
                 # records that cannot be judged, where a stuck input has led perhaps, belong to the run as well
                 whole = same_runs(own[column][rows], np.isin(rows, at[mask]))
-                mine = whole & (rows >= block.start) & (rows < block.stop)
-                runs = stuck_runs(column, own[column][rows], own.line[rows], mine)
+                inside = (rows >= block.start) & (rows < block.stop)
+                mine = rows[inside]
+                runs = stuck_runs(column, own[column][mine], own.line[mine], whole[inside])
                 joined_runs(self._stuck.setdefault((source, engine), []), runs)
         if not gone.any():
             return context
@@ -256,7 +253,7 @@ class GrossErrorGate:
         """Note what was rejected of those records of a stretch that are `mine` (n,)."""
         sensors = self.monitor.sensors
         spoilt = [c for c, bad in zip(sensors, found.spoilt, strict=True) if bad]
-        for k, counts in _counts(found, line, mine, sensors, inputs):
+        for k, counts in rejected_counts(found, line, mine, sensors, inputs):
             self._note(keys[k], int(line[k]), counts)
         last = {keys[k]: int(line[k]) for k in np.flatnonzero(mine)} if spoilt else {}
         for key, at in last.items():
@@ -275,21 +272,35 @@ class GrossErrorGate:
         self._total[place] = self._total.get(place, GrossCounts()) + counts
 
 
-def _with_free_input(monitor: Monitor, context: _Held, at: np.ndarray) -> Free:
-    """Residuals of the records at (n,) of the context with one input at other values than were read."""
-    sigma = monitor.noise.sigma
+def stuck_readings(
+    monitor: Monitor,
+    inputs: Mapping[str, np.ndarray],
+    recorded: Sequence[str],
+    readings: np.ndarray,
+    e: np.ndarray,
+    y: np.ndarray,
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Readings (n, m) of records in a row that are of no use, since they or an input are stuck, and which records (n,)
+    each such column is stuck in. inputs: column → (n,), of which some are `recorded`; e, y (n, m): residuals and what
+    is predicted."""
+    sigma, still = monitor.noise.sigma, _still(monitor)
+    gone = stuck_outputs(np.where(np.isfinite(e), readings, np.nan), y / sigma)
+    masks = {c: gone[:, j].copy() for j, c in enumerate(monitor.sensors) if gone[:, j].any()}
 
     def free(column: str, rows: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        mine = at[rows]
-        here = {c: v[mine] for c, v in context.inputs.items()} | {column: values}
+        here = {c: v[rows] for c, v in inputs.items()} | {column: values}
         found = monitor.engine.predict(here, monitor.base, sensors=monitor.sensors, wrt=(column,))
-        e = np.where(np.asarray(found.ok)[:, None], context.e[mine] + context.y[mine] - found.y, np.nan)
-        return e / sigma, -np.asarray(found.jacobian)[:, :, 0] / sigma
+        known = np.where(np.asarray(found.ok)[:, None], e[rows] + y[rows] - found.y, np.nan)
+        return known / sigma, -np.asarray(found.jacobian)[:, :, 0] / sigma
 
-    return free
+    moving = {c: inputs[c] for c in recorded if c not in still}
+    for column, mask in stuck_inputs(np.where(gone, np.nan, e / sigma), moving, free).items():
+        masks[column] = mask
+        gone[mask] = True
+    return gone, masks
 
 
-def _counts(
+def rejected_counts(
     found: GrossErrors, line: np.ndarray, mine: np.ndarray, sensors: Sequence[str], inputs: Sequence[str]
 ) -> Iterator[tuple[int, GrossCounts]]:
     """What was rejected of each record in lines (n,) that is `mine` (n,) and has gross errors."""
@@ -375,97 +386,6 @@ def _stretches(monitor: Monitor, context: _Held) -> Iterator[tuple[np.ndarray, l
 
 
 @dataclass(frozen=True)
-class LiveRecords:
-    """n records of a flight as they come: inputs, column → (n,); residuals e (n, m), NaN where there is no reading, and
-    sensitivities J (n, m, …), the first p those of the monitor; predicted y (n, m); lags (n,); time (n,) in s; line
-    (n,)."""
-
-    inputs: Mapping[str, np.ndarray]
-    e: np.ndarray
-    J: np.ndarray
-    y: np.ndarray
-    lags: np.ndarray
-    time: np.ndarray
-    line: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.e)
-
-    def select(self, rows: slice) -> LiveRecords:
-        """Some of the records."""
-        inputs = {c: v[rows] for c, v in self.inputs.items()}
-        return LiveRecords(inputs, *(getattr(self, name)[rows] for name in _ARRAYS))
-
-    @staticmethod
-    def joined(parts: Sequence[LiveRecords]) -> LiveRecords:
-        """Records one part after the other."""
-        inputs = {c: np.concatenate([part.inputs[c] for part in parts]) for c in parts[0].inputs}
-        return LiveRecords(inputs, *(np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS))
-
-
-_ARRAYS = ("e", "J", "y", "lags", "time", "line")
-
-
-@dataclass(frozen=True)
-class CleanBlocks:
-    """Blocks of a flight without gross readings, in order: `closed` ones are decided for good, `open` ones will be
-    judged anew with what follows them. rejected: what was rejected of each, of the closed ones first."""
-
-    closed: Sequence[LiveRecords] = ()
-    open: Sequence[LiveRecords] = ()
-    rejected: Sequence[GrossCounts] = ()
-
-
-class LiveGate:
-    """Gross errors of one flight that is still going on. A reading that departs may be a gross error or the start of a
-    change, and of a flight that has just begun nobody can say which readings are right: so a block is judged anew with
-    each that follows, until the running median of its last record is complete and `HISTORY` records are known."""
-
-    def __init__(self, monitor: Monitor, recorded: Sequence[str]):
-        self.monitor, self.recorded = monitor, tuple(recorded)
-        self._before: list[LiveRecords] = []
-        self._open: list[LiveRecords] = []
-
-    def add(self, new: LiveRecords) -> CleanBlocks:
-        """The blocks that were open, and this new one, the last."""
-        blocks = [*self._open, new]
-        known = LiveRecords.joined([*self._before, *blocks])
-        found = self._found(known)
-        clean, counts = known, dict[int, GrossCounts]()
-        if found is not None:
-            every = np.ones(len(known), bool)
-            counts = dict(_counts(found, known.line, every, self.monitor.sensors, self.recorded))
-            clean = replace(known, e=np.where(found.readings | found.records[:, None], np.nan, known.e))
-        stops = np.cumsum([sum(map(len, self._before)), *map(len, blocks)]).tolist()
-        rows = [range(*ends) for ends in pairwise(stops)]
-        rejected = [
-            sum((replace(counts[k], judged=0) for k in r if k in counts), GrossCounts(judged=len(r))) for r in rows
-        ]
-        N = len(known)
-        closed = sum(N - r.stop >= AROUND // 2 for r in rows) if N >= HISTORY else 0
-        self._open = blocks[closed:]
-        if closed:
-            self._before = [known.select(slice(max(0, min(N - HISTORY, rows[closed].start)), rows[closed].start))]
-        pieces = [clean.select(slice(r.start, r.stop)) for r in rows]
-        return CleanBlocks(pieces[:closed], pieces[closed:], rejected)
-
-    def _found(self, known: LiveRecords) -> GrossErrors | None:
-        """The gross errors of known records, None where no reading is suspected."""
-        monitor, p = self.monitor, len(self.monitor.names)
-        sigma = monitor.noise.sigma
-        z, level = known.e / sigma, known.y / sigma
-        if not suspected(z, level, monitor.noise):
-            return None
-        G = np.nan_to_num(known.J[:, :, :p] / sigma[:, None])
-
-        def effects(rows: np.ndarray) -> np.ndarray:
-            return input_effects(monitor, known.inputs, rows, self.recorded)
-
-        stretch = Stretch(z, G, level, known.lags, known.time, monitor.precision, monitor.noise, effects)
-        return find_gross_errors(stretch)
-
-
-@dataclass(frozen=True)
 class CleanFlight:
     """Columns of a flight that lost readings, and what was rejected of it."""
 
@@ -516,7 +436,7 @@ def gross_of_flight(
         found = find_gross_errors(stretch, events=True)
         mine = (at >= start) & (at < start + BLOCK)
         gone[at[mine]] = (found.readings | found.records[:, None])[mine]
-        for _, some in _counts(found, at, mine, sensors, read):
+        for _, some in rejected_counts(found, at, mine, sensors, read):
             counts = counts + replace(some, lines={}, excursions={}, judged=0)
         counts = counts + GrossCounts(judged=int(mine.sum()))
     clean = {s: np.where(gone[:, j], np.nan, y[:, j]) for j, s in enumerate(sensors) if gone[:, j].any()}

@@ -27,7 +27,7 @@ noisy it is the model that fails, and none is named.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -114,17 +114,45 @@ def stuck_faults(
             continue
         first, last = max(run.first_line, lines[0]), min(run.last_line, lines[1])
         share = (last - first + 1) / (run.last_line - run.first_line + 1)
+        count = max(round(share * run.records), 1)
+        if count < STUCK_RECORDS <= records:  # the last reading before it stuck, and a few like it, are no fault
+            continue
         yield InstrumentFault(
             run.column,
             STUCK,
             run.column in inputs,
             run.value,
-            count=max(round(share * run.records), 1),
+            count=count,
             records=records,
             first_line=first,
             last_line=last,
             first=first - lines[0] + 1 if consecutive else 0,
         )
+
+
+@dataclass(frozen=True)
+class FaultInFlights:
+    """A fault of an instrument in the flights of an engine: as the last of them shows it, in how many of so many
+    flights, and the number, from 1, and the name of the first and of the last that show it."""
+
+    fault: InstrumentFault
+    flights: int
+    of: int
+    first: int
+    last: int
+    first_flight: str = ""
+    last_flight: str = ""
+
+
+def faults_in_flights(shown: Iterable[tuple[int, str, InstrumentFault]], of: int) -> tuple[FaultInFlights, ...]:
+    """The faults that flights show, (number, name, fault) in order, of so many flights: one of each form of each
+    instrument, the most frequent first."""
+    found: dict[str, FaultInFlights] = {}
+    for number, flight, fault in shown:
+        old = found.get(fault.name, FaultInFlights(fault, 0, of, number, 0, flight))
+        more = old.flights + (old.last != number)
+        found[fault.name] = replace(old, fault=fault, flights=more, last=number, last_flight=flight)
+    return tuple(sorted(found.values(), key=lambda x: -x.flights))
 
 
 def identical(values: np.ndarray, least: int) -> list[tuple[int, int]]:

@@ -67,7 +67,8 @@ class Monitor:
     upper (p,); uncertainty (p, p). nominal: the fingerprint of the nominal state, to which statistics are bound.
     smooth: whether `compact` finds its fit good enough, None where that is not known. slopes: how wrong the maps may
     make the effect of a change, None where they are taken to be right. lagging: readings that lag where the engine
-    moves, which `with_lagging` makes part of what is uncertain.
+    moves, which `with_lagging` makes part of what is uncertain. doubtful: the monitor with what is uncertain about
+    nominal, of one that goes without.
     """
 
     engine: MonitoredModel
@@ -88,6 +89,7 @@ class Monitor:
     smooth: bool | None = None
     slopes: MapSlopes | None = None
     lagging: tuple[LaggingReading, ...] = ()
+    doubtful: Monitor | None = None
 
     @cached_property
     def precision(self) -> np.ndarray:

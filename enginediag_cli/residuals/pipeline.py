@@ -372,8 +372,12 @@ def scattering_instruments(
         return np.concatenate([unit, np.asarray(found.jacobian)], axis=2)
 
     def of_nominal() -> np.ndarray:
-        J = np.diff(nominal.J, axis=0)
-        return np.asarray(np.sum((J @ monitor.uncertainty) * J, axis=2))
+        J, known = nominal.J, monitor
+        if monitor.doubtful is not None:
+            known = monitor.doubtful
+            J = known.predict(nominal.inputs, known.theta0)[1]
+        J = np.diff(J, axis=0)
+        return np.asarray(np.sum((J @ known.uncertainty) * J, axis=2))
 
     found = scattering(e, nominal.predicted, noise, lags, effects, of_nominal)
     if not found:

@@ -53,6 +53,7 @@ def certain(monitor: Monitor) -> Monitor:
         uncertainty=np.zeros((k, k)),
         offsets=(),
         lagging=(),
+        doubtful=monitor,
     )
     bent = curvature_of(alone)
     if bent is None:

@@ -114,6 +114,7 @@ def joined(parts: Sequence[WindowStatistics]) -> WindowStatistics:
         incomplete=total("incomplete"),
         failed=total("failed"),
         elsewhere=sum((part.elsewhere for part in parts), Counter()),
+        instruments=tuple(fault for part in parts for fault in part.instruments),
     )
 
 

@@ -29,7 +29,7 @@ from end_to_end import ROOT, run
 from enginediag_cli.detection import follow
 from enginediag_cli.engine.input_errors import OF_NOISE, InputErrors
 from enginediag_cli.intake.baseline import open_baseline
-from enginediag_cli.residuals import gross_gate
+from enginediag_cli.residuals import gross_gate, live_gate
 from enginediag_cli.residuals.monitor import Monitor, monitor_of
 from enginediag_cli.units import split_column
 
@@ -236,13 +236,13 @@ def exact(nominal: Path, path: Path, truth: Sequence[str], dead: Mapping[str, st
 @contextmanager
 def without_rejection() -> Iterator[None]:
     """Everything as it is, but nothing is taken for a gross error, nor for what may be one."""
-    kept = gross_gate.suspected, follow.brief_departures
-    gross_gate.suspected = lambda *_: False
+    kept = gross_gate.suspected, live_gate.suspected, follow.brief_departures
+    gross_gate.suspected = live_gate.suspected = lambda *_: False
     follow.brief_departures = lambda t, *_: np.zeros(t.shape, bool)
     try:
         yield
     finally:
-        gross_gate.suspected, follow.brief_departures = kept
+        gross_gate.suspected, live_gate.suspected, follow.brief_departures = kept
 
 
 def cost(nominal: Path, healthy: Path, wrong: Path) -> dict[str, float]:

@@ -115,7 +115,9 @@ def test_a_live_channel_that_was_stuck_several_times_is_not_rounded(block):
         stuck[first : first + 40] = True
     watch, masks = HeldWatch(), []
     for i in range(0, 400, block):
-        found = watch.add({"x": x[i : i + block], "other": other[i : i + block]})
+        found = watch.add({"x": x[i : i + block], "other": other[i : i + block]}, np.arange(i, min(i + block, 400)))
         assert "other" not in found
         masks.append(found.get("x", np.zeros(len(x[i : i + block]), bool)))
     assert np.array_equal(np.concatenate(masks), stuck)
+    runs = [(run.column, run.first_line, run.last_line, run.records, run.value) for run in watch.stuck]
+    assert runs == [("x", k - 1, k + 39, 41, x[k - 1]) for k in (50, 150, 250, 350)]

@@ -16,7 +16,8 @@ from enginediag_cli.residuals.gross_errors import (
     find_gross_errors,
     running_median,
 )
-from enginediag_cli.residuals.gross_gate import GrossErrorGate, LiveGate, LiveRecords
+from enginediag_cli.residuals.gross_gate import GrossErrorGate
+from enginediag_cli.residuals.live_gate import LiveGate, LiveRecords
 from enginediag_cli.residuals.noise import NoiseModel
 
 N, M, P, Q = 130, 7, 5, 3
@@ -200,7 +201,7 @@ def followed(e, block):
     inputs = {c: np.full(len(e), x) for c, x in zip(monitor.engine.inputs, (5e3, 0.5, 0.8), strict=True)}
     y, J, _, _ = monitor.predict(inputs, monitor.theta0)
     k = np.arange(len(e))
-    whole = LiveRecords(inputs, e * SIGMA, J, y, np.where(k == 0, np.inf, 1.0), 60.0 * k, k + 2)
+    whole = LiveRecords(inputs, y + e * SIGMA, e * SIGMA, J, y, np.where(k == 0, np.inf, 1.0), 60.0 * k, k + 2)
     gate, decided, sizes = LiveGate(monitor, monitor.engine.inputs), [], []
     for i in range(0, len(e), block):
         found = gate.add(whole.select(slice(i, i + block)))

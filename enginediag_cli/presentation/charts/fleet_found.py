@@ -101,6 +101,7 @@ class EngineFound:
     events: Sequence[EventFound]
     margin: MarginFound
     origin: Origin
+    instruments: Sequence[str] = ()
 
 
 def engines_of(document: Mapping[str, Any], file: str) -> list[EngineFound]:
@@ -144,6 +145,7 @@ def _engine(e: Mapping[str, Any], file: str, place: str) -> EngineFound:
             str(m.get("reason") or ""),
         ),
         Origin(file, place),
+        [str(x["words"]) for x in e.get("instruments") or ()],
     )
 
 

@@ -69,6 +69,7 @@ FOLLOW = Table(
         column("onset_low_s", "number", "lower end of the 95 % interval of the onset", "s", empty=True),
         column("onset_high_s", "number", "upper end of the 95 % interval of the onset", "s", empty=True),
         column("reason", "text", "why the block tells nothing; empty where it does"),
+        INSTRUMENTS,
         GROSS,
     ),
 )

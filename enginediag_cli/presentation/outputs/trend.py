@@ -5,6 +5,7 @@ from __future__ import annotations
 from enginediag_cli.config.fields import Field
 from enginediag_cli.presentation.outputs.beside import ASKED_SCOPE, SCOPE
 from enginediag_cli.presentation.outputs.declared import Table, column
+from enginediag_cli.presentation.outputs.windows import INSTRUMENTS
 
 _SERIES = (
     column("engine", "text", "engine, as its recording calls it"),
@@ -19,6 +20,7 @@ _FIT = (
     column("fit_before", "number", "χ² per degree of freedom without any change", empty=True),
     column("fit", "number", "χ² per degree of freedom with what is told here", empty=True),
     column("unlisted", "number", "probability that it is something that is not among the suspects", empty=True),
+    INSTRUMENTS,
 )
 _ONSET = (
     column("onset", "integer", "flight from which on, counted from 1 in the series", empty=True),

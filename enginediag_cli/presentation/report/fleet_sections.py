@@ -54,8 +54,8 @@ GLANCE = (
 
 
 def _glance(engines: Sequence[EngineFound]) -> Iterator[Block]:
-    """Every engine that changed or could not be judged, worst first."""
-    told = [e for e in engines if e.verdict != "healthy"]
+    """Every engine that changed, could not be judged or has an instrument that is stuck or scatters, worst first."""
+    told = [e for e in engines if e.verdict != "healthy" or e.instruments]
     rows = [(e.serial, _what(e), _since(e), _surely(e), _left(e.margin.remaining_flights)) for e in told]
     if rows:
         yield Tabled("Engines that need a look", Table(GLANCE, rows, [e.origin for e in told]))
@@ -63,8 +63,12 @@ def _glance(engines: Sequence[EngineFound]) -> Iterator[Block]:
 
 def _what(e: EngineFound) -> str:
     if e.verdict == "no verdict":
-        return f"not judged: {e.reason}"
-    return "; ".join(_size(h) for h in _changed(e)) or "changed; no single parameter stands out"
+        told = [f"not judged: {e.reason}"]
+    elif e.verdict == "healthy":
+        told = ["healthy"]
+    else:
+        told = [_size(h) for h in _changed(e)] or ["changed; no single parameter stands out"]
+    return "; ".join([*told, *e.instruments])
 
 
 def _changed(e: EngineFound) -> list[HealthFound]:
@@ -124,6 +128,7 @@ def _engine(e: EngineFound, key: str) -> Section:
     marks = maintenance_marks(e)
     charts = [margin(f"{key}-margin", e, marks), evidence_course(f"{key}-evidence", e, marks)]
     blocks: list[Block] = [Words(e.reason)] if e.reason else []
+    blocks += [Bullets(e.instruments)] if e.instruments else []
     blocks += [chart for chart in charts if chart is not None]
     blocks += [*_health(e), *_events(e)]
     return Section(key, f"Engine {e.serial}", blocks)
