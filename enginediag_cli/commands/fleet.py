@@ -28,9 +28,7 @@ WHAT = ("engines", "health", "flights")
 @click.command(
     cls=WithParts,
     short_help="Judge the engines of a fleet, rank them, and say what is common.",
-    epilog=exit_codes(
-        finding="an engine is listed, or an instrument stuck or noisy, and --exit-code given"
-    ),
+    epilog=exit_codes(finding="an engine is listed, or an instrument stuck or noisy, and --exit-code given"),
 )
 @click.argument("fleet_file", metavar="FLEET.yaml", type=ConfigFile())
 @fleet_recordings
