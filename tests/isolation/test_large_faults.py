@@ -64,6 +64,24 @@ def test_a_log_likelihood_alone_is_that_of_the_expansion_wherever_the_engine_beg
     np.testing.assert_allclose(known.log_likelihood(changes), expected, rtol=1e-6, atol=1e-6)
 
 
+def test_what_is_no_suspect_leaves_the_likelihood_of_other_changes_as_it_is():
+    """The uncertainties of two parameters may make up for each other, also where one of them cannot have changed."""
+    watched, rng = toy_monitor(offset=3.0, uncertain=2.0), np.random.default_rng(8)
+    doubt = watched.uncertainty.copy()
+    doubt[:2, :2] += 0.02**2 * np.array([[1.0, -0.9], [-0.9, 1.0]])
+    watched = replace(watched, uncertainty=doubt)
+    recording = toy_recording(rng, 60, change={"hpc.efficiency": -0.01})
+    inputs = {c: recording.columns[c] for c in watched.engine.inputs}
+    y = np.column_stack([recording.columns[c] for c in watched.sensors])
+    fewer = watched.without([watched.monitored[1]])
+    assert fewer.monitored == (watched.monitored[0], *watched.monitored[2:])
+    changes = 0.01 * rng.standard_normal((5, 4))
+    changes[:, 1] = 0.0
+    expected = WindowModel(watched, inputs, y).log_likelihood(changes)
+    found = WindowModel(fewer, inputs, y).log_likelihood(np.delete(changes, 1, axis=1))
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
+
+
 def test_what_is_uncertain_about_nominal_counts_alike_in_the_full_model_and_in_the_statistics():
     """A reading may be off by 5000 K, an efficiency by 10⁻⁴: neither may be lost in rounding."""
     watched = toy_monitor(offset=5e3, uncertain=2.0)
