@@ -29,7 +29,7 @@ class ResidualResult(Result):
         from enginediag_cli.residuals.flat import flat_columns
         from enginediag_cli.residuals.seal import CHECKSUM, MADE_COLUMNS
 
-        monitor = comparison.monitor(sensors=sensors)
+        monitor = comparison.monitor(sensors=sensors, drifts=sensors)
         if monitor is None:
             raise UsageError("residual needs a nominal engine")
         self._monitor, self._what = monitor, what

@@ -141,7 +141,7 @@ class IsolationResult(Result):
         self._choices, self._options = choices, options
         watched = choices.sensors_watched(comparison.options.monitor)
         self._monitor = monitor = comparison.monitor(sensors=watched, drifts=True)
-        self._files = files = comparison.files(monitor)
+        self._files = files = comparison.files(monitor, drifts=True)
         self._diagnosis = choices.diagnosis_options(judging.linearise, options)
         kept = _kept_records(comparison, choices, monitor)
         flips = self._looked_for(choices.flips)

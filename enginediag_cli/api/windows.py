@@ -139,14 +139,16 @@ class Comparison:
             baseline = replace(baseline, nominal=with_accuracy(baseline.nominal, accuracy))
         return monitor_of(baseline, tuple(self.options.monitor), sensors=sensors, drifts=drifts)
 
-    def files(self, monitor: Monitor | None, *, summed: bool = False, series: bool = False) -> JudgedFiles:
+    def files(
+        self, monitor: Monitor | None, *, summed: bool = False, series: bool = False, drifts: bool = False
+    ) -> JudgedFiles:
         """The recordings as windows; summed: windows of a flight are added up; series: they are compared with each
-        other."""
+        other; drifts: what statistics hold of drifts of instruments is read, too."""
         from enginediag_cli.residuals.files import JudgedFiles
 
         given = self.options.set_by_user(self.source)
         intake = open_intake(self.source, monitor)
-        return JudgedFiles(intake, monitor, self.judging, summed=summed, given=given, series=series)
+        return JudgedFiles(intake, monitor, self.judging, summed=summed, given=given, series=series, drifts=drifts)
 
     def head(
         self,

@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 @compared_options(required=True)
 @judging_options
 @window_options
-@click.option("--sensors", is_flag=True, help="Statistics of a bias of every sensor, too, for isolate.")
+@click.option(
+    "--sensors", is_flag=True, help="Statistics of bias, scale and drift of every instrument, too, for isolate."
+)
 @click.option(
     "--what",
     type=click.Choice(["statistics", "records"]),

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, islice
 
-from enginediag_cli.engine.drifts import ELAPSED
+from enginediag_cli.engine.drifts import DRIFT, ELAPSED
 from enginediag_cli.errors import DataError, NoVerdictError
 from enginediag_cli.intake.intake import File, Intake
 from enginediag_cli.parameters import Parameter
@@ -68,6 +68,7 @@ class JudgedFiles:
     without a reference. solutions: windows hold the engine's unknowns, too. additive: windows of recordings hold what
     is uncertain beside the monitored parameters, so that they add, as long as no reference is taken out of them.
     brief: no estimate is sought in recordings that are likelier wrong than the engine, which none explains.
+    drifts: what statistics hold of drifts of instruments is read, too, which are suspects of isolation alone.
     `ledger`: what was read of statistics."""
 
     intake: Intake
@@ -83,6 +84,7 @@ class JudgedFiles:
     solutions: bool = False
     additive: bool = False
     brief: bool = False
+    drifts: bool = False
 
     _few: Monitor | None = field(default=None, repr=False)
 
@@ -167,9 +169,10 @@ class JudgedFiles:
         self.intake.inherit(file.table.provenance)
         form = as_read if self.series else marginalised
         for window, known in read_statistics(file.table.lines, file.table.name, self.ledger):
+            drifting = {n for n, p in known.items() if p.of_instrument and p.quantity == DRIFT and not self.drifts}
             if window.statistics is not None:
-                window = replace(window, statistics=form(window.statistics))
-            yield window, known
+                window = replace(window, statistics=form(window.statistics).without(drifting))
+            yield window, {name: p for name, p in known.items() if name not in drifting}
 
     def _count(self, window: WindowStatistics) -> None:
         self.counts.update(window.counts)
