@@ -292,7 +292,7 @@ def _other_engine(origin: Origin, columns: Columns, as_read: Misfit) -> Trial | 
     if not fitting or (len(fitting) > 1 and fitting[1][1].log_likelihood > fitting[0][1].log_likelihood - APART):
         return None
     mistake, misfit = fitting[0]
-    return Trial(mistake, misfit, misfit.log_likelihood - as_read.log_likelihood, misfit.sensors)
+    return Trial.of_misfits(mistake, misfit, as_read)
 
 
 def _best(tried: Sequence[Trial], origin: Origin, columns: Columns) -> tuple[Trial | None, list[Mistake]]:
@@ -315,9 +315,9 @@ def _best(tried: Sequence[Trial], origin: Origin, columns: Columns) -> tuple[Tri
 
 
 def _close(trial: Trial, best: Trial) -> bool:
-    """Whether the likeliest mistake is not likelier than another by what counts; what both change may be misfitted by
-    the model as much as either leaves it."""
-    rest = max(best.rest, trial.rest) if trial.touched == best.touched else best.rest
+    """Whether the likeliest mistake is not likelier than another by what counts; a column may be misfitted by the
+    model as much as either leaves it."""
+    rest = max(best.rest, trial.rest) if trial.mistake.column == best.mistake.column else best.rest
     return trial.gain > best.gain - APART - OF_THE_REST * rest
 
 

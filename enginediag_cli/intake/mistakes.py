@@ -378,24 +378,28 @@ def _swaps(origin: Origin, recorded: Sequence[str]) -> Iterator[Mistake]:
         yield Mistake("swapped", a, words, hint, _swapped(a, b, scale))
 
 
+CHANGED = 0.1
+"""Change of ln f of a sensor that is one: half a unit of log-likelihood."""
+
+
 @dataclass(frozen=True)
 class Trial:
-    """A mistake, the misfit with it, and by how much likelier (log odds) the recording is with it than as read.
-    touched: the sensors whose deviations it changes: its own, or all where it changes inputs or the engine."""
+    """A mistake, the misfit with it put right, and by how much likelier (log odds) the recording then is than as read.
+    rest: −ln p, with it put right, of the readings that it makes fit better or worse."""
 
     mistake: Mistake
     misfit: Misfit
     gain: float
-    touched: tuple[str, ...]
+    rest: float
 
-    @property
-    def rest(self) -> float:
-        """−ln p of the readings that it changes, with the mistake put right."""
-        misfit = self.misfit
-        if len(self.touched) == len(misfit.sensors):
-            return max(-misfit.log_likelihood, 0.0)
-        own = np.isin(misfit.sensors, self.touched)
-        return float(max(misfit.count[own] @ np.log(misfit.factor[own]), 0.0))
+    @staticmethod
+    def of_misfits(mistake: Mistake, misfit: Misfit, as_read: Misfit) -> Trial:
+        """With the misfits of a recording put right and as read."""
+        before = dict(zip(as_read.sensors, as_read.factor.tolist(), strict=True))
+        ratio = np.log([f / before.get(s, np.inf) for s, f in zip(misfit.sensors, misfit.factor, strict=True)])
+        own = np.where(np.abs(ratio) > CHANGED, misfit.count * np.log(misfit.factor), 0.0)
+        gain = misfit.log_likelihood + mistake.prior - as_read.log_likelihood
+        return Trial(mistake, misfit, gain, max(float(np.sum(own)), 0.0))
 
 
 FINALISTS = 6
@@ -442,11 +446,7 @@ def trials(yardstick: Yardstick, origin: Origin, columns: Columns, as_read: Misf
     for _, mistake in first[:FINALISTS]:
         changed = origin.derived(columns, mistake.change(columns))
         misfit = yardstick.misfit(changed, 3, mistake.values)
-        gain = misfit.log_likelihood + mistake.prior - as_read.log_likelihood
-        other = {c for c in changed if c in columns and not np.array_equal(changed[c], columns[c], equal_nan=True)}
-        everywhere = bool(mistake.values) or not other.isdisjoint(yardstick.given)
-        touched = misfit.sensors if everywhere else tuple(s for s in misfit.sensors if s in other)
-        ended.append(Trial(mistake, misfit, gain, touched))
+        ended.append(Trial.of_misfits(mistake, misfit, as_read))
     return sorted(ended, key=lambda one: -one.gain)
 
 
@@ -497,8 +497,7 @@ def factor_trial(yardstick: Yardstick, origin: Origin, columns: Columns, as_read
     likely = [yardstick.misfit(c, 1, answer=a).log_likelihood for (_, c), a in zip(tried, answers, strict=True)]
     mistake = tried[int(np.argmax(likely))][0]
     misfit = yardstick.misfit(origin.derived(columns, mistake.change(columns)), 3)
-    gain = misfit.log_likelihood + mistake.prior - as_read.log_likelihood
-    return Trial(mistake, misfit, gain, misfit.sensors)
+    return Trial.of_misfits(mistake, misfit, as_read)
 
 
 def _by_factor(origin: Origin, column: str, factor: float) -> Mistake:
