@@ -14,6 +14,20 @@ if TYPE_CHECKING:
     from enginediag_cli.api.detection import detect_by_method as detect_by_method
     from enginediag_cli.api.detection import follow as follow
     from enginediag_cli.api.detection import residual as residual
+    from enginediag_cli.api.discrepancy import ExplainResult as ExplainResult
+    from enginediag_cli.api.discrepancy import LocateResult as LocateResult
+    from enginediag_cli.api.discrepancy import PerRecordResult as PerRecordResult
+    from enginediag_cli.api.discrepancy import SearchOptions as SearchOptions
+    from enginediag_cli.api.discrepancy import effect_names as effect_names
+    from enginediag_cli.api.discrepancy import explain as explain
+    from enginediag_cli.api.discrepancy import locate as locate
+    from enginediag_cli.api.discrepancy import locate_per_record as locate_per_record
+    from enginediag_cli.api.fleets import FleetResult as FleetResult
+    from enginediag_cli.api.fleets import StoreResult as StoreResult
+    from enginediag_cli.api.fleets import fleet as fleet
+    from enginediag_cli.api.fleets import fleet_status as fleet_status
+    from enginediag_cli.api.fleets import merge_stores as merge_stores
+    from enginediag_cli.api.fleets import prune_store as prune_store
     from enginediag_cli.api.inputs import Recordings as Recordings
     from enginediag_cli.api.inputs import load_engine as load_engine
     from enginediag_cli.api.inputs import load_nominal as load_nominal
@@ -22,9 +36,13 @@ if TYPE_CHECKING:
     from enginediag_cli.api.isolation import isolate as isolate
     from enginediag_cli.api.over_time import MarginOptions as MarginOptions
     from enginediag_cli.api.over_time import TrendResult as TrendResult
+    from enginediag_cli.api.over_time import forecast as forecast
     from enginediag_cli.api.over_time import trend as trend
+    from enginediag_cli.api.refinement import RefineResult as RefineResult
+    from enginediag_cli.api.refinement import refine as refine
     from enginediag_cli.api.reporting import ReportPage as ReportPage
     from enginediag_cli.api.reporting import report as report
+    from enginediag_cli.api.results import DocumentResult as DocumentResult
     from enginediag_cli.api.results import MessageLog as MessageLog
     from enginediag_cli.api.results import Picture as Picture
     from enginediag_cli.api.results import Result as Result
@@ -41,11 +59,23 @@ HOMES = {
         "follow",
         "residual",
     ),
+    "api.discrepancy": (
+        "ExplainResult",
+        "LocateResult",
+        "PerRecordResult",
+        "SearchOptions",
+        "effect_names",
+        "explain",
+        "locate",
+        "locate_per_record",
+    ),
+    "api.fleets": ("FleetResult", "StoreResult", "fleet", "fleet_status", "merge_stores", "prune_store"),
     "api.inputs": ("Recordings", "load_engine", "load_nominal", "read_recordings"),
     "api.isolation": ("IsolationResult", "isolate"),
-    "api.over_time": ("MarginOptions", "TrendResult", "trend"),
+    "api.over_time": ("MarginOptions", "TrendResult", "forecast", "trend"),
+    "api.refinement": ("RefineResult", "refine"),
     "api.reporting": ("ReportPage", "report"),
-    "api.results": ("MessageLog", "Picture", "Result"),
+    "api.results": ("DocumentResult", "MessageLog", "Picture", "Result"),
     "api.windows": ("WindowOptions",),
 }
 """Module → names that it gives to the library; a module is loaded when one of its names is first used."""

@@ -302,3 +302,48 @@ def trend(
     """
     choices = TrendChoices(what, by, sensors, work_scope, tuple(events), margin or MarginOptions())
     return TrendResult(compare(nominal, recordings, windows, messages), choices).complete(stream)
+
+
+def forecast(
+    nominal: NominalLike,
+    recordings: RecordingsLike,
+    *,
+    margin: MarginOptions | None = None,
+    sensors: bool = True,
+    messages: Messages | None = None,
+    stream: bool = False,
+    **windows: Any,
+) -> TrendResult:
+    """Forecast how many flights the margin of the turbine temperature lasts: `trend` of ``what="margin"``.
+
+    Parameters
+    ----------
+    nominal : str, Path, Baseline or IdentificationResult
+        Nominal engine.
+    recordings
+        Paths, `Recordings`, arrays or a DataFrame; see `read_recordings`.
+    margin : MarginOptions, optional
+        What the margin is counted to and from, such as ``MarginOptions(limits_K={"T45_K": 1180.0})``. Without a limit
+        the rows say what wear has taken, and that there is no forecast.
+    sensors : bool
+        Whether instruments are suspected.
+    messages : Messages, optional
+        Receives sentences and warnings; they are collected when not given.
+    stream : bool
+        Compute rows only as they are read.
+    **windows
+        Attributes of `WindowOptions`; ``reference`` says that nothing began in an engine's first records.
+
+    Returns
+    -------
+    TrendResult
+        One row per flight, one per event of maintenance and one per engine with its margin [K], the rate at which it
+        falls [K per flight] and the flights that are left, median and 90 % interval; or why there is no forecast.
+
+    Raises
+    ------
+    UsageError, ConfigError, DataError, NoVerdictError
+    """
+    return trend(
+        nominal, recordings, what="margin", sensors=sensors, margin=margin, messages=messages, stream=stream, **windows
+    )

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from typing_extensions import Self
 
+    from enginediag_cli.presentation.output import Output
     from enginediag_cli.presentation.outputs.declared import Table
 
 Row = dict[str, Any]
@@ -297,6 +298,58 @@ class Result:
         )
         more = f"<p>{len(rows) - SHOWN_ROWS} more rows</p>" if len(rows) > SHOWN_ROWS else ""
         return f"<table><tr>{head}</tr>{body}</table>{more}"
+
+
+class DocumentResult(Result):
+    """Rows, and one document that says all of a result: what is written as JSON."""
+
+    def _document(self, provenance: Sequence[str]) -> Mapping[str, Any]:
+        """All of it as one object; a value may be an iterator of what need not be in memory together."""
+        raise NotImplementedError
+
+    def to_dict(self) -> dict[str, Any]:
+        """The document that the command writes as JSON, as plain Python objects.
+
+        Returns
+        -------
+        dict
+            Its keys are those of the command's JSON schema; numbers that JSON lacks are None.
+        """
+        from enginediag_cli.presentation.rows import finite, plain
+
+        found = self._document(self.provenance)
+        whole = {key: list(value) if isinstance(value, Iterator) else value for key, value in found.items()}
+        return {key: finite(plain(value)) for key, value in whole.items()}
+
+    def write(self, output: Output) -> None:
+        """Write the document, or the rows where `output` is no JSON. Raises DataError, OSError."""
+        rows = self.rows
+        output.write_document(
+            lambda: self._document(self.provenance if output.header else ()),
+            rows,
+            self.columns,
+            summary=self.summary_columns,
+            provenance=self.provenance,
+        )
+
+    def save(self, path: str | Path, format: str = "auto") -> None:
+        """Write the rows, or as ``.json`` the document, as the command's ``-o`` does, completely or not at all.
+
+        Parameters
+        ----------
+        path : str or Path
+            The ending chooses the format: ``.csv``, ``.json``, ``.ndjson``, ``.parquet``; ``.gz`` packs.
+        format : {"auto", "csv", "json", "ndjson", "table"}
+            Overrides the ending.
+
+        Raises
+        ------
+        OSError
+            Where the file cannot be written.
+        """
+        from enginediag_cli.presentation.output import Output
+
+        self.write(Output(str(path), format))
 
 
 def frame(columns: Mapping[str, Sequence[Any]]) -> Any:

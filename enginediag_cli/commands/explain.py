@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from enginediag_cli.commands.mismatch_options import mismatch_options, provenance, tell_case, without_option
+from enginediag_cli.commands.judging import ending
+from enginediag_cli.commands.mismatch_options import Searched, draw, mismatch_options, without_option
 from enginediag_cli.commands.options import (
     OutputFile,
     exit_code_option,
@@ -19,14 +19,11 @@ from enginediag_cli.commands.options import (
 )
 from enginediag_cli.commands.parameter_types import CSV_SUFFIXES
 from enginediag_cli.commands.picture_option import picture_option
-from enginediag_cli.errors import ExitCode
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
-from enginediag_cli.presentation.summaries import EXPLAIN
 
 if TYPE_CHECKING:
-    from enginediag_cli.mismatch.explain.story import Story
-    from enginediag_cli.mismatch.fit.load import Case
+    from enginediag_cli.errors import ExitCode
 
 
 @click.command(
@@ -62,7 +59,7 @@ if TYPE_CHECKING:
 @pass_messages
 def explain(
     messages: Messages,
-    case: Case,
+    searched: Searched,
     without: tuple[str, ...],
     amplitudes: str | None,
     curves: str | None,
@@ -86,72 +83,24 @@ def explain(
     unexplained. Sentences go to standard error, coefficients as rows (or all of it as one JSON object) to standard
     output.
     """
-    from dataclasses import replace
+    from enginediag_cli.api.discrepancy import explain as run
 
-    from enginediag_cli.mismatch.explain.answer import FAILED
-    from enginediag_cli.mismatch.explain.story import tell
-    from enginediag_cli.mismatch.fit.load import load_case
-    from enginediag_cli.physics.registry import candidates
-    from enginediag_cli.presentation.explanation_rows import amplitude_rows, curve_rows
-    from enginediag_cli.presentation.explanations import sentences
-
-    if plan and no_advice:
-        raise click.UsageError("--plan asks for what --no-advice leaves out")
-    loaded = load_case(case, identified=True, controls=True)
-    tell_case(messages, case, loaded)
-    effects = list(candidates(loaded.evidence.engine, without))
-    story = tell(loaded.evidence, effects, advise=not no_advice, intake=loaded.intake)
-    story = replace(story, control=loaded.control, planned=plan is not None)
-    asked = {"without": ", ".join(without)} if without else {}
-    head = provenance("explain", case, loaded.intake.provenance, **asked)
-    for line in sentences(story):
-        messages.note(line)
-    _present(output, story, head)
-    for path, rows, what in (
-        (amplitudes, amplitude_rows(story), "effect with an unrecorded driver"),
-        (curves, curve_rows(story.curves), "free-form curve"),
-    ):
-        if path and not Output(path).write_rows(rows, provenance=head):
-            messages.note(f"{path}: no {what} was found, the file has no rows")
-    if plan:
-        _write_plan(messages, plan, story)
-    if picture_path:
-        _draw(messages, story, picture_path)
-    if story.answer.status == FAILED and story.control is None:
-        return ExitCode.NO_VERDICT
-    return ExitCode.FINDING if exit_code and not story.found_nothing else ExitCode.DONE
-
-
-def _draw(messages: Messages, story: Story, path: str) -> None:
-    from enginediag_cli.presentation.explanation_picture import picture
-    from enginediag_cli.presentation.pictures.written import write_drawing
-
-    try:
-        text = picture(story)
-    except ValueError as nothing:
-        messages.note(f"{path}: not written, {nothing}")
-        return
-    write_drawing(text, path)
-
-
-def _present(output: Output, story: Story, head: tuple[str, ...]) -> None:
-    from enginediag_cli.presentation.explanation_rows import COLUMNS, document, rows
-
-    output.write_document(
-        lambda: document(story, head if output.header else ()), rows(story), COLUMNS, summary=EXPLAIN, provenance=head
+    result = run(
+        searched.engine,
+        searched.source,
+        without=without,
+        advice=not no_advice,
+        every_plan=plan is not None,
+        messages=messages,
+        **searched.arguments,
     )
-
-
-def _write_plan(messages: Messages, path: str, story: Story) -> None:
-    """The best flight as a flight file; nothing where there is none."""
-    from enginediag_cli.config.dump import dump
-    from enginediag_cli.recordings.write import output
-
-    flight = story.advice.best_flight if story.advice is not None else None
-    if flight is None:
-        why = "no rival explanations remain" if story.advice is None else "no flight would tell the rivals apart"
-        messages.note(f"{path}: not written, {why}")
-        return
-    with output(Path(path)) as stream:
-        stream.write(dump(flight.flight_file(story.evidence.engine)))
-    messages.note(f"{path}: {flight.words}, {flight.records} records")
+    result.write(output)
+    if amplitudes:
+        result.save_amplitudes(amplitudes)
+    if curves:
+        result.save_curves(curves)
+    if plan:
+        result.save_plan(plan)
+    if picture_path:
+        draw(messages, result, picture_path)
+    return ending(result.found, result.judged, exit_code)

@@ -8,6 +8,7 @@ import click
 
 from enginediag_cli.commands.fleet_store import WithParts, fleet_recordings
 from enginediag_cli.commands.intake_options import accept_mismatch_option
+from enginediag_cli.commands.judging import ending
 from enginediag_cli.commands.options import (
     ConfigFile,
     exit_code_option,
@@ -21,8 +22,6 @@ from enginediag_cli.presentation.output import Output
 
 if TYPE_CHECKING:
     from enginediag_cli.errors import ExitCode
-
-WHAT = ("engines", "health", "flights")
 
 
 @click.command(
@@ -54,7 +53,7 @@ WHAT = ("engines", "health", "flights")
 )
 @click.option(
     "--what",
-    type=click.Choice(WHAT),
+    type=click.Choice(["engines", "health", "flights"]),
     default="engines",
     show_default=True,
     help="Rows of a table or CSV: engines, worst first; their health, one row per parameter; their flights. JSON holds "
@@ -91,34 +90,17 @@ def fleet(
     `enginediag schema fleet` has its keys. A model is identified from the early life of some engines, unless a
     nominal file is named; each engine is judged against its own early life.
     """
-    if jobs and scheduler:
-        raise click.UsageError("--jobs and --scheduler exclude each other: the cluster has its own workers")
-    if scheduler and not store_folder:
-        raise click.UsageError("--scheduler needs --store, a folder that the workers share")
-    import os
-    from dataclasses import replace
+    from enginediag_cli.api.fleets import fleet as run
 
-    from enginediag_cli.errors import ExitCode
-    from enginediag_cli.fleets.fleet import load_fleet
-    from enginediag_cli.fleets.recordings import recordings_of
-    from enginediag_cli.fleets.run import run_fleet
-    from enginediag_cli.fleets.runners.places import runner_for
-    from enginediag_cli.fleets.store import opened_store
-    from enginediag_cli.presentation.fleet_rows import ROWS, document, tell_models, tell_result
-    from enginediag_cli.presentation.summaries import FLEET
-    from enginediag_cli.recordings.provenance import header_lines
-
-    described = replace(load_fleet(fleet_file), accept_mismatch=accept_mismatch)
-    found = recordings_of(described, recordings)
-    with opened_store(store_folder) as store, runner_for(jobs or os.cpu_count() or 1, scheduler or "") as runner:
-        result = run_fleet(described, found, store, runner)
-    tell_models(messages, result)
-    head = header_lines("fleet", configs=[fleet_file, *described.configs])
-    rows = list(ROWS[what](result))
-    summary = FLEET if what == "engines" else ()
-    output.write_document(lambda: document(result, head), rows, summary=summary, provenance=head)
-    tell_result(messages, result)
-    if not any(x.verdict != "no verdict" for x in result.finding.engines):
-        return ExitCode.NO_VERDICT
-    listed = result.finding.discoveries.engines or any(x.instruments for x in result.finding.engines)
-    return ExitCode.FINDING if exit_code and listed else ExitCode.DONE
+    result = run(
+        fleet_file,
+        recordings,
+        what=what,
+        jobs=jobs,
+        scheduler=scheduler or "",
+        store=store_folder,
+        accept_mismatch=accept_mismatch,
+        messages=messages,
+    )
+    result.write(output)
+    return ending(result.found, result.judged, exit_code)

@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from enginediag_cli.commands.judging import write_result
 from enginediag_cli.commands.options import ConfigFile, exit_codes, message_options, output_options, pass_messages
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
@@ -36,16 +37,9 @@ def status(messages: Messages, fleet_file: str, recordings: tuple[str, ...], sto
     \b
     enginediag fleet status fleet.yaml --store kept
     """
-    from enginediag_cli.fleets.fleet import load_fleet
-    from enginediag_cli.fleets.keeping import standing
-    from enginediag_cli.fleets.recordings import recordings_of
-    from enginediag_cli.fleets.store import Store
-    from enginediag_cli.presentation.fleet_rows import status_rows, tell_standing
+    from enginediag_cli.api.fleets import fleet_status
 
-    described = load_fleet(fleet_file)
-    found = standing(described, recordings_of(described, recordings), Store(store_folder))
-    output.write_rows(status_rows(found), ("recording", "build", "engine", "state"))
-    tell_standing(messages, found)
+    write_result(fleet_status(fleet_file, store_folder, recordings, messages=messages), output)
 
 
 @click.command(short_help="Remove from the store what a fleet does not need.", epilog=exit_codes())
@@ -62,15 +56,9 @@ def prune(messages: Messages, fleet_file: str, recordings: tuple[str, ...], stor
     \b
     enginediag fleet prune fleet.yaml --store kept --dry-run
     """
-    from enginediag_cli.fleets.fleet import load_fleet
-    from enginediag_cli.fleets.keeping import prune as remove
-    from enginediag_cli.fleets.recordings import recordings_of
-    from enginediag_cli.fleets.store import Store
-    from enginediag_cli.presentation.sentences import count
+    from enginediag_cli.api.fleets import prune_store
 
-    described = load_fleet(fleet_file)
-    files = remove(described, recordings_of(described, recordings), Store(store_folder), only_tell=dry_run)
-    messages.note(f"{count(len(files), 'file')} {'would be removed' if dry_run else 'removed'}")
+    prune_store(fleet_file, store_folder, recordings, dry_run=dry_run, messages=messages)
 
 
 @click.command(short_help="Put the content of one store into another.", epilog=exit_codes())
@@ -84,12 +72,9 @@ def merge(messages: Messages, into: str, others: tuple[str, ...]) -> None:
     \b
     enginediag fleet merge kept from_the_other_machine
     """
-    from enginediag_cli.fleets.keeping import merge as merged
-    from enginediag_cli.fleets.store import Store
-    from enginediag_cli.presentation.fleet_rows import tell_merged
+    from enginediag_cli.api.fleets import merge_stores
 
-    for other in others:
-        tell_merged(messages, other, merged(Store(into), Store(other)))
+    merge_stores(into, *others, messages=messages)
 
 
 PARTS: dict[str, click.Command] = {"status": status, "prune": prune, "merge": merge}

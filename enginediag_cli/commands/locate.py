@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from enginediag_cli.commands.mismatch_options import mismatch_options, provenance, tell_case
+from enginediag_cli.commands.judging import ending, write_result
+from enginediag_cli.commands.mismatch_options import Searched, mismatch_options
 from enginediag_cli.commands.options import (
     exit_code_option,
     exit_codes,
@@ -16,13 +17,11 @@ from enginediag_cli.commands.options import (
     pass_messages,
 )
 from enginediag_cli.commands.picture_option import picture_option
-from enginediag_cli.errors import ExitCode
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
-from enginediag_cli.presentation.summaries import LOCATE, PER_RECORD
 
 if TYPE_CHECKING:
-    from enginediag_cli.mismatch.fit.load import Case, Loaded
+    from enginediag_cli.errors import ExitCode
 
 
 @click.command(
@@ -47,7 +46,7 @@ if TYPE_CHECKING:
 @pass_messages
 def locate(
     messages: Messages,
-    case: Case,
+    searched: Searched,
     everything: bool,
     picture_path: str | None,
     every: int | None,
@@ -69,66 +68,19 @@ def locate(
     whole flights in which the place comes first. The verdict tells a wrong sensor, a change in time (fault), an
     effect, one common to all engines of a fleet, and one that switches.
     """
-    from enginediag_cli.mismatch.fit.load import load_case
-    from enginediag_cli.mismatch.locate.locate import locate as run
-    from enginediag_cli.mismatch.locate.verdict_kind import kind_of
-    from enginediag_cli.presentation.located import COLUMNS, located_rows, picture, sentences
-    from enginediag_cli.presentation.outputs.locate import LOCATE as LOCATE_ROWS
+    from enginediag_cli.api import discrepancy
 
-    loaded = load_case(case)
-    tell_case(messages, case, loaded)
-    if every is not None:
-        return _per_record(messages, case, loaded, every, output)
-    located = run(loaded.evidence)
-    kind = kind_of(located)
-    told = list(sentences(located, kind, loaded.evidence.engine))
-    if not located.converged:
-        messages.error(told[0])
-        return ExitCode.NO_VERDICT
-    notes = {**LOCATE_ROWS.notes, "map accuracy": f"{loaded.evidence.settings.map_accuracy:g}"}
-    output.write_rows(
-        located_rows(located, kind, everything),
-        COLUMNS,
-        summary=LOCATE,
-        provenance=provenance("locate", case, loaded.intake.provenance, **notes),
+    if every is None:
+        located = discrepancy.locate(
+            searched.engine, searched.source, every_place=everything, messages=messages, **searched.arguments
+        )
+        if located.converged:
+            write_result(located, output, picture_path)
+        return ending(located.found, located.judged, exit_code)
+    if everything or picture_path:
+        raise click.UsageError("--all and --picture are of the map, and --per-record writes none")
+    found = discrepancy.locate_per_record(
+        searched.engine, searched.source, every=every, messages=messages, **searched.arguments
     )
-    for line in told:
-        messages.note(line)
-    if picture_path is not None:
-        from enginediag_cli.presentation.pictures.written import write_drawing
-
-        title = f"{loaded.evidence.engine.name}: where model and recordings differ"
-        write_drawing(picture(located, kind, title, told[:3]), picture_path)
-    return ExitCode.FINDING if located.mismatch and exit_code else ExitCode.DONE
-
-
-def _per_record(messages: Messages, case: Case, loaded: Loaded, every: int, output: Output) -> ExitCode:
-    """The places with a free amplitude per record, best first."""
-    from enginediag_cli.mismatch.fit.freeform import locations_of
-    from enginediag_cli.mismatch.fit.identified import nuisance
-    from enginediag_cli.mismatch.unrecorded.control_law import held_readings, stop_of
-    from enginediag_cli.mismatch.unrecorded.per_record import inlet_temperature, scan, thinned
-    from enginediag_cli.mismatch.unrecorded.per_record_effects import alike
-    from enginediag_cli.physics.registry import candidates
-    from enginediag_cli.presentation.outputs.locate import PER_RECORD as PLACES
-    from enginediag_cli.presentation.per_record import COLUMNS, per_record_rows, per_record_sentences
-
-    evidence = thinned(loaded.evidence, every)
-    along = nuisance(evidence)
-    found = scan(evidence, locations_of(evidence.engine, tuple(evidence.noise.sigma)), along)
-    notes = {**PLACES.notes, "map accuracy": f"{evidence.settings.map_accuracy:g}", "per-record": f"{every}"}
-    output.write_rows(
-        per_record_rows(found),
-        COLUMNS,
-        summary=PER_RECORD,
-        provenance=provenance("locate", case, loaded.intake.provenance, **notes),
-    )
-    best = found[0]
-    if best.location is None or not best.converged:
-        messages.error("no verdict: no place with an amplitude of its own in every record could be fitted")
-        return ExitCode.NO_VERDICT
-    stop = stop_of(best, inlet_temperature(evidence, best))
-    acting = alike(evidence, best, list(candidates(evidence.engine)))
-    for line in per_record_sentences(found, stop, held_readings(evidence, best, along, stop), acting):
-        messages.note(line)
-    return ExitCode.DONE
+    write_result(found, output)
+    return ending(0, found.judged, False)

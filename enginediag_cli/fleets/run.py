@@ -38,7 +38,7 @@ seconds what they believe is not there."""
 
 
 @dataclass
-class FleetResult:
+class FleetRun:
     """What a run found. recordings: in order, with what became of each; left_out: recording and why it is; sums: of all
     statistics of each build; unknown: engines that events name and no recording; elsewhere: of records that training
     did not cover; consumed_limit_K: what engines have lost of their margin when they are taken off, and its standard
@@ -168,7 +168,7 @@ def engine_tasks(
     return tasks, left_out
 
 
-def run_fleet(fleet: Fleet, recordings: Sequence[Recorded], store: Store, runner: Runner) -> FleetResult:
+def run_fleet(fleet: Fleet, recordings: Sequence[Recorded], store: Store, runner: Runner) -> FleetRun:
     """Everything. Raises ConfigError, DataError, OSError, and NoVerdictError where there is no engine to judge."""
     builds = [b for b in fleet.builds if any(r.build == b.name and not r.trouble for r in recordings)]
     if not builds:
@@ -185,7 +185,7 @@ def run_fleet(fleet: Fleet, recordings: Sequence[Recorded], store: Store, runner
     settings = with_taken_off(tasks[0].settings, findings, fleet.judge["taken_off"], f"{fleet.path}: taken_off")
     serials = {task.serial for task in tasks}
     known = whole_monitor(tasks[0].nominal, tasks[0].fingerprint).meaning
-    return FleetResult(
+    return FleetRun(
         fleet,
         models,
         outcomes,

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from enginediag_cli.fleet_judgement.finding import EngineFinding, Estimate
     from enginediag_cli.fleets.keeping import Merged, Standing
     from enginediag_cli.fleets.models import Model
-    from enginediag_cli.fleets.run import FleetResult
+    from enginediag_cli.fleets.run import FleetRun
     from enginediag_cli.residuals.instruments import FaultInFlights
 
 SCHEMA = "enginediag/fleet/1"
@@ -28,7 +28,7 @@ LIKELY = 0.5
 """Probability from which a parameter is told as changed."""
 
 
-def engine_rows(result: FleetResult) -> Iterator[dict[str, Any]]:
+def engine_rows(result: FleetRun) -> Iterator[dict[str, Any]]:
     """One row per engine, worst first."""
     for rank, x in enumerate(result.finding.engines, start=1):
         margin = x.margin
@@ -58,7 +58,7 @@ def engine_rows(result: FleetResult) -> Iterator[dict[str, Any]]:
         }
 
 
-def health_rows(result: FleetResult) -> Iterator[dict[str, Any]]:
+def health_rows(result: FleetRun) -> Iterator[dict[str, Any]]:
     """One row per engine and parameter."""
     for x in result.finding.engines:
         for row in x.health:
@@ -80,7 +80,7 @@ def health_rows(result: FleetResult) -> Iterator[dict[str, Any]]:
             }
 
 
-def flight_rows(result: FleetResult) -> Iterator[dict[str, Any]]:
+def flight_rows(result: FleetRun) -> Iterator[dict[str, Any]]:
     """One row per engine and flight."""
     for x in result.finding.engines:
         for row in x.by_flight:
@@ -91,7 +91,7 @@ ROWS = {"engines": engine_rows, "health": health_rows, "flights": flight_rows}
 """What can be asked for."""
 
 
-def document(result: FleetResult, provenance: Sequence[str]) -> dict[str, Any]:
+def document(result: FleetRun, provenance: Sequence[str]) -> dict[str, Any]:
     """All of it, engines one after the other: together they would take more memory than what was found."""
     finding, fleet = result.finding, result.fleet
     return {
@@ -166,7 +166,7 @@ def _model(model: Model) -> dict[str, Any]:
     return told
 
 
-def tell_models(messages: Messages, result: FleetResult) -> None:
+def tell_models(messages: Messages, result: FleetRun) -> None:
     """What each build is held against, on stderr."""
     for name, model in result.models.items():
         found = model.identified
@@ -177,7 +177,7 @@ def tell_models(messages: Messages, result: FleetResult) -> None:
         messages.note(f"build {name}: common model from {of} ({engines})")
 
 
-def tell_result(messages: Messages, result: FleetResult) -> None:
+def tell_result(messages: Messages, result: FleetRun) -> None:
     """What was left out, and what is common, on stderr."""
     for name, why in result.left_out[:SHOWN]:
         messages.warning(f"{name}: left out: {why}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.intervals import NORMAL_95
@@ -12,6 +12,7 @@ from enginediag_cli.presentation.names import spelled
 from enginediag_cli.presentation.numbers import p_value, rounded, with_unit
 from enginediag_cli.presentation.outputs.refine import REFINE
 from enginediag_cli.presentation.sentences import count
+from enginediag_cli.presentation.tables import short_cell
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.term import Coefficient, Effect
@@ -50,6 +51,17 @@ def rows(r: Refinement) -> Iterator[dict[str, Any]]:
         yield _row("false-alarm rate of detect", "nominal 1 %", "1", one_a.rate, other_a.rate, one_a.judged)
         yield _row("windows that do not fit", "at 1 %", "1", _share(one_a), _share(other_a), one_a.judged)
         yield _row("fit of detect", "median", "1", one_a.fit, other_a.fit, one_a.judged)
+
+
+def before_and_after(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """The rows as lines of a table."""
+    width = max((len(f"{r['what']}, {r['of']}") for r in rows), default=0)
+    if rows:
+        yield f"{'on unseen flights':{width}}  {'before':>10}  {'after':>10}"
+    for r in rows:
+        unit = "" if r["unit"] == "1" else f" {r['unit']}"
+        what = f"{r['what']}, {r['of']}"
+        yield f"{what:{width}}  {short_cell(r['before']):>10}  {short_cell(r['after']):>10}{unit}"
 
 
 def sentences(r: Refinement) -> Iterator[str]:

@@ -1,0 +1,565 @@
+"""`locate` and `explain`: whether model and recordings differ, where, and what physics the model lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from enginediag_cli.api.inputs import NominalLike, RecordingsLike, as_baseline, as_recordings
+from enginediag_cli.api.results import DocumentResult, MessageLog, Picture, Result, Row
+from enginediag_cli.errors import DataError, NoVerdictError, UsageError
+from enginediag_cli.presentation.messages import Messages
+from enginediag_cli.presentation.summaries import EXPLAIN, LOCATE, PER_RECORD
+from enginediag_cli.shipped import own_or_shipped
+
+if TYPE_CHECKING:
+    from enginediag_cli.mismatch.explain.story import Story
+    from enginediag_cli.mismatch.fit.evidence import Evidence
+    from enginediag_cli.mismatch.fit.load import Case, Loaded
+    from enginediag_cli.mismatch.locate.locate import Located, Place
+    from enginediag_cli.mismatch.unrecorded.per_record import PerRecord
+
+EngineLike: TypeAlias = Any
+"""A path of an engine file, the name of one that comes with enginediag, or an `Engine`, whose file is read."""
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """What counts as missing physics, and what it may vary with.
+
+    Attributes
+    ----------
+    model_error : float, optional
+        Relative accuracy of the component maps [1], in the place of what the engine file or the nominal state has.
+    false_finding : float
+        Probability of finding something where nothing is missing [1].
+    drivers : sequence of str
+        Further recorded columns that what is missing may vary with.
+    noise : {"specified", "estimate"}, optional
+        The sensors' noise as stated, or what nothing that is looked for explains; the engine file's choice when not
+        given, of `explain` that of the flights.
+    seed : int
+        Of what is drawn at random.
+    accept_changed_engine : bool
+        Use an engine file although it is no longer the one that was identified.
+    """
+
+    model_error: float | None = None
+    false_finding: float = 0.05
+    drivers: Sequence[str] = ()
+    noise: str | None = None
+    seed: int = 0
+    accept_changed_engine: bool = False
+
+
+@dataclass(frozen=True)
+class Inquiry:
+    """What a search is given: engine, recordings and nominal state as a `Case`, and where messages go."""
+
+    case: Case
+    messages: Messages
+    scratch: tuple[Any, ...] = ()  # keeps the files of what was given as objects alive
+
+    def tell(self, loaded: Loaded) -> None:
+        """What should be known of the nominal state, and what was left out of the recordings."""
+        from enginediag_cli.presentation.baseline_doubts import tell_baseline
+        from enginediag_cli.presentation.left_out import tell_left_out, tell_mismatches, tell_thinning
+
+        if loaded.baseline is not None:
+            tell_baseline(self.messages, loaded.baseline, self.case.source.engine_instance)
+        tell_mismatches(self.messages, loaded.intake.mismatches)
+        tell_thinning(self.messages, loaded.thinning)
+        tell_left_out(self.messages, loaded.intake.left_out)
+
+    def head(self, command: str, inherited: Sequence[str], **notes: str) -> Callable[[], tuple[str, ...]]:
+        """The head of a result: files, choices that differ from the default, and the recordings' own heads."""
+        from enginediag_cli.recordings.provenance import header_lines
+
+        case, asked = self.case, self.case.asked
+        made = {
+            **case.source.notes,
+            "model_error": "" if asked.model_error is None else f"{asked.model_error:g}",
+            "false_finding": f"{asked.false_alarm:g}",
+            "drivers": ", ".join(asked.drivers),
+            "noise": asked.noise or "",
+            **notes,
+        }
+        lines = header_lines(
+            command,
+            seed=asked.seed,
+            configs=[path for path in (case.engine, case.nominal, *case.source.configs) if path],
+            notes={name: text for name, text in made.items() if text},
+            inherited=tuple(inherited),
+        )
+        return lambda: lines
+
+
+def inquire(
+    engine: EngineLike,
+    recordings: RecordingsLike,
+    nominal: NominalLike,
+    search: Mapping[str, Any],
+    messages: Messages | None,
+) -> Inquiry:
+    """What the arguments of a search mean. Raises UsageError, DataError."""
+    from enginediag_cli.mismatch.fit.load import Asked, Case
+
+    options = SearchOptions(**search)
+    if not 0.0 < options.false_finding < 1.0:
+        raise UsageError(f"--false-finding: {options.false_finding:g} is no probability between 0 and 1")
+    if options.noise not in (None, "specified", "estimate"):
+        raise UsageError(f"--noise: there is no {options.noise!r}, but specified and estimate")
+    asked = Asked(options.model_error, options.false_finding, tuple(options.drivers), options.noise, options.seed)
+    source = as_recordings(recordings)
+    path, scratch = _nominal_file(nominal)
+    case = Case(_engine_file(engine), source, path, options.accept_changed_engine, asked)
+    return Inquiry(case, messages if messages is not None else MessageLog(), (source, *scratch))
+
+
+def _engine_file(engine: EngineLike) -> str:
+    """Path of an engine file. Raises DataError."""
+    if isinstance(engine, (str, Path)):
+        return str(own_or_shipped(engine))
+    path = getattr(engine, "path", None)
+    if not path:
+        raise DataError(f"no engine file: {type(engine).__name__}; give a path, or what load_engine gives")
+    return str(path)
+
+
+def _nominal_file(nominal: NominalLike) -> tuple[str | None, tuple[Any, ...]]:
+    """Path of a nominal file, and what keeps it there: a state that has no file is written to one first."""
+    if nominal is None or isinstance(nominal, (str, Path)):
+        return None if nominal is None else str(nominal), ()
+    state = as_baseline(nominal)
+    assert state is not None
+    if state.path and Path(state.path).is_file():
+        return state.path, ()
+    import tempfile
+
+    from enginediag_cli.identification.nominal_file import write_nominal
+
+    folder = tempfile.TemporaryDirectory(prefix="enginediag_")
+    path = Path(folder.name) / "nominal.yaml"
+    write_nominal(state.nominal, path)
+    return str(path), (folder,)
+
+
+def effect_names() -> tuple[str, ...]:
+    """Names of the physics terms that an engine file can carry and that a search considers.
+
+    Returns
+    -------
+    tuple of str
+        Such as ``"reynolds_efficiency"``; where one acts is written behind it, ``reynolds_efficiency@hpc``.
+    """
+    from enginediag_cli.physics.registry import term_names
+
+    return tuple(term_names())
+
+
+def check_effects(option: str, labels: Sequence[str]) -> None:
+    """Raises UsageError for the name of a term, or term@site, that there is none of."""
+    from enginediag_cli.config.hints import near
+
+    known = effect_names() if labels else ()
+    for label in labels:
+        name = label.partition("@")[0]
+        if name not in known:
+            raise UsageError(f"{option}: there is no physics term {label!r} ({near(name, known)})")
+
+
+class LocateResult(Result):
+    """Where model and recordings differ: one row per place; see `locate`.
+
+    Attributes
+    ----------
+    located : Located
+        Tests, places and resamples behind the rows.
+    evidence : Evidence
+        Flights, as arrays by column, with the noise and the priors that were assumed.
+    converged : bool
+        False where the model could not be fitted, so that there is no verdict and no row.
+    found, judged : int
+        1 where model and recordings differ; 1 where there is a verdict.
+    """
+
+    def __init__(self, inquiry: Inquiry, every_place: bool):
+        from enginediag_cli.mismatch.fit.load import load_case
+        from enginediag_cli.mismatch.locate.locate import locate as run
+        from enginediag_cli.mismatch.locate.verdict_kind import kind_of
+        from enginediag_cli.presentation.outputs.locate import LOCATE as DECLARED
+
+        loaded = load_case(inquiry.case)
+        inquiry.tell(loaded)
+        self.evidence: Evidence = loaded.evidence
+        self.located: Located = run(loaded.evidence)
+        self.converged = self.located.converged
+        self._kind, self._every_place = kind_of(self.located), every_place
+        notes = {**DECLARED.notes, "map accuracy": f"{loaded.evidence.settings.map_accuracy:g}"}
+        super().__init__(
+            table=DECLARED,
+            head=inquiry.head("locate", loaded.intake.provenance, **notes),
+            columns=DECLARED.names,
+            summary_columns=LOCATE,
+            messages=inquiry.messages,
+        )
+        self.found, self.judged = int(self.converged and self.located.mismatch), int(self.converged)
+
+    @property
+    def verdict(self) -> str:
+        """What kind of mismatch it is, or that there is none; "" where there is no verdict."""
+        from enginediag_cli.presentation.located import verdict_of
+
+        return verdict_of(self._kind) if self.converged else ""
+
+    @property
+    def places(self) -> Sequence[Place]:
+        """Places within reach of the best, best first."""
+        return tuple(self.located.within) if self.converged else ()
+
+    @property
+    def sentences(self) -> list[str]:
+        """What was found, in words."""
+        from enginediag_cli.presentation.located import sentences
+
+        return list(sentences(self.located, self._kind, self.evidence.engine))
+
+    def _compute(self) -> Iterator[Row]:
+        from enginediag_cli.presentation.located import located_rows
+
+        if not self.converged:
+            self.messages.error(self.sentences[0])
+            return
+        yield from located_rows(self.located, self._kind, self._every_place)
+        for line in self.sentences:
+            self.messages.note(line)
+
+    def plot(self) -> Picture:
+        """The map of places and drivers, and the residuals that show the best. Raises NoVerdictError without a
+        verdict."""
+        from enginediag_cli.presentation.located import picture
+
+        if not self.converged:
+            raise NoVerdictError(self.sentences[0])
+        title = f"{self.evidence.engine.name}: where model and recordings differ"
+        return Picture(picture(self.located, self._kind, title, self.sentences[:3]))
+
+
+def locate(
+    engine: EngineLike,
+    recordings: RecordingsLike,
+    *,
+    nominal: NominalLike = None,
+    every_place: bool = False,
+    messages: Messages | None = None,
+    **search: Any,
+) -> LocateResult:
+    """Locate a mismatch between the model of an engine and recordings believed healthy.
+
+    Parameters
+    ----------
+    engine : str, Path or Engine
+        Engine YAML, or the name of one that comes with enginediag.
+    recordings
+        Paths, `Recordings`, arrays or a DataFrame; see `read_recordings`.
+    nominal : str, Path, Baseline or IdentificationResult, optional
+        Nominal engine to start from, with its noise.
+    every_place : bool
+        Rows of every place of the map, not only of those within reach of the best.
+    messages : Messages, optional
+        Receives sentences and warnings; they are collected when not given.
+    **search
+        Attributes of `SearchOptions`: ``drivers=("hours",)``, ``noise="estimate"`` and so on.
+
+    Returns
+    -------
+    LocateResult
+
+    Raises
+    ------
+    UsageError, ConfigError, DataError
+
+    References
+    ----------
+    Score test of a free-form correction at each location × driver; see `enginediag_cli.mismatch.locate`.
+    """
+    return LocateResult(inquire(engine, recordings, nominal, search, messages), every_place).complete()
+
+
+class PerRecordResult(Result):
+    """Places with a free amplitude in every record, best first; see `locate_per_record`.
+
+    Attributes
+    ----------
+    fits : sequence of PerRecord
+        The fits behind the rows, with the amplitudes as arrays of shape (records,).
+    evidence : Evidence
+        The records that were used.
+    judged : int
+        1 where a place could be fitted.
+    """
+
+    def __init__(self, inquiry: Inquiry, every: int):
+        from enginediag_cli.mismatch.fit.freeform import locations_of
+        from enginediag_cli.mismatch.fit.identified import nuisance
+        from enginediag_cli.mismatch.fit.load import load_case
+        from enginediag_cli.mismatch.unrecorded.per_record import scan, thinned
+        from enginediag_cli.presentation.outputs.locate import PER_RECORD as DECLARED
+
+        if every < 1:
+            raise UsageError(f"--per-record: {every} is no number of records")
+        loaded = load_case(inquiry.case)
+        inquiry.tell(loaded)
+        self.evidence: Evidence = thinned(loaded.evidence, every)
+        self._along = nuisance(self.evidence)
+        places = locations_of(self.evidence.engine, tuple(self.evidence.noise.sigma))
+        self.fits: Sequence[PerRecord] = scan(self.evidence, places, self._along)
+        accuracy = f"{self.evidence.settings.map_accuracy:g}"
+        notes = {**DECLARED.notes, "map accuracy": accuracy, "per-record": f"{every}"}
+        super().__init__(
+            table=DECLARED,
+            head=inquiry.head("locate", loaded.intake.provenance, **notes),
+            columns=DECLARED.names,
+            summary_columns=PER_RECORD,
+            messages=inquiry.messages,
+        )
+        self.judged = int(self.fits[0].location is not None and self.fits[0].converged)
+
+    def _compute(self) -> Iterator[Row]:
+        from enginediag_cli.mismatch.unrecorded.control_law import held_readings, stop_of
+        from enginediag_cli.mismatch.unrecorded.per_record import inlet_temperature
+        from enginediag_cli.mismatch.unrecorded.per_record_effects import alike
+        from enginediag_cli.physics.registry import candidates
+        from enginediag_cli.presentation.per_record import per_record_rows, per_record_sentences
+
+        yield from per_record_rows(self.fits)
+        best, evidence = self.fits[0], self.evidence
+        if not self.judged:
+            self.messages.error("no verdict: no place with an amplitude of its own in every record could be fitted")
+            return
+        stop = stop_of(best, inlet_temperature(evidence, best))
+        acting = alike(evidence, best, list(candidates(evidence.engine)))
+        standing = held_readings(evidence, best, self._along, stop)
+        for line in per_record_sentences(self.fits, stop, standing, acting):
+            self.messages.note(line)
+
+
+def locate_per_record(
+    engine: EngineLike,
+    recordings: RecordingsLike,
+    *,
+    every: int = 1,
+    nominal: NominalLike = None,
+    messages: Messages | None = None,
+    **search: Any,
+) -> PerRecordResult:
+    """Try each place with a free amplitude in every record, for what moves the engine far and has no recorded driver.
+
+    Parameters
+    ----------
+    engine : str, Path or Engine
+        Engine YAML, or the name of one that comes with enginediag.
+    recordings
+        Paths, `Recordings`, arrays or a DataFrame; see `read_recordings`.
+    every : int
+        Use every so-many-th record.
+    nominal : str, Path, Baseline or IdentificationResult, optional
+        Nominal engine to start from, with its noise.
+    messages : Messages, optional
+        Receives sentences and warnings; they are collected when not given.
+    **search
+        Attributes of `SearchOptions`.
+
+    Returns
+    -------
+    PerRecordResult
+
+    Raises
+    ------
+    UsageError, ConfigError, DataError
+    """
+    return PerRecordResult(inquire(engine, recordings, nominal, search, messages), every).complete()
+
+
+class ExplainResult(DocumentResult):
+    """What physics a model lacks: one row per coefficient, and a document; see `explain`.
+
+    Attributes
+    ----------
+    story : Story
+        The answer with everything around it: explanations, curves, advice.
+    evidence : Evidence
+        Flights, as arrays by column, with the noise that the answer rests on.
+    found, judged : int
+        1 where something is missing; 1 where there is an answer.
+    """
+
+    def __init__(self, inquiry: Inquiry, without: Sequence[str], advice: bool, every_plan: bool):
+        from enginediag_cli.mismatch.explain.answer import FAILED
+        from enginediag_cli.mismatch.explain.story import tell
+        from enginediag_cli.mismatch.fit.load import load_case
+        from enginediag_cli.physics.registry import candidates
+        from enginediag_cli.presentation.explanation_rows import COLUMNS
+
+        loaded = load_case(inquiry.case, identified=True, controls=True)
+        inquiry.tell(loaded)
+        effects = list(candidates(loaded.evidence.engine, tuple(without)))
+        story = tell(loaded.evidence, effects, advise=advice, intake=loaded.intake)
+        self.story: Story = replace(story, control=loaded.control, planned=every_plan)
+        asked = {"without": ", ".join(without)} if without else {}
+        super().__init__(
+            head=inquiry.head("explain", loaded.intake.provenance, **asked),
+            columns=COLUMNS,
+            summary_columns=EXPLAIN,
+            messages=inquiry.messages,
+        )
+        self.judged = int(self.story.answer.status != FAILED or self.story.control is not None)
+        self.found = int(bool(self.judged) and not self.story.found_nothing)
+
+    @property
+    def evidence(self) -> Evidence:
+        """Flights with noise and priors."""
+        return self.story.evidence
+
+    @property
+    def status(self) -> str:
+        """What kind of answer it is, as in the column of this name."""
+        return self.story.answer.status
+
+    @property
+    def sentences(self) -> list[str]:
+        """The answer in words."""
+        from enginediag_cli.presentation.explanations import sentences
+
+        return list(sentences(self.story))
+
+    def _compute(self) -> Iterator[Row]:
+        from enginediag_cli.presentation.explanation_rows import rows
+
+        yield from rows(self.story)
+        for line in self.sentences:
+            self.messages.note(line)
+
+    def _document(self, provenance: Sequence[str]) -> Mapping[str, Any]:
+        from enginediag_cli.presentation.explanation_rows import document
+
+        return document(self.story, tuple(provenance))
+
+    @property
+    def curves(self) -> list[Row]:
+        """What no listed effect explains, as points of curves along its driver, with units and standard errors."""
+        from enginediag_cli.presentation.explanation_rows import curve_rows
+
+        return list(curve_rows(self.story.curves))
+
+    @property
+    def amplitudes(self) -> list[Row]:
+        """Amplitude of an effect whose driver is not recorded, record by record, with unit and standard error."""
+        from enginediag_cli.presentation.explanation_rows import amplitude_rows
+
+        return list(amplitude_rows(self.story))
+
+    def save_curves(self, path: str | Path) -> None:
+        """Write `curves` as CSV or, by its name, Parquet; a note says where there is none. Raises OSError."""
+        self._save(path, self.curves, "free-form curve")
+
+    def save_amplitudes(self, path: str | Path) -> None:
+        """Write `amplitudes` as CSV or, by its name, Parquet; a note says where there is none. Raises OSError."""
+        self._save(path, self.amplitudes, "effect with an unrecorded driver")
+
+    def _save(self, path: str | Path, rows: Sequence[Row], what: str) -> None:
+        from enginediag_cli.presentation.output import Output
+
+        if not Output(str(path)).write_rows(rows, provenance=self.provenance):
+            self.messages.note(f"{path}: no {what} was found, the file has no rows")
+
+    def save_plan(self, path: str | Path) -> bool:
+        """Write the flight that would separate rival explanations soonest, as a flight file that `simulate` takes.
+
+        Parameters
+        ----------
+        path : str or Path
+            YAML file.
+
+        Returns
+        -------
+        bool
+            False where there is no such flight and nothing was written; a note says why.
+
+        Raises
+        ------
+        OSError
+            Where the file cannot be written.
+        """
+        from enginediag_cli.config.dump import dump
+        from enginediag_cli.recordings.write import output
+
+        advice = self.story.advice
+        flight = advice.best_flight if advice is not None else None
+        if flight is None:
+            why = "no rival explanations remain" if advice is None else "no flight would tell the rivals apart"
+            self.messages.note(f"{path}: not written, {why}")
+            return False
+        with output(Path(path)) as stream:
+            stream.write(dump(flight.flight_file(self.story.evidence.engine)))
+        self.messages.note(f"{path}: {flight.words}, {flight.records} records")
+        return True
+
+    def plot(self) -> Picture:
+        """What no listed effect explains, as a law along its variable or a free curve, with its band. Raises
+        NoVerdictError where there is nothing of the kind."""
+        from enginediag_cli.presentation.explanation_picture import picture
+
+        try:
+            return Picture(picture(self.story))
+        except ValueError as nothing:
+            raise NoVerdictError(str(nothing)) from None
+
+
+def explain(
+    engine: EngineLike,
+    recordings: RecordingsLike,
+    *,
+    nominal: NominalLike = None,
+    without: Sequence[str] = (),
+    advice: bool = True,
+    every_plan: bool = False,
+    messages: Messages | None = None,
+    **search: Any,
+) -> ExplainResult:
+    """Name what was left out of the model of an engine, from recordings of engines believed healthy.
+
+    Parameters
+    ----------
+    engine : str, Path or Engine
+        Engine YAML, or the name of one that comes with enginediag.
+    recordings
+        Paths, `Recordings`, arrays or a DataFrame; see `read_recordings`.
+    nominal : str, Path, Baseline or IdentificationResult, optional
+        Nominal engine to start from; the flights are identified when not given.
+    without : sequence of str
+        Effects that are not to be considered, as term or term@site; see `effect_names`.
+    advice : bool
+        Look for recordings that would separate rival explanations.
+    every_plan : bool
+        Say the best recording of every kind, not only the best of all.
+    messages : Messages, optional
+        Receives sentences and warnings; they are collected when not given.
+    **search
+        Attributes of `SearchOptions`: ``drivers=("hours",)``, ``model_error=0.003`` and so on.
+
+    Returns
+    -------
+    ExplainResult
+
+    Raises
+    ------
+    UsageError, ConfigError, DataError
+    """
+    if every_plan and not advice:
+        raise UsageError("--plan asks for what --no-advice leaves out")
+    check_effects("--without", without)
+    inquiry = inquire(engine, recordings, nominal, search, messages)
+    return ExplainResult(inquiry, without, advice, every_plan).complete()

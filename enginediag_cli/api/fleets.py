@@ -1,0 +1,317 @@
+"""`fleet`: many engines, from their recordings to a ranking; and the store in which what they come to is kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from enginediag_cli.api.inputs import RecordingsLike, as_recordings
+from enginediag_cli.api.results import DocumentResult, MessageLog, Picture, Result, Row
+from enginediag_cli.errors import NoVerdictError, UsageError
+from enginediag_cli.presentation.messages import Messages
+from enginediag_cli.presentation.summaries import FLEET
+from enginediag_cli.shipped import own_or_shipped
+
+if TYPE_CHECKING:
+    from enginediag_cli.fleets.fleet import Fleet
+    from enginediag_cli.fleets.keeping import Merged, Standing
+    from enginediag_cli.fleets.recordings import Recorded
+    from enginediag_cli.fleets.run import FleetRun
+
+WHAT = ("engines", "health", "flights")
+STATUS_COLUMNS = ("recording", "build", "engine", "state")
+
+
+class FleetResult(DocumentResult):
+    """What was found in a fleet; see `fleet`.
+
+    Attributes
+    ----------
+    run : FleetRun
+        Models, recordings with what became of each, and `finding`: the engines, worst first.
+    found, judged : int
+        Engines on the list of discoveries or with an instrument that is stuck or noisy, and engines with a verdict.
+    """
+
+    def __init__(self, run: FleetRun, what: str, head: Callable[[], tuple[str, ...]], messages: Messages):
+        self.run, self._what = run, what
+        super().__init__(head=head, summary_columns=FLEET if what == "engines" else (), messages=messages)
+        engines, listed = run.finding.engines, run.finding.discoveries.engines
+        self.found = sum(engine.serial in listed or bool(engine.instruments) for engine in engines)
+        self.judged = sum(engine.verdict != "no verdict" for engine in engines)
+
+    def _compute(self) -> Iterator[Row]:
+        from enginediag_cli.presentation.fleet_rows import tell_models, tell_result
+
+        tell_models(self.messages, self.run)
+        yield from self.table_of(self._what)
+        tell_result(self.messages, self.run)
+
+    def table_of(self, what: str) -> list[Row]:
+        """The rows of one of the tables, whichever was asked for.
+
+        Parameters
+        ----------
+        what : {"engines", "health", "flights"}
+            Engines, worst first; one row per engine and parameter; or one per engine and flight.
+
+        Returns
+        -------
+        list of dict
+        """
+        from enginediag_cli.presentation.fleet_rows import ROWS
+
+        return list(ROWS[_table(what)](self.run))
+
+    @property
+    def engines(self) -> list[Row]:
+        """One row per engine, worst first."""
+        return self.table_of("engines")
+
+    @property
+    def health(self) -> list[Row]:
+        """One row per engine and parameter: its change, with unit and 95 % interval, onset and rate."""
+        return self.table_of("health")
+
+    @property
+    def flights(self) -> list[Row]:
+        """One row per engine and flight."""
+        return self.table_of("flights")
+
+    def _document(self, provenance: Sequence[str]) -> Mapping[str, Any]:
+        from enginediag_cli.presentation.fleet_rows import document
+
+        return document(self.run, provenance)
+
+    def plot(self) -> Picture:
+        """Engines by severity with 95 % intervals, as on the page of `report`. Raises NoVerdictError where no engine
+        has a severity."""
+        from enginediag_cli.presentation.charts.fleet_found import engines_of
+        from enginediag_cli.presentation.charts.fleet_ranking import fleet_ranking
+        from enginediag_cli.presentation.charts.pictured import svg_of
+
+        chart = fleet_ranking("fleet", engines_of(self.to_dict(), "fleet"))
+        if not chart.layers:
+            raise NoVerdictError("no engine of the fleet has a severity that could be drawn")
+        return Picture(svg_of(chart))
+
+
+def fleet(
+    fleet_file: str | Path,
+    recordings: RecordingsLike = (),
+    *,
+    what: str = "engines",
+    jobs: int | None = None,
+    scheduler: str = "",
+    store: str | Path | None = None,
+    accept_mismatch: bool = False,
+    messages: Messages | None = None,
+) -> FleetResult:
+    """Judge all engines of a fleet, rank them by severity, and say what is common to them.
+
+    Parameters
+    ----------
+    fleet_file : str or Path
+        Fleet YAML: recordings, how engines are told apart, their healthy early life, maintenance, what to judge.
+    recordings
+        In the place of those that the fleet file names; see `read_recordings`.
+    what : {"engines", "health", "flights"}
+        Which table the rows are; the document, `to_dict`, has all of them.
+    jobs : int, optional
+        Processes to work with, one per core when not given. The result does not depend on it.
+    scheduler : str
+        Address of a Dask scheduler, in the place of processes; needs `store`.
+    store : str or Path, optional
+        Folder in which what recordings come to is kept, so that the next run does only what is new.
+    accept_mismatch : bool
+        Go on with recordings that cannot be of the engine, or in these units.
+    messages : Messages, optional
+        Receives notes and warnings; they are collected when not given.
+
+    Returns
+    -------
+    FleetResult
+
+    Raises
+    ------
+    UsageError, ConfigError, DataError, NoVerdictError
+    OSError
+        Where the store cannot be written.
+    """
+    if jobs and scheduler:
+        raise UsageError("--jobs and --scheduler exclude each other: the cluster has its own workers")
+    if scheduler and not store:
+        raise UsageError("--scheduler needs --store, a folder that the workers share")
+    _table(what)
+    import os
+
+    from enginediag_cli.fleets.run import run_fleet
+    from enginediag_cli.fleets.runners.places import runner_for
+    from enginediag_cli.fleets.store import opened_store
+    from enginediag_cli.recordings.provenance import header_lines
+
+    with _described(fleet_file, recordings) as (described, found):
+        described = replace(described, accept_mismatch=accept_mismatch)
+        with opened_store(store) as kept, runner_for(jobs or os.cpu_count() or 1, scheduler) as runner:
+            run = run_fleet(described, found, kept, runner)
+    configs = [described.path, *described.configs]
+    result = FleetResult(run, what, lambda: header_lines("fleet", configs=configs), _log(messages))
+    return result.complete()
+
+
+class StoreResult(Result):
+    """What the store of a fleet holds of its recordings: one row each; see `fleet_status`.
+
+    Attributes
+    ----------
+    standing : Standing
+        Keys of recordings that are condensed, models that are there, what is of other fleets, size in bytes.
+    found, judged : int
+        Recordings that are condensed, and recordings of the fleet.
+    """
+
+    def __init__(self, standing: Standing, messages: Messages):
+        self.standing = standing
+        super().__init__(columns=STATUS_COLUMNS, messages=messages)
+        self.found, self.judged = sum(bool(key) for _, key in standing.known), len(standing.known)
+
+    def _compute(self) -> Iterator[Row]:
+        from enginediag_cli.presentation.fleet_rows import status_rows, tell_standing
+
+        yield from status_rows(self.standing)
+        tell_standing(self.messages, self.standing)
+
+
+def fleet_status(
+    fleet_file: str | Path,
+    store: str | Path,
+    recordings: RecordingsLike = (),
+    *,
+    messages: Messages | None = None,
+) -> StoreResult:
+    """Say which recordings of a fleet are condensed in a store, and which are new.
+
+    Parameters
+    ----------
+    fleet_file : str or Path
+        Fleet YAML.
+    store : str or Path
+        Folder of the store.
+    recordings
+        In the place of those that the fleet file names; see `read_recordings`.
+    messages : Messages, optional
+        Receives notes and warnings; they are collected when not given.
+
+    Returns
+    -------
+    StoreResult
+
+    Raises
+    ------
+    ConfigError, DataError, NoVerdictError
+    """
+    from enginediag_cli.fleets.keeping import standing
+    from enginediag_cli.fleets.store import Store
+
+    with _described(fleet_file, recordings) as (described, found):
+        return StoreResult(standing(described, found, Store(store)), _log(messages)).complete()
+
+
+def prune_store(
+    fleet_file: str | Path,
+    store: str | Path,
+    recordings: RecordingsLike = (),
+    *,
+    dry_run: bool = False,
+    messages: Messages | None = None,
+) -> list[Path]:
+    """Remove from a store what a fleet does not need: other recordings, those condensed by another nominal file or
+    other settings, and what killed runs have left half-written.
+
+    Parameters
+    ----------
+    fleet_file : str or Path
+        Fleet YAML.
+    store : str or Path
+        Folder of the store.
+    recordings
+        In the place of those that the fleet file names; see `read_recordings`.
+    dry_run : bool
+        Remove nothing.
+    messages : Messages, optional
+        Receives how many files were removed.
+
+    Returns
+    -------
+    list of Path
+        Files that were removed or, with `dry_run`, would be.
+
+    Raises
+    ------
+    ConfigError, DataError, NoVerdictError, OSError
+    """
+    from enginediag_cli.fleets.keeping import prune
+    from enginediag_cli.fleets.store import Store
+    from enginediag_cli.presentation.sentences import count
+
+    with _described(fleet_file, recordings) as (described, found):
+        files = prune(described, found, Store(store), only_tell=dry_run)
+    _log(messages).note(f"{count(len(files), 'file')} {'would be removed' if dry_run else 'removed'}")
+    return files
+
+
+def merge_stores(into: str | Path, *others: str | Path, messages: Messages | None = None) -> list[Merged]:
+    """Put into a store what others hold and it does not; those stay as they are.
+
+    Parameters
+    ----------
+    into : str or Path
+        Folder of the store, which is made where there is none.
+    *others : str or Path
+        Folders of the other stores.
+    messages : Messages, optional
+        Receives what came out of each.
+
+    Returns
+    -------
+    list of Merged
+        For each of the others: how many recordings and models were copied, which were there, damaged, or differ.
+
+    Raises
+    ------
+    DataError, OSError
+    """
+    from enginediag_cli.fleets.keeping import merge
+    from enginediag_cli.fleets.store import Store
+    from enginediag_cli.presentation.fleet_rows import tell_merged
+
+    found = []
+    for other in others:
+        found.append(merge(Store(into), Store(other)))
+        tell_merged(_log(messages), str(other), found[-1])
+    return found
+
+
+def _table(what: str) -> str:
+    """The name of a table. Raises UsageError where there is none of this name."""
+    if what not in WHAT:
+        raise UsageError(f"--what: there is no {what!r}, but {', '.join(WHAT)}")
+    return what
+
+
+@contextmanager
+def _described(fleet_file: str | Path, recordings: RecordingsLike) -> Iterator[tuple[Fleet, tuple[Recorded, ...]]]:
+    """The fleet and its recordings; those that came as arrays have their files within the block."""
+    from enginediag_cli.fleets.fleet import load_fleet
+    from enginediag_cli.fleets.recordings import recordings_of
+
+    described = load_fleet(own_or_shipped(fleet_file))
+    source = as_recordings(recordings)
+    yield described, recordings_of(described, source.files)
+
+
+def _log(messages: Messages | None) -> Messages:
+    return messages if messages is not None else MessageLog()
