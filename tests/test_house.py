@@ -57,6 +57,40 @@ ORDER = (
 MISMATCH_ORDER = ("controlled", "fit", "unrecorded", "laws", "locate", "explain", "refine")
 """The rooms of the search for missing physics, in the same way."""
 
+FOR_COMMANDS = (
+    "__init__",
+    "errors",
+    "progress",
+    "side_by_side",
+    "safe_text",
+    "file_lock",
+    "shipped",
+    "config",
+    "presentation",
+    "api",
+    "commands",
+)
+"""What a command may import: the library, what is shown, and what speaks of no engine."""
+
+VALIDATION = {
+    name: ("trials", "demonstration") for name in ("study", "prove", "proving", "demo", "demo_missing", "demo_steps")
+}
+"""Commands that run trials and demonstrations, which are no part of the library."""
+
+NOT_CONVERTED = (
+    "demo",
+    "explain",
+    "fleet",
+    "fleet_store",
+    "locate",
+    "mismatch_options",
+    "prove",
+    "proving",
+    "refine",
+    "study",
+)
+"""Commands that still import what the library should give them; a command that is converted leaves this list."""
+
 LARGEST_FILE = 600
 """Lines of a file: a topic that a reader can name usually takes 150 to 600."""
 
@@ -124,6 +158,17 @@ def test_every_room_imports_only_rooms_below_it() -> None:
 
 def test_the_rooms_of_the_search_for_missing_physics_stand_on_each_other_in_order() -> None:
     assert wrong_arrows(MISMATCH_ORDER, "mismatch") == []
+
+
+def test_commands_import_nothing_deeper_than_the_library() -> None:
+    deeper = {}
+    for file in sorted((PACKAGE / "commands").glob("*.py")):
+        allowed = FOR_COMMANDS + VALIDATION.get(file.stem, ())
+        found = [f"{name_of(file)}:{line}: {'.'.join(p)}" for line, p in imported(file) if room(p) not in allowed]
+        if found:
+            deeper[file.stem] = found
+    assert {name: found for name, found in deeper.items() if name not in NOT_CONVERTED} == {}
+    assert [name for name in NOT_CONVERTED if name not in deeper] == []  # converted: take it off the list
 
 
 def test_every_room_has_a_place_in_the_order() -> None:

@@ -6,6 +6,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from enginediag_cli.api.building_blocks import Description as Description
+    from enginediag_cli.api.building_blocks import Listing as Listing
+    from enginediag_cli.api.building_blocks import describe_component as describe_component
+    from enginediag_cli.api.building_blocks import describe_effect as describe_effect
+    from enginediag_cli.api.building_blocks import list_components as list_components
+    from enginediag_cli.api.building_blocks import list_effects as list_effects
+    from enginediag_cli.api.building_blocks import list_law_variables as list_law_variables
     from enginediag_cli.api.detection import DetectionResult as DetectionResult
     from enginediag_cli.api.detection import FollowResult as FollowResult
     from enginediag_cli.api.detection import MethodResult as MethodResult
@@ -28,6 +35,12 @@ if TYPE_CHECKING:
     from enginediag_cli.api.fleets import fleet_status as fleet_status
     from enginediag_cli.api.fleets import merge_stores as merge_stores
     from enginediag_cli.api.fleets import prune_store as prune_store
+    from enginediag_cli.api.files import CheckResult as CheckResult
+    from enginediag_cli.api.files import RecorderDraft as RecorderDraft
+    from enginediag_cli.api.files import check as check
+    from enginediag_cli.api.files import draft_recorder as draft_recorder
+    from enginediag_cli.api.identification import IdentificationResult as IdentificationResult
+    from enginediag_cli.api.identification import identify as identify
     from enginediag_cli.api.inputs import Recordings as Recordings
     from enginediag_cli.api.inputs import load_engine as load_engine
     from enginediag_cli.api.inputs import load_nominal as load_nominal
@@ -46,9 +59,21 @@ if TYPE_CHECKING:
     from enginediag_cli.api.results import MessageLog as MessageLog
     from enginediag_cli.api.results import Picture as Picture
     from enginediag_cli.api.results import Result as Result
+    from enginediag_cli.api.simulation import SimulationResult as SimulationResult
+    from enginediag_cli.api.simulation import simulate as simulate
     from enginediag_cli.api.windows import WindowOptions as WindowOptions
+    from enginediag_cli.recordings.provenance import provenance_notes as provenance_notes
 
 HOMES = {
+    "api.building_blocks": (
+        "Description",
+        "Listing",
+        "describe_component",
+        "describe_effect",
+        "list_components",
+        "list_effects",
+        "list_law_variables",
+    ),
     "api.detection": (
         "DetectionResult",
         "FollowResult",
@@ -70,13 +95,17 @@ HOMES = {
         "locate_per_record",
     ),
     "api.fleets": ("FleetResult", "StoreResult", "fleet", "fleet_status", "merge_stores", "prune_store"),
+    "api.files": ("CheckResult", "RecorderDraft", "check", "draft_recorder"),
+    "api.identification": ("IdentificationResult", "identify"),
     "api.inputs": ("Recordings", "load_engine", "load_nominal", "read_recordings"),
     "api.isolation": ("IsolationResult", "isolate"),
     "api.over_time": ("MarginOptions", "TrendResult", "forecast", "trend"),
     "api.refinement": ("RefineResult", "refine"),
     "api.reporting": ("ReportPage", "report"),
     "api.results": ("DocumentResult", "MessageLog", "Picture", "Result"),
+    "api.simulation": ("SimulationResult", "simulate"),
     "api.windows": ("WindowOptions",),
+    "recordings.provenance": ("provenance_notes",),
 }
 """Module → names that it gives to the library; a module is loaded when one of its names is first used."""
 _HOME = {name: module for module, names in HOMES.items() for name in names}

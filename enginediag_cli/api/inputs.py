@@ -75,6 +75,9 @@ RecordingsLike: TypeAlias = Any
 NominalLike: TypeAlias = Any
 """A path of a nominal file, a `Baseline`, a result of `identify`, or None for statistics alone."""
 
+EngineOrPath: TypeAlias = Any
+"""A path of an engine YAML, the name of one that comes with enginediag, or a loaded `Engine`."""
+
 
 def load_engine(path: str | Path) -> Engine:
     """Load the model of an engine.
@@ -162,6 +165,16 @@ def read_recordings(
     return Recordings(files, path, engine_instance, accept_mismatch, tuple(scratch))
 
 
+def as_engine(engine: EngineOrPath) -> Engine:
+    """The engine that an argument of a verb means, as if it had just been loaded: answers do not depend on what was
+    asked of it before."""
+    if isinstance(engine, (str, Path)):
+        return load_engine(engine)
+    found: Engine = engine
+    found.forget_start()
+    return found
+
+
 def as_recordings(recordings: RecordingsLike) -> Source:
     """The recordings that an argument of a verb means."""
     if isinstance(recordings, Source):
@@ -174,13 +187,14 @@ def as_recordings(recordings: RecordingsLike) -> Source:
 
 
 def as_baseline(nominal: NominalLike, *, accept_changed_engine: bool = False) -> Baseline | None:
-    """The nominal state that an argument of a verb means; None stays None."""
-    if nominal is None or isinstance(nominal, Baseline):
-        return nominal
-    if hasattr(nominal, "baseline"):  # a result of `identify`
-        found: Baseline = nominal.baseline()
-        return found
-    return load_nominal(nominal, accept_changed_engine=accept_changed_engine)
+    """The nominal state that an argument of a verb means, its engine as if it had just been loaded; None stays None."""
+    if nominal is None:
+        return None
+    if isinstance(nominal, (str, Path)):
+        return load_nominal(nominal, accept_changed_engine=accept_changed_engine)
+    found: Baseline = nominal if isinstance(nominal, Baseline) else nominal.baseline()  # a result of `identify`
+    as_engine(found.engine)
+    return found
 
 
 def _file(item: RecordingsLike, scratch: list[Any], among: int) -> str:

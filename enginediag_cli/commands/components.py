@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -18,9 +18,9 @@ LIST_COLUMNS = ("component", "title", "unknowns")
 def _complete(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
     from click.shell_completion import CompletionItem
 
-    from enginediag_cli.engine.components import COMPONENTS
+    from enginediag_cli.api.building_blocks import component_names
 
-    return [CompletionItem(name) for name in COMPONENTS if name.startswith(incomplete)]
+    return [CompletionItem(name) for name in component_names() if name.startswith(incomplete)]
 
 
 @click.command(short_help="Say of which components an engine file is made.", epilog=exit_codes())
@@ -39,26 +39,17 @@ def components(name: str | None, output: Output) -> None:
     """
     import json
 
-    from enginediag_cli.engine.components import COMPONENTS
-    from enginediag_cli.engine.example import shown
-    from enginediag_cli.presentation.components import component_row, key_rows, page, parameter_rows
-    from enginediag_cli.recordings.provenance import header_lines
+    from enginediag_cli.api.building_blocks import describe_component, list_components
 
-    form, head = output.chosen_format(), header_lines("components")
+    form = output.chosen_format()
     if name is None:
-        rows = [component_row(kind, shown(t)) for t, kind in COMPONENTS.items()]
-        output.write_rows(rows, LIST_COLUMNS if form == "table" else None, provenance=head)
+        listed = list_components()
+        output.write_rows(listed.rows, LIST_COLUMNS if form == "table" else None, provenance=listed.provenance)
         return
-    if name not in COMPONENTS:
-        from enginediag_cli.config.hints import near
-
-        raise click.UsageError(f"no component {name!r}; {near(name, COMPONENTS)}")
-    kind, found = COMPONENTS[name], shown(name)
+    found = describe_component(name)
     if form == "table":
-        output.write_text(page(kind, found))
+        output.write_text(found.page)
     elif form == "json":
-        document: dict[str, Any] = component_row(kind, found)
-        document |= {"keys": list(key_rows(kind)), "parameters": list(parameter_rows(found)), "example": found.text}
-        output.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
+        output.write_text(json.dumps(found.document, indent=1, ensure_ascii=False) + "\n")
     else:
-        output.write_rows(key_rows(kind), provenance=head)
+        output.write_rows(found.rows, provenance=found.provenance)

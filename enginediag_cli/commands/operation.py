@@ -161,7 +161,7 @@ def is_given(value: object) -> bool:
 def operated(messages: Messages, context: click.Context, values: dict[str, Any]) -> Iterator[None]:
     """Take from a command's values what is not its own, and run it inside: under its lock, with what a file or the
     environment gives told in what it writes. Raises LockedError, DataError."""
-    from enginediag_cli.recordings.provenance import told_besides
+    from enginediag_cli.api import provenance_notes
 
     for name in (LOG, CONFIG):
         values.pop(name, None)
@@ -169,7 +169,7 @@ def operated(messages: Messages, context: click.Context, values: dict[str, Any])
     besides = chosen_besides(context)
     if WHERE in context.meta and besides:
         messages.note(f"options not of the command line: {', '.join(f'{k} {v}' for k, v in besides.items())}")
-    with told_besides({f"option {word}": told for word, told in besides.items()}):
+    with provenance_notes({f"option {word}": told for word, told in besides.items()}):
         if lock is None:
             yield
             return

@@ -95,11 +95,11 @@ class OutputFile(click.Path):
             more = "; or say with --format what is to be written" if "output_format" in ctx.params else ""
             self.fail(f"{path}: {suffix} files are not written; possible are {known}{more}", param, ctx)
         if suffix == ".parquet" and suffix in self.suffixes:
-            from enginediag_cli.recordings.formats.arrow import parquet_library
+            from enginediag_cli.presentation.output import check_parquet
 
             if path.lower() != path.lower().removesuffix(".gz"):
                 self.fail(f"{path}: a Parquet file is packed inside; leave out .gz (.csv, .json, .ndjson)", param, ctx)
-            parquet_library(path, "write a .csv")
+            check_parquet(path)
         if suffix == ".png" and suffix in self.suffixes:
             from enginediag_cli.presentation.pictures.png import check_pillow
 

@@ -26,7 +26,7 @@ from enginediag_cli.recordings.table import Recording, concat
 from enginediag_cli.residuals.groups import group_rows
 
 if TYPE_CHECKING:
-    from enginediag_cli.identification.identify import IdentificationResult
+    from enginediag_cli.identification.identify import Identification
 
 FEWEST_ENGINES = 3
 """Engines that are kept where their flights hold more records than are asked for: one is no fleet, of two none is
@@ -40,7 +40,7 @@ class CommonModel:
     path: Path
     engines: tuple[str, ...]
     records: int
-    result: IdentificationResult
+    result: Identification
 
 
 def model_key(fleet: Fleet, build: Build) -> str:

@@ -54,7 +54,7 @@ FREED = 2
 
 
 @dataclass(frozen=True)
-class IdentificationResult:
+class Identification:
     """Everything that identification found; look at `converged` first, `reason` says why not."""
 
     converged: bool
@@ -166,7 +166,7 @@ def identify(
     cross_validation: bool = True,
     map_accuracy: float | None = None,
     offsets: bool = True,
-) -> IdentificationResult:
+) -> Identification:
     """Identify `engine` from healthy recordings; `held_out` recordings only judge the result.
 
     A held-out recording with the label of a training recording takes its sensor offsets, another one none.
@@ -224,7 +224,7 @@ def identify(
         **problem.dropped,
         **_failures(problem, fit),
     }
-    return IdentificationResult(
+    return Identification(
         converged,
         reason,
         problem,

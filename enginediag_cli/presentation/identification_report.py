@@ -10,7 +10,7 @@ from enginediag_cli.error_model.modelled import FAMILY
 from enginediag_cli.error_model.points import POINT_FAMILY, PointErrorModel
 from enginediag_cli.identification.attempts import GivenUp
 from enginediag_cli.identification.bounds import AtBound
-from enginediag_cli.identification.identify import OUTSIDE_MAPS, IdentificationResult
+from enginediag_cli.identification.identify import OUTSIDE_MAPS, Identification
 from enginediag_cli.identification.nominal import Estimate
 from enginediag_cli.identification.quality import EVERYTHING, SensorQuality
 from enginediag_cli.identification.repeats import Repeat
@@ -37,7 +37,7 @@ FEW_RECORDS = 20.0
 """Independent records below which the size of the noise is not known to a sixth (1/√(2n))."""
 
 
-def report_lines(result: IdentificationResult) -> Iterator[str]:
+def report_lines(result: Identification) -> Iterator[str]:
     """Records, fit, parameters by status, and what the data leave open."""
     yield _records_line(result)
     if not result.converged:
@@ -58,7 +58,7 @@ def report_lines(result: IdentificationResult) -> Iterator[str]:
     yield from combination_lines(result)
 
 
-def _records_line(result: IdentificationResult) -> str:
+def _records_line(result: Identification) -> str:
     n = len(result.problem.labels)
     used = f"{result.records['used']:,} records of {n} recording{'s' * (n > 1)} used"
     outside = result.records.get(OUTSIDE_MAPS, 0)
@@ -84,7 +84,7 @@ def bounds_line(bounds: Sequence[AtBound]) -> str:
     return f"no nominal state: {named}; nothing is written ({what})"
 
 
-def doubt_lines(result: IdentificationResult) -> Iterator[str]:
+def doubt_lines(result: Identification) -> Iterator[str]:
     """What speaks against a fit that has converged: parameters where no engine of the kind is, readings that the model
     does not explain."""
     for e in result.far_off:
@@ -99,7 +99,7 @@ def doubt_lines(result: IdentificationResult) -> Iterator[str]:
         yield f"the fit leaves far more than the stated noise: {named}; the model does not explain these readings"
 
 
-def noise_lines(result: IdentificationResult) -> Iterator[str]:
+def noise_lines(result: Identification) -> Iterator[str]:
     """Which sensors' noise rests on few independent records."""
     noise = result.noise
     few = [
@@ -111,7 +111,7 @@ def noise_lines(result: IdentificationResult) -> Iterator[str]:
         yield f"noise from few independent records, so that size and correlation are vague: {', '.join(few)}"
 
 
-def fit_table(result: IdentificationResult) -> list[str]:
+def fit_table(result: Identification) -> list[str]:
     """Per sensor and regime: RMS in sample, by left-out blocks and held out; and the noise of each sensor."""
     found = [_by_place(q) for q in (result.in_sample, result.cross_validated, result.held_out)]
     rows: list[tuple[str, ...]] = [
@@ -168,7 +168,7 @@ def parameter_lines(estimates: Sequence[Estimate]) -> list[str]:
     return lines
 
 
-def point_error_lines(result: IdentificationResult) -> Iterator[str]:
+def point_error_lines(result: Identification) -> Iterator[str]:
     """What the model misses at operating points, of the readings where that is more than the noise of one."""
     inner = getattr(result.problem.model, "model", None)
     if not isinstance(inner, PointErrorModel):
@@ -181,7 +181,7 @@ def point_error_lines(result: IdentificationResult) -> Iterator[str]:
         )
 
 
-def map_error_lines(result: IdentificationResult) -> Iterator[str]:
+def map_error_lines(result: Identification) -> Iterator[str]:
     """How wrong the maps may be, and what that rests on."""
     found = result.map_errors
     if not found:
@@ -197,7 +197,7 @@ def map_error_lines(result: IdentificationResult) -> Iterator[str]:
         yield f"maps that must be wrong by more for these records: {named}"
 
 
-def offset_lines(result: IdentificationResult) -> Iterator[str]:
+def offset_lines(result: Identification) -> Iterator[str]:
     """By how much instruments differ from recording to recording, where that was estimated."""
     found = [o for o in result.problem.offsets if o.recordings]
     if not found:
@@ -210,7 +210,7 @@ def offset_lines(result: IdentificationResult) -> Iterator[str]:
     yield f"instruments differ between the {found[0].recordings} recordings by (1 standard deviation): {named}"
 
 
-def lagging_lines(result: IdentificationResult) -> Iterator[str]:
+def lagging_lines(result: Identification) -> Iterator[str]:
     """Readings that lag behind the model where the engine moves."""
     if not result.lagging:
         return
@@ -224,7 +224,7 @@ def lagging_lines(result: IdentificationResult) -> Iterator[str]:
     )
 
 
-def combination_lines(result: IdentificationResult) -> list[str]:
+def combination_lines(result: Identification) -> list[str]:
     """Changes of several parameters together that these recordings do not show."""
     joint = [c for c in result.unidentified if len(c.parameters) > 1]
     if not joint:

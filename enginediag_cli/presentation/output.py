@@ -197,6 +197,13 @@ def table_suffix(path: str) -> str:
     return os.path.splitext(path.lower().removesuffix(".gz"))[1]
 
 
+def check_parquet(path: str) -> None:
+    """Raises DataError where Parquet cannot be written to `path`, for want of the package."""
+    from enginediag_cli.recordings.formats.arrow import parquet_library
+
+    parquet_library(path, "write a .csv")
+
+
 def write_rows(
     rows: Iterable[Mapping[str, Any]],
     columns: Sequence[str],

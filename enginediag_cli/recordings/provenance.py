@@ -45,7 +45,7 @@ class _Besides:
 
 
 @contextmanager
-def told_besides(notes: Mapping[str, str]) -> Iterator[None]:
+def provenance_notes(notes: Mapping[str, str]) -> Iterator[None]:
     """Within it, notes that every header has: options on which results depend, and that a file or the environment
     gives."""
     before, _Besides.notes = _Besides.notes, dict(notes)
@@ -56,7 +56,7 @@ def told_besides(notes: Mapping[str, str]) -> Iterator[None]:
 
 
 def besides() -> dict[str, str]:
-    """The notes of `told_besides`, for what has a head of its own."""
+    """The notes of `provenance_notes`, for what has a head of its own."""
     return dict(_Besides.notes)
 
 

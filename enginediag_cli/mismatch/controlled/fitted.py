@@ -9,7 +9,7 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.errors import EngineDiagError
-from enginediag_cli.identification.identify import IdentificationResult, identify
+from enginediag_cli.identification.identify import Identification, identify
 from enginediag_cli.identification.on_unseen import on_unseen
 from enginediag_cli.identification.problem import TrainingRecording
 from enginediag_cli.identification.settings import settings_from_mapping
@@ -48,7 +48,7 @@ def gain(after: Errors, before: Errors) -> tuple[float, float]:
 class Fitted:
     """An engine identified; `errors` on blocks that its fit had not seen, where it converged."""
 
-    found: IdentificationResult
+    found: Identification
     errors: Errors
 
     @property

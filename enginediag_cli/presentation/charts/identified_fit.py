@@ -10,10 +10,10 @@ from enginediag_cli.presentation.charts.model import Axis, Chart, Column, Layer,
 from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
-    from enginediag_cli.identification.identify import IdentificationResult
+    from enginediag_cli.identification.identify import Identification
 
 
-def identified_fit(key: str, result: IdentificationResult) -> Chart:
+def identified_fit(key: str, result: Identification) -> Chart:
     """Records that were fitted, left out in turn, and held out, as far as there are."""
     sets = {
         "fitted": result.in_sample,

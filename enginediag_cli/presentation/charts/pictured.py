@@ -23,7 +23,7 @@ from enginediag_cli.presentation.pictures.written import write_drawing
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.trend_of_files import Series
-    from enginediag_cli.identification.identify import IdentificationResult
+    from enginediag_cli.identification.identify import Identification
     from enginediag_cli.isolation.of_windows import IsolatedWindow
 
 LIKELY = 0.5
@@ -112,7 +112,7 @@ def of_margin(rows: Sequence[Mapping[str, Any]]) -> Chart:
     return chart
 
 
-def of_identification(result: IdentificationResult) -> Chart:
+def of_identification(result: Identification) -> Chart:
     """How well each reading is fitted."""
     return identified_fit("identify", result)
 

@@ -1,0 +1,371 @@
+"""`check` and `draft_recorder`: files before anything is judged, YAML of the user's and recordings of others."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from enginediag_cli.api.inputs import EngineOrPath, NominalLike, as_baseline, as_engine
+from enginediag_cli.api.results import MessageLog, Result, Row
+from enginediag_cli.errors import ConfigError, DataError, EngineDiagError, UsageError
+from enginediag_cli.presentation.messages import Messages
+from enginediag_cli.shipped import own_or_shipped
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.engine import Engine
+    from enginediag_cli.intake.accepted import Accepted, Against
+    from enginediag_cli.recordings.draft import Draft
+    from enginediag_cli.recordings.engine_columns import EngineColumns
+
+YAML_SUFFIXES = (".yaml", ".yml")
+
+BEYOND_ENVELOPE = 0.2
+"""Share of the envelope that an engine file states by which inputs may lie beyond it: files state it roughly."""
+
+
+@dataclass(frozen=True)
+class FileCheck:
+    """What is known of one file.
+
+    Attributes
+    ----------
+    file : str
+        Its name; "" for what concerns several.
+    rows : tuple of dict
+        A row for each thing that is known.
+    lines : tuple of (str, str)
+        The same in words: level (``"note"``, ``"warning"`` or ``"error"``) and text.
+    error : ConfigError or None
+        What is wrong with a YAML file, with its places.
+    """
+
+    file: str
+    rows: tuple[Row, ...]
+    lines: tuple[tuple[str, str], ...] = ()
+    error: ConfigError | None = None
+
+    @property
+    def ok(self) -> bool:
+        """Whether it can be used."""
+        return all(row["ok"] for row in self.rows)
+
+
+class CheckResult(Result):
+    """What is known of files; see `check`. `found` counts files that cannot be used, `judged` those that can."""
+
+    def __init__(self, files: Sequence[str], against: Against, messages: Messages):
+        from enginediag_cli.presentation.acceptance_rows import ACCEPTANCE_COLUMNS, ACCEPTANCE_SUMMARY
+
+        self._paths, self._against = files, against
+        self._checks: list[FileCheck] = []
+        self._coming = self._checked()
+        super().__init__(columns=ACCEPTANCE_COLUMNS, summary_columns=ACCEPTANCE_SUMMARY, messages=messages)
+
+    def files(self) -> Iterator[FileCheck]:
+        """The files in turn, each looked into when it is asked for; the last is about those that are the same.
+
+        Yields
+        ------
+        FileCheck
+        """
+        yield from self._checks
+        for one in self._coming:
+            self._checks.append(one)
+            if one.file:
+                self.judged += one.ok
+                self.found += not one.ok
+            yield one
+
+    @property
+    def ok(self) -> bool:
+        """Whether every file can be used."""
+        return all(one.ok for one in self.files())
+
+    def _compute(self) -> Iterator[Row]:
+        for one in self.files():
+            yield from one.rows
+
+    def _checked(self) -> Iterator[FileCheck]:
+        from enginediag_cli.intake.intake import refuse_silent_pipe
+
+        recordings = recordings_among(self._paths)
+        for file in self._paths:
+            try:
+                if len(self._paths) > 1:
+                    refuse_silent_pipe(file)
+                one = _recording(file, self._against) if file in recordings else _yaml(file)
+            except EngineDiagError as error:
+                one = _unusable(file, error)
+            yield one
+        yield from _repeated(recordings)
+
+    def summary(self) -> str:
+        """What the command prints of the files, a line each."""
+        marks = {"note": "", "warning": "warning: ", "error": "error: "}
+        return "\n".join(marks[level] + text for one in self.files() for level, text in one.lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain Python objects: ``ok``, ``provenance`` and ``rows``."""
+        return {"ok": self.ok, **super().to_dict()}
+
+
+def check(
+    files: str | Path | Sequence[str | Path],
+    *,
+    nominal: NominalLike = None,
+    engine: EngineOrPath | None = None,
+    recorder: str | Path | None = None,
+    engine_instance: str = "",
+    accept_changed_engine: bool = False,
+    messages: Messages | None = None,
+    stream: bool = False,
+) -> CheckResult:
+    """Validate YAML files, and say of recordings whether they can be judged.
+
+    Parameters
+    ----------
+    files : path or sequence of paths
+        Files ending in ``.yaml`` or ``.yml`` are validated by the kind that they name; anything else is a recording.
+    nominal : str, Path, Baseline or IdentificationResult, optional
+        Nominal engine that the recordings are to be held against.
+    engine : str, Path or Engine, optional
+        Engine of the recordings, where none is identified.
+    recorder : str or Path, optional
+        Recorder YAML of foreign recordings.
+    engine_instance : str
+        Use only this engine of the recordings.
+    accept_changed_engine : bool
+        Use an engine file although it is no longer the one that was identified.
+    messages : Messages, optional
+        Receives warnings about nominal state and recorder; they are collected when not given.
+    stream : bool
+        Look into files only as they are read from the result.
+
+    Returns
+    -------
+    CheckResult
+        ``ok`` says whether every file can be used, ``rows`` what is known; a file that cannot be used is no error.
+
+    Raises
+    ------
+    UsageError, ConfigError, DataError
+        For `nominal`, `engine` and `recorder`.
+    """
+    several = [files] if isinstance(files, (str, Path)) else files
+    paths = tuple(map(str, several))
+    messages = messages if messages is not None else MessageLog()
+    against = _held_against(paths, nominal, engine, recorder, engine_instance, accept_changed_engine, messages)
+    return CheckResult(paths, against, messages).complete(stream)
+
+
+def recordings_among(files: Sequence[str]) -> list[str]:
+    """Those of the files that are no YAML."""
+    return [file for file in files if not file.lower().endswith(YAML_SUFFIXES)]
+
+
+def _held_against(
+    files: Sequence[str],
+    nominal: NominalLike,
+    engine: EngineOrPath | None,
+    recorder: str | Path | None,
+    instance: str,
+    accept_changed_engine: bool,
+    messages: Messages,
+) -> Against:
+    """What the recordings are held against. Raises UsageError, ConfigError."""
+    from enginediag_cli.intake.accepted import Against
+
+    if nominal is not None and engine is not None:
+        raise UsageError("--nominal names its engine; give either that or --engine")
+    if not recordings_among(files):
+        return Against()  # what a folder's options give is for its recordings
+    mapped = None
+    if recorder is not None:
+        from enginediag_cli.presentation.left_out import undecided_lines
+        from enginediag_cli.recordings.recorder import load_recorder
+
+        mapped = load_recorder(str(own_or_shipped(recorder)))
+        for text in undecided_lines(mapped.undecided):
+            messages.warning(text)
+    baseline = as_baseline(nominal, accept_changed_engine=accept_changed_engine)
+    if baseline is not None:
+        from enginediag_cli.presentation.baseline_doubts import tell_baseline
+
+        tell_baseline(messages, baseline, instance)
+        return Against(baseline.engine, baseline.nominal, mapped, instance)
+    return Against(None if engine is None else as_engine(engine), None, mapped, instance)
+
+
+def _shown(file: str) -> str:
+    return "<stdin>" if file == "-" else file
+
+
+def _recording(file: str, against: Against) -> FileCheck:
+    """What is known of a recording, of each engine in it. Raises DataError."""
+    from enginediag_cli.intake.accepted import accepted
+    from enginediag_cli.presentation.acceptance_rows import acceptance_rows
+
+    rows: list[Row] = []
+    lines: list[tuple[str, str]] = []
+    for report in accepted(file, against):
+        rows += acceptance_rows(report)
+        lines += _page(report)
+    return FileCheck(_shown(file), tuple(rows), tuple(lines))
+
+
+def _page(report: Accepted) -> Iterator[tuple[str, str]]:
+    """All that is known of a recording, in words; what keeps it from being judged is an error."""
+    from enginediag_cli.presentation.acceptance_rows import PROBLEM, headline, remarks
+
+    yield "note", headline(report)
+    for remark in remarks(report):
+        if remark.level == PROBLEM:
+            yield "error", f"{_shown(report.file)}: {remark.told}"
+        else:
+            yield "note", f"  {remark.line}"
+
+
+def _yaml(file: str) -> FileCheck:
+    """What a YAML file is, with the design table of an engine. Raises ConfigError."""
+    from enginediag_cli.config.kinds import check_file
+
+    kind, remarks = check_file(file).name, []
+    undecided: tuple[str, ...] = ()
+    if kind == "recorder":
+        from enginediag_cli.recordings.recorder import load_recorder
+
+        undecided = load_recorder(file).undecided
+    if kind == "engine":
+        from enginediag_cli.physics.engine_file import load_engine
+        from enginediag_cli.presentation.engine_overview import overview_rows
+
+        remarks = list(overview_rows(load_engine(file)))
+    more = "".join(f"\n  open: {text}" for text in undecided)
+    found = f"a file of kind {kind}" + (f", a draft with decisions left open:{more}" if undecided else "")
+    lines = [("note", f"{file}: ok, {found}")]
+    for row in remarks:
+        if row["level"] == "warning":
+            lines.append(("warning", f"{file}: {row['problem']} ({row['hint']})"))
+        else:
+            lines.append(("note", f"  {row['name']}: {row['found']}"))
+    rows = ({"file": file, "ok": True, "found": found}, *({**row, "file": file, "ok": True} for row in remarks))
+    return FileCheck(file, rows, tuple(lines))
+
+
+def _unusable(file: str, error: EngineDiagError) -> FileCheck:
+    """A row per problem, with its place where it is known: of a recording it stands in the text."""
+    if not isinstance(error, ConfigError):
+        row = {"file": _shown(file), "ok": False, "level": "problem", "problem": str(error)}
+        return FileCheck(_shown(file), (row,), (("error", str(error)),))
+    rows = tuple(
+        {
+            "file": problem.mark.file,
+            "ok": False,
+            "level": "problem",
+            "line": problem.mark.line or None,
+            "column": problem.mark.column or None,
+            "problem": problem.message,
+            "hint": problem.hint,
+        }
+        for problem in error.problems
+    )
+    return FileCheck(_shown(file), rows, (("error", str(error)),), error)
+
+
+def _repeated(recordings: Sequence[str]) -> Iterator[FileCheck]:
+    """A warning about files that are the same, which every other verb refuses together."""
+    from enginediag_cli.intake.source import refuse_repeated
+
+    try:
+        refuse_repeated(recordings)
+    except DataError as error:
+        row = {"file": recordings[0], "ok": True, "level": "warning", "about": "repeated", "problem": str(error)}
+        yield FileCheck("", (row,), (("warning", str(error)),))
+
+
+class RecorderDraft:
+    """The draft of a recorder YAML; see `draft_recorder`.
+
+    Attributes
+    ----------
+    text : str
+        Complete YAML; comments say what was guessed, and what is to be decided.
+    decisions : tuple of str
+        What the user must decide, a sentence each.
+    missing : dict of str to str
+        Required columns that nothing gives, with what may be done.
+    unused : dict of str to str
+        Columns that were not recognised, or are of no use, with the reason.
+    """
+
+    def __init__(self, found: Draft, engine: str = ""):
+        from enginediag_cli.recordings.draft_text import draft_yaml
+
+        self._found, self._engine = found, engine
+        self.text = draft_yaml(found, engine)
+        self.decisions, self.missing, self.unused = tuple(found.decisions), dict(found.missing), dict(found.unused)
+
+    def summary(self) -> str:
+        """How much was recognised, in one line."""
+        return (
+            f"{len(self._found.columns)} columns recognised, {len(self.decisions)} decisions left to you, "
+            f"{len(self.unused)} columns not used"
+            + (f", {len(self.missing)} required columns not found" if self._engine else "")
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write the YAML, completely or not at all; ``-`` is standard output. Raises DataError."""
+        from enginediag_cli.recordings.write import output
+
+        try:
+            with output(str(path)) as stream:
+                stream.write(self.text)
+        except OSError as error:
+            raise DataError(f"{path}: {error.strerror or error}") from error
+
+
+def draft_recorder(file: str | Path, *, engine: EngineOrPath | None = None) -> RecorderDraft:
+    """Draft the recorder YAML that maps a foreign recording to the program's own columns.
+
+    Delimiter, decimal mark, encoding, header, units, time stamps and engines are found by their looks.
+
+    Parameters
+    ----------
+    file : str or Path
+        Recording of somebody else's logger; ``-`` is standard input.
+    engine : str, Path or Engine, optional
+        Engine whose inputs and sensors are looked for.
+
+    Returns
+    -------
+    RecorderDraft
+
+    Raises
+    ------
+    ConfigError, DataError
+    """
+    from enginediag_cli.recordings.draft import draft
+    from enginediag_cli.recordings.sniff import sniff
+
+    model = None if engine is None else as_engine(engine)
+    found = draft(sniff(str(file)), None if model is None else _engine_columns(model))
+    return RecorderDraft(found, "" if model is None else model.path)
+
+
+def _engine_columns(model: Engine) -> EngineColumns:
+    """What an engine asks for, with the limits and design speeds that its file states."""
+    import os
+
+    from enginediag_cli.recordings.engine_columns import EngineColumns
+
+    limits = {}
+    for column, (low, high) in model.envelope.items():
+        room = BEYOND_ENVELOPE * (high - low)
+        limits[column] = (low - room, high + room)
+    limits |= {column: (0.0, sensor.maximum) for column, sensor in model.sensors.items() if sensor.maximum}
+    shafts = model.network.shafts
+    design = {column: shafts[name]["design_speed_rpm"] for column, name in model.network.speed_columns.items()}
+    name, optional = os.path.basename(model.path), dict(model.optional_inputs)
+    return EngineColumns(name, tuple(model.inputs), tuple(model.sensors), optional, limits, design)

@@ -1,0 +1,378 @@
+"""`identify`: the nominal state of an engine, its parameters and sensor noise, from healthy recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from enginediag_cli.api.inputs import EngineOrPath, RecordingsLike, as_engine, as_recordings
+from enginediag_cli.api.results import MessageLog, Picture, Result, Row
+from enginediag_cli.errors import NoVerdictError, UsageError
+from enginediag_cli.presentation.messages import Messages
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.description import EngineDescription
+    from enginediag_cli.engine.engine import Engine
+    from enginediag_cli.identification.bounds import AtBound
+    from enginediag_cli.identification.identify import Identification
+    from enginediag_cli.identification.nominal import Estimate, Nominal
+    from enginediag_cli.identification.problem import TrainingRecording
+    from enginediag_cli.intake.baseline import Baseline
+    from enginediag_cli.intake.source import Source
+
+NOMINAL_FILE = "nominal.yaml"
+"""Name under which results call a nominal state that was not read from a file."""
+
+
+@dataclass(frozen=True)
+class TrainingChoices:
+    """Which records are fitted: the first so many of each recording, and which are held out to judge the fit by."""
+
+    first: int | None = None
+    holdout: float | None = None
+    holdout_last: bool = False
+    keep_probes: bool = False
+    allow_bounds: bool = False
+
+    def check(self) -> None:
+        """Raises UsageError for choices that do not go together, or are out of their range."""
+        if self.holdout is not None and self.holdout_last:
+            raise UsageError("--holdout and --holdout-last exclude each other")
+        if self.holdout is not None and not 0.0 < self.holdout <= 0.9:
+            raise UsageError(f"--holdout: {self.holdout:g} is not a share above 0, up to 0.9")
+        if self.first is not None and self.first < 1:
+            raise UsageError(f"--first: {self.first} is not a number of records, from 1 on")
+
+    def divided(self, training: list[TrainingRecording]) -> tuple[list[TrainingRecording], list[TrainingRecording]]:
+        """What is fitted, and what is held out. Raises UsageError where too few recordings are there."""
+        from enginediag_cli.identification.training import first_records, hold_out_end
+
+        if self.first is not None:
+            training = first_records(training, self.first)
+        if self.holdout is not None:
+            return hold_out_end(training, self.holdout)
+        if self.holdout_last:
+            if len(training) < 2:
+                raise UsageError("--holdout-last needs at least two recordings")
+            return training[:-1], training[-1:]
+        return training, []
+
+    def notes(self, probes_left_out: Sequence[str]) -> dict[str, str]:
+        """Choices that the result depends on, for its provenance."""
+        notes = {} if self.first is None else {"first records": str(self.first)}
+        if self.holdout is not None or self.holdout_last:
+            notes["held out"] = (
+                "the last recording" if self.holdout_last else f"last {self.holdout:g} of each recording"
+            )
+        if probes_left_out:
+            notes["contradicted by heat balances, not fitted"] = ", ".join(probes_left_out)
+        return notes
+
+
+class IdentificationResult(Result):
+    """What was identified; see `identify`. Verbs that need a nominal engine take it as it is.
+
+    Rows are the estimates of parameters, each in its unit.
+
+    Attributes
+    ----------
+    converged : bool
+        Whether the fit converged; `reason` says why, or why not.
+    bounds : tuple of AtBound
+        Parameters that the records push against a bound: the model lacks something.
+    far_off : tuple of Estimate
+        Parameters five standard deviations of their priors, or more, from what was expected.
+    unexplained : tuple of (str, float)
+        Sensors that the fit misses by far more than their stated noise, with the ratio [1].
+    refusal : str
+        Why there is no nominal state; "" where there is one.
+    fit : Identification
+        Everything else: quality of fit by sensor, cross-validation, envelope, map errors.
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        described: EngineDescription,
+        fit: Identification,
+        provenance: Mapping[str, str],
+        refusal: str,
+        messages: Messages,
+    ):
+        made = tuple(f"{key}: {text}" for key, text in provenance.items())
+        super().__init__(head=lambda: made, messages=messages)
+        self._engine, self._described, self._made = engine, described, provenance
+        self.fit, self.refusal = fit, refusal
+        self.judged = int(not refusal)
+
+    def _compute(self) -> Iterator[Row]:
+        yield from map(asdict, self.fit.estimates)
+
+    @property
+    def converged(self) -> bool:
+        """Whether the fit converged."""
+        return self.fit.converged
+
+    @property
+    def reason(self) -> str:
+        """Why the fit ended."""
+        return self.fit.reason
+
+    @property
+    def bounds(self) -> tuple[AtBound, ...]:
+        """Parameters that the records push against a bound."""
+        return self.fit.bounds
+
+    @property
+    def far_off(self) -> tuple[Estimate, ...]:
+        """Parameters where no engine of the kind is."""
+        return self.fit.far_off
+
+    @property
+    def unexplained(self) -> tuple[tuple[str, float], ...]:
+        """Sensors that the fit misses by far more than their stated noise, with the ratio [1]."""
+        return self.fit.unexplained
+
+    @cached_property
+    def nominal(self) -> Nominal:
+        """Nominal state: estimates with their covariance, noise, envelope. Raises NoVerdictError where there is none,
+        with the reason."""
+        from enginediag_cli.residuals.compact import is_smooth
+        from enginediag_cli.residuals.monitor import monitor_from_nominal
+
+        if self.refusal:
+            raise NoVerdictError(self.refusal)
+        nominal = self.fit.nominal(self._engine_reference("-"), self._described.sha256, self._made)
+        smooth = is_smooth(monitor_from_nominal(self._engine, nominal))
+        return replace(nominal, smooth=smooth, description=self._described)
+
+    def _engine_reference(self, path: str) -> str:
+        """Path of the engine file as seen from the nominal file, with forward slashes."""
+        import os
+
+        folder = "." if path == "-" else os.path.dirname(path) or "."
+        return Path(os.path.relpath(self._described.file, folder)).as_posix()
+
+    def baseline(self) -> Baseline:
+        """Nominal state and engine, as other verbs read them from the nominal file.
+
+        Returns
+        -------
+        Baseline
+
+        Raises
+        ------
+        NoVerdictError
+            Where there is no nominal state, with the reason.
+        """
+        return self._baseline
+
+    @cached_property
+    def _baseline(self) -> Baseline:
+        import tempfile
+
+        from enginediag_cli.identification.nominal_file import write_nominal
+        from enginediag_cli.intake.baseline import open_baseline
+
+        self._scratch = tempfile.TemporaryDirectory(prefix="enginediag_")  # lives as long as this
+        path = Path(self._scratch.name) / NOMINAL_FILE
+        write_nominal(self.nominal, path)
+        return open_baseline(path)
+
+    def save(self, path: str | Path, format: str = "auto") -> None:
+        """Write the nominal file as the command's ``-o`` does, completely or not at all.
+
+        Parameters
+        ----------
+        path : str or Path
+            Nominal YAML; ``-`` is standard output.
+        format : {"auto", "yaml"}
+            It is always YAML; `to_frame` and `to_dict` give the estimates otherwise.
+
+        Raises
+        ------
+        NoVerdictError
+            Where there is no nominal state, with the reason.
+        OSError
+            Where the file cannot be written.
+        """
+        from enginediag_cli.identification.nominal_file import write_nominal
+
+        if format not in ("auto", "yaml"):
+            raise UsageError(f"a nominal file is YAML, not {format}")
+        write_nominal(replace(self.nominal, engine_path=self._engine_reference(str(path))), str(path))
+
+    def to_dict(self) -> dict[str, Any]:
+        """The outcome and the estimates as plain Python objects, ready for ``json.dump``.
+
+        Returns
+        -------
+        dict
+            ``converged``, ``reason``, ``refusal``, ``records`` (used, and left out by reason), ``provenance`` and
+            ``rows`` (estimates).
+        """
+        fit = self.fit
+        outcome = {"converged": fit.converged, "reason": fit.reason, "refusal": self.refusal}
+        return {**outcome, "records": dict(fit.records), **super().to_dict()}
+
+    def plot(self) -> Picture:
+        """How well each reading is fitted.
+
+        Returns
+        -------
+        Picture
+        """
+        from enginediag_cli.presentation.charts.pictured import of_identification, svg_of
+
+        return Picture(svg_of(of_identification(self.fit)))
+
+
+def identify(
+    engine: EngineOrPath,
+    recordings: RecordingsLike,
+    *,
+    first: int | None = None,
+    holdout: float | None = None,
+    holdout_last: bool = False,
+    cross_validation: bool = True,
+    keep_probes: bool = False,
+    model_error: float | None = None,
+    allow_bounds: bool = False,
+    messages: Messages | None = None,
+) -> IdentificationResult:
+    """Identify the nominal engine from recordings believed healthy.
+
+    What is estimated, and how loosely, stands in the ``identification:`` block of the engine file.
+
+    Parameters
+    ----------
+    engine : str, Path or Engine
+        Engine YAML, or a loaded engine.
+    recordings
+        Paths, `Recordings`, arrays, a DataFrame or a result of `simulate`; see `read_recordings`.
+    first : int, optional
+        Use only so many records of each recording, for an engine's early life.
+    holdout : float, optional
+        Share of each recording, at its end, that is kept out of the fit and judges it [1].
+    holdout_last : bool
+        Keep the last recording out of the fit and judge by it.
+    cross_validation : bool
+        Fit again without each block of records, to see how well it is predicted.
+    keep_probes : bool
+        Fit probes, too, that the heat balances of the others contradict.
+    model_error : float, optional
+        Relative accuracy of the component maps [1]; that of the engine file when not given.
+    allow_bounds : bool
+        Accept parameters at their bounds, or far from their priors.
+    messages : Messages, optional
+        Receives the report and warnings; they are collected when not given, and `summary` gives them.
+
+    Returns
+    -------
+    IdentificationResult
+        Look at ``refusal`` first: a fit that gives no nominal state is a result, too.
+
+    Raises
+    ------
+    UsageError, ConfigError, DataError, NoVerdictError
+
+    References
+    ----------
+    Regularised Gauss–Newton with robust loss and noise in turn; see `enginediag_cli.identification.identify`.
+    """
+    from enginediag_cli.engine.description import EngineDescription
+    from enginediag_cli.identification.identify import identify as run
+    from enginediag_cli.presentation.identification_report import doubt_lines, report_lines
+
+    messages = messages if messages is not None else MessageLog()
+    choices = TrainingChoices(first, holdout, holdout_last, keep_probes, allow_bounds)
+    choices.check()
+    model, source = as_engine(engine), as_recordings(recordings)
+    _warn_of_heating_value(model, messages)
+    described = EngineDescription.of(model.path, model.declared)
+    training, left_out = _training(model, source, choices, messages)
+    training, held_out = choices.divided(training)
+    fit = run(model, training, held_out=held_out, cross_validation=cross_validation, map_accuracy=model_error)
+    for line in report_lines(fit):
+        messages.note(line)
+    for line in doubt_lines(fit):
+        messages.warning(line)
+    refusal = _refusal(fit, allow_bounds, source.accept_mismatch)
+    if refusal:
+        messages.error(refusal)
+    provenance = _provenance(source, choices.notes(left_out))
+    return IdentificationResult(model, described, fit, provenance, refusal, messages)
+
+
+def _warn_of_heating_value(engine: Engine, messages: Messages) -> None:
+    from enginediag_cli.engine.overview import heating_value_doubts
+
+    for doubt in heating_value_doubts(engine) if hasattr(engine, "network") else ():
+        messages.warning(f"{engine.path}: {doubt}")
+
+
+def _training(
+    engine: Engine, source: Source, choices: TrainingChoices, messages: Messages
+) -> tuple[list[TrainingRecording], tuple[str, ...]]:
+    """Recordings as they are fitted, and columns of probes that are not."""
+    from enginediag_cli.identification.probe_consistency import without_probes, wrong_probes
+    from enginediag_cli.identification.repeats import without_repeats
+    from enginediag_cli.intake.agreement import agreement_with_engine
+    from enginediag_cli.intake.flights import MOST, Thinning, whole_flights
+    from enginediag_cli.intake.intake import Intake
+    from enginediag_cli.intake.wanted import columns_of
+    from enginediag_cli.presentation.identification_report import repeat_lines
+    from enginediag_cli.presentation.left_out import tell_left_out, tell_mismatches, tell_thinning
+    from enginediag_cli.presentation.probe_lines import probe_lines
+
+    agreement = agreement_with_engine(engine)
+    intake = Intake(source, columns_of(engine, past=True), agreement=agreement)
+    thinning = Thinning(0 if choices.first else MOST)
+    training = [flight.recording for flight in whole_flights(intake, thinning)]
+    tell_thinning(messages, thinning)
+    tell_left_out(messages, intake.left_out)
+    tell_mismatches(messages, intake.mismatches)
+    training, repeats = without_repeats(training, (*engine.inputs, *engine.sensors))
+    for line in repeat_lines(repeats):
+        messages.warning(line)
+    probes = wrong_probes(engine, training)
+    for line in probe_lines(probes, kept=choices.keep_probes):
+        messages.warning(line)
+    if choices.keep_probes:
+        return training, ()
+    left_out = tuple(w.columns[0] for w in probes if w.told_apart and w.columns[0] in engine.sensors)
+    return without_probes(training, left_out), left_out
+
+
+def _refusal(fit: Identification, allow_bounds: bool, accept_mismatch: bool) -> str:
+    """Why a fit gives no nominal state; "" where it gives one."""
+    from enginediag_cli.presentation.identification_report import bounds_line
+
+    if not fit.converged:
+        return f"no nominal state: {fit.reason}; nothing is written"
+    if fit.bounds and not allow_bounds:
+        return bounds_line(fit.bounds)
+    if fit.far_off and not (allow_bounds or accept_mismatch):
+        named = ", ".join(e.name for e in fit.far_off)
+        return f"no nominal state: {named} where no engine of this kind is; --allow-bounds writes it as it is"
+    return ""
+
+
+def _provenance(source: Source, notes: Mapping[str, str]) -> dict[str, str]:
+    """What made the nominal file: the version and every choice, files by name and hash but not by folder."""
+    import os
+
+    from enginediag_cli import __version__
+    from enginediag_cli.recordings.provenance import besides, sha256_of
+
+    made = {"enginediag": __version__}
+    for number, path in enumerate(source.files, start=1):
+        made[f"recording {number}"] = (
+            "stdin" if path == "-" else f"{os.path.basename(path)} sha256:{sha256_of(path)[:16]}"
+        )
+    if source.recorder:
+        made["recorder"] = f"{os.path.basename(source.recorder)} sha256:{sha256_of(source.recorder)[:16]}"
+    return {**made, **besides(), **source.notes, **notes}

@@ -1,0 +1,368 @@
+"""`simulate`: an engine is flown, healthy or faulty; what its sensors record, and what is really wrong."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from enginediag_cli.api.inputs import EngineOrPath, RecordingsLike, as_engine, as_recordings
+from enginediag_cli.api.results import Result, Row, frame
+from enginediag_cli.errors import DataError, UsageError
+from enginediag_cli.presentation.messages import Messages
+from enginediag_cli.presentation.summaries import SIMULATE
+from enginediag_cli.progress import each
+from enginediag_cli.shipped import own_or_shipped
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+    from typing_extensions import Self
+
+    from enginediag_cli.engine.engine import Engine
+    from enginediag_cli.faults.component_faults import FaultSet
+    from enginediag_cli.presentation.output import Output
+    from enginediag_cli.simulation.conditions import Conditions
+    from enginediag_cli.simulation.noise import ColumnNoise
+    from enginediag_cli.simulation.simulate import Simulated
+
+NOISES = ("none", "gaussian", "uniform", "correlated", "quantised")
+REASONS_SHOWN = 5
+"""Reasons that are told one by one; there are rarely more kinds, the rest are counted."""
+
+LOOSE = "the run of these could not be made exact: energy balances to about 1e-6 there"
+"""Of records of moving engines."""
+
+FaultsLike: TypeAlias = Any
+"""A path of a fault file, several, or a `FaultSet`."""
+
+
+@dataclass(frozen=True)
+class SimulationChoices:
+    """Arguments of `simulate` other than the engine and its faults."""
+
+    flight: str | Path | None = None
+    conditions: RecordingsLike = None
+    noise: str | None = None
+    flights: int | None = None
+    records: int | None = None
+    steady: bool = False
+    seed: int = 0
+
+    def check(self) -> None:
+        """Raises UsageError for choices that do not go together."""
+        if self.noise is not None and self.noise not in NOISES:
+            from enginediag_cli.config.hints import near
+
+            raise UsageError(f"--noise: there is no {self.noise!r} ({near(self.noise, NOISES)})")
+        if self.flight is not None and self.conditions is not None:
+            raise UsageError("--flight and --conditions exclude each other")
+        if self.flights is not None and self.conditions is not None:
+            raise UsageError("--flights counts generated flights; --conditions brings its own")
+        for name, count in (("flights", self.flights), ("records", self.records)):
+            if count is not None and count < 1:
+                raise UsageError(f"--{name}: {count} is not a number of {name}, from 1 on")
+
+    def flown(
+        self, engine: Engine, rng: np.random.Generator
+    ) -> tuple[Conditions, dict[str, ColumnNoise], tuple[str, ...]]:
+        """(operating conditions, noise of each column, provenance of the conditions)."""
+        from enginediag_cli.config.kinds import load_checked
+        from enginediag_cli.errors import Mark
+        from enginediag_cli.simulation.default_flight import default_plan
+        from enginediag_cli.simulation.flights import generate_flights
+        from enginediag_cli.simulation.noise import KINDS, column_noise
+
+        mark, kind = Mark("--noise"), self.noise
+        counts = {"flights": self.flights, "records": self.records}
+        if self.conditions is not None:
+            given, inherited = self._recorded(engine)
+            return given, column_noise(KINDS[kind or "gaussian"], engine, mark), inherited
+        if self.flight is not None:
+            checked = load_checked(own_or_shipped(self.flight), "flight")
+            plan = checked.values
+            mark = mark if kind else checked.mark(("noise",))
+        else:
+            plan = default_plan(engine)
+        given = generate_flights(plan, engine, rng, **counts)
+        return given, column_noise(KINDS[kind] if kind else plan["noise"], engine, mark), ()
+
+    def _recorded(self, engine: Engine) -> tuple[Conditions, tuple[str, ...]]:
+        """Conditions record by record, and where they come from."""
+        from enginediag_cli.recordings.read import read_all
+        from enginediag_cli.simulation.tables import conditions_of
+
+        source = as_recordings(self.conditions)
+        if len(source.files) != 1:
+            raise UsageError(f"--conditions is one recording, not {len(source.files)}")
+        recording = read_all(source.files[0], declared=(*engine.inputs, *engine.optional_inputs))
+        given = conditions_of(recording)
+        return given if self.records is None else given.slice(0, self.records), recording.provenance
+
+
+class SimulationResult(Result):
+    """A recording, and what is really wrong in it; see `simulate`. Verbs that read recordings take it as it is.
+
+    `judged` counts records; `rows` are the records, with the keys of `columns`.
+    """
+
+    def __init__(
+        self, engine: Engine, faults: FaultSet, files: Sequence[str], choices: SimulationChoices, messages: Any
+    ):
+        import numpy as np
+
+        from enginediag_cli.recordings.provenance import header_lines
+        from enginediag_cli.simulation.moving import moves, told_states
+        from enginediag_cli.simulation.simulate import simulate_in_chunks
+
+        flying, noisy = (np.random.default_rng([choices.seed, stream]) for stream in (0, 1))
+        given, noise, inherited = choices.flown(engine, flying)
+        self.engine, self.records = engine, len(given)
+        self._states = told_states(engine) if not choices.steady and moves(engine, given) else None
+        made = {"noise": choices.noise, "flights": choices.flights, "records": choices.records, "states": self._states}
+        notes = {"engine": engine.name, **{key: str(value) for key, value in made.items() if value is not None}}
+        flight = [] if choices.flight is None else [str(own_or_shipped(choices.flight))]
+        configs = [engine.path, *flight, *files]
+        head = header_lines("simulate", seed=choices.seed, configs=configs, notes=notes, inherited=inherited)
+        super().__init__(head=lambda: head, summary_columns=SIMULATE, messages=messages)
+        self._warn_outside(given)
+        self._pieces = simulate_in_chunks(engine, given, faults, noise, noisy, steady=choices.steady)
+        self._done: list[Simulated] = []
+        self._streamed = False
+
+    def complete(self, stream: bool = False) -> Self:
+        """The result with all records flown, unless they are to come as a stream."""
+        if not stream:
+            self._done += self._flown()
+        return self
+
+    def pieces(self) -> Iterator[Simulated]:
+        """Recording and truth, some thousand records at a time; those of a stream come once.
+
+        Yields
+        ------
+        Simulated
+            ``columns`` and ``truth``: name to array of shape (n,); units are in the names.
+
+        Raises
+        ------
+        DataError
+            Where a stream has gone by.
+        """
+        if self._streamed:
+            raise DataError("the records have gone by as a stream; simulate without stream=True keeps them")
+        if self._done:
+            yield from self._done
+            return
+        self._streamed = True
+        yield from self._flown()
+
+    def _flown(self) -> Iterator[Simulated]:
+        """The pieces as they are flown; what is to be said of all of them is said after the last."""
+        reasons: Counter[str] = Counter()
+        for piece in each(self._pieces, "records simulated", size=len):
+            reasons.update(piece.reasons)
+            if piece.loose:
+                reasons[LOOSE] += piece.loose
+            self.judged += len(piece)
+            yield piece
+        self._report(reasons)
+
+    def _compute(self) -> Iterator[Row]:
+        return _rows(self.pieces())
+
+    def _warn_outside(self, given: Conditions) -> None:
+        from enginediag_cli.simulation.conditions import outside_envelope
+
+        engine = self.engine
+        for column, count in outside_envelope(engine, given).items():
+            low, high = engine.envelope[column]
+            self.messages.warning(
+                f"{count} of {len(given)} records have {column} outside the envelope of {engine.name}, "
+                f"{low:g} to {high:g}"
+            )
+
+    def _report(self, reasons: Counter[str]) -> None:
+        messages, total = self.messages, self.records
+        messages.note(f"{total} records simulated", counts={"records": total})
+        for reason, count in reasons.most_common(REASONS_SHOWN):
+            messages.warning(f"{count} of {total} records: {reason}")
+        rest = reasons.most_common()[REASONS_SHOWN:]
+        if rest:
+            messages.warning(f"{sum(count for _, count in rest)} of {total} records: {len(rest)} other reasons")
+        if self._states is not None:
+            messages.note(f"integrated along time with the states {self._states}; --steady takes records as steady")
+
+    def __len__(self) -> int:
+        return self.records
+
+    @property
+    def provenance(self) -> tuple[str, ...]:
+        """Lines that say which program, files and choices made this; they head a CSV file."""
+        return self._head()
+
+    @property
+    def columns(self) -> tuple[str, ...] | None:
+        """Names of the columns; None where the records are to come as a stream."""
+        return tuple(self._done[0].columns) if self._done else None
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """What is recorded.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (records,)
+            Units are in the names; NaN where there is no reading; columns of text (``flight``, ``status``) as text.
+        """
+        return self._joined("columns")
+
+    @property
+    def truth(self) -> dict[str, NDArray[Any]]:
+        """What is really wrong, by record: values of the parameters that differ from the healthy engine, in their
+        units (1 is healthy for an efficiency), and errors of sensors, shape (records,) each."""
+        return self._joined("truth")
+
+    def _joined(self, what: str) -> dict[str, NDArray[Any]]:
+        import numpy as np
+
+        parts = [getattr(piece, what) for piece in self.pieces()]
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+    def to_frame(self) -> Any:
+        """`arrays` as a pandas DataFrame, or a pyarrow Table where pandas is not installed."""
+        return frame({name: values.tolist() for name, values in self.arrays().items()})
+
+    def save(
+        self, path: str | Path, format: str = "auto", *, truth: str | Path | None = None, header: bool = True
+    ) -> None:
+        """Write the recording as the command's ``-o`` does, completely or not at all.
+
+        Parameters
+        ----------
+        path : str or Path
+            The ending chooses the format: ``.csv``, ``.parquet``, ``.json``, ``.ndjson``; ``.gz`` packs.
+        format : {"auto", "csv", "json", "ndjson", "table"}
+            Overrides the ending.
+        truth : str or Path, optional
+            CSV or Parquet file for what is really wrong, record by record.
+        header : bool
+            Whether the lines of `provenance`, which name the fault files, head the files.
+
+        Raises
+        ------
+        OSError
+            Where a file cannot be written.
+        """
+        from enginediag_cli.presentation.output import Output
+
+        self.write(Output(str(path), format, header), None if truth is None else str(truth))
+
+    def write(self, output: Output, truth: str | None = None) -> None:
+        """Write the recording to an output, and the truth beside it, piece by piece. Raises DataError, OSError."""
+        from itertools import chain
+
+        from enginediag_cli.presentation.output import RECORDING_FORMATS
+        from enginediag_cli.recordings.write import recording_output
+        from enginediag_cli.simulation.tables import recording_of
+
+        head = self.provenance if output.header else ()
+        pieces = self.pieces()
+        first = next(pieces)  # an error in the first piece leaves no output behind
+        with ExitStack() as files:
+            hidden = files.enter_context(recording_output(truth, head)) if truth else None
+
+            def both() -> Iterator[Simulated]:
+                for piece in chain([first], pieces):
+                    if hidden is not None:
+                        hidden.write(recording_of(piece.truth))
+                    yield piece
+
+            if output.chosen_format() in RECORDING_FORMATS and not output.columns:
+                writer = files.enter_context(output.open_recording(head))
+                for piece in both():
+                    writer.write(recording_of(piece.columns))
+                return
+            names = tuple(first.columns)
+            output.write_rows(_rows(both()), names, summary=(*SIMULATE, *names), provenance=head)
+
+
+def _rows(pieces: Iterable[Simulated]) -> Iterator[Row]:
+    for piece in pieces:
+        names = tuple(piece.columns)
+        for values in zip(*(column.tolist() for column in piece.columns.values()), strict=True):
+            yield dict(zip(names, values, strict=True))
+
+
+def simulate(
+    engine: EngineOrPath,
+    *,
+    flight: str | Path | None = None,
+    conditions: RecordingsLike = None,
+    faults: FaultsLike = (),
+    noise: str | None = None,
+    flights: int | None = None,
+    records: int | None = None,
+    steady: bool = False,
+    seed: int = 0,
+    messages: Messages | None = None,
+    stream: bool = False,
+) -> SimulationResult:
+    """Simulate what the sensors of an engine record.
+
+    Points that the engine cannot reach keep their record, with empty readings and the reason in ``status``. The same
+    seed gives the same flights and the same noise, with faults or without.
+
+    Parameters
+    ----------
+    engine : str, Path or Engine
+        Engine YAML, or a loaded engine.
+    flight : str or Path, optional
+        Flight YAML; without it and `conditions`, a few flights of an airliner.
+    conditions : recording, optional
+        Operating conditions record by record: a path, a mapping of column name to array of shape (records,), or a
+        DataFrame; units are in the names.
+    faults : path, sequence of paths, or FaultSet
+        Faults to put in.
+    noise : {"none", "gaussian", "uniform", "correlated", "quantised"}, optional
+        Noise of the sensors; that of the flight file, or gaussian, when not given.
+    flights, records : int, optional
+        Number of flights; end after so many records.
+    steady : bool
+        Take every record as steady, also of an engine with states.
+    seed : int
+        Seed of everything random.
+    messages : Messages, optional
+        Receives notes and warnings; they are collected when not given.
+    stream : bool
+        Fly only as records are written, in bounded memory.
+
+    Returns
+    -------
+    SimulationResult
+
+    Raises
+    ------
+    UsageError, ConfigError, DataError
+
+    Examples
+    --------
+    >>> from enginediag_cli import simulate
+    >>> flown = simulate("turbojet.yaml", records=3, noise="none")
+    >>> flown.arrays()["status"].tolist()
+    ['ok', 'ok', 'ok']
+    """
+    from enginediag_cli.faults.component_faults import FaultSet
+    from enginediag_cli.faults.fault_file import load_faults
+
+    choices = SimulationChoices(flight, conditions, noise, flights, records, steady, seed)
+    choices.check()
+    model = as_engine(engine)
+    files: list[str] = []
+    if not isinstance(faults, FaultSet):
+        several = [faults] if isinstance(faults, (str, Path)) else list(faults)
+        files = [str(own_or_shipped(file)) for file in several]
+        faults = load_faults(*files)
+    return SimulationResult(model, faults, files, choices, messages).complete(stream)
