@@ -12,6 +12,7 @@ from enginediag_cli.api.inputs import EngineOrPath, RecordingsLike, as_engine, a
 from enginediag_cli.api.results import MessageLog, Picture, Result, Row
 from enginediag_cli.errors import NoVerdictError, UsageError
 from enginediag_cli.presentation.messages import Messages
+from enginediag_cli.shipped import own_or_shipped
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.description import EngineDescription
@@ -284,15 +285,18 @@ def identify(
     Regularised Gauss–Newton with robust loss and noise in turn; see `enginediag_cli.identification.identify`.
     """
     from enginediag_cli.engine.description import EngineDescription
+    from enginediag_cli.engine.overview import heating_value_doubts
     from enginediag_cli.identification.identify import identify as run
     from enginediag_cli.presentation.identification_report import doubt_lines, report_lines
 
     messages = messages if messages is not None else MessageLog()
     choices = TrainingChoices(first, holdout, holdout_last, keep_probes, allow_bounds)
     choices.check()
+    path = str(own_or_shipped(engine)) if isinstance(engine, (str, Path)) else engine.path
     model, source = as_engine(engine), as_recordings(recordings)
-    _warn_of_heating_value(model, messages)
-    described = EngineDescription.of(model.path, model.declared)
+    for doubt in heating_value_doubts(model) if hasattr(model, "network") else ():
+        messages.warning(f"{path}: {doubt}")
+    described = EngineDescription.of(path, model.declared)
     training, left_out = _training(model, source, choices, messages)
     training, held_out = choices.divided(training)
     fit = run(model, training, held_out=held_out, cross_validation=cross_validation, map_accuracy=model_error)
@@ -305,13 +309,6 @@ def identify(
         messages.error(refusal)
     provenance = _provenance(source, choices.notes(left_out))
     return IdentificationResult(model, described, fit, provenance, refusal, messages)
-
-
-def _warn_of_heating_value(engine: Engine, messages: Messages) -> None:
-    from enginediag_cli.engine.overview import heating_value_doubts
-
-    for doubt in heating_value_doubts(engine) if hasattr(engine, "network") else ():
-        messages.warning(f"{engine.path}: {doubt}")
 
 
 def _training(

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from identification_toy import PARAMETERS, TRUTH, ToyEngine, fly, health
 
 from enginediag_cli.commands.identify import identify
-from enginediag_cli.errors import ExitCode
+from enginediag_cli.errors import ExitCode, UsageError
 from enginediag_cli.identification.nominal_file import engine_file, read_nominal, refuse_changed_engine
 
 
@@ -109,7 +109,7 @@ def test_the_last_recording_can_judge_the_fit(folder):
 def test_wrong_usage_is_said_before_the_work(folder, arguments, words):
     import click
 
-    with pytest.raises(click.UsageError, match=words):
+    with pytest.raises((click.UsageError, UsageError), match=words):
         run("configs/toy.yaml", "day1.csv", *arguments)
 
 
