@@ -77,18 +77,7 @@ VALIDATION = {
 }
 """Commands that run trials and demonstrations, which are no part of the library."""
 
-NOT_CONVERTED = (
-    "demo",
-    "explain",
-    "fleet",
-    "fleet_store",
-    "locate",
-    "mismatch_options",
-    "prove",
-    "proving",
-    "refine",
-    "study",
-)
+NOT_CONVERTED = ("demo", "prove", "proving", "study")
 """Commands that still import what the library should give them; a command that is converted leaves this list."""
 
 LARGEST_FILE = 600

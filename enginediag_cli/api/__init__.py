@@ -29,16 +29,16 @@ if TYPE_CHECKING:
     from enginediag_cli.api.discrepancy import explain as explain
     from enginediag_cli.api.discrepancy import locate as locate
     from enginediag_cli.api.discrepancy import locate_per_record as locate_per_record
+    from enginediag_cli.api.files import CheckResult as CheckResult
+    from enginediag_cli.api.files import RecorderDraft as RecorderDraft
+    from enginediag_cli.api.files import check as check
+    from enginediag_cli.api.files import draft_recorder as draft_recorder
     from enginediag_cli.api.fleets import FleetResult as FleetResult
     from enginediag_cli.api.fleets import StoreResult as StoreResult
     from enginediag_cli.api.fleets import fleet as fleet
     from enginediag_cli.api.fleets import fleet_status as fleet_status
     from enginediag_cli.api.fleets import merge_stores as merge_stores
     from enginediag_cli.api.fleets import prune_store as prune_store
-    from enginediag_cli.api.files import CheckResult as CheckResult
-    from enginediag_cli.api.files import RecorderDraft as RecorderDraft
-    from enginediag_cli.api.files import check as check
-    from enginediag_cli.api.files import draft_recorder as draft_recorder
     from enginediag_cli.api.identification import IdentificationResult as IdentificationResult
     from enginediag_cli.api.identification import identify as identify
     from enginediag_cli.api.inputs import Recordings as Recordings
