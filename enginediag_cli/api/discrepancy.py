@@ -122,9 +122,14 @@ def _engine_file(engine: EngineLike) -> str:
     """Path of an engine file. Raises DataError."""
     if isinstance(engine, (str, Path)):
         return str(own_or_shipped(engine))
+    from enginediag_cli.physics.engine_file import load_engine
+
     path = getattr(engine, "path", None)
     if not path:
         raise DataError(f"no engine file: {type(engine).__name__}; give a path, or what load_engine gives")
+    in_file = [effect.label for effect in load_engine(path).effects]
+    if in_file != [effect.label for effect in engine.effects]:
+        raise DataError(f"{path} does not carry the effects of this engine: give the path of a file that does")
     return str(path)
 
 

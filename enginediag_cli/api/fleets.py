@@ -154,7 +154,8 @@ def fleet(
     from enginediag_cli.recordings.provenance import header_lines
 
     with _described(fleet_file, recordings) as (described, found):
-        described = replace(described, accept_mismatch=accept_mismatch)
+        if accept_mismatch:
+            described = replace(described, accept_mismatch=True)
         with opened_store(store) as kept, runner_for(jobs or os.cpu_count() or 1, scheduler) as runner:
             run = run_fleet(described, found, kept, runner)
     configs = [described.path, *described.configs]
@@ -304,12 +305,18 @@ def _table(what: str) -> str:
 
 @contextmanager
 def _described(fleet_file: str | Path, recordings: RecordingsLike) -> Iterator[tuple[Fleet, tuple[Recorded, ...]]]:
-    """The fleet and its recordings; those that came as arrays have their files within the block."""
+    """The fleet and its recordings; those that came as arrays have their files within the block. Raises UsageError for
+    recordings with a recorder of their own."""
     from enginediag_cli.fleets.fleet import load_fleet
     from enginediag_cli.fleets.recordings import recordings_of
 
-    described = load_fleet(own_or_shipped(fleet_file))
     source = as_recordings(recordings)
+    if source.recorder or source.engine_instance:
+        raise UsageError(
+            "the fleet file says by which recorder its recordings are read, and judges all of their engines"
+        )
+    described = load_fleet(own_or_shipped(fleet_file))
+    described = replace(described, accept_mismatch=source.accept_mismatch)
     yield described, recordings_of(described, source.files)
 
 

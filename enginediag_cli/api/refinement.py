@@ -386,7 +386,7 @@ def refine(
     holdout_last : int, optional
         Judge by the last so many flights of each engine, which are not fitted.
     test
-        In its place: recordings whose flights are not fitted but judge.
+        In its place: recordings whose flights are not fitted but judge, read as the others are.
     window : int
         Length of the windows in which `detect` is tried before and after, in records.
     command : str
@@ -412,4 +412,7 @@ def refine(
     """
     judging = as_recordings(test)
     choices = RefineChoices(tuple(terms), tuple(without), switched, holdout_last, judging.files, window, command)
-    return RefineResult(inquire(engine, recordings, nominal, search, messages), choices).complete()
+    inquiry = inquire(engine, recordings, nominal, search, messages)
+    if judging.recorder not in (None, inquiry.case.source.recorder):
+        raise UsageError("the recordings to judge by are read by the recorder of the others")
+    return RefineResult(inquiry, choices).complete()

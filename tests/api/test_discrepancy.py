@@ -10,7 +10,7 @@ import pytest
 
 from enginediag_cli import api
 from enginediag_cli.__main__ import main
-from enginediag_cli.errors import NoVerdictError, UsageError
+from enginediag_cli.errors import DataError, NoVerdictError, UsageError
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
 from enginediag_cli.recordings.table import Recording
@@ -127,3 +127,10 @@ def test_arguments_that_do_not_go_together_are_refused_before_anything_is_read(f
 def test_every_name_of_an_effect_can_be_left_out():
     assert "humidity" in api.effect_names()
     assert len(set(api.effect_names())) == len(api.effect_names())
+
+
+def test_an_engine_with_effects_that_its_file_does_not_have_is_refused(flown):
+    engine = load_engine(flown / "engine.yaml")
+    changed = engine.with_effects([effect(engine, "reynolds_efficiency", "compressor", {"exponent": 0.3})])
+    with pytest.raises(DataError, match="does not carry"):
+        api.locate(changed, flown / "flown.csv")

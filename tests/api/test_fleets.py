@@ -78,3 +78,9 @@ def test_forecast_gives_the_margin_rows_of_trend(folder):
 def small_fleet_temperature(folder):
     """The hottest recorded temperature of the engine's burnt gas."""
     return api.forecast(folder / "nominal.yaml", folder / "engine_1.csv").rows[-1]["column"]
+
+
+def test_a_fleet_takes_no_recorder_of_its_recordings(folder):
+    recorded = api.read_recordings(folder / "engine_1.csv", engine_instance="2")
+    with pytest.raises(UsageError, match="fleet file"):
+        api.fleet(folder / "fleet.yaml", recorded)
