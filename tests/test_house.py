@@ -77,9 +77,6 @@ VALIDATION = {
 }
 """Commands that run trials and demonstrations, which are no part of the library."""
 
-NOT_CONVERTED = ("demo", "prove", "proving", "study")
-"""Commands that still import what the library should give them; a command that is converted leaves this list."""
-
 LARGEST_FILE = 600
 """Lines of a file: a topic that a reader can name usually takes 150 to 600."""
 
@@ -150,14 +147,13 @@ def test_the_rooms_of_the_search_for_missing_physics_stand_on_each_other_in_orde
 
 
 def test_commands_import_nothing_deeper_than_the_library() -> None:
-    deeper = {}
-    for file in sorted((PACKAGE / "commands").glob("*.py")):
-        allowed = FOR_COMMANDS + VALIDATION.get(file.stem, ())
-        found = [f"{name_of(file)}:{line}: {'.'.join(p)}" for line, p in imported(file) if room(p) not in allowed]
-        if found:
-            deeper[file.stem] = found
-    assert {name: found for name, found in deeper.items() if name not in NOT_CONVERTED} == {}
-    assert [name for name in NOT_CONVERTED if name not in deeper] == []  # converted: take it off the list
+    deeper = [
+        f"{name_of(file)}:{line}: {'.'.join(parts)}"
+        for file in sorted((PACKAGE / "commands").glob("*.py"))
+        for line, parts in imported(file)
+        if room(parts) not in FOR_COMMANDS + VALIDATION.get(file.stem, ())
+    ]
+    assert deeper == []
 
 
 def test_every_room_has_a_place_in_the_order() -> None:

@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from enginediag_cli.api.simulation import SimulationResult as SimulationResult
     from enginediag_cli.api.simulation import simulate as simulate
     from enginediag_cli.api.windows import WindowOptions as WindowOptions
+    from enginediag_cli.recordings.provenance import header_lines as header_lines
     from enginediag_cli.recordings.provenance import provenance_notes as provenance_notes
 
 HOMES = {
@@ -105,7 +106,7 @@ HOMES = {
     "api.results": ("DocumentResult", "MessageLog", "Picture", "Result"),
     "api.simulation": ("SimulationResult", "simulate"),
     "api.windows": ("WindowOptions",),
-    "recordings.provenance": ("provenance_notes",),
+    "recordings.provenance": ("header_lines", "provenance_notes"),
 }
 """Module → names that it gives to the library; a module is loaded when one of its names is first used."""
 _HOME = {name: module for module, names in HOMES.items() for name in names}

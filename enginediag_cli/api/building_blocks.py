@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.api.inputs import EngineOrPath, as_engine, load_engine
-from enginediag_cli.api.results import Result, Row
+from enginediag_cli.api.inputs import EngineLike, as_engine, load_engine
+from enginediag_cli.api.results import DocumentResult, Result, Row
 from enginediag_cli.errors import UsageError
 
 if TYPE_CHECKING:
@@ -25,33 +25,33 @@ class Listing(Result):
         yield from self._listed
 
 
-class Description(Listing):
-    """One thing as a page, as rows and as one object.
+class Description(DocumentResult):
+    """One thing as a page, as rows and as one document.
 
     Attributes
     ----------
     page : str
         For a reader.
     document : dict
-        Everything that is known of it.
+        Everything that is known of it; `to_dict` has it for ``json.dump``.
     """
 
     def __init__(self, page: str, document: dict[str, Any], rows: Sequence[Row], head: Sequence[str]):
-        self.page, self.document = page, document
-        super().__init__(rows, head)
+        self.page, self.document, self._listed = page, document, rows
+        super().__init__(head=lambda: tuple(head))
+
+    def _compute(self) -> Iterator[Row]:
+        yield from self._listed
+
+    def _document(self, provenance: Sequence[str]) -> Mapping[str, Any]:
+        return self.document
 
     def summary(self) -> str:
         """The page."""
         return self.page
 
-    def to_dict(self) -> dict[str, Any]:
-        """Everything that is known of it, as plain Python objects."""
-        from enginediag_cli.presentation.rows import plain
 
-        return {name: plain(value) for name, value in self.document.items()}
-
-
-def list_effects(engine: EngineOrPath | None = None) -> Listing:
+def list_effects(engine: EngineLike | None = None) -> Listing:
     """List the physical effects that a model may carry or lack.
 
     Parameters
@@ -80,7 +80,7 @@ def list_effects(engine: EngineOrPath | None = None) -> Listing:
     return Listing(rows, _head("physics", model))
 
 
-def describe_effect(name: str, engine: EngineOrPath | None = None) -> Description:
+def describe_effect(name: str, engine: EngineLike | None = None) -> Description:
     """Describe one physical effect: what it is, its equation, coefficients, places and reference.
 
     Parameters
@@ -121,7 +121,7 @@ def describe_effect(name: str, engine: EngineOrPath | None = None) -> Descriptio
     return Description(page(shown, places, carried), document, rows, _head("physics", model))
 
 
-def list_law_variables(engine: EngineOrPath) -> Listing:
+def list_law_variables(engine: EngineLike) -> Listing:
     """List what a ``law:`` of an engine may vary with, and its value at the design point.
 
     Parameters

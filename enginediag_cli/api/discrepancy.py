@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.api.inputs import NominalLike, RecordingsLike, as_baseline, as_recordings
+from enginediag_cli.api.inputs import EngineLike, NominalLike, RecordingsLike, as_baseline, as_recordings
 from enginediag_cli.api.results import DocumentResult, MessageLog, Picture, Result, Row
 from enginediag_cli.errors import DataError, NoVerdictError, UsageError
 from enginediag_cli.presentation.messages import Messages
@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from enginediag_cli.mismatch.fit.load import Case, Loaded
     from enginediag_cli.mismatch.locate.locate import Located, Place
     from enginediag_cli.mismatch.unrecorded.per_record import PerRecord
-
-EngineLike: TypeAlias = Any
-"""A path of an engine file, the name of one that comes with enginediag, or an `Engine`, whose file is read."""
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.api.inputs import EngineOrPath, NominalLike, as_baseline, as_engine
+from enginediag_cli.api.inputs import EngineLike, NominalLike, as_baseline, as_engine
 from enginediag_cli.api.results import MessageLog, Result, Row
 from enginediag_cli.errors import ConfigError, DataError, EngineDiagError, UsageError
 from enginediag_cli.presentation.messages import Messages
@@ -115,7 +115,7 @@ def check(
     files: str | Path | Sequence[str | Path],
     *,
     nominal: NominalLike = None,
-    engine: EngineOrPath | None = None,
+    engine: EngineLike | None = None,
     recorder: str | Path | None = None,
     engine_instance: str = "",
     accept_changed_engine: bool = False,
@@ -168,7 +168,7 @@ def recordings_among(files: Sequence[str]) -> list[str]:
 def _held_against(
     files: Sequence[str],
     nominal: NominalLike,
-    engine: EngineOrPath | None,
+    engine: EngineLike | None,
     recorder: str | Path | None,
     instance: str,
     accept_changed_engine: bool,
@@ -326,7 +326,7 @@ class RecorderDraft:
             raise DataError(f"{path}: {error.strerror or error}") from error
 
 
-def draft_recorder(file: str | Path, *, engine: EngineOrPath | None = None) -> RecorderDraft:
+def draft_recorder(file: str | Path, *, engine: EngineLike | None = None) -> RecorderDraft:
     """Draft the recorder YAML that maps a foreign recording to the program's own columns.
 
     Delimiter, decimal mark, encoding, header, units, time stamps and engines are found by their looks.

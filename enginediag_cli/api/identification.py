@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.api.inputs import EngineOrPath, RecordingsLike, as_engine, as_recordings
+from enginediag_cli.api.inputs import EngineLike, RecordingsLike, as_engine, as_recordings
 from enginediag_cli.api.results import MessageLog, Picture, Result, Row
 from enginediag_cli.errors import NoVerdictError, UsageError
 from enginediag_cli.presentation.messages import Messages
@@ -232,7 +232,7 @@ class IdentificationResult(Result):
 
 
 def identify(
-    engine: EngineOrPath,
+    engine: EngineLike,
     recordings: RecordingsLike,
     *,
     first: int | None = None,

@@ -75,7 +75,7 @@ RecordingsLike: TypeAlias = Any
 NominalLike: TypeAlias = Any
 """A path of a nominal file, a `Baseline`, a result of `identify`, or None for statistics alone."""
 
-EngineOrPath: TypeAlias = Any
+EngineLike: TypeAlias = Any
 """A path of an engine YAML, the name of one that comes with enginediag, or a loaded `Engine`."""
 
 
@@ -165,11 +165,13 @@ def read_recordings(
     return Recordings(files, path, engine_instance, accept_mismatch, tuple(scratch))
 
 
-def as_engine(engine: EngineOrPath) -> Engine:
+def as_engine(engine: EngineLike) -> Engine:
     """The engine that an argument of a verb means, as if it had just been loaded: answers do not depend on what was
     asked of it before."""
     if isinstance(engine, (str, Path)):
         return load_engine(engine)
+    if not hasattr(engine, "forget_start"):
+        raise DataError(f"no engine: {type(engine).__name__}; give a path, or what load_engine gives")
     found: Engine = engine
     found.forget_start()
     return found

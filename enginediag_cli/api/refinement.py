@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.api.discrepancy import EngineLike, Inquiry, check_effects, inquire
-from enginediag_cli.api.inputs import NominalLike, RecordingsLike, as_recordings
+from enginediag_cli.api.discrepancy import Inquiry, check_effects, inquire
+from enginediag_cli.api.inputs import EngineLike, NominalLike, RecordingsLike, as_recordings
 from enginediag_cli.api.results import DocumentResult, Picture, Row
 from enginediag_cli.errors import NoVerdictError, UsageError
 from enginediag_cli.presentation.messages import Messages

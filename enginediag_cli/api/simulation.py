@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from enginediag_cli.api.inputs import EngineOrPath, RecordingsLike, as_engine, as_recordings
+from enginediag_cli.api.inputs import EngineLike, RecordingsLike, as_engine, as_recordings
 from enginediag_cli.api.results import Result, Row, frame
 from enginediag_cli.errors import DataError, UsageError
 from enginediag_cli.presentation.messages import Messages
@@ -297,7 +297,7 @@ def _rows(pieces: Iterable[Simulated]) -> Iterator[Row]:
 
 
 def simulate(
-    engine: EngineOrPath,
+    engine: EngineLike,
     *,
     flight: str | Path | None = None,
     conditions: RecordingsLike = None,

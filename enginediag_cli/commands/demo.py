@@ -86,17 +86,17 @@ def demo(messages: Messages, seed: int, keep: str | None, missing_physics: bool,
 
 
 def _play(messages: Messages, seed: int) -> None:
+    from enginediag_cli.api.inputs import load_nominal
     from enginediag_cli.demonstration import script, story
-    from enginediag_cli.identification.nominal_file import read_nominal
-    from enginediag_cli.physics.engine_file import load_engine
 
     copy_shipped(script.INGREDIENTS)
     head(1, f"Record {script.HEALTHY_FLIGHTS} flights of an engine believed healthy")
     run(messages, script.record_healthy(seed))
     head(2, "Learn from them how this very engine and its sensors behave")
     run(messages, script.identify())
-    noise = {column: sensor.noise_sigma for column, sensor in load_engine(script.ENGINE).sensors.items()}
-    tell(story.identified(read_nominal(script.NOMINAL), noise))
+    baseline = load_nominal(script.NOMINAL)
+    noise = {column: sensor.noise_sigma for column, sensor in baseline.engine.sensors.items()}
+    tell(story.identified(baseline.nominal, noise))
     played: list[tuple[Case, list[Flight]]] = []
     for number, case in enumerate(script.CASES, start=1):
         head(2 + number, f"Fly {case.title}")
@@ -109,9 +109,9 @@ def _play(messages: Messages, seed: int) -> None:
 
 def _fly(messages: Messages, case: Case, seed: int) -> list[Flight]:
     """Simulate the flights of a case and judge them; a case with a fault is also isolated."""
+    from enginediag_cli.api.inputs import load_engine
     from enginediag_cli.demonstration import script, story
     from enginediag_cli.demonstration.flights import read_flights
-    from enginediag_cli.physics.engine_file import load_engine
 
     truth, detected, isolated = Path(case.truth), Path(case.detected), Path(case.isolated)
     run(messages, script.fly(case, seed))

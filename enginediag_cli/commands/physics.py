@@ -53,6 +53,6 @@ def physics(name: str | None, engine_path: str | None, variables: bool, output: 
     else:
         found = describe_effect(name, engine_path)
         if whole:
-            output.write_document(found.document, found.rows, provenance=found.provenance)
+            found.write(output)
         else:
             output.write_text(found.page)

@@ -194,9 +194,9 @@ class Isolation:
 
     def write(self, output: Output) -> None:
         """The reliability tables and the sheet."""
+        from enginediag_cli.api import header_lines
         from enginediag_cli.presentation.outputs.prove import ISOLATED
         from enginediag_cli.presentation.reliability_rows import LONG, document, rows, tables
-        from enginediag_cli.recordings.provenance import header_lines
 
         found = document(self.plan, self.records)
         head = header_lines(

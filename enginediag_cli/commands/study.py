@@ -132,10 +132,10 @@ def _run(
 
 
 def _write(described: Study, results: Results, seed: int, show: str, output: Output, file: str) -> None:
+    from enginediag_cli.api import header_lines
     from enginediag_cli.presentation.outputs.study import COUNTS, RELIABILITY
     from enginediag_cli.presentation.outputs.study import STUDY as STUDY_ROWS
     from enginediag_cli.presentation.study_report import as_json, rows, shortened
-    from enginediag_cli.recordings.provenance import header_lines
 
     found, columns = rows(described, results, show)
     declared = {"rates": STUDY_ROWS, "counts": COUNTS, "reliability": RELIABILITY}[show]
