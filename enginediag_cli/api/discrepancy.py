@@ -343,7 +343,7 @@ class PerRecordResult(Result):
             return
         stop = stop_of(best, inlet_temperature(evidence, best))
         acting = alike(evidence, best, list(candidates(evidence.engine)))
-        standing = held_readings(evidence, best, self._along, stop)
+        standing = held_readings(evidence, best, self._along, stop) if stop.bands else []
         for line in per_record_sentences(self.fits, stop, standing, acting):
             self.messages.note(line)
 

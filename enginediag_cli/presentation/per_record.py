@@ -51,14 +51,10 @@ def per_record_sentences(
         f"record, of {rounded(none.per_record)} without. "
         + (_rivals(rivals) if rivals else f"The next place leaves {rounded(_next(found))}.")
     )
-    end = "an upper" if stop.upper else "a lower"
-    travel = stop.level - stop.beyond
-    flat = max(b[3] for b in stop.bands) - min(b[3] for b in stop.bands)
-    yield (
-        f"It lies against {end} end ({rounded(best.theta[_parameter(best)] + stop.level)}) in "
-        f"{100 * stop.at.mean():.0f} % of the records, and as far as {rounded(abs(travel))} from it; by ambient "
-        f"temperature that end moves by {rounded(flat)}."
-    )
+    if stop.bands:
+        yield _end(best, stop)
+    else:
+        yield "Too few records tell whether it lies against an end, and what a control may hold away from it."
     standing = [h for h in held if h.held]
     for h in standing[:1]:
         yield (
@@ -70,6 +66,18 @@ def per_record_sentences(
     if alike:
         told = ", ".join(f"{x.effect.term.TITLE.lower()} ({x.effect.label}, R² {x.share:.2f})" for x in alike)
         yield f"Listed effects that act there, by how well they follow it: {told}."
+
+
+def _end(best: PerRecord, stop: Stop) -> str:
+    """Where the amplitude ends, how often it is there, and what moves that end."""
+    end = "an upper" if stop.upper else "a lower"
+    travel = stop.level - stop.beyond
+    flat = max(b[3] for b in stop.bands) - min(b[3] for b in stop.bands)
+    return (
+        f"It lies against {end} end ({rounded(best.theta[_parameter(best)] + stop.level)}) in "
+        f"{100 * stop.at.mean():.0f} % of the records, and as far as {rounded(abs(travel))} from it; by ambient "
+        f"temperature that end moves by {rounded(flat)}."
+    )
 
 
 def _rivals(rivals: Sequence[PerRecord]) -> str:

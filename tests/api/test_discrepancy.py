@@ -106,6 +106,14 @@ def test_what_no_unseen_flight_gains_by_is_not_written(flown, tmp_path):
     assert not (tmp_path / "refined.yaml").exists()
 
 
+def test_of_few_records_an_amplitude_in_each_says_that_they_are_too_few_for_its_end(flown):
+    found = api.locate_per_record(flown / "engine.yaml", flown / "flown.csv", every=10, **STATED)
+    assert found.judged == 1
+    assert "Too few records" in found.summary()
+    assert found.fits[0].location.name == found.rows[0]["location"]
+    assert len(found.fits[0].amplitude) <= FLIGHTS * (RECORDS // 10 + 1)
+
+
 @pytest.mark.parametrize(
     ("verb", "arguments", "words"),
     [
