@@ -77,7 +77,7 @@ def test_the_shell_commands_shown_prepare_the_same_files(prepared):
 def test_a_step_without_its_result_ends_the_demonstration(prepared):
     assert main(["simulate", script.ENGINE, "--records", "20", "-o", script.RECORDED, "-q"]) == 0
     assert main(["simulate", script.ENGINE, "--records", "20", "--seed", "1", "-o", script.UNSEEN, "-q"]) == 0
-    with pytest.raises(NoVerdictError, match="the result of refine"):
+    with pytest.raises(NoVerdictError, match="is not written"):
         run(Messages(), script.refine(["reynolds_efficiency@hpc"]))
     assert not Path(script.REFINED).exists()
 
