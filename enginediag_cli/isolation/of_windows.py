@@ -154,23 +154,26 @@ class Isolating:
                 score, self.options.isolation, verdict.window.statistics, window.disagreement
             )
             return IsolatedWindow(verdict, known, components=components, by_component=True, score=score)
-        diagnosis, records = self._diagnosed(window, verdict, score)
+        diagnosis, records = self._diagnosed(judged, verdict, score)
         wrong = {known[n].component for n, p in diagnosis.result.inclusion.items() if p > 1 - SEPARATED and n in known}
         more = {name for name in drifts if known[name].component in wrong}
         if not more <= shown and not window.doubtful:  # which form it is, is open
             window, verdict, score = _with_suspects(
                 judged, verdict, [name for name in drifts if name not in shown | more]
             )
-            diagnosis, records = self._diagnosed(window, verdict, score)
+            diagnosis, records = self._diagnosed(judged, verdict, score)
         diagnosis = self._with_telling_sensors(diagnosis, window, records)
         advice = None
         if self.advise and self.files.monitor is not None:
             advice = self._advice(self.files.monitor.without(window.silent), diagnosis, records() if records else None)
         return IsolatedWindow(verdict, known, diagnosis, advice=advice)
 
-    def _diagnosed(self, window: WindowStatistics, verdict: Verdict, score: Score) -> tuple[Diagnosis, _Records | None]:
-        records = _Records(self.files.monitor, self.kept, window) if self.kept is not None else None
-        return diagnose(score, self.options, records, verdict.window.statistics, window.disagreement), records
+    def _diagnosed(self, judged: WindowStatistics, verdict: Verdict, score: Score) -> tuple[Diagnosis, _Records | None]:
+        window = verdict.window
+        records = None
+        if self.kept is not None:
+            records = _Records(self.files.monitor, self.kept, window, judged.statistics)
+        return diagnose(score, self.options, records, window.statistics, window.disagreement), records
 
     def _with_telling_sensors(
         self, diagnosis: Diagnosis, window: WindowStatistics, records: Callable[[], WindowModel | None] | None
@@ -249,10 +252,13 @@ def _flown(monitor: Monitor, model: WindowModel | None) -> Mapping[str, np.ndarr
 
 
 class _Records:
-    """The records of a window with the full model, when they are asked for; None where they are no longer held."""
+    """The records of a window with the full model, when they are asked for; None where they are no longer held.
+    every: its statistics with all suspects, those that have been dropped, too."""
 
-    def __init__(self, monitor: Monitor | None, kept: KeptRecords, window: WindowStatistics):
-        self._monitor, self._kept, self._window = monitor, kept, window
+    def __init__(
+        self, monitor: Monitor | None, kept: KeptRecords, window: WindowStatistics, every: LocalStatistics | None
+    ):
+        self._monitor, self._kept, self._window, self._every = monitor, kept, window, every
         kept.let_go(window)
 
     def __call__(self) -> WindowModel | None:
@@ -266,17 +272,18 @@ class _Records:
         weights = self._window.weights
         if weights is not None and len(weights) != len(y):
             return None
-        monitor = _doubting(self._monitor, self._window).without(self._window.silent)
+        monitor = _doubting(self._monitor, self._every).without(self._window.silent)
         return WindowModel(monitor, inputs, y, start, weights)
 
 
-def _doubting(monitor: Monitor, window: WindowStatistics) -> Monitor:
-    """The monitor with what wrong slopes of the maps add to the change that the window speaks of."""
-    if window.statistics is None or window.statistics.slopes is None:
+def _doubting(monitor: Monitor, statistics: LocalStatistics | None) -> Monitor:
+    """The monitor with what wrong slopes of the maps add to the change that the statistics speak of. What they add to
+    one suspect makes up for what they add to others, so that all of them have to be there."""
+    if statistics is None or statistics.slopes is None:
         return monitor
     place = {name: i for i, name in enumerate(monitor.names)}
-    known = [k for k, name in enumerate(window.statistics.parameters) if name in place]
-    at = [place[window.statistics.parameters[k]] for k in known]
+    known = [k for k, name in enumerate(statistics.parameters) if name in place]
+    at = [place[statistics.parameters[k]] for k in known]
     widened = monitor.uncertainty.copy()
-    widened[np.ix_(at, at)] += window.statistics.slopes[np.ix_(known, known)]
+    widened[np.ix_(at, at)] += statistics.slopes[np.ix_(known, known)]
     return replace(monitor, uncertainty=widened)

@@ -5,7 +5,12 @@ An error δ_c ~ N(0, diag v) of k of the parameters at operating point c, indepe
     Σ_c F_c δ_c        of covariance        M = Σ_q v_q Q_q,    Q_q = Σ_c f_cq f_cqᵀ,
 
 F_c being the information of the records at point c and f_cq its column of parameter q. With nuisance of covariance C
-counted as noise, s becomes (1 + F C)⁻¹ s, and M with it. In units of a change of the parameters that is F⁺ M F⁺.
+counted as noise, s becomes (1 + F C)⁻¹ s, and M with it. In units of a change of the parameters that is
+
+    (F + S⁻²)⁻¹ M (F + S⁻²)⁻¹,     S = diag(prior_sigma):
+
+in directions of which records tell less than is known beforehand, such as a bias and a scale of one instrument against
+each other, F⁺ M F⁺ would be huge changes that cancel at the point where F was computed, and nowhere else.
 """
 
 from __future__ import annotations
@@ -74,7 +79,8 @@ def sums_by_point(
 def covariance_of_change(
     statistics: LocalStatistics, kept: LocalStatistics, uncertainty: np.ndarray, variance: np.ndarray
 ) -> np.ndarray:
-    """F⁺ M F⁺ (a, a) of the parameters of `kept`, which `statistics` become with `uncertainty` (p, p) as noise.
+    """(F + S⁻²)⁻¹ M (F + S⁻²)⁻¹ (a, a) of the parameters of `kept`, which `statistics` become with `uncertainty` (p, p)
+    as noise.
 
     variance (k,): of the error of each parameter at one point, in the order of `statistics.points`.
     """
@@ -87,7 +93,7 @@ def covariance_of_change(
     through = through[statistics.indices(kept.parameters)]
     M = D[:, None] * np.einsum("q,qij->ij", variance, statistics.points) * D
     space = range_space(kept.F, kept.prior_sigma)
-    inverse = (space.basis / space.eigenvalues) @ space.basis.T
+    inverse = (space.basis / (space.eigenvalues + 1.0)) @ space.basis.T
     half = inverse @ through
     found = half @ M @ half.T
     return np.asarray(kept.prior_sigma[:, None] * (found + found.T) / 2 * kept.prior_sigma)
