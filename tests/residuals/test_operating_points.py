@@ -42,8 +42,8 @@ def test_at_one_operating_point_the_change_is_as_uncertain_as_the_error():
 
 
 def test_two_parameters_that_look_alike_get_no_changes_that_cancel():
-    """The same errors, seen by a sensor's bias and a scale that differ by one per cent of it: what they do to the readings is
-    as it was without the second, and the same where sensitivities are a little others."""
+    """A further column that differs by one per cent from another: the errors are as small as they were without it, and
+    do the same to the readings where sensitivities are a little others."""
     predicted, e, J, _ = window(3)
     alike = np.concatenate([J, J[:, :, 2:] * (1 + 1e-2 * np.linspace(-1, 1, len(J))[:, None, None])], axis=2)
     noise = white_noise(np.ones(M))
