@@ -10,6 +10,7 @@ import pytest
 from click.testing import CliRunner
 from refine_flights import ENGINE, engine, evidence, library, write_csv
 
+from enginediag_cli.__main__ import main
 from enginediag_cli.commands.explain import explain
 from enginediag_cli.commands.simulate import simulate
 from enginediag_cli.engine.term import Coefficient as Declared
@@ -185,8 +186,8 @@ def test_the_command_writes_the_flight_that_tells_and_simulate_flies_it(ambiguou
     assert len([line for line in text.splitlines() if line[:1] != "#"]) == 161
 
 
-def test_a_plan_is_refused_together_with_no_advice(tmp_path):
+def test_a_plan_is_refused_together_with_no_advice(tmp_path, capsys):
     recording = tmp_path / "x.csv"
     recording.write_text("time_s\n0\n", encoding="utf-8")
-    code, said = run_explain(str(recording), "--plan", str(tmp_path / "next.yaml"), "--no-advice")
-    assert code == 2 and "--plan asks for what --no-advice leaves out" in said
+    assert main(["explain", str(ENGINE), str(recording), "--plan", str(tmp_path / "next.yaml"), "--no-advice"]) == 2
+    assert "--plan asks for what --no-advice leaves out" in capsys.readouterr().err
