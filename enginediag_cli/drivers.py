@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from enginediag_cli.engine.atmosphere import P_ISA, T_ISA, saturated_water, standard_atmosphere
-from enginediag_cli.engine.components.ambient import Ambient
-from enginediag_cli.engine.components.burner import Burner
+from enginediag_cli.engine.components.combustion import Burner
 from enginediag_cli.engine.components.compressor import Compressor
-from enginediag_cli.engine.components.inlet import Inlet
-from enginediag_cli.engine.components.nozzle import Nozzle
-from enginediag_cli.engine.driver import Conditions, Driver, DriverValues
+from enginediag_cli.engine.components.nozzles import Nozzle
+from enginediag_cli.engine.components.passages import Ambient, Inlet
 from enginediag_cli.engine.dual import value
-from enginediag_cli.engine.similarity import reynolds_index_of
+from enginediag_cli.engine.evaluation import reynolds_index_of
+from enginediag_cli.engine.term import Conditions, Driver, DriverValues
 from enginediag_cli.parameters import spelled
 from enginediag_cli.units import find_unit, split_column
 

@@ -40,8 +40,6 @@ ORDER = (
     "detection",
     "planning",
     "isolation",
-    "work_scope",
-    "fleet_judgement",
     "mismatch",
     "methods",
     "trials",
@@ -234,7 +232,7 @@ READS_MEANING = re.compile(
 
 MATCHED_PATTERNS = (
     "config/patterns.py",
-    "detection/minimum_change.py",
+    "detection/glr.py",
     "identification/problem.py",
     "mismatch/fit/load.py",
     "residuals/monitor.py",

@@ -9,8 +9,8 @@ import time
 import numpy as np
 import pytest
 
-from enginediag_cli.engine import batch
-from enginediag_cli.engine.batch import SHARE
+from enginediag_cli.engine import strategy as batch
+from enginediag_cli.engine.strategy import SHARE
 from enginediag_cli.errors import DataError, WorkerDiedError
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped

@@ -69,7 +69,7 @@ def list_effects(engine: EngineLike | None = None) -> Listing:
     ConfigError, DataError
     """
     from enginediag_cli.physics.registry import term, term_names
-    from enginediag_cli.presentation.physics_terms import carried_blocks, site_row, term_row
+    from enginediag_cli.presentation.reference_pages import carried_blocks, site_row, term_row
 
     terms = [term(name) for name in term_names()]
     if engine is None:
@@ -102,7 +102,8 @@ def describe_effect(name: str, engine: EngineLike | None = None) -> Description:
     ConfigError, DataError
     """
     from enginediag_cli.physics.registry import term, term_names
-    from enginediag_cli.presentation.physics_terms import carried_blocks, coefficient_rows, page, site_row, term_row
+    from enginediag_cli.presentation.reference_pages import carried_blocks, coefficient_rows, site_row, term_row
+    from enginediag_cli.presentation.reference_pages import physics_page as page
 
     model = None if engine is None else as_engine(engine)
     laws = {law.NAME: law for law in (_laws(model) if model is not None else ())}
@@ -137,7 +138,7 @@ def list_law_variables(engine: EngineLike) -> Listing:
     ------
     ConfigError, DataError
     """
-    from enginediag_cli.presentation.physics_terms import variable_rows
+    from enginediag_cli.presentation.reference_pages import variable_rows
 
     model = as_engine(engine)
     return Listing(list(variable_rows(model.network)), _head("physics", model))
@@ -159,7 +160,7 @@ def list_components() -> Listing:
     """
     from enginediag_cli.engine.components import COMPONENTS
     from enginediag_cli.engine.example import shown
-    from enginediag_cli.presentation.components import component_row
+    from enginediag_cli.presentation.reference_pages import component_row
 
     rows = [component_row(kind, shown(name)) for name, kind in COMPONENTS.items()]
     return Listing(rows, _head("components"))
@@ -184,7 +185,7 @@ def describe_component(name: str) -> Description:
     """
     from enginediag_cli.engine.components import COMPONENTS
     from enginediag_cli.engine.example import shown
-    from enginediag_cli.presentation.components import component_row, key_rows, page, parameter_rows
+    from enginediag_cli.presentation.reference_pages import component_row, key_rows, page, parameter_rows
 
     if name not in COMPONENTS:
         from enginediag_cli.config.hints import near

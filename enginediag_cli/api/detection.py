@@ -16,7 +16,7 @@ from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.summaries import DETECT, STATISTICS
 
 if TYPE_CHECKING:
-    from enginediag_cli.detection.minimum_change import RequiredPower
+    from enginediag_cli.detection.glr import RequiredPower
     from enginediag_cli.intake.source import Source
     from enginediag_cli.methods.base import FittedMethod, Method
 
@@ -25,9 +25,8 @@ class ResidualResult(Result):
     """Sufficient statistics of windows, or residuals of records; see `residual`."""
 
     def __init__(self, comparison: Comparison, what: str, sensors: bool):
-        from enginediag_cli.presentation.outputs.residual import RECORDS, RESIDUAL
-        from enginediag_cli.residuals.flat import flat_columns
-        from enginediag_cli.residuals.seal import CHECKSUM, MADE_COLUMNS
+        from enginediag_cli.presentation.outputs.judgements import RECORDS, RESIDUAL
+        from enginediag_cli.residuals.flat import CHECKSUM, MADE_COLUMNS, flat_columns
 
         monitor = comparison.monitor(sensors=sensors, drifts=sensors)
         if monitor is None:
@@ -55,8 +54,7 @@ class ResidualResult(Result):
 
     def _statistics(self) -> Iterator[Row]:
         from enginediag_cli.residuals.files import made_with
-        from enginediag_cli.residuals.flat import flat_row
-        from enginediag_cli.residuals.seal import sealed
+        from enginediag_cli.residuals.flat import flat_row, sealed
 
         made = made_with(self._files, self._monitor)
         for window, _ in self._files.windows():
@@ -120,8 +118,8 @@ class DetectionResult(Result):
     """A verdict for every window; see `detect`. `found` counts faults, `judged` the windows with a verdict."""
 
     def __init__(self, comparison: Comparison, false_alarm: float, required: RequiredPower, detectable: bool):
-        from enginediag_cli.presentation.outputs.detect import DETECT as DECLARED
-        from enginediag_cli.residuals.economy import Economy
+        from enginediag_cli.presentation.outputs.judgements import DETECT as DECLARED
+        from enginediag_cli.residuals.reduced import Economy
 
         self._comparison, self._false_alarm = comparison, false_alarm
         self._required, self._detectable = required, detectable
@@ -206,7 +204,7 @@ def detect(
     ----------
     Generalised likelihood ratio test of the local approach; see `enginediag_cli.detection.glr`.
     """
-    from enginediag_cli.detection.minimum_change import RequiredPower
+    from enginediag_cli.detection.glr import RequiredPower
 
     if detectable and power <= false_alarm:
         raise UsageError("--power must be larger than --false-alarm")
@@ -222,10 +220,10 @@ class FollowResult(Result):
     """A row for every block of a flight as it comes; see `follow`. `found` counts flights with an alarm."""
 
     def __init__(self, comparison: Comparison, false_alarm: float, block: int | None, idle_s: float):
-        from enginediag_cli.detection.following import BLOCK, Following
-        from enginediag_cli.presentation.outputs.detect import FOLLOW as DECLARED
+        from enginediag_cli.detection.follow import BLOCK, Following
+        from enginediag_cli.presentation.outputs.judgements import FOLLOW as DECLARED
         from enginediag_cli.residuals.files import Judging
-        from enginediag_cli.residuals.lagging import with_lagging
+        from enginediag_cli.residuals.reduced import with_lagging
 
         monitor = comparison.monitor()
         if monitor is None:
@@ -304,7 +302,7 @@ class MethodResult(Result):
     """The verdicts of another method on each window; see `detect_by_method`."""
 
     def __init__(self, comparison: Comparison, name: str, healthy: Sequence[str], false_alarm: float):
-        from enginediag_cli.presentation.outputs.detect import BY_METHOD
+        from enginediag_cli.presentation.outputs.judgements import BY_METHOD
         from enginediag_cli.residuals.files import Judging
 
         self._comparison, self._false_alarm = comparison, false_alarm
@@ -337,7 +335,7 @@ class MethodResult(Result):
 
     def _compute(self) -> Iterator[Row]:
         from enginediag_cli.methods.on_recordings import judged_windows, recorded_windows
-        from enginediag_cli.presentation.method_rows import method_row
+        from enginediag_cli.presentation.detection_rows import method_row
         from enginediag_cli.residuals.gross_gate import GrossErrorGate
 
         tally: Counter[str] = Counter()

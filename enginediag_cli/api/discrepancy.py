@@ -61,8 +61,7 @@ class Inquiry:
 
     def tell(self, loaded: Loaded) -> None:
         """What should be known of the nominal state, and what was left out of the recordings."""
-        from enginediag_cli.presentation.baseline_doubts import tell_baseline
-        from enginediag_cli.presentation.left_out import tell_left_out, tell_mismatches, tell_thinning
+        from enginediag_cli.presentation.left_out import tell_baseline, tell_left_out, tell_mismatches, tell_thinning
 
         if loaded.baseline is not None:
             tell_baseline(self.messages, loaded.baseline, self.case.source.engine_instance)
@@ -191,7 +190,7 @@ class LocateResult(Result):
         from enginediag_cli.mismatch.fit.load import load_case
         from enginediag_cli.mismatch.locate.locate import locate as run
         from enginediag_cli.mismatch.locate.verdict_kind import kind_of
-        from enginediag_cli.presentation.outputs.locate import LOCATE as DECLARED
+        from enginediag_cli.presentation.outputs.discrepancy import LOCATE as DECLARED
 
         loaded = load_case(inquiry.case)
         inquiry.tell(loaded)
@@ -308,7 +307,7 @@ class PerRecordResult(Result):
         from enginediag_cli.mismatch.fit.identified import nuisance
         from enginediag_cli.mismatch.fit.load import load_case
         from enginediag_cli.mismatch.unrecorded.per_record import scan, thinned
-        from enginediag_cli.presentation.outputs.locate import PER_RECORD as DECLARED
+        from enginediag_cli.presentation.outputs.discrepancy import PER_RECORD as DECLARED
 
         if every < 1:
             raise UsageError(f"--per-record: {every} is no number of records")
@@ -334,7 +333,7 @@ class PerRecordResult(Result):
         from enginediag_cli.mismatch.unrecorded.per_record import inlet_temperature
         from enginediag_cli.mismatch.unrecorded.per_record_effects import alike
         from enginediag_cli.physics.registry import candidates
-        from enginediag_cli.presentation.per_record import per_record_rows, per_record_sentences
+        from enginediag_cli.presentation.located import per_record_rows, per_record_sentences
 
         yield from per_record_rows(self.fits)
         best, evidence = self.fits[0], self.evidence
@@ -495,7 +494,7 @@ class ExplainResult(DocumentResult):
         OSError
             Where the file cannot be written.
         """
-        from enginediag_cli.config.dump import dump
+        from enginediag_cli.config.edit import dump
         from enginediag_cli.recordings.write import output
 
         advice = self.story.advice
@@ -512,7 +511,7 @@ class ExplainResult(DocumentResult):
     def plot(self) -> Picture:
         """What no listed effect explains, as a law along its variable or a free curve, with its band. Raises
         NoVerdictError where there is nothing of the kind."""
-        from enginediag_cli.presentation.explanation_picture import picture
+        from enginediag_cli.presentation.pictures.discrepancy import explanation_picture as picture
 
         try:
             return Picture(picture(self.story))

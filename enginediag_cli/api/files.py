@@ -191,7 +191,7 @@ def _held_against(
             messages.warning(text)
     baseline = as_baseline(nominal, accept_changed_engine=accept_changed_engine)
     if baseline is not None:
-        from enginediag_cli.presentation.baseline_doubts import tell_baseline
+        from enginediag_cli.presentation.left_out import tell_baseline
 
         tell_baseline(messages, baseline, instance)
         return Against(baseline.engine, baseline.nominal, mapped, instance)
@@ -239,7 +239,7 @@ def _yaml(file: str) -> FileCheck:
         undecided = load_recorder(file).undecided
     if kind == "engine":
         from enginediag_cli.physics.engine_file import load_engine
-        from enginediag_cli.presentation.engine_overview import overview_rows
+        from enginediag_cli.presentation.acceptance_rows import overview_rows
 
         remarks = list(overview_rows(load_engine(file)))
     more = "".join(f"\n  open: {text}" for text in undecided)

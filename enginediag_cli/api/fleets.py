@@ -89,8 +89,7 @@ class FleetResult(DocumentResult):
     def plot(self) -> Picture:
         """Engines by severity with 95 % intervals, as on the page of `report`. Raises NoVerdictError where no engine
         has a severity."""
-        from enginediag_cli.presentation.charts.fleet_found import engines_of
-        from enginediag_cli.presentation.charts.fleet_ranking import fleet_ranking
+        from enginediag_cli.presentation.charts.fleet_charts import engines_of, fleet_ranking
         from enginediag_cli.presentation.charts.pictured import svg_of
 
         chart = fleet_ranking("fleet", engines_of(self.to_dict(), "fleet"))
@@ -149,7 +148,7 @@ def fleet(
     import os
 
     from enginediag_cli.fleets.run import run_fleet
-    from enginediag_cli.fleets.runners.places import runner_for
+    from enginediag_cli.fleets.runners.runner import runner_for
     from enginediag_cli.fleets.store import opened_store
     from enginediag_cli.recordings.provenance import header_lines
 

@@ -17,7 +17,7 @@ from enginediag_cli.shipped import own_or_shipped
 if TYPE_CHECKING:
     from enginediag_cli.engine.description import EngineDescription
     from enginediag_cli.engine.engine import Engine
-    from enginediag_cli.identification.bounds import AtBound
+    from enginediag_cli.identification.covariance import AtBound
     from enginediag_cli.identification.identify import Identification
     from enginediag_cli.identification.nominal import Estimate, Nominal
     from enginediag_cli.identification.problem import TrainingRecording
@@ -315,15 +315,14 @@ def _training(
     engine: Engine, source: Source, choices: TrainingChoices, messages: Messages
 ) -> tuple[list[TrainingRecording], tuple[str, ...]]:
     """Recordings as they are fitted, and columns of probes that are not."""
-    from enginediag_cli.identification.probe_consistency import without_probes, wrong_probes
-    from enginediag_cli.identification.repeats import without_repeats
+    from enginediag_cli.identification.probes import without_probes, wrong_probes
+    from enginediag_cli.identification.training import without_repeats
     from enginediag_cli.intake.agreement import agreement_with_engine
     from enginediag_cli.intake.flights import MOST, Thinning, whole_flights
     from enginediag_cli.intake.intake import Intake
     from enginediag_cli.intake.wanted import columns_of
-    from enginediag_cli.presentation.identification_report import repeat_lines
+    from enginediag_cli.presentation.identification_report import probe_lines, repeat_lines
     from enginediag_cli.presentation.left_out import tell_left_out, tell_mismatches, tell_thinning
-    from enginediag_cli.presentation.probe_lines import probe_lines
 
     agreement = agreement_with_engine(engine)
     intake = Intake(source, columns_of(engine, past=True), agreement=agreement)

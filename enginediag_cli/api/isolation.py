@@ -17,13 +17,13 @@ from enginediag_cli.progress import each
 from enginediag_cli.shipped import own_or_shipped
 
 if TYPE_CHECKING:
+    from enginediag_cli.fleets.work_scope import WorkScope
     from enginediag_cli.isolation.diagnosis import DiagnosisOptions
     from enginediag_cli.isolation.methods import IsolationOptions
     from enginediag_cli.isolation.of_windows import IsolatedWindow, Isolating
     from enginediag_cli.parameters import Parameter
     from enginediag_cli.residuals.kept_records import KeptRecords
     from enginediag_cli.residuals.monitor import Monitor
-    from enginediag_cli.work_scope.scope import WorkScope
 
 METHODS = ("posterior", "incremental", "sensitivity", "minmax")
 FORMS = ("nested", "cell", "sentences", "")
@@ -130,8 +130,8 @@ class IsolationResult(Result):
 
     def __init__(self, comparison: Comparison, choices: IsolationChoices, options: IsolationOptions):
         from enginediag_cli.isolation.of_windows import Isolating
-        from enginediag_cli.presentation.outputs.isolate import COMPONENTS as BY_COMPONENT
-        from enginediag_cli.presentation.outputs.isolate import ISOLATE as BY_PARAMETER
+        from enginediag_cli.presentation.outputs.judgements import COMPONENTS as BY_COMPONENT
+        from enginediag_cli.presentation.outputs.judgements import ISOLATE as BY_PARAMETER
 
         choices.check(comparison)
         self._quiet = comparison.messages.quiet
@@ -191,7 +191,7 @@ class IsolationResult(Result):
         tell_files(self.messages, self._files)
 
     def _work_scope(self, number: int, found: IsolatedWindow) -> WorkScope | None:
-        from enginediag_cli.work_scope.scope import Scoping
+        from enginediag_cli.fleets.work_scope import Scoping
 
         if self._monitor is None or not self._looked_for(self._choices.work_scope)(number, found.named):
             return None

@@ -16,10 +16,10 @@ from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.summaries import FLIGHTS, MARGIN, TREND, TREND_COMPONENTS
 
 if TYPE_CHECKING:
-    from enginediag_cli.detection.trend_of_files import Series
-    from enginediag_cli.fleet_judgement.of_series import MarginQuestion, Margins
+    from enginediag_cli.detection.trend import Series
+    from enginediag_cli.fleets.margin_of_series import MarginQuestion, Margins
+    from enginediag_cli.fleets.work_scope import Scoping
     from enginediag_cli.residuals.files import JudgedFiles
-    from enginediag_cli.work_scope.scope import Scoping
 
 WHAT = ("trend", "flights", "margin")
 
@@ -71,8 +71,8 @@ class MarginOptions:
 
     def question(self, *, healthy: int = 0, sensors: bool = True) -> MarginQuestion:
         """With the events of the file; healthy, sensors: as of `MarginQuestion`. Raises ConfigError."""
-        from enginediag_cli.fleet_judgement.of_series import MarginQuestion
-        from enginediag_cli.fleets.events import read_events
+        from enginediag_cli.fleets.fleet import read_events
+        from enginediag_cli.fleets.margin_of_series import MarginQuestion
 
         return MarginQuestion(
             limits_K=dict(self.limits_K),
@@ -144,7 +144,7 @@ class TrendResult(Result):
         self.unread = intake.unread
 
     def _declared(self) -> tuple[Any, tuple[str, ...]]:
-        from enginediag_cli.presentation.outputs import trend as outputs
+        from enginediag_cli.presentation.outputs import judgements as outputs
 
         what = self._choices.what
         return {
@@ -156,10 +156,9 @@ class TrendResult(Result):
 
     def _read(self) -> tuple[Series, Margins | None, JudgedFiles]:
         """The series of flights, its margins where they are followed, and the files that it was read from."""
-        from enginediag_cli.detection.trend_of_files import series_of
-        from enginediag_cli.fleet_judgement.of_series import margins_of
-        from enginediag_cli.presentation.margin_rows import tell_margins
-        from enginediag_cli.presentation.trend_rows import tell_instruments_in_flights
+        from enginediag_cli.detection.trend import series_of
+        from enginediag_cli.fleets.margin_of_series import margins_of
+        from enginediag_cli.presentation.trend_rows import tell_instruments_in_flights, tell_margins
         from enginediag_cli.residuals.series_monitor import for_comparison
 
         choices, monitor, margins = self._choices, self._monitor, None
@@ -181,8 +180,7 @@ class TrendResult(Result):
         return series, margins, files
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.presentation.margin_rows import margin_rows
-        from enginediag_cli.presentation.trend_rows import flight_rows
+        from enginediag_cli.presentation.trend_rows import flight_rows, margin_rows
 
         if self._choices.what == "margin" and self._margins is not None:
             rows = list(margin_rows(self._margins))
@@ -198,10 +196,10 @@ class TrendResult(Result):
 
     def _changes(self) -> Iterator[Row]:
         """Rows of what changed in each engine, and of what maintenance did."""
-        from enginediag_cli.detection.trend_of_files import FEWEST
-        from enginediag_cli.isolation.stories import stories_of
+        from enginediag_cli.detection.trend import FEWEST
+        from enginediag_cli.fleets.work_scope import Scoping
+        from enginediag_cli.isolation.over_time import stories_of
         from enginediag_cli.presentation.trend_rows import tell_too_few
-        from enginediag_cli.work_scope.scope import Scoping
 
         choices, series = self._choices, self._series
         for engine, stretches in series.stretches.items():
@@ -217,14 +215,14 @@ class TrendResult(Result):
         return iter(rows)
 
     def _of_engine(self, engine: str, story: Any, scoping: Scoping | None, before: Sequence[Row]) -> list[Row]:
-        from enginediag_cli.presentation.maintenance_rows import (
+        from enginediag_cli.fleets.maintenance import conditions_of, maintenance_of
+        from enginediag_cli.presentation.trend_rows import component_rows, tell_story, trend_rows
+        from enginediag_cli.presentation.work_scope_rows import (
             maintenance_row,
             tell_maintenance,
             tell_scope,
             with_scope,
         )
-        from enginediag_cli.presentation.trend_rows import component_rows, tell_story, trend_rows
-        from enginediag_cli.work_scope.of_series import conditions_of, maintenance_of
 
         choices, series, messages = self._choices, self._series, self.messages
         form = "" if choices.work_scope == "sentences" else choices.work_scope

@@ -85,8 +85,8 @@ class RefineResult(DocumentResult):
 
     def __init__(self, inquiry: Inquiry, choices: RefineChoices):
         from enginediag_cli.mismatch.fit.load import load_case
-        from enginediag_cli.presentation.outputs.refine import CONTROL
-        from enginediag_cli.presentation.outputs.refine import REFINE as EFFECTS
+        from enginediag_cli.presentation.outputs.discrepancy import CONTROL
+        from enginediag_cli.presentation.outputs.discrepancy import REFINE as EFFECTS
 
         choices.check()
         case, self._inquiry, self._choices = inquiry.case, inquiry, choices
@@ -175,14 +175,16 @@ class RefineResult(DocumentResult):
         return list(named_effects(story)), None
 
     def _refusal(self) -> str:
-        from enginediag_cli.presentation import refined_controls, refinements
+        from enginediag_cli.presentation import controls as refined_controls
+        from enginediag_cli.presentation import refinements
 
         if self._control is not None:
             return "" if self._control.accepted else refined_controls.refusal(self._control)
         return "" if self._refinement is None else refinements.refusal(self._refinement)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.presentation import refined_controls, refinements
+        from enginediag_cli.presentation import controls as refined_controls
+        from enginediag_cli.presentation import refinements
 
         lines: list[str] = []
         if self._control is not None:
@@ -206,7 +208,8 @@ class RefineResult(DocumentResult):
         return super().summary() + ("" if self.accepted else f"\nnot accepted: {self.reason}")
 
     def _document(self, provenance: Sequence[str]) -> Mapping[str, Any]:
-        from enginediag_cli.presentation import refined_controls, refinements
+        from enginediag_cli.presentation import controls as refined_controls
+        from enginediag_cli.presentation import refinements
 
         if self._control is not None:
             return refined_controls.document(self._control, tuple(provenance))
@@ -323,11 +326,11 @@ class RefineResult(DocumentResult):
     def plot(self) -> Picture:
         """How unseen flights are predicted before and after. Raises NoVerdictError where that was not judged."""
         if self._control is not None and self._control.after:
-            from enginediag_cli.presentation.refined_control_picture import picture as picture_of_control
+            from enginediag_cli.presentation.pictures.discrepancy import control_picture as picture_of_control
 
             return Picture(picture_of_control(self._control))
         if self._refinement is not None and self._refinement.unseen is not None:
-            from enginediag_cli.presentation.refinement_picture import picture
+            from enginediag_cli.presentation.pictures.discrepancy import picture
 
             return Picture(picture(self._refinement))
         raise NoVerdictError("no unseen flight was predicted before and after")

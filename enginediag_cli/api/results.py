@@ -78,7 +78,7 @@ class Picture:
         OSError
             Where the file cannot be written.
         """
-        from enginediag_cli.presentation.pictures.written import write_drawing
+        from enginediag_cli.presentation.pictures.svg import write_drawing
 
         write_drawing(self.svg, str(path))
 
@@ -211,7 +211,7 @@ class Result:
         dict
             ``schema``, ``provenance`` (lines) and ``rows``.
         """
-        from enginediag_cli.presentation.rows import plain
+        from enginediag_cli.presentation.output import plain
 
         schema = {} if self.table is None else {"schema": self.table.id}
         rows = [plain(row) for row in self.rows]
@@ -230,7 +230,7 @@ class Result:
         EngineDiagError
             Where neither package is installed.
         """
-        from enginediag_cli.presentation.rows import bare_cells
+        from enginediag_cli.presentation.output import bare_cells
 
         names = list(self.columns or dict.fromkeys(chain.from_iterable(self.rows)))
         cells = [bare_cells(row, names) for row in self.rows]
@@ -289,7 +289,7 @@ class Result:
     def _repr_html_(self) -> str:
         rows = self.rows
         names = list(dict.fromkeys(chain.from_iterable(rows[:SHOWN_ROWS])))
-        from enginediag_cli.presentation.rows import cell
+        from enginediag_cli.presentation.output import cell
 
         head = "".join(f"<th>{html.escape(name)}</th>" for name in names)
         body = "".join(
@@ -315,7 +315,7 @@ class DocumentResult(Result):
         dict
             Its keys are those of the command's JSON schema; numbers that JSON lacks are None.
         """
-        from enginediag_cli.presentation.rows import finite, plain
+        from enginediag_cli.presentation.output import finite, plain
 
         found = self._document(self.provenance)
         whole = {key: list(value) if isinstance(value, Iterator) else value for key, value in found.items()}

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
     from enginediag_cli.faults.component_faults import FaultSet
     from enginediag_cli.presentation.output import Output
-    from enginediag_cli.simulation.conditions import Conditions
+    from enginediag_cli.simulation.flights import Conditions
     from enginediag_cli.simulation.noise import ColumnNoise
     from enginediag_cli.simulation.simulate import Simulated
 
@@ -72,8 +72,7 @@ class SimulationChoices:
         """(operating conditions, noise of each column, provenance of the conditions)."""
         from enginediag_cli.config.kinds import load_checked
         from enginediag_cli.errors import Mark
-        from enginediag_cli.simulation.default_flight import default_plan
-        from enginediag_cli.simulation.flights import generate_flights
+        from enginediag_cli.simulation.flights import default_plan, generate_flights
         from enginediag_cli.simulation.noise import KINDS, column_noise
 
         mark, kind = Mark("--noise"), self.noise
@@ -93,7 +92,7 @@ class SimulationChoices:
     def _recorded(self, engine: Engine) -> tuple[Conditions, tuple[str, ...]]:
         """Conditions record by record, and where they come from."""
         from enginediag_cli.recordings.read import read_all
-        from enginediag_cli.simulation.tables import conditions_of
+        from enginediag_cli.simulation.simulate import conditions_of
 
         source = as_recordings(self.conditions)
         if len(source.files) != 1:
@@ -115,8 +114,7 @@ class SimulationResult(Result):
         import numpy as np
 
         from enginediag_cli.recordings.provenance import header_lines
-        from enginediag_cli.simulation.moving import moves, told_states
-        from enginediag_cli.simulation.simulate import simulate_in_chunks
+        from enginediag_cli.simulation.simulate import moves, simulate_in_chunks, told_states
 
         flying, noisy = (np.random.default_rng([choices.seed, stream]) for stream in (0, 1))
         given, noise, inherited = choices.flown(engine, flying)
@@ -175,7 +173,7 @@ class SimulationResult(Result):
         return _rows(self.pieces())
 
     def _warn_outside(self, given: Conditions) -> None:
-        from enginediag_cli.simulation.conditions import outside_envelope
+        from enginediag_cli.simulation.flights import outside_envelope
 
         engine = self.engine
         for column, count in outside_envelope(engine, given).items():
@@ -266,7 +264,7 @@ class SimulationResult(Result):
 
         from enginediag_cli.presentation.output import RECORDING_FORMATS
         from enginediag_cli.recordings.write import recording_output
-        from enginediag_cli.simulation.tables import recording_of
+        from enginediag_cli.simulation.simulate import recording_of
 
         head = self.provenance if output.header else ()
         pieces = self.pieces()

@@ -124,8 +124,8 @@ class Comparison:
         baseline = self.baseline
         if baseline is None:
             return None
-        from enginediag_cli.identification.other_accuracy import with_accuracy
-        from enginediag_cli.presentation.baseline_doubts import tell_baseline
+        from enginediag_cli.identification.nominal_checks import with_accuracy
+        from enginediag_cli.presentation.left_out import tell_baseline
         from enginediag_cli.residuals.monitor import monitor_of
 
         accuracy = self.options.model_error

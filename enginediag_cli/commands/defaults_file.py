@@ -17,10 +17,9 @@ from click.core import ParameterSource
 from enginediag_cli.commands.defaults_section import ALL, KIND, defaults_section, every_command, options_of
 from enginediag_cli.commands.operation import APART, NOT_IN_FILES, WHERE, word_of
 from enginediag_cli.commands.parameter_types import ConfigFile, OutputFile
-from enginediag_cli.config.checked import Checked
 from enginediag_cli.config.document import Node, load_document
 from enginediag_cli.config.kinds import wanted_kind
-from enginediag_cli.config.validate import validate
+from enginediag_cli.config.validate import Checked, validate
 from enginediag_cli.errors import ConfigError, DataError, Mark, Problem
 
 ONE_LINE = 1_000_000
@@ -160,7 +159,7 @@ def _without(document: Node, names: list[str]) -> Node:
 def printed(command: click.Command, name: str, context: click.Context, typed: Mapping[str, Any]) -> str:
     """Every option of a command with its value and, as a comment, where it comes from: as a file that gives the same.
     What has no value is a comment. Raises click.UsageError for a value that is wrong."""
-    from enginediag_cli.config.dump import dump
+    from enginediag_cli.config.edit import dump
 
     lines = [f"# the options of enginediag {name}, and where each comes from", f"kind: {KIND}", f"{name}:"]
     for parameter in command.get_params(context):

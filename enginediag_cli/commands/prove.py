@@ -165,9 +165,9 @@ def _say(messages: Messages, records: list[Record]) -> None:
 def _write(plan: Plan, records: list[Record], sizes: bool, output: Output) -> None:
 
     from enginediag_cli.api import header_lines
-    from enginediag_cli.presentation.outputs.prove import PROVE
-    from enginediag_cli.presentation.score_sheet_document import document
-    from enginediag_cli.presentation.score_sheet_rows import LONG, bin_rows, rows, size_rows, table
+    from enginediag_cli.presentation.outputs.validation import PROVE
+    from enginediag_cli.presentation.validation_rows import LONG, bin_rows, rows, size_rows, table
+    from enginediag_cli.presentation.validation_rows import score_sheet_document as document
 
     found = document(plan, records, sizes)
     head = header_lines(

@@ -195,8 +195,10 @@ class Isolation:
     def write(self, output: Output) -> None:
         """The reliability tables and the sheet."""
         from enginediag_cli.api import header_lines
-        from enginediag_cli.presentation.outputs.prove import ISOLATED
-        from enginediag_cli.presentation.reliability_rows import LONG, document, rows, tables
+        from enginediag_cli.presentation.outputs.validation import ISOLATED
+        from enginediag_cli.presentation.validation_rows import LONG_SHEET as LONG
+        from enginediag_cli.presentation.validation_rows import document, tables
+        from enginediag_cli.presentation.validation_rows import isolation_sheet_rows as rows
 
         found = document(self.plan, self.records)
         head = header_lines(

@@ -22,7 +22,7 @@ from enginediag_cli.presentation.output import Output
 from enginediag_cli.presentation.summaries import STUDY
 
 if TYPE_CHECKING:
-    from enginediag_cli.presentation.study_report import Results
+    from enginediag_cli.presentation.validation_rows import Results
     from enginediag_cli.trials.journal import Journal
     from enginediag_cli.trials.studies.batches import Batch
     from enginediag_cli.trials.studies.journal import Tallies
@@ -105,7 +105,7 @@ def _run(
     processes: int,
     notes: Journal[Batch, Tallies] | None,
 ) -> Results:
-    from enginediag_cli.presentation.study_report import totals
+    from enginediag_cli.presentation.validation_rows import totals
     from enginediag_cli.trials.pool import WorkerDiedError, run_pieces
     from enginediag_cli.trials.studies.batches import batches, run_batch
 
@@ -133,9 +133,10 @@ def _run(
 
 def _write(described: Study, results: Results, seed: int, show: str, output: Output, file: str) -> None:
     from enginediag_cli.api import header_lines
-    from enginediag_cli.presentation.outputs.study import COUNTS, RELIABILITY
-    from enginediag_cli.presentation.outputs.study import STUDY as STUDY_ROWS
-    from enginediag_cli.presentation.study_report import as_json, rows, shortened
+    from enginediag_cli.presentation.outputs.validation import COUNTS, RELIABILITY
+    from enginediag_cli.presentation.outputs.validation import STUDY as STUDY_ROWS
+    from enginediag_cli.presentation.validation_rows import as_json, shortened
+    from enginediag_cli.presentation.validation_rows import study_rows as rows
 
     found, columns = rows(described, results, show)
     declared = {"rates": STUDY_ROWS, "counts": COUNTS, "reliability": RELIABILITY}[show]

@@ -1,10 +1,16 @@
-"""Changes to the text of a YAML file that leave the rest of it, comments and all, as it stands."""
+"""Changes to the text of a YAML file that leave the rest of it, comments and all, as it stands.
+
+Writes values as YAML that this program and readers of YAML 1.1 understand alike.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
-from enginediag_cli.config.document import Node, parse_document
+import yaml
+
+from enginediag_cli.config.document import Loader, Node, parse_document
 from enginediag_cli.errors import DataError
 
 
@@ -67,3 +73,24 @@ def extent(root: Node, key: str, total: int) -> tuple[int, int]:
     starts = sorted(mark.line - 1 for mark in root.key_marks.values())
     start = root.key_marks[key].line - 1
     return start, next((s for s in starts if s > start), total)
+
+
+class Dumper(yaml.SafeDumper):
+    """Quotes every text that YAML 1.1 or 1.2 would read as something else: `no`, `1e5`, `0o14`."""
+
+
+for _resolvers in Loader.yaml_implicit_resolvers.values():
+    for _tag, _pattern in _resolvers:
+        Dumper.add_implicit_resolver(_tag, _pattern, None)
+
+
+def dump(values: Mapping[str, Any], width: int = 110) -> str:
+    """YAML text of plain values, keys in their order, lists of scalars on one line.
+
+    Floats have the shortest digits that give the same float back. The text is loaded by `load_document`.
+    """
+    return str(
+        yaml.dump(
+            dict(values), Dumper=Dumper, sort_keys=False, allow_unicode=True, width=width, default_flow_style=None
+        )
+    )

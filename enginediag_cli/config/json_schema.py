@@ -9,9 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from enginediag_cli.config.defaults import plain
 from enginediag_cli.config.fields import AnySection, Either, Field, Section
-from enginediag_cli.config.validate import NAME
+from enginediag_cli.config.validate import NAME, plain
 
 DIALECT = "http://json-schema.org/draft-07/schema#"
 

@@ -12,11 +12,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from enginediag_cli.config.checked import Checked
 from enginediag_cli.config.document import Node, load_document
 from enginediag_cli.config.fields import Section
 from enginediag_cli.config.hints import near
-from enginediag_cli.config.validate import validate
+from enginediag_cli.config.validate import Checked, validate
 from enginediag_cli.errors import ConfigError, Problem
 
 
@@ -74,13 +73,13 @@ FILE_KINDS: dict[str, FileKind] = {
         FileKind(
             "fleet",
             "a fleet: engines by serial number, their recordings, maintenance and what to judge",
-            "enginediag_cli.fleets.fleet_file:FLEET_FILE",
+            "enginediag_cli.fleets.fleet:FLEET_FILE",
             "enginediag_cli.fleets.fleet:load_fleet",
         ),
         FileKind(
             "flight",
             "a flight to simulate: altitude, speed and power along time",
-            "enginediag_cli.simulation.flight_file:FLIGHT_FILE",
+            "enginediag_cli.simulation.flights:FLIGHT_FILE",
         ),
         FileKind(
             "defaults",

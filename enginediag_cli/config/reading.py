@@ -2,6 +2,8 @@
 
 A YAML file may come from somebody else. What it names must not make this program read, and by a message show,
 files that its user did not mean.
+
+A file that a YAML file names: beside it, or one that comes with the program.
 """
 
 from __future__ import annotations
@@ -13,8 +15,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from enginediag_cli.errors import ConfigError, Mark, Problem
+from enginediag_cli.errors import ConfigError, DataError, Mark, Problem
 from enginediag_cli.progress import touched
+from enginediag_cli.shipped import shipped
 
 MOST_YAML_BYTES = 20_000_000
 """The largest nominal files, of thousands of operating points, have a tenth of it."""
@@ -128,3 +131,15 @@ def _allowed(path: Path, folder: Path) -> bool:
         return real.is_relative_to(shipped_folder().resolve())
     except DataError:
         return False
+
+
+def named_file(owner: Path, name: str, what: str, mark: Mark) -> Path:
+    """The file `name` beside the YAML file `owner`, or the shipped one of that name; `what` it is, for messages.
+    Raises ConfigError."""
+    beside = owner.parent / name
+    if beside.exists():
+        return file_inside(owner, name, mark)
+    try:
+        return shipped(name)
+    except DataError as error:
+        raise ConfigError([Problem(mark, f"there is no {what} {beside}", str(error))]) from None

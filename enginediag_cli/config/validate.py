@@ -1,24 +1,307 @@
 """Checks a document against the declared fields of its section and fills in the defaults.
 
 All problems of a file are found in one pass and raised together.
+
+Checks of the values that are not sections: numbers, texts, choices, lists and maps of them.
+
+Defaults in the form that a given value would have, so that nothing downstream tells the two apart.
+
+What validation hands over: the values, and where each of them stands.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from enginediag_cli.config.checked import Checked
-from enginediag_cli.config.defaults import default_value
 from enginediag_cli.config.document import Node, document_problems
-from enginediag_cli.config.excerpt import render
 from enginediag_cli.config.fields import AnySection, Either, Field, Section, Variants
-from enginediag_cli.config.hints import near, unknown_key
-from enginediag_cli.config.leaves import LEAVES, expectation
+from enginediag_cli.config.hints import near, not_a_number, unknown_key
 from enginediag_cli.errors import MOST_PROBLEMS, ConfigError, Mark, Problem
 from enginediag_cli.safe_text import shortened
 
-__all__ = ["Checked", "near", "render", "validate"]
+Report = Callable[..., None]
+"""Called with (mark, message, hint)."""
+
+Leaf = Callable[[Node, Field, str, Report], Any]
+
+WANTED = {
+    "number": "a number",
+    "integer": "a whole number",
+    "text": "a text",
+    "boolean": "true or false",
+    "choice": "a choice",
+    "numbers": "a list of numbers",
+    "texts": "a list of texts",
+    "scalar": "a single value",
+    "range": "a range [low, high]",
+    "number_map": "a mapping of names to numbers",
+    "text_map": "a mapping of names to texts",
+    "any_map": "a mapping of names to single values",
+    "section": "a mapping",
+    "sections": "a list of mappings",
+    "section_map": "a mapping of names to mappings",
+    "named_sections": "a list of mappings, each with a name",
+}
+
+
+def expectation(field: Field) -> str:
+    """What belongs under a key: "a number in m²: throat area"."""
+    wanted = WANTED[field.kind]
+    if field.kind == "choice":
+        wanted = f"one of {', '.join(field.choices)}"
+        if len(field.choices) == 1:
+            wanted = f"write '{field.name}: {field.choices[0]}'"
+    return wanted + (f" in {field.unit}" if field.unit else "") + (f": {field.help}" if field.help else "")
+
+
+def number(node: Node, field: Field, where: str, report: Report) -> float | None:
+    value = node.value
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        hint = not_a_number(value, field.unit) if isinstance(value, str) else expectation(field)
+        report(node.mark, f"{where} must be a number, not {node.describe()}", hint)
+        return None
+    if not math.isfinite(value) or abs(value) > 1e300:
+        report(node.mark, f"{where} must be a finite number, not {node.text}", expectation(field))
+        return None
+    if _outside(float(value), field):
+        report(node.mark, f"{where} must be {_bounds(field)}, not {node.text}", field.help)
+        return None
+    return float(value)
+
+
+def integer(node: Node, field: Field, where: str, report: Report) -> int | None:
+    value = number(node, field, where, report)
+    if value is not None and not value.is_integer():
+        report(node.mark, f"{where} must be a whole number, not {node.text}", expectation(field))
+        return None
+    if value is None:
+        return None
+    return node.value if isinstance(node.value, int) else int(value)
+
+
+def text(node: Node, field: Field, where: str, report: Report) -> str | None:
+    if not isinstance(node.value, str):
+        hint = f'put it in quotes: "{node.text}"' if node.is_scalar and node.value is not None else field.help
+        report(node.mark, f"{where} must be a text, not {node.describe()}", hint)
+        return None
+    if field.choices and node.value not in field.choices:
+        report(node.mark, f"{where} cannot be '{node.value}'", near(node.value, field.choices))
+        return None
+    return node.value
+
+
+def choice(node: Node, field: Field, where: str, report: Report) -> str | None:
+    if not isinstance(node.value, str) and node.text not in field.choices:
+        report(node.mark, f"{where} must be a choice, not {node.describe()}", near("", field.choices))
+        return None
+    return text(node, field, where, report)  # a choice that looks like a number needs its quotes
+
+
+def boolean(node: Node, field: Field, where: str, report: Report) -> bool | None:
+    if not isinstance(node.value, bool):
+        spelt = {"yes": "true", "on": "true", "1": "true", "no": "false", "off": "false", "0": "false"}
+        meant = spelt.get(node.text.lower())
+        report(
+            node.mark,
+            f"{where} must be true or false, not {node.describe()}",
+            f"write {meant}" if meant else field.help,
+        )
+        return None
+    return node.value
+
+
+def numbers(node: Node, field: Field, where: str, report: Report) -> list[float | None]:
+    return _list(node, field, where, report, number)
+
+
+def texts(node: Node, field: Field, where: str, report: Report) -> list[str | None]:
+    return _list(node, field, where, report, text)
+
+
+def number_range(node: Node, field: Field, where: str, report: Report) -> list[float | None] | None:
+    if not node.is_list or len(node.value) != 2:
+        report(
+            node.mark,
+            f"{where} must be a range of two numbers, not {node.describe()}",
+            f"write [low, high]{' in ' + field.unit if field.unit else ''}",
+        )
+        return None
+    low, high = _list(node, field, where, report, number)
+    if low is not None and high is not None and low > high:
+        report(node.mark, f"{where} must rise: {low:g} is above {high:g}", f"write [{high:g}, {low:g}]")
+    return [low, high]
+
+
+def number_map(node: Node, field: Field, where: str, report: Report) -> dict[str, Any]:
+    return _map(node, field, where, report, number)
+
+
+def text_map(node: Node, field: Field, where: str, report: Report) -> dict[str, Any]:
+    return _map(node, field, where, report, text)
+
+
+def any_map(node: Node, field: Field, where: str, report: Report) -> dict[str, Any]:
+    return _map(node, field, where, report, _scalar)
+
+
+def scalar(node: Node, field: Field, where: str, report: Report) -> str | None:
+    if _scalar(node, field, where, report) is None:
+        return None
+    return node.text
+
+
+LEAVES: dict[str, Leaf] = {
+    "number": number,
+    "integer": integer,
+    "text": text,
+    "boolean": boolean,
+    "choice": choice,
+    "numbers": numbers,
+    "texts": texts,
+    "scalar": scalar,
+    "range": number_range,
+    "number_map": number_map,
+    "text_map": text_map,
+    "any_map": any_map,
+}
+
+
+def _list(node: Node, field: Field, where: str, report: Report, one: Leaf) -> list[Any]:
+    if not node.is_list:
+        hint = f"write [{node.text}]" if node.is_scalar else expectation(field)
+        report(node.mark, f"{where} must be {WANTED[field.kind]}, not {node.describe()}", hint)
+        return []
+    return [one(item, field, f"{where}[{position}]", report) for position, item in enumerate(node.value)]
+
+
+def _map(node: Node, field: Field, where: str, report: Report, one: Leaf) -> dict[str, Any]:
+    if not node.is_mapping:
+        report(node.mark, f"{where} must be {WANTED[field.kind]}, not {node.describe()}", field.help)
+        return {}
+    return {key: one(child, field, f"{where}.{key}", report) for key, child in node.value.items()}
+
+
+def _scalar(node: Node, field: Field, where: str, report: Report) -> Any:
+    if not node.is_scalar:
+        report(node.mark, f"{where} must be a single value, not {node.describe()}", field.help)
+        return None
+    return node.value
+
+
+def _outside(value: float, field: Field) -> bool:
+    below = field.minimum is not None and value < field.minimum
+    return below or (field.maximum is not None and value > field.maximum)
+
+
+def _bounds(field: Field) -> str:
+    unit = f" {field.unit}" if field.unit else ""
+    if field.minimum is not None and field.maximum is not None:
+        return f"between {field.minimum:g} and {field.maximum:g}{unit}"
+    if field.minimum is not None:
+        return f"at least {field.minimum:g}{unit}"
+    return f"at most {field.maximum:g}{unit}"
+
+
+FLOATS = ("number", "numbers", "range", "number_map")
+
+
+def default_value(field: Field) -> Any:
+    """Fresh lists and dicts, floats where the field holds numbers, sections with the defaults of their own
+    fields. None for a required field: it has no default, and its absence is a problem already reported."""
+    if field.required:
+        return None
+    if field.kind == "section" and isinstance(field.default, Mapping) and field.section is not None:
+        return _filled(field.section, field.default)
+    return plain(field.default, floats=field.kind in FLOATS)
+
+
+def plain(value: Any, *, floats: bool = False) -> Any:
+    """Tuples as lists, mappings as dicts, all copied; with `floats`, whole numbers as floats."""
+    if isinstance(value, Mapping):
+        return {key: plain(item, floats=floats) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(item, floats=floats) for item in value]
+    return float(value) if floats and isinstance(value, int) else value
+
+
+def _filled(section: AnySection, given: Mapping[str, Any]) -> dict[str, Any]:
+    if isinstance(section, Variants):
+        chosen = section.options.get(str(given.get(section.key)))
+        head = {section.key: given[section.key]} if section.key in given else {}
+        return head | (_filled(chosen, given) if chosen is not None else plain(given))
+    if isinstance(section, Either):
+        known = section.of(given)
+        return _filled(known, given) if known is not None else dict(plain(given))
+    return {field.name: _given_or_default(field, given) for field in section.fields}
+
+
+def _given_or_default(field: Field, given: Mapping[str, Any]) -> Any:
+    if field.name not in given:
+        return default_value(field)
+    value = given[field.name]
+    if field.kind == "section" and isinstance(value, Mapping) and field.section is not None:
+        return _filled(field.section, value)
+    return plain(value, floats=field.kind in FLOATS)
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A validated file: `values` is a plain nested dict with the defaults filled in.
+
+    A path into it is a tuple of keys, list positions, or names of `named_sections`:
+    `("components", "hpc", "shaft")` and `("components", 3, "shaft")` are the same place.
+    """
+
+    values: dict[str, Any]
+    node: Node
+
+    @property
+    def file(self) -> str:
+        return self.node.mark.file
+
+    def mark(self, path: tuple[str | int, ...] = ()) -> Mark:
+        """Where the value stands; for a value that a default supplied, where its section stands."""
+        return _walk(self.node, path)[1]
+
+    def key_mark(self, path: tuple[str | int, ...]) -> Mark:
+        """Where the key of a value stands; as `mark` for list items and defaults."""
+        parent, place = _walk(self.node, path[:-1])
+        if parent is None:
+            return place
+        key = str(path[-1])
+        return parent.key_marks[key] if parent.is_mapping and key in parent.key_marks else self.mark(path)
+
+    def given(self, path: tuple[str | int, ...]) -> bool:
+        """Whether the file itself gives this value (a default is not given)."""
+        return _walk(self.node, path)[0] is not None
+
+    def problem(self, path: tuple[str | int, ...], message: str, hint: str = "") -> Problem:
+        """A problem at the place of a value, for checks that need more than one value to see it."""
+        return Problem(self.mark(path), message, hint)
+
+
+def _walk(node: Node, path: tuple[str | int, ...]) -> tuple[Node | None, Mark]:
+    """(the node at the path or None, the mark of the deepest node on the way to it)."""
+    for step in path:
+        child = _child(node, step)
+        if child is None:
+            return None, node.mark
+        node = child
+    return node, node.mark
+
+
+def _child(node: Node, step: str | int) -> Node | None:
+    if node.is_mapping:
+        return node.value.get(str(step))
+    if not node.is_list:
+        return None
+    if isinstance(step, int):
+        return node.value[step] if -len(node.value) <= step < len(node.value) else None
+    named = (item for item in node.value if item.is_mapping and "name" in item.value)
+    return next((item for item in named if item.value["name"].value == step), None)
 
 
 def validate(document: Node, section: AnySection) -> Checked:

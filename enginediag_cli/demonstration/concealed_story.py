@@ -11,7 +11,7 @@ from typing import Any
 
 from enginediag_cli.demonstration import concealed as script
 from enginediag_cli.intervals import NORMAL_95
-from enginediag_cli.presentation.numbers import rounded
+from enginediag_cli.presentation.sentences import rounded
 from enginediag_cli.units import split_column
 
 SENSORS_TOLD = 3

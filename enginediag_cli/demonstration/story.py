@@ -9,8 +9,7 @@ from enginediag_cli.demonstration.script import Case
 from enginediag_cli.error_model.modelled import FAMILY
 from enginediag_cli.error_model.points import POINT_FAMILY
 from enginediag_cli.identification.nominal import Nominal
-from enginediag_cli.presentation.names import listed
-from enginediag_cli.presentation.sentences import change, departed, no_verdict, nominal
+from enginediag_cli.presentation.sentences import change, departed, listed, no_verdict, nominal
 from enginediag_cli.units import split_column
 
 

@@ -7,12 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from enginediag_cli.detection.glr import GlrTest, glr_test
-from enginediag_cli.detection.lack_of_fit import LackOfFit, lack_of_fit
-from enginediag_cli.detection.minimum_change import (
+from enginediag_cli.detection.glr import (
     USUALLY_REQUIRED,
+    GlrTest,
+    LackOfFit,
     RequiredPower,
     Unseen,
+    glr_test,
+    lack_of_fit,
     minimum_change,
     must_show,
     size_with_unit,
@@ -24,8 +26,7 @@ from enginediag_cli.residuals.gross_gate import input_effects
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.score import Score, fisher_score
-from enginediag_cli.residuals.window import WindowStatistics
-from enginediag_cli.residuals.windows import WindowPlan
+from enginediag_cli.residuals.windows import WindowPlan, WindowStatistics
 
 HEALTHY, FAULT, NO_VERDICT = "healthy", "fault", "no verdict"
 NOISE_UNKNOWN = "the noise was identified from too few independent records"

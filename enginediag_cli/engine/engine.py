@@ -9,25 +9,25 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from enginediag_cli.engine import anchors, solver
-from enginediag_cli.engine.batch import Batch
+from enginediag_cli.engine import solver
+from enginediag_cli.engine import start as anchors
 from enginediag_cli.engine.dual import Array
 from enginediag_cli.engine.moving.recall import Known, Recall
 from enginediag_cli.engine.moving.tape import Tape, Tapes
 from enginediag_cli.engine.network import Network
-from enginediag_cli.engine.outputs import Outputs
-from enginediag_cli.engine.prediction import (
+from enginediag_cli.engine.outputs import (
     INVALID_INPUT,
     NOT_CONVERGED,
     OK,
     OUTSIDE_MAP,
     STATUS,
+    Outputs,
     Prediction,
     through,
 )
 from enginediag_cli.engine.sensors import Sensor
 from enginediag_cli.engine.start import correction, total_ratios
-from enginediag_cli.engine.strategy import Strategy, Tries
+from enginediag_cli.engine.strategy import Batch, Strategy, Tries
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.parameters import Parameter
 

@@ -3,19 +3,87 @@
 Everything that a model reads is a *leaf*: an input column, a parameter, or an unknown, or it is `derived` from such
 leaves when it is first read, as the position of an actuator that a control sets. A leaf named in `wrt` becomes a
 direction of differentiation when it is first read, so directions follow the gas path.
+
+Where an effect takes hold of the network: a leaf, a station or a reading.
+
+Components know nothing of effects. What a component reads (`e["hpc.efficiency"]`) passes through the leaf hooks
+of that name, the flow that it delivers through the hooks of its station, and what a sensor reads through those
+of its column. A network without effects has no hooks and is untouched to the last digit.
+
+Quantities of the gas path that several terms vary with, from an evaluation under way.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+from weakref import ref
 
 import numpy as np
 
-from enginediag_cli.engine.dual import Array, Dual, Value
+from enginediag_cli.engine.atmosphere import P_ISA, T_ISA
+from enginediag_cli.engine.dual import Array, Dual, Value, power, sqrt
 from enginediag_cli.engine.flow import Flow
 from enginediag_cli.engine.gas import Gas
-from enginediag_cli.engine.hooks import Hooks, Stations
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.moving.recall import Memory
+
+
+ValueHook = Callable[["Evaluation", Value], Value]
+FlowHook = Callable[["Evaluation", "Flow"], "Flow"]
+
+
+@dataclass(frozen=True)
+class Solved:
+    """An unknown `name` that stands for what `read` gives at the end of a pass, above 0: x / read = 1; `start`: of the
+    iteration."""
+
+    name: str
+    read: Callable[[Evaluation], Value]
+    start: float
+
+
+@dataclass
+class Hooks:
+    """Functions by the name of the leaf, the station or the sensor column that they change, in order; what is
+    remembered and what is solved for."""
+
+    leaves: dict[str, list[ValueHook]] = field(default_factory=dict)
+    stations: dict[str, list[FlowHook]] = field(default_factory=dict)
+    readings: dict[str, list[ValueHook]] = field(default_factory=dict)
+    memories: list[Memory] = field(default_factory=list)
+    solved: list[Solved] = field(default_factory=list)
+
+    def leaf(self, e: Evaluation, name: str, x: Value) -> Value:
+        for hook in self.leaves.get(name, ()):
+            x = hook(e, x)
+        return x
+
+    def reading(self, e: Evaluation, column: str, x: Value) -> Value:
+        for hook in self.readings.get(column, ()):
+            x = hook(e, x)
+        return x
+
+
+class Stations(dict[str, "Flow"]):
+    """Flows by station; a flow passes through its station's hooks when it is delivered.
+
+    The evaluation that owns it is held weakly: a ring of the two would keep all derivatives until the collector runs.
+    """
+
+    def __init__(self, e: Evaluation, hooks: Hooks):
+        super().__init__()
+        self._e, self._hooks = ref(e), hooks
+
+    def __setitem__(self, station: str, flow: Flow) -> None:
+        for hook in self._hooks.stations.get(station, ()):
+            e = self._e()
+            assert e is not None  # its owner is delivering the flow
+            flow = hook(e, flow)
+        super().__setitem__(station, flow)
+
 
 Exchange = Callable[["Evaluation", Flow], Flow]
 """What a heat exchanger makes of the flow that enters its hot side."""
@@ -92,3 +160,27 @@ class Evaluation:
     def mark_outside(self, component: str, mask: Array, what: str = "") -> None:
         """Points (N,) that lie outside `what`, by default the map of a component."""
         self.outside[what or f"the map of {component}"] = mask
+
+
+SUTHERLAND_K = 110.4  # Sutherland's constant of air
+
+
+def viscosity_ratio(T_K: Value) -> Value:
+    """μ(T)/μ(288.15 K) by Sutherland's law, μ ∝ T^1.5/(T + 110.4 K) (U.S. Standard Atmosphere 1976, eq. 51)."""
+    t = T_K * (1.0 / T_ISA)
+    return power(t, 1.5) * ((T_ISA + SUTHERLAND_K) / (T_K + SUTHERLAND_K))
+
+
+def reynolds_index(flow: Flow) -> Value:
+    """RNI = (P/P_ISA)(μ_ISA/μ)√(T_ISA/T): Reynolds number at equal Mach numbers over that at ISA sea level."""
+    return reynolds_index_of(flow.T, flow.P)
+
+
+def corrected_flow(flow: Flow) -> Value:
+    """W √θ/δ [kg/s]."""
+    return flow.W * sqrt(flow.T * (1.0 / T_ISA)) / (flow.P * (1.0 / P_ISA))
+
+
+def reynolds_index_of(T_K: Value, P_Pa: Value) -> Value:
+    """RNI at total temperature [K] and pressure [Pa]."""
+    return P_Pa * (1.0 / P_ISA) / (viscosity_ratio(T_K) * sqrt(T_K * (1.0 / T_ISA)))

@@ -13,8 +13,8 @@ from enginediag_cli.engine.components import COMPONENTS, Component
 from enginediag_cli.engine.declaration import ENGINE_FILE
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.gas import gas_for
+from enginediag_cli.engine.load import size
 from enginediag_cli.engine.network import Network
-from enginediag_cli.engine.sizing import size
 
 HEAD = """\
 kind: engine

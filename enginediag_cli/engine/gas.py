@@ -11,25 +11,152 @@ The heat capacities are the NASA nine-coefficient polynomials (`nasa9`), refitte
 polynomial in T over 200–2400 K (largest departure in h: 20 J/kg, 0.02 K, for air), so that h, φ, cp and dcp/dT of
 all points come from one matrix product and are smooth. h and φ are zero at 298.15 K, where heating values
 are stated; the entropy is s = φ − R ln P.
+
+Composition of a working gas, and what follows from it, computed once.
+
+Inverses of the gas data at one operating point in plain floats: calls of array operations cost more there than the
+arithmetic.
+
+The same formulas as in `gas` in the same order, and products of the same matrices, so that the numbers are the same to
+the last digit. ArithmeticError where floats refuse what arrays answer by what is not finite: the caller asks the arrays
+then.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 
-from enginediag_cli.engine import gas_point
 from enginediag_cli.engine.dual import Array, Dual, Value, chain, select, value
-from enginediag_cli.engine.gas_point import COLUMNS
-from enginediag_cli.engine.mixture import Mixture
-from enginediag_cli.engine.nasa9 import (
-    DRY_AIR_MOLE_FRACTION,
-    MOLAR_MASS,
-    UNIVERSAL_GAS_CONSTANT,
-    molar_heat_capacity,
-)
+from enginediag_cli.engine.nasa9 import DRY_AIR_MOLE_FRACTION, MOLAR_MASS, UNIVERSAL_GAS_CONSTANT, molar_heat_capacity
+
+
+class Mixture:
+    """Composition of a working gas; None is exactly zero and costs nothing. What follows from it is computed once."""
+
+    __slots__ = ("_constant", "_dry", "_floats", "_plain", "duals", "far", "kind", "war")
+
+    def __init__(self, far: Value | None = None, war: Value | None = None):
+        self.far, self.war = far, war
+        self.kind = 3 if war is not None else 2 if far is not None else 1
+        """How many pseudo-species it needs: 1 dry air, 2 with fuel, 3 with water."""
+        self.duals = tuple((row, x) for row, x in ((1, far), (2, war)) if isinstance(x, Dual))
+        """Row of the pseudo-species, and its amount, of those that carry derivatives."""
+        self._dry: Value | None = None
+        self._plain: tuple[Any, Any, Any] | None = None
+        self._floats: tuple[float, float, float] | None = None
+        self._constant: tuple[Gas, Value] | None = None
+
+    @property
+    def plain(self) -> Mixture:
+        """The same without derivatives."""
+        return Mixture(*(None if x is None else value(x) for x in (self.far, self.war)))
+
+    def per_dry_air(self) -> Value:
+        """kg of gas per kg of dry air, 1 + far + war."""
+        if self._dry is None:
+            total: Value = 1.0
+            for part in (self.far, self.war):
+                if part is not None:
+                    total = total + part
+            self._dry = total
+        return self._dry
+
+    def values(self) -> tuple[Any, Any, Any]:
+        """Plain fuel and water per dry air, 0 where there is none, and dry air per gas."""
+        if self._plain is None:
+            far, war = (0.0 if x is None else value(x) for x in (self.far, self.war))
+            self._plain = far, war, 1.0 / value(self.per_dry_air())
+        return self._plain
+
+    def floats(self) -> tuple[float, float, float]:
+        """The same of one point."""
+        if self._floats is None:
+            far, war, inverse = (np.asarray(x).item() for x in self.values())
+            self._floats = far, war, inverse
+        return self._floats
+
+    def constant(self, gas: Gas) -> Value:
+        """Gas constant R [J/(kg K)] with the pseudo-species of `gas`."""
+        if self._constant is None or self._constant[0] is not gas:
+            Ra, Rf, Rw = gas.R_species
+            R: Value = Ra
+            if self.far is not None:
+                R = R + self.far * Rf
+            if self.war is not None:
+                R = R + self.war * Rw
+            self._constant = gas, R if self.kind == 1 else R / self.per_dry_air()
+        return self._constant[1]
+
+
+Composition = tuple[float, float, float]
+"""Fuel and water per dry air, and dry air per gas."""
+Limit = tuple[float, float]
+COLUMNS = 4
+"""Columns of a matrix product whose sums are those of longer ones; of one column they would differ."""
+
+
+def at_enthalpy(start: Array, rows: Array, limit: Limit, h: float, of: Composition) -> tuple[Array, Array]:
+    """T [K] and φ, each (1,), where the enthalpy is h [J/kg]. `start`: coefficients of the starting temperature, `rows`
+    of h, φ, cp, dcp/dT of the pseudo-species; `limit` of the start."""
+    T0 = _start(start, h * 1e-6, limit, of)
+    q, phi, cp, dcp = _properties(rows, T0, of)
+    f = q - h
+    dT = f / (0.5 * f * dcp / cp - cp)
+    return np.array([T0 + dT]), np.array([phi - f / (T0 + 0.5 * dT)])
+
+
+def at_entropy(start: Array, rows: Array, limit: Limit, phi: float, of: Composition) -> tuple[Array, Array]:
+    """T [K] and h [J/kg], each (1,), where the entropy function is φ; `start` and `limit` of ln T."""
+    T0 = float(np.exp(_start(start, phi * 1e-3, limit, of)))
+    h, q, cp, dcp = _properties(rows, T0, of)
+    f = q - phi
+    slope = cp / T0
+    dT = f / (0.5 * f * (dcp - slope) / cp - slope)
+    return np.array([T0 + dT]), np.array([h - f * (T0 + 0.5 * dT)])
+
+
+def _powers(t: float) -> list[float]:
+    t2 = t * t
+    t3 = t2 * t
+    t4 = t3 * t
+    t5 = t4 * t
+    t6 = t5 * t
+    t7 = t6 * t
+    t8 = t7 * t
+    t9 = t8 * t
+    return [1.0, t, t2, t3, t4, t5, t6, t7, t8, t9, t9 * t]
+
+
+def _start(coefficients: Array, x: float, limit: Limit, of: Composition) -> float:
+    rows = _product(coefficients, _powers(x))
+    q = rows[0]
+    if len(rows) > 1:
+        q += of[0] * (rows[1] + of[0] * rows[2])
+    if len(rows) > 3:
+        q += of[1] * (rows[3] + of[0] * rows[4])
+    return float(min(max(q, limit[0]), limit[1]))
+
+
+def _properties(rows: Array, T: float, of: Composition) -> list[float]:
+    """Those of the mixture, from rows of pseudo-species for each."""
+    t = T * 1e-3
+    X = _product(rows, [*_powers(t), float(np.log(t))])
+    if len(X) == 4:
+        return X
+    far, war, inverse = of
+    if len(X) == 8:
+        return [(X[k] + far * X[k + 1]) * inverse for k in (0, 2, 4, 6)]
+    return [(X[k] + far * X[k + 1] + war * X[k + 2]) * inverse for k in (0, 3, 6, 9)]
+
+
+def _product(rows: Array, column: list[float]) -> list[float]:
+    found: list[float] = rows.dot(np.array(column).repeat(COLUMNS).reshape(-1, COLUMNS))[:, 0].tolist()
+    return found
+
 
 T_REFERENCE = 298.15  # K, zero of h and φ
 T_FIT = (200.0, 2400.0)  # K
@@ -123,7 +250,7 @@ class Gas:
     def at_enthalpy(self, h: Value, mixture: Mixture) -> tuple[Value, Value]:
         """T [K] and φ where h(T) = h: polynomial start and one Halley step (1e-8 K; 4e-7 K in very humid air);
         dφ = dh/T, from the start at the temperature between."""
-        if (one := self._at_one_point(gas_point.at_enthalpy, self._start_h, START_LIMIT[0], h, mixture)) is not None:
+        if (one := self._at_one_point(at_enthalpy, self._start_h, START_LIMIT[0], h, mixture)) is not None:
             return one
         target = value(h)
         T0 = self._start(self._start_h, target * 1e-6, mixture, START_LIMIT[0])
@@ -139,7 +266,7 @@ class Gas:
 
     def at_entropy(self, phi: Value, mixture: Mixture) -> tuple[Value, Value]:
         """T [K] and h where φ(T) = phi, likewise; dh = T dφ."""
-        if (one := self._at_one_point(gas_point.at_entropy, self._start_phi, START_LIMIT[1], phi, mixture)) is not None:
+        if (one := self._at_one_point(at_entropy, self._start_phi, START_LIMIT[1], phi, mixture)) is not None:
             return one
         target = value(phi)
         T0 = np.exp(self._start(self._start_phi, target * 1e-3, mixture, START_LIMIT[1]))
@@ -169,7 +296,7 @@ class Gas:
 
     def _critical_from(self, coefficients: Array, derivative: Array, T: Value, mixture: Mixture) -> Value:
         t = value(T) * 1e-3
-        P = _powers(t, False)
+        P = _gas_powers(t, False)
         rows = coefficients[: TERMS[mixture.kind]].dot(P)[:, : t.size]
         q = self._composed(rows, mixture)
         if not isinstance(T, Dual) and not mixture.duals:
@@ -186,7 +313,7 @@ class Gas:
 
     def _species(self, T: Value, mixture: Mixture, quantities: tuple[int, ...]) -> Array:
         T = np.asarray(T)
-        X = self._blocks[mixture.kind, quantities].dot(_powers(T * 1e-3, PHI in quantities))
+        X = self._blocks[mixture.kind, quantities].dot(_gas_powers(T * 1e-3, PHI in quantities))
         return X[:, : T.size].reshape(len(quantities), mixture.kind, T.size)
 
     @property
@@ -266,7 +393,7 @@ class Gas:
 
     def _start(self, coefficients: Array, x: Array, mixture: Mixture, limit: tuple[float, float]) -> Array:
         """Starting T or ln T from a polynomial in x = h or φ (scaled), corrected for fuel and water."""
-        rows = coefficients[: TERMS[mixture.kind]].dot(_powers(x, False))[:, : x.size]
+        rows = coefficients[: TERMS[mixture.kind]].dot(_gas_powers(x, False))[:, : x.size]
         return np.minimum(np.maximum(self._composed(rows, mixture), limit[0]), limit[1])
 
     @staticmethod
@@ -284,7 +411,7 @@ class Gas:
         nodes = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(np.linspace(0, np.pi, 60))
         T, far, war = (g.ravel() for g in np.meshgrid(nodes, np.linspace(0, 0.05, 4), [0.0, 0.02], indexing="ij"))
         x, y = make(T, Mixture(far, war))
-        powers = _powers(x, False)[:, : x.size]
+        powers = _gas_powers(x, False)[:, : x.size]
         weights = (np.ones_like(T), far, far**2, war, war * far)
         columns = [w * powers[k] for w, d in zip(weights, FIT_DEGREES, strict=True) for k in range(d + 1)]
         solution = np.linalg.lstsq(np.stack(columns, axis=1), y, rcond=None)[0]
@@ -337,7 +464,7 @@ def _quantity_rows(T: Array, cp: Array) -> Array:
         rows[H, species, 1 : DEGREE + 2] = 1e3 * c / np.arange(1, DEGREE + 2)
         rows[PHI, species, 1 : DEGREE + 1] = c[1:] / j
         rows[PHI, species, -1] = c[0]
-    at_reference = rows @ _powers(np.array([t0]), True)[:, 0]
+    at_reference = rows @ _gas_powers(np.array([t0]), True)[:, 0]
     rows[H, :, 0] -= at_reference[H]
     rows[PHI, :, 0] -= at_reference[PHI]
     return rows
@@ -350,7 +477,7 @@ def _derivative(coefficients: Array) -> Array:
     return found
 
 
-def _powers(t: Array, with_log: bool) -> Array:
+def _gas_powers(t: Array, with_log: bool) -> Array:
     """(1, t, …, t^(DEGREE+1), ln t), shape (DEGREE + 3, N); without the logarithm one row less."""
     n = t.size
     # matrix products sum differently at the end of a number of columns that is odd
@@ -369,6 +496,3 @@ def _powers(t: Array, with_log: bool) -> Array:
     if with_log:
         np.log(t, P[DEGREE + 2])
     return P
-
-
-__all__ = ["DRY_AIR", "Gas", "Mixture", "gas_for"]

@@ -8,22 +8,207 @@ which balance failed.
 
 The way of a point depends on nothing but that point, so its solution is the same to the last digit in every batch: of
 more than `FEW_POINTS`, whose Jacobians come from the pass itself, and of fewer, where they come from differences.
+
+How far an iteration goes, and when it needs a fresh Jacobian.
+
+Points of a batch that have not converged, and the step that each takes next.
+
+Far from the solution a step is Newton's, -J⁻¹ R with the Jacobian J there. Near it J of before is corrected by what the
+last steps s, s' have shown of it (Broyden's update):
+
+    t = -J⁻¹ R,      t' = t + s' (s·t) / s·s,      step = t' / (1 - s'·t' / s'·s'),
+
+or, of few points, J itself is updated, until a step gains less than it should (C. T. Kelley, Iterative Methods for
+Linear and Nonlinear Equations, 1995, ch. 7). A step is shortened so that no unknown moves by more than `LARGEST_STEP`
+of itself, and halved again where the residual grew.
+
+Small linear systems of many points at once, points last: every step is one operation on all of them.
+
+What LAPACK does point by point costs up to four times as much for matrices of five to ten rows.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Protocol
 
 import numpy as np
 
-from enginediag_cli.engine import elimination
 from enginediag_cli.engine.dual import Array, Dual, Value, value
-from enginediag_cli.engine.effort import TOLERANCE, Effort
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.network import Network
-from enginediag_cli.engine.open_points import SMALL, OpenPoints
+
+TOLERANCE = 1e-10  # on every balance, all of order one
+AIM = 1e-3
+"""Share of TOLERANCE that the iteration aims at, so that differences of solutions 1e-5 apart are good to
+a ten-millionth. A point that cannot come nearer, for rounding, and meets TOLERANCE is solved all the same."""
+MAX_ITERATIONS = 60
+"""Passes at most: a good start needs a few; what has not converged by then does not. Judgement."""
+NEAR, NEAR_BY_DIFFERENCES = 5e-3, 6e-6
+"""Largest residual from which a full step with the Jacobian there is expected to gain so much that the next passes need
+none: measured on batches of 300 to 10,000 points whose parameters are 0 to 12 % off, and of 1 to 40 points whose power
+setting is. A Jacobian from differences costs little more than a pass without, and does not gain by being late."""
+GAINS, GAINS_BY_DIFFERENCES = 0.3, 0.1
+"""A step that leaves more than this share of the residual says that the Jacobian is no longer good: so much is gained
+by three passes without it that cost as much as one with it; from differences it costs less than two."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How far an iteration goes: passes at most, largest residual left (None: by AIM); `by_differences`: with Jacobians
+    from forward differences in one widened batch, which for a few points costs one plain pass."""
+
+    max_iterations: int = MAX_ITERATIONS
+    tolerance: float | None = None
+    by_differences: bool = False
+
+    @property
+    def aim(self) -> float:
+        """The largest residual at which a point is left alone."""
+        return AIM * TOLERANCE if self.tolerance is None else self.tolerance
+
+    @property
+    def gains(self) -> float:
+        """The largest share of the residual that a step may leave without a fresh Jacobian."""
+        return GAINS_BY_DIFFERENCES if self.by_differences else GAINS
+
+    @property
+    def near(self) -> float:
+        """The residual from which a Jacobian serves for the next steps too."""
+        return NEAR_BY_DIFFERENCES if self.by_differences else NEAR
+
+
+LARGEST_STEP = 0.4
+"""Largest change of an unknown in one step, as a share of itself: beyond it the linear model says little about maps.
+Judgement."""
+SMALL = 0.05  # unknowns are of order one; smaller ones may move by this much of LARGEST_STEP
+MAX_HALVINGS = 6
+"""A step a sixty-fourth as long that still gains nothing is taken, since it may lead out of a fold. Judgement."""
+PROGRESS, PATIENCE = 0.9, 10
+"""A point whose residual has not fallen to this share of its lowest in so many passes is given up: of those that
+converge at all, nearly a thousandth waits longer, and has other starts."""
+LARGEST_SHARE = 0.5
+"""Largest s'·t'/s'·s' that is believed: near 1 the step would have no end."""
+TINY = 1e-300
+"""In place of a square that is zero, of a step that was not taken."""
+
+
+@dataclass
+class OpenPoints:
+    """Points that have not converged: where the last accepted step began, the step and the one before; LU (nx, nx, n)
+    and order (nx, n) of the Jacobian, or the Jacobian of few points in place of LU; whether the next pass is to give a
+    fresh one, and what residual is expected of it."""
+
+    index: Array
+    x: Array
+    base: Array
+    step: Array
+    earlier: Array
+    base_norm: Array
+    halvings: Array
+    LU: Array
+    order: Array
+    fresh: Array
+    expected: Array
+    lowest: Array
+    waited: Array
+
+    @staticmethod
+    def at(x: Array) -> OpenPoints:
+        nx, n = x.shape
+        return OpenPoints(
+            index=np.arange(n),
+            x=x.copy(),
+            base=x.copy(),
+            step=np.zeros_like(x),
+            earlier=np.zeros_like(x),
+            base_norm=np.full(n, np.inf),
+            halvings=np.zeros(n, dtype=int),
+            LU=np.zeros((nx, nx, n)),
+            order=np.zeros((nx, n), dtype=int),
+            fresh=np.ones(n, dtype=bool),
+            expected=np.full(n, np.inf),
+            lowest=np.full(n, np.inf),
+            waited=np.zeros(n, dtype=int),
+        )
+
+    def step_on(self, R: Array, norm: Array, effort: Effort) -> Array:
+        """The next step of every point from its balances R (nx, n) and the largest of them, norm (n,); which points
+        stay open (n,)."""
+        # a step that made things worse is halved, a few times in a row
+        rejected = (norm > self.base_norm) & (self.halvings < MAX_HALVINGS)
+        stalled = (norm <= TOLERANCE) & (norm > GAINS * self.base_norm)
+        going = ~rejected & ~stalled & np.isfinite(norm)
+        disappointed = going & ~self.fresh & (norm > effort.gains * self.base_norm)
+        accepted = going & ~disappointed
+        if accepted.any():
+            # what is computed of all, for what is taken of some
+            whole = 2 * np.count_nonzero(accepted) >= len(accepted)
+            self._accept(slice(None) if whole else np.flatnonzero(accepted), accepted, R, norm, effort)
+        self.step[:, rejected] *= 0.5
+        self.halvings[rejected] += 1
+        # asked again where it is, with the Jacobian
+        self.base[:, disappointed], self.step[:, disappointed] = self.x[:, disappointed], 0.0
+        self.base_norm[disappointed] = np.inf
+        self.fresh |= rejected | disappointed
+        return np.asarray((going | rejected) & ~stalled & np.isfinite(self.step).all(axis=0))
+
+    def hopeful(self, norm: Array) -> Array:
+        """Points (n,) whose residual has fallen lately."""
+        fallen = norm < PROGRESS * self.lowest
+        self.waited = np.where(fallen, 0, self.waited + 1)
+        self.lowest = np.where(fallen, norm, self.lowest)
+        return self.waited <= PATIENCE
+
+    @np.errstate(all="ignore")  # what cannot be solved leaves the batch
+    def _accept(self, some: Array | slice, accepted: Array, R: Array, norm: Array, effort: Effort) -> None:
+        """Steps of the accepted points, which are among `some`."""
+        fresh, before, x = self.fresh[some], self.base_norm[some], self.x[:, some]
+        if effort.by_differences:
+            step = self._updated(some, accepted, R[:, some])
+        else:
+            step = -substituted(self.LU[:, :, some], self.order[:, some], R[:, some])
+            if not fresh.all():
+                self._correct(step, some, fresh)
+        largest = np.max(np.abs(step) / np.maximum(np.abs(x), SMALL), axis=0)
+        step *= np.minimum(1.0, LARGEST_STEP / np.maximum(largest, TINY))
+        norm = norm[some]
+        # with its own Jacobian the next residual is about the square of this, with the last one's it shrinks as before
+        expected = norm * np.where(fresh | ~np.isfinite(before), norm, norm / before)
+        again = (norm >= effort.near) | (largest > LARGEST_STEP)
+        taken = some
+        if not accepted[some].all():
+            those = np.flatnonzero(accepted[some])
+            taken, x, step = np.flatnonzero(accepted), x[:, those], step[:, those]
+            norm, expected, again, fresh = norm[those], expected[those], again[those], fresh[those]
+        if not effort.by_differences:
+            self.earlier[:, taken] = np.where(fresh, 0.0, self.step[:, taken])
+        self.base[:, taken], self.step[:, taken] = x, step
+        self.base_norm[taken], self.halvings[taken] = norm, 0
+        self.expected[taken], self.fresh[taken] = expected, again
+
+    def _correct(self, step: Array, some: Array | slice, fresh: Array) -> None:
+        """Corrects steps by those since their Jacobian was computed."""
+        first, last = self.earlier[:, some], self.step[:, some]
+        step += last * np.where(fresh, 0.0, (first * step).sum(axis=0) / np.maximum((first * first).sum(axis=0), TINY))
+        share = np.where(fresh, 0.0, (last * step).sum(axis=0) / (last * last).sum(axis=0))
+        step /= np.where(share < LARGEST_SHARE, 1.0 - share, 1.0)
+
+    def _updated(self, some: Array | slice, accepted: Array, R: Array) -> Array:
+        """Steps -J⁻¹ R of points whose Jacobians are at hand themselves, J + R sᵀ / s·s after a step s that left R."""
+        J, last = self.LU[:, :, some], self.step[:, some]
+        square = np.where(self.fresh[some] | ~accepted[some], 0.0, (last * last).sum(axis=0))
+        if square.any():
+            J = J + R[:, None] * (last * np.where(square > 0.0, 1.0 / np.maximum(square, TINY), 0.0))
+            self.LU[:, :, some] = J
+        return -directly(J, R)
+
+    def kept(self, keep: Array) -> OpenPoints:
+        if keep.all():
+            return self
+        return OpenPoints(*(getattr(self, f.name)[..., keep] for f in fields(self)))
+
 
 DIFFERENCE = 1e-7  # of an unknown of order one
 LATE = 4
@@ -210,7 +395,7 @@ class _Balances:
         e = evaluate(self.network, *self._leaves(p.index[here]), p.x[:, here], frozenset(names))
         R[:, here] = balances(e)
         if fresh:
-            p.LU[:, :, here], p.order[:, here] = elimination.factors(directed(e, e.balances, names))
+            p.LU[:, :, here], p.order[:, here] = factors(directed(e, e.balances, names))
             p.earlier[:, here] = 0.0
         self._read(e, R[:, here], np.arange(e.size), p.index[here], best)
 
@@ -240,7 +425,7 @@ class _Balances:
             if self.effort.by_differences:
                 p.LU[:, :, fresh] = J
             else:
-                p.LU[:, :, fresh], p.order[:, fresh] = elimination.factors(J)
+                p.LU[:, :, fresh], p.order[:, fresh] = factors(J)
             p.earlier[:, fresh] = 0.0
         self._read(e, R, rows, p.index, best)
         return R
@@ -299,3 +484,64 @@ def take(leaves: Mapping[str, Value], index: Array) -> dict[str, Value]:
 def repeated(leaves: Mapping[str, Value], times: int) -> dict[str, Value]:
     """Of a batch so many times one after the other."""
     return {k: np.tile(v, times) if isinstance(v, np.ndarray) and v.ndim else v for k, v in leaves.items()}
+
+
+PIVOT = 0.1
+"""Least share of the largest element below it at which an element of the diagonal is divided by (threshold pivoting):
+growth of rounding errors stays below 1/PIVOT a row, and most points exchange no rows."""
+
+
+@np.errstate(all="ignore")  # a singular matrix gives what is not finite, in its own point only
+def factors(A: Array) -> tuple[Array, Array]:
+    """L and U in one array (k, k, n), with 1/diagonal of U, and the order (k, n) in which each point's rows were taken,
+    for A (k, k, n)."""
+    LU = A.copy()
+    k, _, n = LU.shape
+    order = np.repeat(np.arange(k)[:, None], n, axis=1)
+    for c in range(k):
+        if c < k - 1:
+            _exchange(LU, order, c)
+        LU[c, c] = 1.0 / LU[c, c]
+        LU[c + 1 :, c] *= LU[c, c]
+        LU[c + 1 :, c + 1 :] -= LU[c + 1 :, c, None] * LU[c, None, c + 1 :]
+    return LU, order
+
+
+@np.errstate(all="ignore")
+def substituted(LU: Array, order: Array, B: Array) -> Array:
+    """A⁻¹ B (k, n) or (k, m, n) for the factors of A and B of that shape."""
+    vectors = B.ndim == 2
+    n = LU.shape[2]
+    X = B.ravel().take(order * n + np.arange(n)) if vectors else np.take_along_axis(B, order[:, None], axis=0)
+    L = LU if vectors else LU[:, :, None]
+    k = len(LU)
+    for c in range(k - 1):
+        X[c + 1 :] -= L[c + 1 :, c] * X[c]
+    for c in range(k - 1, -1, -1):
+        X[c] *= L[c, c]
+        X[:c] -= L[:c, c] * X[c]
+    return X
+
+
+def directly(A: Array, B: Array) -> Array:
+    """A⁻¹ B (k, n) for A (k, k, n) and B (k, n), by LAPACK: for so few points that calls cost more than computing."""
+    matrices, vectors = A.transpose(2, 0, 1), B.T[:, :, None]
+    try:
+        return np.linalg.solve(matrices, vectors)[:, :, 0].T
+    except np.linalg.LinAlgError:  # of one point, which says nothing about the others
+        bad = ~(np.abs(np.linalg.det(matrices)) > 0.0)
+        X = np.linalg.solve(np.where(bad[:, None, None], np.eye(len(A)), matrices), vectors)[:, :, 0].T
+        X[:, bad] = np.nan
+        return X
+
+
+def _exchange(LU: Array, order: Array, c: int) -> None:
+    """Brings the largest element of column c to the diagonal, at points where the one there is too small."""
+    size = np.abs(LU[c:, c])
+    at = np.flatnonzero(~(size[0] >= PIVOT * size.max(axis=0)))
+    if at.size:
+        row = c + size[:, at].argmax(axis=0)
+        taken = LU[row, :, at]
+        LU[row, :, at] = LU[c][:, at].T
+        LU[c][:, at] = taken.T
+        order[row, at], order[c, at] = order[c, at], order[row, at]

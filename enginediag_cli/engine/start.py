@@ -3,12 +3,14 @@
 In corrected terms an engine's unknowns depend on corrected power setting and flight Mach number, and
 only weakly on temperature (real gas) and pressure; a Chebyshev product basis that spends its degree
 accordingly predicts them to about 1e-3 from a few hundred anchor points of the batch itself.
+
+Operating points that stand for all that an engine may meet, from which its fitted start is learnt.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -17,7 +19,7 @@ import numpy as np
 
 from enginediag_cli.engine.atmosphere import P_ISA, T_ISA, standard_atmosphere
 from enginediag_cli.engine.dual import Array, value
-from enginediag_cli.engine.gas_point import COLUMNS
+from enginediag_cli.engine.gas import COLUMNS
 from enginediag_cli.units import split_column
 
 DEGREE = 9.0
@@ -154,3 +156,22 @@ def _features(kinds: tuple[str, ...], degree: float, low: Array, high: Array, z:
                 product = tables[k][power] if product is None else product * tables[k][power]
         out[m] = 1.0 if product is None else product
     return out
+
+
+ANCHORS = 150
+"""Points that are solved first for a fitted start to be learnt from: twice its terms."""
+
+
+def over(ranges: Mapping[str, tuple[float, float]], columns: Sequence[str]) -> dict[str, Array]:
+    """ANCHORS values of every column within its range, evenly spread together, denser towards the ends, as a polynomial
+    needs them. The same ones always.
+
+    Additive recurrence on the powers of the root φ of φ^(d+1) = φ + 1 (M. Roberts, 2018, after H. Weyl).
+    """
+    d = len(columns)
+    phi = 2.0
+    for _ in range(60):
+        phi = (1.0 + phi) ** (1.0 / (d + 1))
+    share = (0.5 + np.arange(1, ANCHORS + 1) * phi ** -np.arange(1.0, d + 1)[:, None]) % 1.0
+    share = 0.5 - 0.5 * np.cos(np.pi * share)
+    return {c: ranges[c][0] + (ranges[c][1] - ranges[c][0]) * u for c, u in zip(columns, share, strict=True)}

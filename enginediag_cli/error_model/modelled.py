@@ -6,6 +6,8 @@ with θ_q the efficiency or flow capacity of machine c, ξ_c its map coordinates
 ξ_c and ∂Φ/∂θ_q are those of the engine as its file describes it, whatever θ is: the derivatives are then exact, at
 faulted coordinates an error of the maps cannot pass for the fault, and an identification does not chase columns that
 move with what it finds. A prediction hands them over as `frozen`; who gives them back with the record saves time.
+
+What an identification says about the error of its model, for everything downstream.
 """
 
 from __future__ import annotations
@@ -16,10 +18,11 @@ from typing import Any
 
 import numpy as np
 
+from enginediag_cli.engine.blocks import MISMATCH
 from enginediag_cli.engine.engine import Prediction
 from enginediag_cli.engine.wrapped import Question, WrappedModel
-from enginediag_cli.error_model.curves import CURVES, LARGEST, MapCurves
-from enginediag_cli.error_model.machines import QUANTITIES, Machine, columns_of, machines_of
+from enginediag_cli.error_model.curves import CURVES, LARGEST, QUANTITIES, Machine, MapCurves, columns_of, machines_of
+from enginediag_cli.error_model.points import OperatingPoints, PointErrorModel
 from enginediag_cli.parameters import Parameter
 
 FAMILY = "map_error"
@@ -240,3 +243,33 @@ def _with_errors(
         J[:, :, _columns([where[g.names[j]] for j in asked])] = effect[:, :, None] * phi[:, None, _columns(asked)]
     kept = {f.name: getattr(p, f.name) for f in fields(Prediction)}
     return ModelledPrediction(**{**kept, "y": y, "jacobian": J, "wrt": wrt}, frozen=frozen)
+
+
+def map_accuracy_of(engine: Any) -> float:
+    """Relative accuracy of the component maps as the engine file states it; its default where it does not, and 0 for a
+    model without an engine file."""
+    declared = getattr(engine, "declared", None)
+    if declared is None:
+        return 0.0
+    default = next(f.default for f in MISMATCH.fields if f.name == "map_accuracy")
+    return float((declared.get("mismatch") or {}).get("map_accuracy", default))
+
+
+@dataclass(frozen=True)
+class ErrorModel:
+    """`stated`: accuracy of the maps as the engine file has it, a share; `curves`: by which functions each machine's
+    maps may be wrong, frozen at training; `sizes`: map quantity (the health parameter that multiplies it) → standard
+    deviation of each amount. `points`: operating points flown again and again, None where there were none, and
+    `misses`: column → standard deviation of what the model misses there. What the amounts are, and how well they are
+    known, stands among the estimates."""
+
+    stated: float
+    curves: tuple[MapCurves, ...]
+    sizes: Mapping[str, float]
+    points: OperatingPoints | None = None
+    misses: Mapping[str, float] = field(default_factory=dict)
+
+    def of(self, engine: Any) -> MapErrorModel:
+        """The engine with amounts of map error, and what it misses at points, among its parameters."""
+        inner = engine if self.points is None else PointErrorModel(engine, self.points, self.misses)
+        return MapErrorModel(inner, self.curves, self.sizes)

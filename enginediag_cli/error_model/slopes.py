@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.error_model.error_model import ErrorModel
-from enginediag_cli.error_model.machines import QUANTITIES, columns_of, machines_of
+from enginediag_cli.error_model.curves import QUANTITIES, columns_of, machines_of
+from enginediag_cli.error_model.modelled import ErrorModel
 
 SLOPES = {"efficiency": 0.2, "flow_capacity": 0.5}
 """Standard deviation of ∂ln q/∂ξ of a generic map. 0.15 to 0.3 with 0.5 to 1 do as well on fleets with generic maps,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from enginediag_cli.config.hints import near
-from enginediag_cli.engine.model import EngineLike
+from enginediag_cli.engine.wrapped import EngineLike
 from enginediag_cli.errors import ConfigError, Mark, Problem
 from enginediag_cli.faults.laws import STEP, Clocks, activity
 from enginediag_cli.faults.sensor_faults import SensorFault

@@ -14,7 +14,7 @@ from functools import lru_cache, partial
 
 from enginediag_cli.errors import EngineDiagError
 from enginediag_cli.fleets.condensed_file import Condensed, CondensedWriter, Part
-from enginediag_cli.fleets.making import Making
+from enginediag_cli.fleets.models import Making
 from enginediag_cli.fleets.store import Store
 from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intake.left_out import LeftOut
@@ -26,7 +26,7 @@ from enginediag_cli.residuals.gross_gate import GrossErrorGate
 from enginediag_cli.residuals.monitor import Monitor, agreement_with
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.series_monitor import for_comparison, monitored_as_read, of_series
-from enginediag_cli.residuals.window import WindowStatistics
+from enginediag_cli.residuals.windows import WindowStatistics
 
 PART = 2000
 """Windows of one engine that are written together: a tenth of a gigabyte is the most that a worker may hold of them,

@@ -21,14 +21,13 @@ import numpy as np
 from enginediag_cli.errors import DataError
 from enginediag_cli.intake.left_out import GrossCounts, LeftOut
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.recordings.formats.base import ReadingCounts
+from enginediag_cli.recordings.formats.table_file import ReadingCounts
 from enginediag_cli.recordings.read import Absent
+from enginediag_cli.recordings.repeated import StuckRun
 from enginediag_cli.recordings.steady import GateReport
-from enginediag_cli.recordings.stuck import StuckRun
-from enginediag_cli.residuals.admission import Elsewhere
 from enginediag_cli.residuals.instruments import InstrumentFault
 from enginediag_cli.residuals.statistics import LocalStatistics
-from enginediag_cli.residuals.window import WindowStatistics
+from enginediag_cli.residuals.windows import Elsewhere, WindowStatistics
 
 FORMAT = 3
 """Of these files; others are made anew."""

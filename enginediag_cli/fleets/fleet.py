@@ -1,23 +1,229 @@
-"""What a fleet file describes, checked: builds, how engines are told apart, baseline, maintenance, what is judged."""
+"""What a fleet file describes, checked: builds, how engines are told apart, baseline, maintenance, what is judged.
+
+Declaration of the YAML file that describes a fleet.
+
+Maintenance of a fleet, out of a CSV file: which engine, what was done, before which flight or when.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from math import isfinite, nan
 from pathlib import Path
 from typing import Any
 
-from enginediag_cli.config.checked import Checked
+from enginediag_cli.config.fields import Field, Section
+from enginediag_cli.config.hints import near
 from enginediag_cli.config.kinds import load_checked
-from enginediag_cli.config.named import named_file
 from enginediag_cli.config.patterns import compile_pattern
-from enginediag_cli.errors import ConfigError, Problem
-from enginediag_cli.fleet_judgement.history import Event
-from enginediag_cli.fleet_judgement.remaining import LIVES
-from enginediag_cli.fleets.events import read_events
-from enginediag_cli.fleets.fleet_file import BUILD
+from enginediag_cli.config.reading import named_file
+from enginediag_cli.config.validate import Checked
+from enginediag_cli.errors import ConfigError, DataError, Mark, Problem
+from enginediag_cli.fleets.finding import KINDS, Event
+from enginediag_cli.fleets.margin import LIVES
+from enginediag_cli.recordings.read import read_all
+from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.windows import WindowPlan, plan_windows
+
+LINEARISE = ("estimate", "nominal")
+
+_OF_A_BUILD = (
+    Field("engine", "text", "engine file, relative to this file; or one that comes with the program", None),
+    Field(
+        "nominal",
+        "text",
+        "nominal file of identify, relative to this file; where absent one is identified from the baseline",
+        None,
+    ),
+    Field(
+        "recordings",
+        "texts",
+        "patterns of the recordings, relative to this file, such as 'flights/*.csv' or '**/*.parquet'",
+        (),
+    ),
+    Field("recorder", "text", "recorder of foreign recordings, relative to this file; or a shipped one", None),
+)
+
+BUILD = Section("build", "engines of one build: what they are, and which recordings are theirs", _OF_A_BUILD)
+
+ENGINES = Section(
+    "engines",
+    "how engines are told apart",
+    (
+        Field(
+            "serial_from",
+            "choice",
+            "where the serial number of an engine stands: in the column `engine` of a recording (a recorder may map "
+            "another one to it), or in the name of its file",
+            "column",
+            choices=("column", "file"),
+        ),
+        Field(
+            "pattern",
+            "text",
+            "with serial_from: file, a regular expression of the file's path with one group, the serial number, such "
+            "as 'engine_(\\d+)'",
+            "",
+        ),
+    ),
+)
+
+BASELINE = Section(
+    "baseline",
+    "the early life of each engine, believed healthy: it is judged against that, and the common model is identified "
+    "from it",
+    (
+        Field("flights", "integer", "first flights of each engine", None, minimum=1),
+        Field("records", "integer", "flights within the first so many records of each engine", None, minimum=1),
+    ),
+)
+
+IDENTIFY = Section(
+    "identify",
+    "the common model, for builds without a nominal file",
+    (
+        Field("engines", "integer", "from the baseline of at most so many engines", 20, minimum=1),
+        Field("records", "integer", "and of at most so many records", 6000, minimum=20),
+        Field(
+            "model_error", "number", "relative accuracy of the component maps, by hand", None, minimum=0, maximum=0.1
+        ),
+    ),
+)
+
+JUDGE = Section(
+    "judge",
+    "what is judged, and how strictly",
+    (
+        Field(
+            "false_alarm",
+            "number",
+            "probability that a healthy engine is ever called changed",
+            0.01,
+            minimum=1e-9,
+            maximum=0.5,
+        ),
+        Field(
+            "fdr",
+            "number",
+            "false discovery rate: share of healthy engines among those listed",
+            0.05,
+            minimum=1e-9,
+            maximum=0.5,
+        ),
+        Field(
+            "window",
+            "text",
+            "cut flights into windows: records (60) or time (300s, 10min, 1h); where absent a flight is one window, "
+            "and a recording without flights one window a record",
+            None,
+        ),
+        Field("linearise", "choice", "where the model is linearised", "estimate", choices=LINEARISE),
+        Field("sensors", "boolean", "instruments are suspects, too", True),
+        Field(
+            "limits_K",
+            "number_map",
+            "highest permitted exhaust temperature by column, at the reference condition, for its margin",
+            {},
+            unit="K",
+        ),
+        Field(
+            "consumed_limit_K",
+            "numbers",
+            "margin that engines have lost when they are taken off, and its standard deviation, where no temperature "
+            "limit is known: [25, 3]",
+            None,
+            unit="K",
+        ),
+        Field(
+            "taken_off",
+            "texts",
+            "serial numbers of engines whose recordings end where they were taken off because they were worn, three at "
+            "least: what they had lost by then is the limit of all others, in place of consumed_limit_K",
+            (),
+        ),
+        Field("thorough", "boolean", "engines that stand out are judged as `trend` does, at a second each", True),
+    ),
+)
+
+FLEET_FILE = Section(
+    "fleet",
+    "a fleet: engines by serial number, their recordings, maintenance, and what to judge",
+    (
+        Field("kind", "choice", "kind of file", "fleet", choices=("fleet",)),
+        Field("description", "text", "what the fleet is", ""),
+        Field("sources", "texts", "where its recordings come from", ()),
+        *_OF_A_BUILD,
+        Field("builds", "section_map", "several builds by name, in place of the four keys above", {}, section=BUILD),
+        Field("engines", "section", "how engines are told apart", {}, section=ENGINES),
+        Field("baseline", "section", "early life, believed healthy", section=BASELINE),
+        Field("identify", "section", "the common model", {}, section=IDENTIFY),
+        Field(
+            "events",
+            "text",
+            "CSV of maintenance, relative to this file: columns engine, kind (wash, overhaul, exchange), flight or "
+            "time_s, component",
+            None,
+        ),
+        Field("judge", "section", "what is judged", {}, section=JUDGE),
+    ),
+)
+
+
+COLUMNS = ("engine", "kind", "flight", "time_s", "component")
+
+
+def read_events(path: Path, *, named: bool = True) -> tuple[Event, ...]:
+    """Events in the order of the file; named: each says its engine, as it must where there are several. Raises
+    ConfigError with every row that is wrong."""
+    try:
+        table = read_all(str(path), declared=("time_s",), by_suffix=False)
+    except DataError as error:
+        raise ConfigError([Problem(Mark(str(path)), str(error))]) from None
+    head = Mark(str(path), int(table.line[0]) - 1 if len(table) else 0)
+    known = {*table.text, *table.columns}
+    problems = [
+        Problem(head, f"unknown column {column!r}", near(column, COLUMNS))
+        for column in table.order
+        if column not in COLUMNS
+    ]
+    needed = COLUMNS[:2] if named else COLUMNS[1:2]
+    problems += [Problem(head, f"no column {c!r}", "columns: " + ", ".join(COLUMNS)) for c in needed if c not in known]
+    if not known & {"flight", "time_s"}:
+        problems.append(Problem(head, "no column 'flight' and none 'time_s'", "one of them says when an event was"))
+    if problems:
+        raise ConfigError(problems)
+    events = []
+    for k in range(len(table)):
+        event = _event(table, k)
+        place = Mark(str(path), int(table.line[k]))
+        wrong = list(_wrong(event, place, named))
+        problems += wrong
+        if not wrong:
+            events.append(event)
+    if problems:
+        raise ConfigError(problems)
+    return tuple(events)
+
+
+def _event(table: Recording, k: int) -> Event:
+    def text(column: str) -> str:
+        return table.text[column][k].strip() if column in table.text else ""
+
+    time = float(table.columns["time_s"][k]) if "time_s" in table.columns else nan
+    return Event(text("engine"), text("kind"), text("flight"), time, text("component"))
+
+
+def _wrong(event: Event, place: Mark, named: bool) -> Iterator[Problem]:
+    if named and not event.engine:
+        yield Problem(place, "the event names no engine", "its serial number belongs in the column 'engine'")
+    if event.kind not in KINDS:
+        yield Problem(place, f"unknown kind of event {event.kind!r}", near(event.kind, KINDS))
+    if bool(event.flight) == isfinite(event.time_s):
+        what = "both a flight and a time" if event.flight else "neither a flight nor a time"
+        yield Problem(place, f"the event has {what}", "the first flight after it, or time_s")
+
 
 BUILD_KEYS = tuple(f.name for f in BUILD.fields)
 

@@ -1,18 +1,243 @@
-"""What each build of a fleet is held against: its own nominal file, that of the store, or one identified now."""
+"""What each build of a fleet is held against: its own nominal file, that of the store, or one identified now.
+
+The common model of a build: one nominal state, identified from the healthy early life of some of its engines.
+
+How recordings become statistics, and the key under which those are kept: recording, nominal and settings.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from enginediag_cli.fleets.common_model import CommonModel, identify_common, model_key
-from enginediag_cli.fleets.fleet import Build, Fleet
-from enginediag_cli.fleets.making import Making
-from enginediag_cli.fleets.recordings import Recorded
+import numpy as np
+
+from enginediag_cli import __version__
+from enginediag_cli.errors import DataError, EngineDiagError, NoVerdictError
+from enginediag_cli.fleets.condensed_file import FORMAT
+from enginediag_cli.fleets.fleet import Baseline, Build, Fleet
+from enginediag_cli.fleets.recordings import Recorded, natural
 from enginediag_cli.fleets.store import Store
+from enginediag_cli.identification.problem import TrainingRecording
+from enginediag_cli.identification.training import training_recordings
+from enginediag_cli.intake.agreement import Agreement, agreement_with_engine
+from enginediag_cli.intake.intake import Intake
+from enginediag_cli.intake.source import Source
+from enginediag_cli.intake.wanted import Wanted, columns_of
 from enginediag_cli.recordings.provenance import sha256_of
+from enginediag_cli.recordings.table import Recording, concat
+from enginediag_cli.residuals.groups import group_rows
+from enginediag_cli.residuals.windows import WindowPlan
+
+if TYPE_CHECKING:
+    from enginediag_cli.identification.identify import Identification
+
+
+FEWEST_ENGINES = 3
+"""Engines that are kept where their flights hold more records than are asked for: one is no fleet, of two none is
+common."""
+
+
+@dataclass(frozen=True)
+class CommonModel:
+    """A nominal file written to `path`, the serial numbers that it rests on, and the result behind it."""
+
+    path: Path
+    engines: tuple[str, ...]
+    records: int
+    result: Identification
+
+
+def model_key(fleet: Fleet, build: Build) -> str:
+    """Of what the common model of a build is asked to be: its engine, recorder, baseline and settings, but not which
+    recordings there are, for a fleet that flew on is held against the model that it had."""
+    assert build.engine is not None
+    recorder = sha256_of(build.recorder) if build.recorder else ""
+    told = (__version__, sha256_of(build.engine), recorder, fleet.baseline, sorted(fleet.identify.items()), build.name)
+    return hashlib.sha256("\n".join(map(str, told)).encode()).hexdigest()[:32]
+
+
+def identify_common(fleet: Fleet, build: Build, recordings: Sequence[Recorded], path: Path) -> CommonModel:
+    """Identify the model of a build and write its nominal file, unless another run has done so meanwhile. Raises
+    DataError, and NoVerdictError when there is none."""
+    from enginediag_cli.engine.description import EngineDescription
+    from enginediag_cli.identification.identify import identify
+    from enginediag_cli.identification.nominal_file import write_nominal
+    from enginediag_cli.identification.probes import without_probes, wrong_probes
+    from enginediag_cli.identification.training import without_repeats
+    from enginediag_cli.physics.engine_file import load_engine
+    from enginediag_cli.residuals.compact import is_smooth
+    from enginediag_cli.residuals.monitor import monitor_from_nominal
+
+    assert build.engine is not None
+    engine = load_engine(build.engine)
+    described = EngineDescription.of(str(build.engine), engine.declared)
+    wanted, agreement = columns_of(engine, past=True), agreement_with_engine(engine)
+    early = _chosen(_early_lives(fleet, build, recordings, wanted, agreement), fleet.identify)
+    training = [recording for life in early for recording in life.training()]
+    if not training:
+        raise NoVerdictError(f"build {build.name}: its recordings hold no record to identify a model from")
+    training, _ = without_repeats(training, (*engine.inputs, *engine.sensors))
+    wrong = wrong_probes(engine, training)
+    left = tuple(w.columns[0] for w in wrong if w.told_apart and w.columns[0] in engine.sensors)
+    training = without_probes(training, left)
+    result = identify(engine, training, map_accuracy=fleet.identify["model_error"])
+    if not result.converged or result.bounds:
+        why = result.reason if not result.converged else "parameters end at their bounds; identify says more"
+        raise NoVerdictError(f"build {build.name}: no nominal state: {why}")
+    serials = tuple(life.serial for life in early)
+    provenance = {"enginediag": __version__, "fleet": fleet.path.name, "baseline": str(fleet.baseline)}
+    provenance |= {"engines": ", ".join(serials)}
+    nominal = result.nominal(build.engine.name, described.sha256, provenance)
+    smooth = is_smooth(monitor_from_nominal(engine, nominal))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{path.name}.{os.getpid()}")
+    write_nominal(replace(nominal, smooth=smooth, description=described), str(partial))
+    try:
+        os.link(partial, path)  # whoever comes first: two runs at once go on with the same model
+    except FileExistsError:
+        pass
+    finally:
+        partial.unlink()
+    records = sum(len(next(iter(t.columns.values()))) for t in training)
+    return CommonModel(path, serials, records, result)
+
+
+@dataclass
+class _EarlyLife:
+    """The first flights of one engine, each as parts of a recording in its order; full: a flight beyond has come."""
+
+    serial: str
+    flights: dict[tuple[str, str], list[Recording]] = field(default_factory=dict)
+    records: int = 0
+    full: bool = False
+
+    def take(self, key: tuple[str, str], part: Recording, baseline: Baseline) -> None:
+        if self.full:
+            return
+        if baseline.flights is not None:
+            if not key[1]:  # a recording without flights: every record is one
+                part = part.select(slice(0, baseline.flights - self.records))
+                self.full = self.records + len(part) >= baseline.flights
+            elif key not in self.flights and len(self.flights) >= baseline.flights:
+                self.full = True
+                return
+        else:
+            part = part.select(slice(0, (baseline.records or 0) - self.records))
+            self.full = self.records + len(part) >= (baseline.records or 0)
+        if len(part):
+            self.flights.setdefault(key, []).append(part)
+            self.records += len(part)
+
+    def forget(self, file: str) -> None:
+        """Leave out what was taken of a file that could not be read to its end."""
+        gone = [key for key in self.flights if key[0] == file]
+        self.records -= sum(len(part) for key in gone for part in self.flights.pop(key))
+        self.full = self.full and not gone
+
+    def training(self) -> Iterator[TrainingRecording]:
+        by_file: dict[str, list[Recording]] = {}
+        for (file, _), parts in self.flights.items():
+            by_file.setdefault(file, []).extend(parts)
+        for file, parts in by_file.items():
+            for found in training_recordings(concat(parts), f"{self.serial}: {os.path.basename(file)}"):
+                yield found._replace(engine=self.serial)
+
+    def shortened(self, most: int) -> _EarlyLife:
+        """Its first whole flights of at most `most` records, one at least."""
+        kept: dict[tuple[str, str], list[Recording]] = {}
+        total = 0
+        for key, parts in self.flights.items():
+            size = sum(map(len, parts))
+            if kept and total + size > most:
+                break
+            kept[key], total = parts, total + size
+        return _EarlyLife(self.serial, kept, total, True)
+
+
+def _early_lives(
+    fleet: Fleet, build: Build, recordings: Sequence[Recorded], wanted: Wanted, agreement: Agreement | None
+) -> list[_EarlyLife]:
+    """Early lives of engines, no more recordings read than are needed for the number that is asked for; those that
+    cannot be of the engine take no part. Raises DataError where none can."""
+    wrong: list[EngineDiagError] = []
+    most = int(fleet.identify["engines"])
+    lives: dict[str, _EarlyLife] = {}
+    for recorded in _chosen_recordings(recordings, most):
+        if not recorded.serial and sum(life.full for life in lives.values()) >= most:
+            break
+        recorder = str(build.recorder) if build.recorder else None
+        source = Source((recorded.path,), recorder, accept_mismatch=fleet.accept_mismatch)
+        intake = Intake(source, wanted, fleet=True, agreement=agreement)
+        try:
+            for key, part in _parts(intake, recorded):
+                life = lives.setdefault(key[2], _EarlyLife(key[2]))
+                life.take(key[:2], part, fleet.baseline)
+                if recorded.serial and life.full:
+                    break
+        except (DataError, NoVerdictError) as error:  # named again, with the reason, when it is condensed
+            wrong.append(error)
+            for life in lives.values():
+                life.forget(recorded.path)
+    if wrong and not any(life.records for life in lives.values()):
+        raise wrong[0]
+    return sorted(lives.values(), key=lambda life: natural(life.serial))
+
+
+def _chosen_recordings(recordings: Sequence[Recorded], most: int) -> list[Recorded]:
+    """Those of `most` serial numbers, evenly chosen, where names tell them; else all."""
+    serials = sorted({r.serial for r in recordings}, key=natural)
+    chosen = {serials[k] for k in _even(len(serials), most)}
+    return [r for r in recordings if r.serial in chosen]
+
+
+def _parts(intake: Intake, recorded: Recorded) -> Iterator[tuple[tuple[str, str, str], Recording]]:
+    """((file, flight, serial number), records) of each flight in each chunk."""
+    for chunk in intake.chunks():
+        for (_, flight, engine), rows in group_rows(chunk):
+            yield (recorded.path, flight, recorded.serial or engine), chunk.select(rows)
+
+
+def _chosen(lives: Sequence[_EarlyLife], asked: Mapping[str, int]) -> list[_EarlyLife]:
+    """As many engines, evenly chosen, and as many whole flights of each, as hold no more records than are asked for."""
+    lives = [life for life in lives if life.records]
+    lives = [lives[k] for k in _even(len(lives), int(asked["engines"]))]
+    if not lives or sum(life.records for life in lives) <= asked["records"]:
+        return lives
+    short = [life.shortened(int(asked["records"]) // len(lives)) for life in lives]
+    fewer = int(len(short) * asked["records"] / max(sum(life.records for life in short), 1))
+    return [short[k] for k in _even(len(short), max(fewer, FEWEST_ENGINES))]
+
+
+def _even(n: int, most: int) -> list[int]:
+    """At most `most` of n numbers, evenly chosen."""
+    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int)).tolist() if n else []
+
+
+@dataclass(frozen=True)
+class Making:
+    """nominal: path of its file, and `fingerprint` of what is in it; recorder: path of its file, "" for none, and the
+    SHA-256 of that; plan and linearise: as of `residuals.files.Judging`; accept_mismatch: as of `Source`."""
+
+    nominal: str
+    fingerprint: str
+    recorder: str
+    recorder_sha256: str
+    plan: WindowPlan
+    linearise: str
+    accept_mismatch: bool = False
+
+    def key(self, sha256: str) -> str:
+        """Of a recording whose bytes have this SHA-256: what is condensed alike has the same, whatever files are
+        called."""
+        settings = (self.plan.length, self.plan.step, self.plan.in_time, self.plan.whole_flights, self.linearise)
+        accepted = ("mismatch accepted",) if self.accept_mismatch else ()
+        parts = (__version__, FORMAT, sha256, self.fingerprint, self.recorder_sha256, *settings, *accepted)
+        return hashlib.sha256("\n".join(map(str, parts)).encode()).hexdigest()
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,13 @@
-"""A fleet from its file to its findings: models, condensed recordings, engines put together, judged, ranked."""
+"""A fleet from its file to its findings: models, condensed recordings, engines put together, judged, ranked.
+
+Sums by a fixed binary tree: the same to the last digit in whatever order the parts come.
+
+Node (level, i) is the sum of leaves i·2^level … (i + 1)·2^level − 1 in their order; where the right half of a node has
+no leaves it is its left half. Memory holds the nodes whose other half has not come: as many as there are levels when
+the leaves come in order.
+
+Judging one engine: its windows out of the store, in order, as a history and a series.
+"""
 
 from __future__ import annotations
 
@@ -7,22 +16,167 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Generic, Protocol, TypeVar
 
-from enginediag_cli.errors import DataError, NoVerdictError
-from enginediag_cli.fleet_judgement.finding import EngineFinding, FleetFinding, FleetSettings
-from enginediag_cli.fleet_judgement.fleet import judged_fleet
-from enginediag_cli.fleet_judgement.remaining import with_taken_off
+from enginediag_cli.detection.trend import Series, series_of
+from enginediag_cli.errors import DataError, EngineDiagError, NoVerdictError
 from enginediag_cli.fleets.condense import CondenseTask, Outcome, condense, whole_monitor
-from enginediag_cli.fleets.fleet import Fleet
-from enginediag_cli.fleets.judging import EngineTask, Piece, judge
+from enginediag_cli.fleets.condensed_file import CondensedReader
+from enginediag_cli.fleets.engine_judgement import judged_engine
+from enginediag_cli.fleets.finding import NO_VERDICT, EngineFinding, EngineHistory, Event, FleetFinding, FleetSettings
+from enginediag_cli.fleets.fleet import Baseline, Fleet
+from enginediag_cli.fleets.in_common import judged_fleet
+from enginediag_cli.fleets.margin import MarginScale, margin_scale, with_taken_off
 from enginediag_cli.fleets.models import Model, model_of
 from enginediag_cli.fleets.recordings import Recorded, natural
 from enginediag_cli.fleets.runners.runner import Runner
 from enginediag_cli.fleets.store import Store
-from enginediag_cli.fleets.tree import TreeSum
 from enginediag_cli.progress import each
-from enginediag_cli.residuals.admission import Elsewhere
+from enginediag_cli.residuals.files import Window
+from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.statistics import LocalStatistics
+from enginediag_cli.residuals.windows import Elsewhere
+
+
+class Adds(Protocol):
+    """What can be added up."""
+
+    def __add__(self: Sum, other: Sum, /) -> Sum: ...
+
+
+Sum = TypeVar("Sum", bound=Adds)
+
+
+class TreeSum(Generic[Sum]):
+    """The sum of `leaves` values that `add` brings in any order; None stands for a leaf without a value."""
+
+    def __init__(self, leaves: int):
+        self._leaves, self._waiting = leaves, dict[tuple[int, int], Sum | None]()
+        self._done: Sum | None = None
+
+    def add(self, number: int, value: Sum | None) -> None:
+        """Bring leaf `number`, from 0, once."""
+        level, size = 0, 1
+        while size < self._leaves:
+            sibling = number ^ 1
+            if sibling * size < self._leaves:  # else there is no right half
+                key = (level, sibling)
+                if key not in self._waiting:
+                    self._waiting[level, number] = value
+                    return
+                other = self._waiting.pop(key)
+                left, right = (value, other) if number < sibling else (other, value)
+                value = right if left is None else left if right is None else left + right
+            number, level, size = number // 2, level + 1, 2 * size
+        self._done = value
+
+    @property
+    def total(self) -> Sum | None:
+        """The sum, once all leaves have come; None where none has a value."""
+        return self._done
+
+
+def tree_sum(values: list[Sum]) -> Sum | None:
+    """The sum of values that are there already, by the same tree."""
+    tree = TreeSum[Sum](len(values))
+    for number, value in enumerate(values):
+        tree.add(number, value)
+    return tree.total
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Parts of one condensed recording that are of one engine: its file, its parts, and how the recording is called."""
+
+    file: str
+    parts: tuple[int, ...]
+    name: str
+
+
+@dataclass(frozen=True)
+class EngineTask:
+    """An engine to judge: its pieces in order, and the nominal file that they are held against."""
+
+    serial: str
+    build: str
+    pieces: tuple[Piece, ...]
+    nominal: str
+    fingerprint: str
+    whole: bool
+    baseline: Baseline
+    events: tuple[Event, ...]
+    settings: FleetSettings
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What was found, the sum of the engine's statistics, and how many records lie where training has not been."""
+
+    finding: EngineFinding
+    total: LocalStatistics | None
+    elsewhere: Counter[Elsewhere] = field(default_factory=Counter)
+
+
+@dataclass
+class _Stored:
+    """Windows of an engine as `series_of` reads them."""
+
+    task: EngineTask
+    monitor: Monitor
+    elsewhere: Counter[Elsewhere] = field(default_factory=Counter)
+    reasons: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def summed(self) -> bool:
+        return self.task.whole
+
+    def windows(self) -> Iterator[Window]:
+        for piece in self.task.pieces:
+            with CondensedReader(piece.file) as reader:
+                for part in piece.parts:
+                    for window in reader.windows(part, piece.name, self.task.serial, self.monitor.meaning):
+                        self.elsewhere.update(window.elsewhere)
+                        self.reasons.update([window.reason] if window.statistics is None else [])
+                        yield window, self.monitor.meaning
+
+
+def judge(task: EngineTask) -> Judged:
+    """What the history of an engine says; the same wherever it runs. What cannot be judged is a finding without a
+    verdict, no error."""
+    try:
+        return _judged(task)
+    except EngineDiagError as error:
+        return Judged(EngineFinding(task.serial, task.build, 0, 0, NO_VERDICT, str(error)), None)
+
+
+def _judged(task: EngineTask) -> Judged:
+    monitor = whole_monitor(task.nominal, task.fingerprint)
+    stored = _Stored(task, monitor)
+    series = series_of(stored, "covariance")
+    stretches, instruments = series.stretches.get(task.serial, []), series.instruments.get(task.serial, ())
+    if not stretches:
+        nothing = replace(_nothing(task, stored, series), instruments=instruments)
+        return Judged(nothing, None, stored.elsewhere)
+    baseline = task.baseline.stretches([x.window.records for x in stretches])
+    history = EngineHistory(task.serial, task.build, stretches, baseline, task.events)
+    finding = judged_engine(history, series, task.settings, _scale(task.nominal, task.fingerprint))
+    finding = replace(finding, instruments=instruments)
+    return Judged(finding, tree_sum([x.statistics for x in stretches]), stored.elsewhere)
+
+
+@lru_cache(maxsize=4)
+def _scale(nominal: str, fingerprint: str) -> MarginScale:
+    """Of the margin of all engines of a nominal file, which takes longer than an engine."""
+    monitor = whole_monitor(nominal, fingerprint)
+    return margin_scale(Series({}, monitor.meaning, 0, monitor=monitor))
+
+
+def _nothing(task: EngineTask, stored: _Stored, series: Series) -> EngineFinding:
+    most = stored.reasons.most_common(1)
+    reason = f"no window has statistics: {most[0][0]}" if most else "no record"
+    return replace(EngineFinding(task.serial, task.build, 0, 0, NO_VERDICT, reason), flights=series.lost)
+
 
 BATCH_BYTES = 500_000
 """Recordings are condensed together up to this: some 3,000 records of a CSV file, as many as a call of the engine is
@@ -181,7 +335,7 @@ def run_fleet(fleet: Fleet, recordings: Sequence[Recorded], store: Store, runner
     if not tasks:
         why = f": {left_out[0][0]}: {left_out[0][1]}" if left_out else ""
         raise NoVerdictError(f"{fleet.path}: no engine to judge{why}")
-    findings, sums, elsewhere = _judged(tasks, runner)
+    findings, sums, elsewhere = _run_judged(tasks, runner)
     settings = with_taken_off(tasks[0].settings, findings, fleet.judge["taken_off"], f"{fleet.path}: taken_off")
     serials = {task.serial for task in tasks}
     known = whole_monitor(tasks[0].nominal, tasks[0].fingerprint).meaning
@@ -198,7 +352,7 @@ def run_fleet(fleet: Fleet, recordings: Sequence[Recorded], store: Store, runner
     )
 
 
-def _judged(
+def _run_judged(
     tasks: Sequence[EngineTask], runner: Runner
 ) -> tuple[list[EngineFinding], dict[str, LocalStatistics], Counter[Elsewhere]]:
     """Findings in the order of the tasks, the sum of all statistics of each build, and where records lie that training

@@ -7,7 +7,7 @@ With J̃ the sensitivities after elimination of the recordings' offsets, in prio
     cov = A⁻¹ (B + 1) A⁻¹
 
 C = H_xz (H_zz + 1)⁻¹ carries the prior of the offsets, 1 that of the parameters, and the sum over k, l runs within a
-recording, |k − l| counted in steps of time and operating point (`pace.py`). For white Gaussian noise (a = b = κ = 1,
+recording, |k − l| counted in steps of time and operating point (`noise.py`). For white Gaussian noise (a = b = κ = 1,
 ρ = 0) it is the usual (F + 1)⁻¹. The sum is exact for sensitivities of any shape in time; κ in the fit only balances
 data against priors.
 
@@ -18,18 +18,35 @@ What the fit takes out of the noise of sensor s, e − ê = J̃ (x̂ − x), in 
 
 with w = a/(κσ²). With white noise the first is the trace of the hat matrix.
 Source: Huber 1981, chapter 7; W. K. Newey and K. D. West, Econometrica 55 (1987) 703–708, for the idea.
+
+Combinations of parameters that these recordings cannot identify, by name.
+
+In prior standard deviations the data's information has eigenvalues λ; a direction of eigenvalue λ is known to
+λ/(1 + λ) from the data and for the rest from the prior. The directions below a threshold span a space whose
+eigenvectors are an arbitrary mixture; they are rewritten so that each has a leading parameter that is in no
+other (reduced echelon form with pivots from a QR factorisation, Golub and Van Loan, §5.5.7), and printed as
+
+    θ_lead + c₂ θ₂ + …     changes in this ratio, in the parameters' own units, leave the readings as they are
+
+with the share of the prior variance along the direction v that the data removed, 1 − vᵀCv / vᵀv.
+
+Parameters at the bounds of what is physically possible.
+
+A bound is no estimate. Where the records hardly determine a parameter, and the rest of the model pushes it against its
+bound, it goes back to what was assumed and stays there with its uncertainty. Where the records do determine it, the
+model lacks something that this parameter cannot stand for, and the identification has failed.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from enginediag_cli.identification.gauss_newton import Fit
-from enginediag_cli.identification.normal_equations import Block, accumulate, blocks, eliminate
-from enginediag_cli.identification.pace import NEIGHBOURS, correlated_sum, correlations, inflation
-from enginediag_cli.identification.predicted import SUMMED_RECORDS
+from enginediag_cli.identification.noise import NEIGHBOURS, correlated_sum, correlations, inflation
+from enginediag_cli.identification.normal_equations import SUMMED_RECORDS, Block, accumulate, blocks, eliminate
 from enginediag_cli.identification.problem import Problem
 
 SAMPLE = 1500
@@ -207,3 +224,101 @@ def _data_standard_error(information: np.ndarray, meat: np.ndarray) -> np.ndarra
     error = np.sqrt(np.diag(inverse @ meat @ inverse))
     open_share = np.sum(vectors[:, ~seen] ** 2, axis=1)
     return np.where(open_share > 1e-9, np.inf, error)
+
+
+THRESHOLD = 0.1
+"""A direction of which the data give less than this share counts as unidentified."""
+
+NAMED = 0.15
+"""A parameter is named in a combination when its part reaches this share of the leader's, in prior sigmas."""
+
+
+SHOWN = 5
+"""Parameters of one combination that its sentence names."""
+
+
+@dataclass(frozen=True)
+class Combination:
+    """Changes of parameters in the ratio of `coefficients`, which the readings hardly show.
+
+    `from_data` is the share of what is known of it that the data give, 0 to 1.
+    """
+
+    parameters: tuple[str, ...]
+    coefficients: tuple[float, ...]
+    from_data: float
+
+    def __str__(self) -> str:
+        terms = [self.parameters[0]]
+        for name, c in list(zip(self.parameters, self.coefficients, strict=True))[1:SHOWN]:
+            terms.append(f"{'+' if c > 0 else '−'} {abs(c):.2g}·{name}")
+        if len(self.parameters) > SHOWN:
+            terms.append(f"and {len(self.parameters) - SHOWN} smaller parts")
+        return f"{' '.join(terms)}: data give {100 * self.from_data:.0f} % of what is known"
+
+
+def unidentified_combinations(
+    information: np.ndarray, covariance: np.ndarray, prior_sigma: np.ndarray, names: Sequence[str]
+) -> tuple[Combination, ...]:
+    """Combinations below THRESHOLD, the least known first.
+
+    `information` and posterior `covariance` are (p, p) in prior standard deviations, `prior_sigma` (p,) in
+    the parameters' units.
+    """
+    from scipy.linalg import qr
+
+    values, vectors = np.linalg.eigh(information)
+    space = vectors[:, values / (1 + np.maximum(values, 0)) < THRESHOLD]
+    if space.shape[1] == 0:
+        return ()
+    _, _, order = qr(space.T, pivoting=True, mode="economic")
+    pivots = order[: space.shape[1]]
+    basis = space @ np.linalg.inv(space[pivots])
+    found = [_named(basis[:, j], covariance, prior_sigma, names) for j in range(basis.shape[1])]
+    return tuple(sorted(found, key=lambda c: (c.from_data, c.parameters)))
+
+
+def _named(direction: np.ndarray, covariance: np.ndarray, prior_sigma: np.ndarray, names: Sequence[str]) -> Combination:
+    size = np.abs(direction)
+    order = [int(i) for i in np.argsort(-size, kind="stable") if size[i] >= NAMED * size.max()]
+    w = np.zeros_like(direction)
+    w[order] = direction[order]
+    from_data = float(np.clip(1 - w @ covariance @ w / (w @ w), 0.0, 1.0))
+    physical = direction[order] * prior_sigma[order]
+    coefficients = physical / physical[0]
+    return Combination(tuple(names[i] for i in order), tuple(float(c) for c in coefficients), from_data)
+
+
+DETERMINED = 0.5
+"""Share of what is known of a parameter that the records give: with less, most of it is what was assumed."""
+ROUNDS = 4
+"""Fits after which no further parameter is given back: each may push another one to its bound."""
+
+
+@dataclass(frozen=True)
+class AtBound:
+    """A parameter that the records push against a bound, in its own unit."""
+
+    name: str
+    value: float
+    upper: bool
+
+    def __str__(self) -> str:
+        return f"{self.name} at its {'upper' if self.upper else 'lower'} bound {self.value:g}"
+
+
+def given_back(problem: Problem, fit: Fit, found: Uncertainty) -> Problem | None:
+    """The problem with those parameters at a bound that the records hardly determine held at what was assumed; None
+    where there are none."""
+    weak = fit.at_bound & (found.from_data < DETERMINED)
+    if not weak.any():
+        return None
+    lower, upper = np.where(weak, problem.prior_mean, problem.lower), np.where(weak, problem.prior_mean, problem.upper)
+    return replace(problem, lower=lower, upper=upper)
+
+
+def at_bounds(problem: Problem, fit: Fit) -> tuple[AtBound, ...]:
+    """What the fit left at a bound."""
+    values = problem.physical(fit.x)
+    held = [(i, values[problem.names[i]]) for i in np.flatnonzero(fit.at_bound)]
+    return tuple(AtBound(problem.names[i], v, bool(v >= problem.upper[i])) for i, v in held)

@@ -5,7 +5,9 @@ lagging.py`), together with the parameters, which bend to what lags as long as t
 stretches that it was not fitted to is no noise: it is large in every slam, in all flights alike, and lasts as long as
 the engine remembers, while the noise model knows one size and one step of memory. So readings are freed of it before
 they are fitted and noise is estimated, and monitors count it as uncertain by its own size, along its own course
-(`residuals/lagging.py`).
+(`residuals/reduced.py`).
+
+A reading that lags behind the model where the engine moves, as identification found it.
 """
 
 from __future__ import annotations
@@ -14,11 +16,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from enginediag_cli.engine.moving.lagging import LAGS_S, Lagging
-from enginediag_cli.engine.moving.tape import MOMENT, Tapes
+from enginediag_cli.engine.moving.tape import LAGS_S, MOMENT, Lagging, Tapes
 from enginediag_cli.identification.gauss_newton import Fit
-from enginediag_cli.identification.lagging_reading import LaggingReading
 from enginediag_cli.identification.problem import Problem
+
+
+@dataclass(frozen=True)
+class LaggingReading:
+    """`amounts` (T,): of each deviation of a lag of the command with a time constant of `lags_s` (T,) from the command
+    itself, in the column's unit per unit of the command; `spread` (T,): standard deviation of the amounts from stretch
+    to stretch. `moved`, `left`: RMS of the residuals without and with that, in the column's unit, where the engine
+    moves."""
+
+    sensor: str
+    lags_s: tuple[float, ...]
+    amounts: tuple[float, ...]
+    spread: tuple[float, ...]
+    moved: float
+    left: float
+
 
 LONGEST_STEP_S = 4.0
 """Between records, of a recording that shows how an engine moves: of the order of the shortest of the lags."""

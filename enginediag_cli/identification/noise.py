@@ -4,22 +4,122 @@ The scale is the root mean square, which is right whatever the law of the noise,
 then it is Huber's "proposal 2", σ for which the mean of min((e/σ)², c²) is what it is for Gaussian noise.
 A gross outlier counts as c standard deviations, not as nothing: leaving the tails out would let σ, the weights
 of the fit and the tails chase each other down. Readings beyond `OUTLIER` standard deviations are counted. The
-lag-1 correlation is taken without them between neighbours in time and operating point (`pace.py`), and
+lag-1 correlation is taken without them between neighbours in time and operating point (`noise.py`), and
 
     κ = (1 + ρ)/(1 − ρ),  n_effective = n/κ     where every record follows at the same step
 
 is how many independent readings the n correlated ones are worth for a constant (G. V. Bayley and
 J. M. Hammersley, J. R. Statist. Soc. Suppl. 8 (1946) 184–197). Scale: P. J. Huber, Ann. Math. Statist. 35
 (1964) 73–101, §8. The law is told by the excess kurtosis of what each reading adds to the one before it, e_k − ρ e_k−1.
+
+How far records lie from the one before them, in steps: correlation decays with elapsed time and with the distance of
+operating points, never with the count of records.
+
+Two records a usual step apart at the same operating point have correlation ρ, two that are g steps apart ρ^g, records
+of different recordings none. g is the elapsed time over the recording's median step, and one step more for each `FAR`
+of its range by which an input changed. A recording without time counts its records, and one that moves on with every
+record counts time alone: it has no neighbours at one operating point that could say what ρ is, those in time do, and
+by time alone the monitor's windows reckon, too.
+
+The step in which a sensor is recorded: noise is not known to be smaller than its rounding.
+
+Noise as later stages must expect it: what the model leaves on records that its fit has not seen.
+
+A generic engine model is wrong by more than its sensors scatter, differently from one stretch of a flight to the
+next. Cross-validation shows by how much; a test that reckons with the sensors' scatter alone cries wolf.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from enginediag_cli.identification.pace import NEIGHBOURS, inflation
+TIME = "time_s"
+"""Column of the elapsed time."""
+
+FAR = 0.1
+"""Share of the range of an input beyond which the error of a model is another one, as in the residuals of two recorded
+flights, where it changes with power and Mach number over a tenth of what was flown."""
+NEAREST = 0.5
+"""Steps: records that lie closer (an irregular clock, a time given twice) still have noise of their own."""
+NEIGHBOURS = 1.5
+"""Steps up to which two records are neighbours, from which ρ is estimated: judgement, one and no second."""
+MOSTLY = 0.5
+"""Share of the records of a recording that must lie as near to the one before as that: of fewer, chosen by how little
+happened, ρ is not known, and would not be that of the others."""
+
+FADED = 1e-9
+"""Correlation below which records no longer know of each other."""
+
+
+def position(columns: Mapping[str, np.ndarray], inputs: Sequence[str], n: int) -> np.ndarray:
+    """Steps since the first of n records of one recording, (n,), not decreasing."""
+    time = columns.get(TIME)
+    counted = np.arange(n, dtype=float)
+    if time is None or n < 2 or not np.isfinite(time).all():
+        return counted
+    passed = np.abs(np.diff(np.asarray(time, float)))
+    if not (passed > 0).any():
+        return counted
+    gap = passed / np.median(passed[passed > 0])
+    moved = np.zeros(n - 1)
+    for column in inputs:
+        u = np.asarray(columns[column], float)
+        span = np.ptp(u[np.isfinite(u)]) if np.isfinite(u).any() else 0.0
+        if span > 0:
+            moved = np.fmax(moved, np.abs(np.diff(u)) / span)
+    steps = gap + moved / FAR
+    if np.mean(steps <= NEIGHBOURS) < MOSTLY:
+        steps = gap
+    return np.concatenate([[0.0], np.cumsum(np.maximum(steps, NEAREST))])
+
+
+def gaps(position: np.ndarray, recording: np.ndarray) -> np.ndarray:
+    """Steps since the record before, (N,), infinite at the beginning of a recording; both arguments (N,)."""
+    gap = np.diff(position, prepend=0.0)
+    gap[np.diff(recording, prepend=-1) != 0] = np.inf
+    return gap
+
+
+def correlations(gap: np.ndarray, rho: np.ndarray) -> np.ndarray:
+    """Correlation of each record with the one before, (N, m), for neighbours' correlations `rho` (m,) and gaps (N,)."""
+    # an even power of a negative correlation would be positive, which nobody has seen: it ends with the neighbour
+    decay = np.abs(rho) ** np.where(np.isfinite(gap), gap, 0.0)[:, None]
+    decay = np.where(rho >= 0, decay, np.where(gap[:, None] <= NEIGHBOURS, rho, 0.0))
+    return np.where(np.isfinite(gap)[:, None], decay, 0.0)
+
+
+def correlated_sum(g: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """f_k = Σ_l C_kl g_l for g (N, m, p), C_kl the product of the correlations r (N, m) of the records from l to k."""
+    back = np.zeros_like(r)
+    back[:-1] = r[1:]
+    return _remembered(g, r) + _remembered(g[::-1], back[::-1])[::-1] - g
+
+
+def _remembered(g: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """b_k = g_k + r_k b_k−1 with r_0 = 0, by doubling the reach: log₂ of the memory's length passes over the arrays."""
+    b, reach, r = g.copy(), 1, r.copy()
+    r[:1] = 0.0
+    while reach < len(b) and np.abs(r).max(initial=0.0) > FADED:
+        b[reach:] += r[reach:, :, None] * b[:-reach]
+        r[reach:] *= r[:-reach].copy()
+        r[:reach] = 0.0
+        reach *= 2
+    return b
+
+
+def inflation(gap: np.ndarray, rho: np.ndarray) -> np.ndarray:
+    """κ (m,): readings per independent one, (1 + ρ)/(1 − ρ) where all records are a step apart, else the mean over the
+    records of Σ_l C_kl."""
+    inside = np.isfinite(gap)
+    if np.all(gap[inside] == 1.0):
+        return (1 + rho) / (1 - rho)
+    r = correlations(gap, rho)
+    found = correlated_sum(np.ones((*r.shape, 1)), r)[:, :, 0].mean(axis=0)
+    return np.where(rho >= 0, np.maximum(found, 1.0), (1 + rho) / (1 - rho))
+
 
 OUTLIER = 4.0
 """One Gaussian reading in 16,000 lies beyond four standard deviations."""
@@ -29,7 +129,7 @@ Gaussian readings are clipped."""
 GAUSSIAN_MEAN = 0.9775
 """E min(z², CLIP²) for a standard normal z: 1 − 2(cφ(c) + Q(c)) + 2c²Q(c)."""
 
-GROSS, AROUND, MOSTLY = 4.5, 15, 0.1
+GROSS, AROUND, NOISE_MOSTLY = 4.5, 15, 0.1
 """Standard deviations beyond which a reading belongs neither to the model nor to the running median of so many readings
 around it; 7 in a million of Gaussian noise do. Of a sensor of which more than this share does, the model is wrong."""
 FEWEST = 8
@@ -71,7 +171,7 @@ class NoiseEstimate:
 
 
 def estimate_noise(residual: np.ndarray, gap: np.ndarray, lost: np.ndarray, floor: np.ndarray) -> NoiseEstimate:
-    """Noise from residuals (N, m), NaN where missing, of records `gap` (N,) steps behind the one before (`pace.py`).
+    """Noise from residuals (N, m), NaN where missing, of records `gap` (N,) steps behind the one before (`noise.py`).
 
     `lost` (2, m): how many variances the fit took out of Σ e² and Σ e_k e_k−1 of each sensor (see `covariance.py`); one
     row (m,) where it took as many out of both, as a mean does. `floor` (m,) bounds sigma from below, in the column's
@@ -152,7 +252,7 @@ def gross_readings(residual: np.ndarray, recording: np.ndarray) -> np.ndarray:
         found = [np.abs(x) > GROSS * 1.4826 * _middle(np.abs(x[long])) for x in (residual, away)]
     gross = found[0] & found[1] & long[:, None]
     there = np.isfinite(residual)
-    gross &= gross.sum(axis=0) <= MOSTLY * there.sum(axis=0)
+    gross &= gross.sum(axis=0) <= NOISE_MOSTLY * there.sum(axis=0)
     half = gross.sum(axis=1) >= np.maximum(0.5 * there.sum(axis=1), 2)
     return np.asarray((gross | half[:, None]) & there)
 
@@ -276,3 +376,38 @@ def _correlation(z: np.ndarray, inside: np.ndarray) -> np.ndarray:
     c = root @ root.T
     np.fill_diagonal(c, 1.0)
     return c
+
+
+ROUNDING = 1e-9
+"""Relative difference below which two readings are the same number, written or converted differently."""
+
+
+def quantisation_sigma(measured: np.ndarray) -> np.ndarray:
+    """q/√12 of each sensor (m,) from its readings (N, m), NaN where missing; q is the smallest step between them.
+
+    The standard deviation of rounding to steps of q (W. R. Bennett, Bell Syst. Tech. J. 27 (1948) 446–472).
+    Readings that hardly ever leave one step look exact and are not. Finely recorded readings have a step
+    near zero; a sensor that gives one value only has none, and 0 is returned.
+    """
+    out = np.zeros(measured.shape[1])
+    for j in range(measured.shape[1]):
+        values = np.unique(measured[np.isfinite(measured[:, j]), j])
+        steps = np.diff(values)
+        steps = steps[steps > ROUNDING * np.max(np.abs(values), initial=0.0)]
+        if steps.size:
+            out[j] = float(steps.min()) / np.sqrt(12.0)
+    return out
+
+
+def noise_on_unseen(residual: np.ndarray, gap: np.ndarray, floor: np.ndarray) -> NoiseEstimate:
+    """Noise from residuals (N, m), NaN where missing, of records predicted by a fit without them;
+    `gap` (N,) as for `estimate_noise`.
+
+    The scale is the root mean square of all readings, none left out: where the model is at its worst is part of
+    what it will do again. `floor` (m,) is the noise of the fit, below which prediction cannot be.
+    """
+    found = estimate_noise(residual, gap, np.zeros(residual.shape[1]), floor)
+    there = np.isfinite(residual)
+    squares = np.sum(np.where(there, residual, 0.0) ** 2, axis=0)
+    rms = np.sqrt(squares / np.maximum(there.sum(axis=0), 1))
+    return replace(found, sigma=np.maximum(rms, floor), sigma_from="cross_validation")

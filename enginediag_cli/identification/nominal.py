@@ -1,4 +1,13 @@
-"""The nominal state of an engine: what later stages measure departures from."""
+"""The nominal state of an engine: what later stages measure departures from.
+
+The envelope of operating points that identification has seen.
+
+Inputs are scaled so that 1 is the spread of the training points, or a step that matters physically where
+they hardly spread. The training points are covered by at most `MAX_POINTS` of them (farthest-point sampling,
+T. F. Gonzalez, Theoret. Comput. Sci. 38 (1985) 293–306). A point is outside when the nearest of these is
+farther than the cover's own radius plus a margin: the 0.95 quantile of the distance from a training point to
+the nearest one of another stretch of the recordings, but no less than 0.25 and no more than 1.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +17,161 @@ from dataclasses import dataclass
 import numpy as np
 
 from enginediag_cli.engine.description import EngineDescription
-from enginediag_cli.error_model.error_model import ErrorModel
-from enginediag_cli.error_model.modelled import FAMILY
+from enginediag_cli.error_model.modelled import FAMILY, ErrorModel
 from enginediag_cli.error_model.points import POINT_FAMILY
-from enginediag_cli.identification.envelope import Envelope
-from enginediag_cli.identification.lagging_reading import LaggingReading
-from enginediag_cli.identification.offset_prior import OffsetPrior
+from enginediag_cli.identification.covariance import Combination
+from enginediag_cli.identification.lagging import LaggingReading
+from enginediag_cli.identification.problem import OffsetPrior
 from enginediag_cli.identification.quality import SensorQuality
-from enginediag_cli.identification.unidentified import Combination
+
+MAX_POINTS = 150
+"""Points of the cover: what a nominal file may hold; the threshold widens where more would be needed."""
+MARGIN_RANGE = (0.25, 1.0)
+"""Least and largest distance, in spreads of the inputs, up to which a point counts as seen. Judgement: less would
+refuse the next flight on the same route, more would admit another regime."""
+STRETCHES = 10
+"""Parts of a recording, each of which is asked how far it is from the others."""
+REACH = 3.0
+"""Distance beyond the threshold, in spreads of the inputs, up to which a model of errors that widens by itself still
+answers. Judgement: false alarms stay at nominal much farther out, but there other physics than that of the maps begins,
+of which it says nothing."""
+REACH_OF_RANGE = 0.5
+"""How far beyond its range an input may be then, as a share of the range, though no less than the spread that is still
+the same operation: what training held constant says nothing of what the engine does elsewhere. A plant at base load
+does not tell what its vanes do below."""
+BLOCK = 100
+"""Operating points whose distances are computed at once: with a full cover 0.1 MB, which stay in the cache."""
+MINIMUM_SPREAD = {
+    "mach": 0.05,
+    "altitude_m": 2000.0,
+    "dT_isa_K": 10.0,
+    "humidity_kg_kg": 0.005,
+    "ambient_temperature_K": 5.0,
+    "ambient_pressure_Pa": 1500.0,
+    "dP_inlet_Pa": 100.0,
+    "T4_K": 5.0,
+}
+"""Least spread of an input, in its unit: where training held it constant, so much more is still the same operation.
+Judgement by what the model's error changes with."""
+RELATIVE_SPREAD = 0.03
+"""Least spread, as a share of the largest value seen, of an input that is not in the table above."""
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """Cover of the operating points seen: d inputs, points (n, d) in the columns' units."""
+
+    inputs: tuple[str, ...]
+    scale: np.ndarray  # (d,)
+    low: np.ndarray  # (d,) smallest and largest value seen
+    high: np.ndarray  # (d,)
+    points: np.ndarray  # (n, d)
+    threshold: float  # distance in scaled inputs
+
+    def distance(self, inputs: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Scaled distance of N operating points to the nearest point seen, (N,); NaN for a missing input."""
+        u = self._scaled(inputs)
+        return _nearest(u, self.points / self.scale)[0]
+
+    def outside(self, inputs: Mapping[str, np.ndarray]) -> np.ndarray:
+        """True for operating points that training did not cover, (N,); a missing input counts as outside."""
+        return ~(self.distance(inputs) <= self.threshold)
+
+    def within_reach(self, inputs: Mapping[str, np.ndarray], distance: np.ndarray) -> np.ndarray:
+        """True where a model of errors that widens by itself may answer, (N,): operating points at `distance` (N,)."""
+        u = self._scaled(inputs) * self.scale
+        over = np.maximum(u - self.high, self.low - u)
+        # the scale is the least spread wherever it is more than half of the range
+        near = np.all(over <= np.maximum(REACH_OF_RANGE * (self.high - self.low), self.scale), axis=1)
+        return np.asarray((distance <= self.threshold) | (near & (distance <= self.threshold + REACH)))
+
+    def farthest_input(self, inputs: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Number of the input that is farthest beyond its range, (N,); −1 where none is: a combination not seen."""
+        u = self._scaled(inputs)
+        over = np.maximum(u - self.high / self.scale, self.low / self.scale - u)
+        return np.where(over.max(axis=1) > 0.0, over.argmax(axis=1), -1)
+
+    @np.errstate(over="ignore")
+    def reason(self, inputs: Mapping[str, np.ndarray], k: int) -> str:
+        """Why record k is outside, in words; '' when it is not."""
+        point = {c: np.atleast_1d(np.asarray(inputs[c], float))[k : k + 1] for c in self.inputs}
+        if not self.outside(point)[0]:
+            return ""
+        value = np.array([point[c][0] for c in self.inputs])
+        if not np.isfinite(value).all():
+            return f"{self.inputs[int(np.argmin(np.isfinite(value)))]} is missing"
+        beyond = np.maximum(value - self.high, self.low - value) / self.scale
+        j = int(np.argmax(beyond))
+        if beyond[j] > 0:
+            side = "above" if value[j] > self.high[j] else "below"
+            return f"{self.inputs[j]} {value[j]:.4g} is {side} what was seen ({self.low[j]:.4g} to {self.high[j]:.4g})"
+        index = int(_nearest(value[None] / self.scale, self.points / self.scale)[1][0])
+        j = int(np.argmax(np.abs(value - self.points[index]) / self.scale))
+        return (
+            f"no record seen is near this combination; the nearest has {self.inputs[j]} "
+            f"{self.points[index, j]:.4g} instead of {value[j]:.4g}"
+        )
+
+    @np.errstate(over="ignore")  # an input near the largest number is infinitely far
+    def _scaled(self, inputs: Mapping[str, np.ndarray]) -> np.ndarray:
+        columns = [np.atleast_1d(np.asarray(inputs[c], float)) for c in self.inputs]
+        return np.column_stack(np.broadcast_arrays(*columns)) / self.scale
+
+
+def learn_envelope(inputs: Mapping[str, np.ndarray]) -> Envelope:
+    """Envelope of N records from their inputs, column: (N,), all finite and in the order of time."""
+    names = tuple(inputs)
+    u = np.column_stack([np.asarray(inputs[c], float) for c in names])
+    low, high = u.min(axis=0), u.max(axis=0)
+    least = np.array(
+        [MINIMUM_SPREAD.get(c, RELATIVE_SPREAD * max(abs(low[j]), abs(high[j]), 1e-12)) for j, c in enumerate(names)]
+    )
+    scale = np.maximum(u.std(axis=0), least)
+    v = u / scale
+    chosen, radius = _cover(v)
+    margin = float(np.clip(_own_distance(v), *MARGIN_RANGE))
+    return Envelope(names, scale, low, high, u[chosen], radius + margin)
+
+
+def _cover(v: np.ndarray) -> tuple[np.ndarray, float]:
+    """Indices of a cover of the points (N, d) and its radius; starts at the point nearest to the median."""
+    first = int(np.argmin(np.sum((v - np.median(v, axis=0)) ** 2, axis=1)))
+    chosen = [first]
+    d2 = np.sum((v - v[first]) ** 2, axis=1)
+    while len(chosen) < min(MAX_POINTS, len(v)) and d2.max() > (0.1 * MARGIN_RANGE[0]) ** 2:
+        chosen.append(int(np.argmax(d2)))
+        d2 = np.minimum(d2, np.sum((v - v[chosen[-1]]) ** 2, axis=1))
+    return np.array(chosen), float(np.sqrt(d2.max()))
+
+
+def _own_distance(v: np.ndarray) -> float:
+    """0.95 quantile of the distance to the nearest point of another stretch, over about 1,000 points."""
+    if len(v) < 2 * STRETCHES:
+        return MARGIN_RANGE[1]
+    stretch = np.arange(len(v)) * STRETCHES // len(v)
+    sample = np.arange(0, len(v), max(1, len(v) // 1000))
+    nearest = [_nearest(v[sample[stretch[sample] == i]], v[sample[stretch[sample] != i]])[0] for i in range(STRETCHES)]
+    return float(np.quantile(np.concatenate(nearest), 0.95))
+
+
+@np.errstate(all="ignore")  # a wild input is as far away as can be
+def _nearest(v: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distance to and index of the nearest of `points` (n, d) for each row of v (N, d); NaN for NaN.
+
+    All distances are compared, by |v − p|² = |v|² − 2 v·p + |p|² about the centre of the points; that to the nearest is
+    computed as it stands. A cover is small, and importing a search tree takes longer than a flight's distances.
+    """
+    index = np.zeros(len(v), int)
+    centre = points.mean(axis=0)
+    about = points - centre
+    half = 0.5 * np.sum(about**2, axis=1)
+    for first in range(0, len(v), BLOCK):
+        rows = slice(first, first + BLOCK)
+        index[rows] = np.argmin(half - (v[rows] - centre) @ about.T, axis=1)  # less ½|v|², the same for all
+    distance = np.sqrt(np.sum((v - points[index]) ** 2, axis=1))
+    distance[~np.isfinite(v).all(axis=1)] = np.nan
+    return distance, index
+
 
 ENGINE_INSTANCE = "engine instance"
 """Key of `provenance` that names the engine, of those that a recording tells apart, which was identified."""

@@ -1,20 +1,38 @@
 """What a nominal file must hold beyond the kinds of its keys: noise, covariance and envelope that can be, an engine
-that has what it names, and numbers that nobody changed since `identify` wrote them."""
+that has what it names, and numbers that nobody changed since `identify` wrote them.
+
+The engine that travels in a nominal file, built; what is wrong with it is told at its lines of that file.
+
+A nominal state as it would be if the maps were as accurate as someone says.
+
+Parameters and amounts of map error were found together, x ~ N(μ, C) under priors of variance P (all in prior standard
+deviations, where P = 1). What the records alone said is C⁻¹ − 1 and C⁻¹ μ; with other variances P' of the amounts,
+
+    C' = (C⁻¹ − 1 + P'⁻¹)⁻¹,     μ' = C' C⁻¹ μ.
+"""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from enginediag_cli.config.checked import Checked
 from enginediag_cli.config.hints import near
-from enginediag_cli.engine.model import MonitoredModel
-from enginediag_cli.errors import ConfigError, Problem
-from enginediag_cli.identification.nominal import Nominal
+from enginediag_cli.config.reading import refuse_other_kind
+from enginediag_cli.config.validate import Checked
+from enginediag_cli.engine.description import EngineDescription
+from enginediag_cli.engine.wrapped import MonitoredModel
+from enginediag_cli.error_model.modelled import FAMILY
+from enginediag_cli.errors import ConfigError, Mark, Problem
+from enginediag_cli.identification.nominal import Nominal, status_of
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.engine import Engine
+
 
 CHECKSUM = "checksum"
 """Key of the line that holds the checksum of all other lines."""
@@ -182,3 +200,96 @@ def other_instance(nominal: Nominal, instance: str) -> tuple[str, str] | None:
     before anything goes wrong, so what is then found may be the difference between them. None otherwise."""
     identified = nominal.engine_instance
     return (identified, instance) if identified and instance and identified != instance else None
+
+
+SECTION = "engine_description"
+"""Key of the nominal file."""
+
+
+def described_engine(
+    described: EngineDescription, nominal_path: str | Path, power_setting: str | None = None
+) -> Engine:
+    """The engine of a description; `power_setting` replaces its own. Raises ConfigError at places in the nominal
+    file."""
+    from enginediag_cli.physics.engine_file import load_engine
+
+    try:
+        return load_engine(described, power_setting)
+    except ConfigError as error:
+        raise ConfigError([_moved(p, described, nominal_path) for p in error.problems]) from error
+
+
+def changed_beside(described: EngineDescription, nominal_path: str | Path) -> str:
+    """The engine file that was identified where it is there and says something else now, or its maps do; else ''. A
+    file that is gone, cannot be read or is none of an engine is nobody's concern: it is not needed."""
+    try:
+        refuse_other_kind(described.file, "engine", Mark(str(nominal_path)))
+        return described.file if described.differs_from(described.file) else ""
+    except ConfigError:
+        return ""
+
+
+def _moved(problem: Problem, described: EngineDescription, nominal_path: str | Path) -> Problem:
+    """The problem at its line of the nominal file, in which every line of a text is a line."""
+    from enginediag_cli.config.document import load_document
+    from enginediag_cli.config.validate import Checked
+
+    mark = problem.mark
+    folder = Path(described.file).parent
+    places: dict[str, tuple[tuple[str, ...], str]] = {described.file: ((SECTION, "text"), described.text)}
+    places.update({str(folder / name): ((SECTION, "tables", name), text) for name, text in described.tables.items()})
+    if mark.file not in places:
+        return problem
+    place, text = places[mark.file]
+    start = Checked({}, load_document(nominal_path)).mark(place)
+    lines, own = Path(nominal_path).read_text(encoding="utf-8-sig").split("\n"), text.split("\n")
+    at = start.line + max(mark.line, 1)
+    if not mark.line or at > len(lines) or mark.line > len(own) or not lines[at - 1].endswith(own[mark.line - 1]):
+        # written by hand in another style: the place of the text, and the line within it
+        within = f" in line {mark.line} of {mark.file} as it travels here" if mark.line else ""
+        return problem._replace(mark=start, message=problem.message + within)
+    indent = len(lines[at - 1]) - len(own[mark.line - 1])
+    return problem._replace(mark=Mark(str(nominal_path), at, mark.column + indent if mark.column else 0))
+
+
+NONE = 1e-4
+"""Share of its size to which an amount is held where the maps are said to be right: it vanishes, and C' stays
+regular."""
+
+
+def with_accuracy(nominal: Nominal, accuracy: float) -> Nominal:
+    """The nominal state with maps of this relative accuracy; as it is where it knows of no map error."""
+    found = nominal.error_model
+    if found is None:
+        return nominal
+    estimates = nominal.estimates
+    scale = np.array([e.prior_sigma for e in estimates])
+    mean = np.array([e.value - e.prior_mean for e in estimates]) / scale
+    own = np.array([e.family == FAMILY for e in estimates])
+    factor = np.where(own, np.maximum(accuracy / scale, NONE), 1.0)
+    information = np.linalg.inv(nominal.covariance / scale / scale[:, None])
+    information = (information + information.T) / 2
+    covariance = np.linalg.inv(information - np.eye(len(scale)) + np.diag(factor**-2))
+    moved = covariance @ (information @ mean)
+    scaled = covariance * scale * scale[:, None]
+    errors = np.sqrt(np.diag(scaled))
+    values = np.array([e.prior_mean for e in estimates]) + scale * moved
+    changed = tuple(
+        replace(
+            e,
+            value=float(v),
+            standard_error=float(s),
+            prior_sigma=float(e.prior_sigma * f),
+            from_data=float(np.clip(1 - (s / (e.prior_sigma * f)) ** 2, 0.0, 1.0)),
+        )
+        for e, v, s, f in zip(estimates, values, errors, factor, strict=True)
+    )
+    changed = tuple(replace(e, status=status_of(e.from_data, e.status == "at bound")) for e in changed)
+    sizes = dict.fromkeys(found.sizes, accuracy)
+    return replace(
+        nominal,
+        estimates=changed,
+        covariance=(scaled + scaled.T) / 2,
+        error_model=replace(found, stated=accuracy, sizes=sizes),
+        smooth=None if nominal.smooth else nominal.smooth,
+    )

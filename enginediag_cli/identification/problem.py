@@ -8,6 +8,21 @@ with θ the parameters (prior N(mean, sigma²), hard bounds) and, per recording,
 (prior N(0, sigma²)) where the settings ask for them, or there are enough recordings to see their scatter; those of
 inputs change u_k in the same way. Inside the solver both are measured in prior
 standard deviations, x = (θ − mean)/sigma, so that nothing depends on the units of a parameter.
+
+Losses that bound the pull of a gross outlier, as functions of the normalised residual z = e/σ.
+
+Written as ρ(z) with ρ → ½z² for small z, so that the sum over readings is minus a log-likelihood:
+
+    soft_l1   ρ = c²(√(1 + z²/c²) − 1)          ψ = ρ' = z/√(1 + z²/c²)
+    huber     ρ = ½z² for |z| ≤ c, c|z| − ½c²   ψ = z clipped to ±c
+    none      ρ = ½z²
+
+Source: P. J. Huber, "Robust Estimation of a Location Parameter", Ann. Math. Statist. 35 (1964) 73–101;
+P. J. Huber, Robust Statistics (1981), chapter 7, for the regression equations.
+
+The `identification:` block of an engine file: as values.
+
+A nuisance of identification: an error of an instrument that differs from one recording to the next.
 """
 
 from __future__ import annotations
@@ -15,21 +30,128 @@ from __future__ import annotations
 import fnmatch
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
+from math import exp
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from enginediag_cli.config.hints import near
-from enginediag_cli.engine.model import Model
+from enginediag_cli.engine.blocks import IDENTIFICATION, LOSSES
 from enginediag_cli.engine.moving.tape import MOMENT, PAST
+from enginediag_cli.engine.wrapped import Model
 from enginediag_cli.errors import DataError
-from enginediag_cli.identification.loss import Loss
-from enginediag_cli.identification.offset_prior import OffsetPrior
-from enginediag_cli.identification.pace import gaps, position
-from enginediag_cli.identification.settings import IdentificationSettings
+from enginediag_cli.identification.noise import gaps, position
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.units import split_column
+
+
+@dataclass(frozen=True)
+class Loss:
+    """A loss by name and its scale `c` in standard deviations: readings beyond it count less and less."""
+
+    name: str = "soft_l1"
+    scale: float = 2.5
+
+    def __post_init__(self) -> None:
+        if self.name not in LOSSES:
+            raise ValueError(f"`loss` must be one of {LOSSES}, not {self.name!r}")
+        if not self.scale > 0:
+            raise ValueError(f"the scale of a loss must be positive, not {self.scale!r}")
+
+    @property
+    def robust(self) -> bool:
+        """Whether a gross outlier counts less than its square."""
+        return self.name != "none"
+
+    def cost(self, z: np.ndarray) -> np.ndarray:
+        """ρ(z), any shape, dimensionless."""
+        c = self.scale
+        if self.name == "soft_l1":
+            # z²/(1+√(1+z²/c²)) is c²(√(1+z²/c²)−1) without its cancellation at small z
+            return np.asarray(z**2 / (1 + np.sqrt(1 + (z / c) ** 2)))
+        if self.name == "huber":
+            a = np.abs(z)
+            return np.where(a <= c, 0.5 * z**2, c * a - 0.5 * c**2)
+        return np.asarray(0.5 * z**2)
+
+    def weight(self, z: np.ndarray) -> np.ndarray:
+        """ψ(z)/z, the weight of iteratively reweighted least squares; 1 at z = 0."""
+        if self.name == "soft_l1":
+            return np.asarray(1 / np.sqrt(1 + (z / self.scale) ** 2))
+        if self.name == "huber":
+            return self.scale / np.maximum(np.abs(z), self.scale)
+        return np.ones_like(z)
+
+    def curvature(self, z: np.ndarray) -> np.ndarray:
+        """ψ'(z), never negative; its mean is the bread of the sandwich covariance."""
+        if self.name == "soft_l1":
+            return np.asarray((1 + (z / self.scale) ** 2) ** -1.5)
+        if self.name == "huber":
+            return np.asarray(np.abs(z) <= self.scale, float)
+        return np.ones_like(z)
+
+
+@dataclass(frozen=True)
+class IdentificationSettings:
+    """The `identification:` block as values; the field names are its keys (see `IDENTIFICATION`)."""
+
+    parameters: tuple[str, ...] = ()
+    fixed: tuple[str, ...] = ()
+    prior_mean: Mapping[str, float] = field(default_factory=dict)
+    prior_sigma: Mapping[str, float] = field(default_factory=dict)
+    sensors: tuple[str, ...] = ()
+    noise_sigma: Mapping[str, float] = field(default_factory=dict)
+    noise: str = "estimate"
+    monitoring_noise: str = "fit"
+    recording_bias_sigma: Mapping[str, float] = field(default_factory=dict)
+    recording_scale_sigma: Mapping[str, float] = field(default_factory=dict)
+    loss: str = "soft_l1"
+    loss_scale: float = 2.5
+    cross_validation_block: int = 0
+    max_iterations: int = 75
+
+    def after(self, steps: int) -> IdentificationSettings:
+        """What is left when so many steps have been taken."""
+        return replace(self, max_iterations=max(self.max_iterations - steps, 0))
+
+
+def settings_from_mapping(block: Mapping[str, Any] | None) -> IdentificationSettings:
+    """Settings from a validated `identification:` block; keys that are absent keep their defaults."""
+    if not block:
+        return IdentificationSettings()
+    declared = {f.name: f for f in IDENTIFICATION.fields}
+    unknown = sorted(set(block) - set(declared))
+    if unknown:
+        raise ValueError(f"unknown keys in `identification:`: {', '.join(unknown)}")
+    values: dict[str, Any] = {
+        k: tuple(v) if declared[k].kind == "texts" else v for k, v in block.items() if v is not None
+    }
+    return IdentificationSettings(**values)
+
+
+@dataclass(frozen=True)
+class OffsetPrior:
+    """An error that is constant in one recording: `bias` in the column's unit, `scale` a fraction.
+
+    sensor: column of a measured output, or of an input of the model; prior_sigma: its standard deviation between
+    recordings, the likeliest where it was estimated; recordings: from how many, 0 where it is stated; spread: standard
+    deviation of ln prior_sigma by what these recordings leave open.
+    """
+
+    sensor: str
+    kind: str
+    prior_sigma: float
+    recordings: int = 0
+    spread: float = 0.0
+
+    @property
+    def next_sigma(self) -> float:
+        """Standard deviation of the offset of a further recording, its size integrated out: with ln s ~ N(ln s₀, v²)
+
+        E[s²] = s₀² exp(2 v²)
+        """
+        return self.prior_sigma * exp(self.spread**2)
 
 
 class TrainingRecording(NamedTuple):
@@ -58,12 +180,12 @@ class Problem:
     measured: np.ndarray  # (N, m), NaN where there is no reading
     recording: np.ndarray  # (N,) index into labels, not decreasing
     labels: tuple[str, ...]
-    position: np.ndarray  # (N,) steps since the first record of its recording, see `pace.py`
+    position: np.ndarray  # (N,) steps since the first record of its recording, see `noise.py`
     regimes: np.ndarray  # (N,) text
     offsets: tuple[OffsetPrior, ...]
     loss: Loss
     dropped: Mapping[str, int]  # reason: records that were left out before the fit
-    shared: np.ndarray | None = None  # (m,) the part of κ that stands for the model's error, see `repeated_points.py`
+    shared: np.ndarray | None = None  # (m,) the part of κ that stands for the model's error, see `map_error.py`
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -25,7 +25,7 @@ from enginediag_cli.intake.left_out import LeftOut
 from enginediag_cli.intake.wanted import Wanted, columns_of
 from enginediag_cli.recordings.acceptance import Acceptance, UnitDoubt, accept
 from enginediag_cli.recordings.conversion import Conversion
-from enginediag_cli.recordings.formats.base import ReadingCounts
+from enginediag_cli.recordings.formats.table_file import ReadingCounts
 from enginediag_cli.recordings.masking import mask_recording
 from enginediag_cli.recordings.read import read
 from enginediag_cli.recordings.table import Recording, concat

@@ -26,7 +26,7 @@ from enginediag_cli.intake.comparison import (
     yardstick_of_engine,
     yardstick_of_nominal,
 )
-from enginediag_cli.recordings.flights import FlightNumbers
+from enginediag_cli.recordings.table import FlightNumbers
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine

@@ -40,8 +40,7 @@ def open_baseline(
     identified unless a changed one is accepted; accepted, the file named is used, too. Raises ConfigError for files
     that do not fit each other.
     """
-    from enginediag_cli.identification.described_engine import changed_beside, described_engine
-    from enginediag_cli.identification.nominal_checks import check_nominal_fits
+    from enginediag_cli.identification.nominal_checks import changed_beside, check_nominal_fits, described_engine
     from enginediag_cli.identification.nominal_file import engine_file, read_nominal, refuse_changed_engine
     from enginediag_cli.physics.engine_file import load_engine
 

@@ -25,11 +25,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from enginediag_cli.engine.input_errors import InputErrors
+from enginediag_cli.engine.instrument_errors import InputErrors
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
-    from enginediag_cli.engine.model import MonitoredModel
+    from enginediag_cli.engine.wrapped import MonitoredModel
 
 Columns = Mapping[str, np.ndarray]
 
@@ -322,8 +322,7 @@ def _median(values: np.ndarray) -> np.ndarray:
 def yardstick_of_engine(engine: Engine) -> Yardstick:
     """Of an engine as its file describes it: it differs in health and instruments, and in what identification may move.
     Raises DataError for an `identification:` block with unknown names."""
-    from enginediag_cli.identification.problem import match_names
-    from enginediag_cli.identification.settings import settings_from_mapping
+    from enginediag_cli.identification.problem import match_names, settings_from_mapping
 
     stated = settings_from_mapping(engine.declared.get("identification"))
     model = InputErrors.of(engine)

@@ -17,7 +17,7 @@ from enginediag_cli.intake.left_out import LeftOut
 from enginediag_cli.intake.past import Past
 from enginediag_cli.intake.source import STDIN, Source, refuse_repeated
 from enginediag_cli.intake.wanted import Wanted
-from enginediag_cli.recordings.formats.base import ReadingCounts, TableFile
+from enginediag_cli.recordings.formats.table_file import ReadingCounts, TableFile
 from enginediag_cli.recordings.masking import Judged, Masker
 from enginediag_cli.recordings.read import read, table_file
 from enginediag_cli.recordings.table import Recording

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.recordings.formats.base import ReadingCounts
-from enginediag_cli.recordings.stuck import StuckRun
+from enginediag_cli.recordings.formats.table_file import ReadingCounts
+from enginediag_cli.recordings.repeated import StuckRun
 
 if TYPE_CHECKING:
     from enginediag_cli.recordings.live import LiveRecorder

@@ -10,12 +10,11 @@ from enginediag_cli.intake.intake import Intake, engines_wanted, judged_columns,
 from enginediag_cli.intake.left_out import LeftOut
 from enginediag_cli.intake.past import Past
 from enginediag_cli.intake.source import STDIN
-from enginediag_cli.recordings.dialect import OWN
-from enginediag_cli.recordings.formats.base import ReadingCounts
-from enginediag_cli.recordings.growing import GrowingFile
-from enginediag_cli.recordings.live import LiveRecorder
+from enginediag_cli.recordings.formats.table_file import ReadingCounts
+from enginediag_cli.recordings.live import GrowingFile, LiveRecorder
 from enginediag_cli.recordings.masking import LiveMasker
 from enginediag_cli.recordings.read import is_whole, read
+from enginediag_cli.recordings.source import OWN
 from enginediag_cli.recordings.table import Recording, concat
 
 

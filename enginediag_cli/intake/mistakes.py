@@ -16,19 +16,18 @@ import numpy as np
 from enginediag_cli.engine.overview import heating_value_doubts
 from enginediag_cli.intake.comparison import Columns, Misfit, Yardstick, yardstick_of_engine
 from enginediag_cli.recordings.derived import RULES
-from enginediag_cli.recordings.derived.isa_deviation import isa_temperature
-from enginediag_cli.recordings.derived.mach_from_cas import (
+from enginediag_cli.recordings.derived.rules import (
     SEA_LEVEL_PA,
     SOUND_AT_SEA_LEVEL_M_S,
     isa_pressure,
+    isa_temperature,
     mach_from_cas,
 )
 from enginediag_cli.units import UNITS, Unit, find_unit, known_unit, split_column
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
-    from enginediag_cli.recordings.channel import Channel
-    from enginediag_cli.recordings.recorder import Recorder
+    from enginediag_cli.recordings.recorder import Channel, Recorder
 
 CONVERTED = -2.0
 """Log prior odds of a column that was converted by another factor than its unit's before it came, against one that is

@@ -11,8 +11,8 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.read import Absent, absent_columns
 
 if TYPE_CHECKING:
-    from enginediag_cli.engine.model import Model
     from enginediag_cli.engine.moving.tape import Tapes
+    from enginediag_cli.engine.wrapped import Model
     from enginediag_cli.recordings.table import Recording
 
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from enginediag_cli.isolation.averaging import moments
 from enginediag_cli.isolation.components import component_posterior
-from enginediag_cli.isolation.posterior import SetPosterior
+from enginediag_cli.isolation.posterior import SetPosterior, moments
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.residuals.score import Score
 

@@ -33,12 +33,10 @@ from enginediag_cli.isolation.adequacy import (
 )
 from enginediag_cli.isolation.advice import ODDS
 from enginediag_cli.isolation.classes import Class, class_of
-from enginediag_cli.isolation.enumeration import plan
 from enginediag_cli.isolation.methods import IsolationOptions
-from enginediag_cli.isolation.posterior import size_limit
-from enginediag_cli.isolation.prior import Instruments, SetPrior
+from enginediag_cli.isolation.posterior import plan, size_limit
+from enginediag_cli.isolation.prior import Instruments, SetPrior, log_wear
 from enginediag_cli.isolation.result import Explanation
-from enginediag_cli.isolation.wear import log_wear
 from enginediag_cli.residuals.noise import NoiseLevel
 from enginediag_cli.residuals.score import Score
 from enginediag_cli.residuals.statistics import LocalStatistics

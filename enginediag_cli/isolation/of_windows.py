@@ -1,4 +1,10 @@
-"""Windows of files isolated one after the other: verdict, what changed, and what to record next."""
+"""Windows of files isolated one after the other: verdict, what changed, and what to record next.
+
+Which further sensor would have told the members of a class apart, had it been recorded in the same window.
+
+Sensors that the engine file describes and these records lack come first; where none of those would tell, gas
+temperatures, pressures and shaft speeds that the model gives at other places, as well measured as such instruments are.
+"""
 
 from __future__ import annotations
 
@@ -12,27 +18,104 @@ import numpy as np
 
 from enginediag_cli.config.hints import near
 from enginediag_cli.detection.verdict import Verdict, judge
-from enginediag_cli.engine.drifts import DRIFT
+from enginediag_cli.engine.instrument_errors import DRIFT
 from enginediag_cli.errors import DataError
-from enginediag_cli.isolation.advice import Advice, advise, advise_flights, condition_options, sensor_options
+from enginediag_cli.isolation.advice import (
+    ODDS,
+    Advice,
+    advise,
+    advise_flights,
+    condition_options,
+    gains,
+    sensor_options,
+)
+from enginediag_cli.isolation.classes import Class
 from enginediag_cli.isolation.components import ComponentIsolation, isolate_components
 from enginediag_cli.isolation.diagnosis import Diagnosis, DiagnosisOptions, diagnose
-from enginediag_cli.isolation.flips.flips import Flips
-from enginediag_cli.isolation.flips.of_window import flips_of_diagnosis, flips_of_isolated_components
+from enginediag_cli.isolation.flips.flips import Flips, flips_of_diagnosis, flips_of_isolated_components
+from enginediag_cli.isolation.large_faults import WindowModel
 from enginediag_cli.isolation.prior import SEPARATED, SetPrior
-from enginediag_cli.isolation.telling import telling_sensors
-from enginediag_cli.isolation.window_model import WindowModel
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.planning.conditions_grid import conditions_grid
-from enginediag_cli.planning.suggestion import Suggestion, best_of_each_kind
+from enginediag_cli.planning.flights import conditions_grid
+from enginediag_cli.planning.separation import Suggestion, best_of_each_kind
 from enginediag_cli.residuals.files import JudgedFiles, Window
 from enginediag_cli.residuals.instruments import InstrumentFault
 from enginediag_cli.residuals.kept_records import KeptRecords
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.score import Score, fisher_score
 from enginediag_cli.residuals.statistics import LocalStatistics
-from enginediag_cli.residuals.window import WindowStatistics
+from enginediag_cli.residuals.windows import WindowStatistics
 from enginediag_cli.side_by_side import at_once, side_by_side
+from enginediag_cli.units import UNITS, split_column
+
+TOLD = 2
+"""Sensors named at most: the best, and one to choose instead."""
+RECORDS = 8
+"""Operating points of a window at which the sensors are tried: sensitivities hardly vary more within one."""
+SPEED = "rotational speed"
+ACCURACY = {"temperature": 0.002, "pressure": 0.003, SPEED: 0.001}
+"""Standard deviation of one reading as a share of it: 1 K at 500 K, and what transducers and tachometers do."""
+HOTTEST_K = 1300.0
+"""Above it no probe is kept in an engine."""
+
+
+def telling_sensors(
+    monitor: Monitor, score: Score, found: Class, inputs: Mapping[str, np.ndarray], records: int
+) -> tuple[str, ...]:
+    """Columns of sensors that would tell the leading two of `found` apart in so many records, best first; empty where
+    none would. inputs: column -> (N,), operating points like those of the window."""
+    engine: Any = monitor.engine
+    at = np.unique(np.linspace(0, len(next(iter(inputs.values()))) - 1, RECORDS).astype(int))
+    here = {column: np.asarray(values)[at] for column, values in inputs.items()}
+    known = {**monitor.base, **dict(zip(monitor.monitored, monitor.theta0.tolist(), strict=False))}
+    for columns in (_declared(engine, monitor.sensors), _possible(engine, monitor.sensors)):
+        if not columns:
+            continue
+        values = {name: value for name, value in known.items() if name in engine.parameters}
+        answer = engine.predict(here, values, sensors=columns, wrt=score.parameters)
+        ok = np.asarray(answer.ok)
+        if not ok.any():
+            continue
+        y, J = np.asarray(answer.y)[ok], np.asarray(answer.jacobian)[ok]
+        sigma = np.array([_noise(engine, column, y[:, j]) for j, column in enumerate(columns)])
+        G = J / sigma[:, None]
+        informations = [records / len(G) * G[:, j].T @ G[:, j] for j in range(len(columns))]
+        gained = gains(score, found.leading_pair, [np.nan_to_num(each) for each in informations])
+        order = [int(j) for j in np.argsort(-gained, kind="stable") if gained[j] >= 2 * np.log(ODDS)]
+        if order:
+            return tuple(columns[j] for j in order[:TOLD])
+    return ()
+
+
+def _declared(engine: Any, used: tuple[str, ...]) -> tuple[str, ...]:
+    """Sensors of the engine file that are not in use."""
+    return tuple(column for column in engine.sensors if column not in used)
+
+
+def _possible(engine: Any, used: tuple[str, ...]) -> tuple[str, ...]:
+    """Other columns of the model that an instrument could read."""
+    given = {*used, *engine.sensors, *engine.inputs, *engine.optional_inputs}
+    columns = getattr(engine, "model_columns", ())
+    # of rotational speeds instruments read those of shafts; corrected ones are made of them
+    speeds = getattr(getattr(engine, "network", None), "speed_columns", ())
+    read = (c for c in columns if _dimension(c) != SPEED or c in speeds)
+    return tuple(dict.fromkeys(c for c in read if c not in given and _dimension(c) in ACCURACY))
+
+
+def _noise(engine: Any, column: str, readings: np.ndarray) -> float:
+    """Standard deviation of one reading; infinite where no probe would last."""
+    if column in engine.sensors:
+        return float(engine.sensors[column].noise_sigma)
+    usual, dimension = float(np.abs(np.mean(readings))), _dimension(column)
+    if dimension == "temperature" and usual * UNITS[split_column(column)[1]].factor > HOTTEST_K:
+        return float("inf")
+    return ACCURACY[dimension] * usual
+
+
+def _dimension(column: str) -> str:
+    unit = split_column(column)[1]
+    return UNITS[unit].dimension if unit in UNITS else ""
+
 
 SHOWN = 4.0
 """Square of the score test of a drift, two standard deviations, from which it is compared with the other forms."""

@@ -7,18 +7,11 @@ from typing import Any
 
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.methods.base import Method
-from enginediag_cli.methods.estimation import Estimation
-from enginediag_cli.methods.families.estimation import ParameterEstimation
-from enginediag_cli.methods.families.extended_kalman import ExtendedKalman
-from enginediag_cli.methods.families.local import LocalApproach
-from enginediag_cli.methods.families.parity import PredictionError
+from enginediag_cli.methods.families.filters import ExtendedKalman, UnscentedKalman
+from enginediag_cli.methods.families.local import LocalApproach, ParameterEstimation
+from enginediag_cli.methods.families.parity import PredictionError, StructuredParity
 from enginediag_cli.methods.families.pca import PrincipalComponents
-from enginediag_cli.methods.families.structured import StructuredParity
-from enginediag_cli.methods.families.unscented_kalman import UnscentedKalman
-from enginediag_cli.methods.incremental import Incremental
-from enginediag_cli.methods.minmax import MinMax
-from enginediag_cli.methods.posterior import Posterior
-from enginediag_cli.methods.sensitivity import Sensitivity
+from enginediag_cli.methods.isolating import Estimation, Incremental, MinMax, Posterior, Sensitivity
 
 METHODS: dict[str, Method] = {
     "posterior": Posterior(),

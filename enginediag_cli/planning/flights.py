@@ -2,18 +2,104 @@
 
 Each is a whole flight, as a crew could be asked to fly it; what an engine cannot do of them is left out by whoever
 judges them. An engine that stays where it is runs through its load on days as cold and as hot as it is declared for.
+
+A flight that might be flown next: the corners of its course, as a mission file has them, and its conditions.
+
+A grid of operating conditions over an engine's envelope, without those in which nothing can fly.
+
+Steps, ramps and blips of power, for rivals that remember.
+
+Effects with memory differ by how they answer: a rate limit takes longer for a larger step, a lag does not, a delay is
+late by as much on a ramp.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import chain
+from dataclasses import dataclass, field
+from itertools import chain, product
+from typing import Any
 
 import numpy as np
 
 from enginediag_cli.engine.atmosphere import T_ISA, standard_atmosphere
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.planning.flight import Corner, PlannedFlight
+from enginediag_cli.simulation.flights import with_power
+
+RECORDS = 160
+"""Records of a planned flight: an hour and a half of one every half minute, what an airline's flight brings in."""
+INTERVAL_S = 30.0
+"""Between records of a flight: slow enough for heat soak and rotors to follow."""
+
+
+@dataclass(frozen=True)
+class Corner:
+    """Of the course, straight lines between: `share` of the flight's duration from 0 to 1; power as fraction of the
+    rating; deviation from the standard day in K. An engine that stays where it is is at altitude 0."""
+
+    share: float
+    power: float
+    altitude_m: float = 0.0
+    mach: float = 0.0
+    dT_isa_K: float = 0.0
+
+
+@dataclass(frozen=True)
+class PlannedFlight:
+    """`kind` of flight, `words` that tell it from others, its corners, further inputs of the engine held at
+    `constants`; records every `interval_s`."""
+
+    kind: str
+    words: str
+    corners: Sequence[Corner]
+    constants: Mapping[str, float] = field(default_factory=dict)
+    records: int = RECORDS
+    interval_s: float = INTERVAL_S
+
+    @property
+    def duration_s(self) -> float:
+        return self.interval_s * (self.records - 1)
+
+    def time(self, records: int) -> np.ndarray:
+        """Times (records,) evenly over the flight, in s."""
+        return np.linspace(0.0, self.duration_s, records)
+
+    def inputs(self, engine: Engine, records: int) -> dict[str, np.ndarray]:
+        """The engine's inputs (records,), evenly over the flight."""
+        time = self.time(records)
+        at = self.duration_s * np.array([c.share for c in self.corners])
+        course = {
+            name: np.interp(time, at, [getattr(c, name) for c in self.corners])
+            for name in ("altitude_m", "mach", "dT_isa_K")
+        }
+        power = np.interp(time, at, [c.power for c in self.corners])
+        labels = {"time_s": time, "flight": np.ones(records), "phase": np.zeros(records)}
+        flown = with_power({**course, **labels, "power_fraction": power}, engine, self.constants)
+        return {c: np.asarray(flown.columns[c], float) for c in engine.inputs}
+
+    def flight_file(self, engine: Engine) -> dict[str, Any]:
+        """Values of a flight file that says the same."""
+        last = None
+        points = []
+        for c in self.corners:
+            point: dict[str, Any] = {"time_s": round(c.share * self.duration_s, 3), "power": round(c.power, 4)}
+            if "altitude_m" in engine.inputs and c.altitude_m != getattr(last, "altitude_m", 0.0):
+                point["altitude_m"] = round(c.altitude_m, 1)
+            if "mach" in engine.inputs and c.mach != getattr(last, "mach", 0.0):
+                point["mach"] = round(c.mach, 4)
+            if c.dT_isa_K != getattr(last, "dT_isa_K", 0.0):
+                point["dT_isa_K"] = round(c.dT_isa_K, 2)
+            points.append(point)
+            last = c
+        return {
+            "kind": "flight",
+            "description": f"planned: {self.words}",
+            "source": "planned between rival explanations",
+            "flights": 1,
+            "mission": {"type": "manoeuvres", "record_interval_s": self.interval_s, "set_points": points},
+            **({"constants": {c: float(f"{v:.6g}") for c, v in self.constants.items()}} if self.constants else {}),
+        }
+
 
 AIRLINER, CLIMB, DESCENT, SWEEP, SPEEDS, LEVELS, WEATHER = (
     "airliner flight",
@@ -194,3 +280,111 @@ def _day(dT: float) -> str:
     if dT == 0.0:
         return ""
     return f" on a {'hot' if dT > 0.0 else 'cold'} day ({dT:+.0f} K from standard)"
+
+
+STEPS = {"altitude_m": 5, "mach": 5, "dT_isa_K": 1}
+"""Values over the envelope: fine where the sensitivities change most, one where they hardly do. The product is what the
+advice costs."""
+OTHER_STEPS = 4
+"""Values of any other input, and of a power setting without a range."""
+POWER = (0.3, 0.5, 0.75, 1.0)
+"""Fractions of the power range that a crew would hold for a while."""
+SLOWEST, FASTEST = 70.0, 190.0
+"""Equivalent airspeeds, m/s, between which an aircraft flies; on the ground it may stand."""
+GROUND_M = 300.0
+"""Below this altitude the engine may run on the ground, at any speed."""
+
+
+def conditions_grid(engine: Any) -> dict[str, np.ndarray]:
+    """Inputs of the engine, column -> (C,), over its envelope; empty when the engine file gives no envelope."""
+    envelope = dict(engine.envelope)
+    power = engine.power_setting
+    columns = [c for c in engine.inputs if c != power]
+    if any(c not in envelope for c in columns) or (engine.power_range is None and power not in envelope):
+        return {}
+    axes = []
+    for column in columns:
+        low, high = envelope[column]
+        steps = STEPS.get(column, OTHER_STEPS)
+        axes.append([0.5 * (low + high)] if steps == 1 else np.linspace(low, high, steps).tolist())
+    if engine.power_range is not None:
+        axes.append(list(POWER))
+    else:
+        low, high = envelope[power]
+        axes.append(np.linspace(low, high, OTHER_STEPS).tolist())
+    points = np.array(list(product(*axes)))
+    inputs = {column: points[:, j] for j, column in enumerate(columns)}
+    inputs[power] = points[:, -1]
+    if engine.power_range is not None:
+        inputs[power] = np.asarray(engine.power_from_fraction(points[:, -1], inputs))
+        low, high = envelope.get(power, (-np.inf, np.inf))
+        inputs[power] = np.clip(inputs[power], low, high)
+    flyable = _flyable(inputs)
+    return {column: inputs[column][flyable] for column in engine.inputs}
+
+
+def _flyable(inputs: dict[str, np.ndarray]) -> np.ndarray:
+    """Points (C,) at which the dynamic pressure is that of flight: ½ γ p M² = ½ ρ₀ EAS²."""
+    size = len(next(iter(inputs.values())))
+    if "altitude_m" not in inputs or "mach" not in inputs:
+        return np.ones(size, bool)
+    pressure = np.asarray(standard_atmosphere(inputs["altitude_m"])[1])
+    speed = inputs["mach"] * np.sqrt(1.4 * pressure / 1.225)
+    return (speed <= FASTEST) & ((speed >= SLOWEST) | (inputs["altitude_m"] < GROUND_M))
+
+
+MANOEUVRE = "manoeuvre"
+DURATION_S = 300
+"""Of a manoeuvre, recorded once a second."""
+BEGIN_S, STEP_S, BLIP_S = 30.0, 1.0, 10.0
+"""When power begins to change, how long that takes at once, and how long a blip lasts."""
+
+MANOEUVRES: Mapping[str, tuple[tuple[float, float], ...]] = {
+    "a step of power from 10 to 90 % of its range": ((0.0, 0.1), (STEP_S, 0.9)),
+    "a step of power from 90 to 10 % of its range": ((0.0, 0.9), (STEP_S, 0.1)),
+    "a step of power from 45 to 55 % of its range": ((0.0, 0.45), (STEP_S, 0.55)),
+    "a ramp of power from 10 to 90 % in a minute": ((0.0, 0.1), (60.0, 0.9)),
+    "a ramp of power from 10 to 90 % in three minutes": ((0.0, 0.1), (180.0, 0.9)),
+    "power raised from 10 to 90 % for ten seconds": (
+        (0.0, 0.1),
+        (STEP_S, 0.9),
+        (BLIP_S, 0.9),
+        (BLIP_S + STEP_S, 0.1),
+    ),
+}
+"""What may be flown, in words, and power against seconds since BEGIN_S, straight between."""
+
+
+def manoeuvres(engine: Engine, flown: Mapping[str, np.ndarray]) -> list[PlannedFlight]:
+    """Manoeuvres at the middle of what was flown (inputs, column → (N,)); none for an engine of which it is not known
+    how much power it may be asked for."""
+    usual = held_inputs(engine, flown)
+    if engine.power_range is None or usual is None:
+        return []
+    altitude, mach, dT = (_middle(flown, c) for c in ("altitude_m", "mach", "dT_isa_K"))
+    if "ambient_temperature_K" in engine.inputs:
+        dT = _middle(flown, "ambient_temperature_K", T_ISA) - float(np.asarray(standard_atmosphere(altitude)[0]))
+    last = DURATION_S - 1.0
+    return [
+        PlannedFlight(
+            MANOEUVRE,
+            words,
+            [
+                Corner(second / last, power, altitude, mach, dT)
+                for second, power in (
+                    (0.0, course[0][1]),
+                    *((BEGIN_S + s, p) for s, p in course),
+                    (last, course[-1][1]),
+                )
+            ],
+            usual,
+            DURATION_S,
+            1.0,
+        )
+        for words, course in MANOEUVRES.items()
+    ]
+
+
+def _middle(flown: Mapping[str, np.ndarray], column: str, default: float = 0.0) -> float:
+    values = np.asarray(flown.get(column, ()), float)
+    return float(np.nanmedian(values)) if np.isfinite(values).any() else default

@@ -17,15 +17,19 @@ stands out where they are ln ODDS against every rival; of several rivals,
 for two rivals exactly, for more as if their log odds were independent: less than the truth where those rise and fall
 together, as those of like rivals do (D. Slepian, "The one-sided barrier problem for Gaussian noise", Bell Syst. Tech.
 J. 41 (1962) 463–501). What h itself does is taken as fitted.
+
+A recording that was judged, and the best of each kind.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+
+from enginediag_cli.planning.flights import RECORDS, PlannedFlight
 
 ODDS = 19.0
 """To one, at which the right explanation stands out: a probability of 95 %."""
@@ -128,3 +132,52 @@ class Outlook:
     def records(self) -> float:
         """The fewest after which the right one stands out with the probability SURE; inf beyond MOST_RECORDS."""
         return fewest(lambda n: self.chance(n) >= SURE)
+
+
+SAME, SWITCH, SENSOR = "same", "switch", "sensor"
+"""Of recordings that are no planned flight: more like those there are, the same with an effect switched off and on by
+turns, the same with a further sensor."""
+BEYOND = 0.2
+"""Share of a flight outside of what was flown from which it is told to go beyond that."""
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """One recording judged. `what`: the flight in words, the effect that is switched, or the column of the sensor;
+    `chance`: that the right rival stands out after RECORDS records; `records`: the fewest that are enough, inf where
+    none are; `known`: whether it keeps to conditions that were flown."""
+
+    kind: str
+    what: str
+    chance: float
+    records: float
+    flight: PlannedFlight | None = None
+    known: bool = True
+
+    @classmethod
+    def judged(
+        cls, outlook: Outlook, kind: str, what: str = "", flight: PlannedFlight | None = None, known: bool = True
+    ) -> Suggestion:
+        return cls(kind, what, outlook.chance(RECORDS), outlook.records, flight, known)
+
+
+def best_first(found: Iterable[Suggestion]) -> list[Suggestion]:
+    """Soonest enough first; of those that RECORDS records are not enough of, likeliest after so many."""
+    return sorted(found, key=lambda s: (min(s.records, RECORDS + 1.0), -s.chance, s.records))
+
+
+def best_of_each_kind(found: Iterable[Suggestion]) -> list[Suggestion]:
+    """The first of every kind of suggestions in their order."""
+    best: dict[str, Suggestion] = {}
+    for s in found:
+        best.setdefault(s.kind, s)
+    return list(best.values())
+
+
+def keeps_to(flown: Mapping[str, np.ndarray], inputs: Mapping[str, np.ndarray]) -> bool:
+    """Whether most of a flight lies within the ranges of what was flown, columns → (N,) each."""
+    outside = np.zeros(len(next(iter(inputs.values()))), bool)
+    for c, values in inputs.items():
+        was = np.asarray(flown.get(c, values), float)
+        outside |= (values < np.nanmin(was)) | (values > np.nanmax(was))
+    return bool(outside.mean() <= BEYOND)

@@ -10,13 +10,10 @@ import numpy as np
 
 from enginediag_cli.mismatch.explain.answer import HIDDEN, NAMED, NONE
 from enginediag_cli.presentation.controls import control_document, control_rows
-from enginediag_cli.presentation.explanations import headline, sentences
-from enginediag_cli.presentation.flip_rows import flip_cells, flip_words
-from enginediag_cli.presentation.laws import law_document
-from enginediag_cli.presentation.outputs.explain import EXPLAIN
-from enginediag_cli.presentation.plans import advice_document
-from enginediag_cli.presentation.rejections import why_rejected
-from enginediag_cli.presentation.unrecorded import follows_document
+from enginediag_cli.presentation.explanations import headline, sentences, why_rejected
+from enginediag_cli.presentation.isolation_rows import flip_cells, flip_words
+from enginediag_cli.presentation.laws import advice_document, follows_document, law_document
+from enginediag_cli.presentation.outputs.discrepancy import EXPLAIN
 
 if TYPE_CHECKING:
     from enginediag_cli.mismatch.explain.answer import Explanation

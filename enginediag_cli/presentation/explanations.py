@@ -1,4 +1,11 @@
-"""What a model lacks, in plain sentences: effects, faults in time, unlisted physics, hidden switches, and doubts."""
+"""What a model lacks, in plain sentences: effects, faults in time, unlisted physics, hidden switches, and doubts.
+
+What was not looked for because a recorder left out the records that would show it.
+
+What an explanation leaves of a mismatch, in words.
+
+Why something that was fitted is no explanation, in words.
+"""
 
 from __future__ import annotations
 
@@ -9,34 +16,101 @@ from typing import TYPE_CHECKING
 from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, LAW, NAMED, NOTHING
+from enginediag_cli.mismatch.explain.curves import best_places
+from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.fit.options import LAW as LAW_OPTION
-from enginediag_cli.physics.together import each
+from enginediag_cli.physics.registry import each
 from enginediag_cli.presentation.controls import control_sentences
-from enginediag_cli.presentation.flip_rows import explanation_flips
-from enginediag_cli.presentation.gated import gated_sentences
+from enginediag_cli.presentation.isolation_rows import explanation_flips
 from enginediag_cli.presentation.laws import (
+    advice_sentences,
     equations,
+    hidden_sentences,
     law_sentences,
     law_statement,
     left_sentence,
     nearest_law,
     of_many,
 )
-from enginediag_cli.presentation.names import listed, spelled
-from enginediag_cli.presentation.numbers import probability, rounded, with_unit
-from enginediag_cli.presentation.plans import advice_sentences
-from enginediag_cli.presentation.rejections import why_rejected
-from enginediag_cli.presentation.sentences import change, count
-from enginediag_cli.presentation.unexplained import doubt_sentence, rest_sentences, share_left
-from enginediag_cli.presentation.unrecorded import hidden_sentences
+from enginediag_cli.presentation.sentences import change, count, listed, probability, rounded, spelled, with_unit
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.term import Coefficient as Declared
     from enginediag_cli.engine.term import Effect
-    from enginediag_cli.mismatch.explain.answer import Coefficient, Explanation
+    from enginediag_cli.mismatch.explain.answer import Answer, Coefficient, Explanation
     from enginediag_cli.mismatch.explain.curves import Curve
+    from enginediag_cli.mismatch.explain.gated import Gated
     from enginediag_cli.mismatch.explain.story import Story
     from enginediag_cli.mismatch.fit.options import Option
+
+
+def gated_sentences(g: Gated | None) -> Iterator[str]:
+    """None where nothing was left out."""
+    if g is not None:
+        yield (
+            f"Not looked for: {count(len(g.effects), 'effect')} with memory ({', '.join(g.effects)}), which would show "
+            f"in the {g.records:,} of {g.of:,} {g.unit} that the recorder left out as not steady. A recorder file "
+            "without `steady:` and `average_s:` lets them be looked for."
+        )
+
+
+LEAST_SHARE = 0.005
+"""A share that is told as nothing."""
+LIKELIER = 0.5
+"""Probability of all that is told from which it is likelier than not."""
+PLACES = 3
+"""Places that are told one by one."""
+
+
+def share_left(a: Answer) -> str:
+    """How much of the excess χ² stays with what is named; empty where there is none to explain."""
+    if a.unexplained is None or a.in_part:
+        return ""
+    if a.unexplained < LEAST_SHARE:
+        return "; nothing of its excess stays unexplained"
+    return f"; {100 * a.unexplained:.0f} % of its excess stays unexplained"
+
+
+def doubt_sentence(a: Answer) -> Iterator[str]:
+    """Where what is named and its rivals are together less likely than all that was fitted and not named."""
+    told = sum(x.probability for x in a.explanations)
+    if told < LIKELIER and not a.in_part:
+        yield (
+            f"It is more likely something else (probability {probability(1.0 - told)}): sets that leave a misfit, or "
+            "hold physics that is not listed, are together likelier than all that explains everything."
+        )
+
+
+def rest_sentences(a: Answer) -> Iterator[str]:
+    """Of an explanation in part: how much stays, and where."""
+    if not a.in_part or a.unexplained is None:
+        return
+    cells = best_places(a.rest)
+    places = listed(list(dict.fromkeys(c.location.words for c in cells))[:PLACES], "or")
+    more = len({c.location.words for c in cells}) - PLACES
+    further = f" (or {more} further places)" if more > 0 else ""
+    drivers = dict.fromkeys(c.driver.driver.words for c in cells if c.driver.driver != CONSTANT)
+    along = f", varying with {listed(list(drivers)[:PLACES], 'or')}" if drivers else ""
+    yield (
+        f"  This is part of the mismatch: {100 * a.unexplained:.0f} % of it (of the excess χ²) stays unexplained, at "
+        f"{places}{further}{along}: unlisted physics, or something listed that these flights do not show surely."
+    )
+
+
+def why_rejected(r: Rejected) -> str:
+    """Why something that was fitted is no explanation."""
+    return {
+        Reason.NOT_CONVERGED: lambda: f"did not converge: {r.what}",
+        Reason.WORSE: lambda: f"χ² is {r.figure:.1f} worse{f' {r.what}' if r.what else ''}",
+        Reason.AT_BOUND: lambda: f"needs {r.what} beyond its physical bound",
+        Reason.LEAVES_MISFIT: lambda: f"leaves a misfit behind (−ln p = {r.figure:.1f})",
+        Reason.FEW_FLIGHTS: lambda: (
+            f"predicts only {100 * r.figure:.0f} % of the flights better: not separable from map error"
+        ),
+        Reason.NOT_NEEDED: lambda: f"does not need {r.what}",
+        Reason.ONE_UNLISTED: lambda: "one unlisted effect explains as much",
+    }[r.reason]()
+
 
 SHOWN = 5
 """Rejected explanations that are told one by one; the rest are counted."""

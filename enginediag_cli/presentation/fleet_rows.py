@@ -7,12 +7,12 @@ from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.presentation.left_out import elsewhere_lines, not_judged_lines
-from enginediag_cli.presentation.margin_rows import taken_off_words
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.sentences import count, instrument_in_flights
+from enginediag_cli.presentation.trend_rows import taken_off_words
 
 if TYPE_CHECKING:
-    from enginediag_cli.fleet_judgement.finding import EngineFinding, Estimate
+    from enginediag_cli.fleets.finding import EngineFinding, Estimate
     from enginediag_cli.fleets.keeping import Merged, Standing
     from enginediag_cli.fleets.models import Model
     from enginediag_cli.fleets.run import FleetRun

@@ -1,4 +1,7 @@
-"""What identification found, in lines of text for people."""
+"""What identification found, in lines of text for people.
+
+Probes that the heat balances contradict, in words.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +11,15 @@ import numpy as np
 
 from enginediag_cli.error_model.modelled import FAMILY
 from enginediag_cli.error_model.points import POINT_FAMILY, PointErrorModel
-from enginediag_cli.identification.attempts import GivenUp
-from enginediag_cli.identification.bounds import AtBound
+from enginediag_cli.identification.covariance import AtBound
 from enginediag_cli.identification.identify import OUTSIDE_MAPS, Identification
 from enginediag_cli.identification.nominal import Estimate
+from enginediag_cli.identification.passes import GivenUp
+from enginediag_cli.identification.probes import WrongProbe
 from enginediag_cli.identification.quality import EVERYTHING, SensorQuality
-from enginediag_cli.identification.repeats import Repeat
-from enginediag_cli.presentation.numbers import rounded
+from enginediag_cli.identification.training import Repeat
+from enginediag_cli.presentation.sentences import rounded
+from enginediag_cli.units import split_column
 
 GIVEN_UP = {
     GivenUp.SHAPES_AT_FEW_POINTS: "map shapes were not estimated and are as the engine file states them: at so few "
@@ -244,3 +249,21 @@ def _by_place(quality: Sequence[SensorQuality]) -> dict[tuple[str, str], SensorQ
 def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
     widths = [max(len(row[j]) for row in rows) for j in range(len(rows[0]))]
     return ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+def probe_lines(found: Iterable[WrongProbe], *, kept: bool) -> Iterator[str]:
+    """One line for each finding; kept: the readings stay in the fit because the user wants it."""
+    for w in found:
+        unit = split_column(w.columns[0])[1]
+        low, middle, high = (f"{v:+.3g}" for v in w.error)
+        numbers = f"by {middle} {unit} ({low} to {high} in 8 of 10 records; ± {rounded(w.expected)} expected)"
+        told = f"over {w.records:,} records ({', '.join(w.balances)})"
+        if not w.told_apart:
+            others = ", ".join(w.columns[1:])
+            yield (
+                f"heat balances contradict {w.columns[0]} {numbers}, or as well {others}, {told}; which of them "
+                "cannot be told, and all stay in the fit"
+            )
+            continue
+        ends = "it stays in the fit (--keep-probes)" if kept else "it is left out of the fit (--keep-probes keeps it)"
+        yield f"heat balances contradict {w.columns[0]} {numbers} {told}; {ends}"

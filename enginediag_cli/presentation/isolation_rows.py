@@ -1,25 +1,41 @@
-"""The answer of `isolate`: one row per window and isolated parameter, and the same in words."""
+"""The answer of `isolate`: one row per window and isolated parameter, and the same in words.
+
+The answer of `isolate --by component`: one row per window, and the same in words.
+
+What to record next to tell an answer from its leading rival, in sentences.
+
+What would flip an answer, as cells and in words.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from math import isfinite, log10
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from enginediag_cli.isolation.adequacy import Adequacy
+from enginediag_cli.isolation.flips.errors import ACCURACY, INPUT, MAP, PRIOR, SPREAD, STATED
+from enginediag_cli.isolation.flips.flips import Flip, Flips
+from enginediag_cli.isolation.of_windows import NextRecording
+from enginediag_cli.presentation.laws import suggestion
 from enginediag_cli.presentation.messages import Messages
-from enginediag_cli.presentation.outputs.isolate import ISOLATE
+from enginediag_cli.presentation.outputs.judgements import COMPONENTS, ISOLATE
+from enginediag_cli.presentation.sentences import further_records, listed, rounded, told, with_unit
+from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.verdict import Verdict
+    from enginediag_cli.fleets.work_scope import WorkScope
     from enginediag_cli.isolation.classes import Class
+    from enginediag_cli.isolation.components import ComponentIsolation
     from enginediag_cli.isolation.diagnosis import Diagnosis
     from enginediag_cli.isolation.named_faults import NamedIsolation
     from enginediag_cli.isolation.of_windows import IsolatedWindow
     from enginediag_cli.isolation.result import IsolationResult
+    from enginediag_cli.mismatch.explain.story import Story
     from enginediag_cli.parameters import Parameter
-    from enginediag_cli.work_scope.scope import WorkScope
 
 
 FORM_WORDS = {"bias": "a bias", "scale": "a scale error", "drift": "a drift", "soak": "heat soak"}
@@ -128,8 +144,6 @@ def isolation_rows(
 
 def isolated_rows(found: IsolatedWindow, catalogue: bool, *, advice: bool) -> Iterator[dict[str, Any]]:
     """Rows of one window, by parameter or by component as it was isolated; columns as in `isolation_rows`."""
-    from enginediag_cli.presentation.component_rows import component_row
-    from enginediag_cli.presentation.next_recording import next_recording
 
     if found.by_component:
         yield component_row(found.verdict, found.components, found.known)
@@ -141,7 +155,6 @@ def isolated_rows(found: IsolatedWindow, catalogue: bool, *, advice: bool) -> It
 def beside_cells(found: IsolatedWindow, scope: WorkScope | None, forms: Mapping[str, str]) -> dict[str, Any]:
     """What would flip the answer and what restoring brings; forms: how each is written, "" not at all, "cell" as text,
     "nested" in full."""
-    from enginediag_cli.presentation.flip_rows import flip_cells, flip_column
     from enginediag_cli.presentation.work_scope_rows import work_scope_cell, work_scope_sentences
 
     cells: dict[str, Any] = {}
@@ -156,8 +169,8 @@ def beside_cells(found: IsolatedWindow, scope: WorkScope | None, forms: Mapping[
 
 def words_of(found: IsolatedWindow) -> Callable[[Sequence[str]], list[str]]:
     """How the names of an answer are said: of parameters, else of components."""
-    from enginediag_cli.presentation.names import spelled
-    from enginediag_cli.presentation.names import told as in_words
+    from enginediag_cli.presentation.sentences import spelled
+    from enginediag_cli.presentation.sentences import told as in_words
 
     def words(names: Sequence[str]) -> list[str]:
         return [in_words(found.known, [n])[0] if n in found.known else spelled(n) for n in names]
@@ -167,9 +180,6 @@ def words_of(found: IsolatedWindow) -> Callable[[Sequence[str]], list[str]]:
 
 def tell_isolated(messages: Messages, found: IsolatedWindow, scope: WorkScope | None = None) -> None:
     """The answer for one window in words."""
-    from enginediag_cli.presentation.component_rows import component_sentence
-    from enginediag_cli.presentation.flip_rows import flips_sentence
-    from enginediag_cli.presentation.next_recording import next_recording
     from enginediag_cli.presentation.work_scope_rows import work_scope_sentences
 
     of = about(found.verdict)
@@ -197,7 +207,7 @@ def tell_instruments(messages: Messages, verdict: Verdict) -> None:
 def _forms(result: IsolationResult, known: Mapping[str, Parameter]) -> list[str]:
     """Of which instruments these records do not separate the forms of the error, and which are possible."""
     from enginediag_cli.isolation.prior import SEPARATED
-    from enginediag_cli.presentation.names import listed
+    from enginediag_cli.presentation.sentences import listed
 
     found = []
     for name, shares in result.forms.items():
@@ -263,9 +273,15 @@ def tell(
     advice: Sequence[str] = (),
 ) -> None:
     """The answer for one window in words."""
-    from enginediag_cli.presentation.names import told as in_words
-    from enginediag_cli.presentation.numbers import probability
-    from enginediag_cli.presentation.sentences import change, no_verdict, one_of, sensor_or_component, unexplained
+    from enginediag_cli.presentation.sentences import (
+        change,
+        no_verdict,
+        one_of,
+        probability,
+        sensor_or_component,
+        unexplained,
+    )
+    from enginediag_cli.presentation.sentences import told as in_words
 
     here, of = where(verdict), about(verdict)
     if diagnosis is None:
@@ -317,9 +333,7 @@ def tell(
 
 def _named_sentence(named: NamedIsolation, known: Mapping[str, Parameter]) -> str:
     """The named answer and its leading rival."""
-    from enginediag_cli.presentation.names import listed, spelled
-    from enginediag_cli.presentation.numbers import probability
-    from enginediag_cli.presentation.sentences import named_fault
+    from enginediag_cli.presentation.sentences import listed, named_fault, probability, spelled
 
     if named.faults:
         told = named_fault([(s.fault, s.value, s.upper - s.value) for s in named.severities], named.probability)
@@ -332,3 +346,197 @@ def _named_sentence(named: NamedIsolation, known: Mapping[str, Parameter]) -> st
         name = listed([known[n].words if n in known else spelled(n) for n in rival.parameters]) or "no fault"
         told += f"; next: {name} ({probability(rival.probability)})"
     return told
+
+
+def component_row(verdict: Verdict, found: ComponentIsolation | None, known: Mapping[str, Parameter]) -> dict[str, Any]:
+    """Row of one window; `inclusion` lists the components likeliest first, down to one in a hundred."""
+    from enginediag_cli.presentation.sentences import instrument_fault
+    from enginediag_cli.residuals.flat import window_row
+
+    adequacy = found.adequacy if found else None
+    row = window_row(verdict.window)
+    row.update(
+        verdict=told_verdict(verdict, adequacy),
+        p_value=verdict.test.p_value if verdict.test else None,
+        **fit_cells(adequacy),
+        note=verdict.reason,
+        instruments=[instrument_fault(fault) for fault in verdict.window.instruments],
+    )
+    if found is not None:
+        shown = sorted(found.inclusion.items(), key=lambda item: -item[1])
+        row.update(
+            components=list(found.components),
+            probability=found.probability,
+            **class_cells(found.one_of),
+            inclusion=[f"{name} ({chance:.2g})" for name, chance in shown if chance >= 0.01],
+            rivals=[f"{' & '.join(r.parameters) or 'nothing'} ({r.probability:.2g})" for r in found.rivals],
+            note="; ".join(
+                filter(
+                    None,
+                    [
+                        reservation(found.adequacy, known),
+                        "" if found.complete else "larger sets of parameters were not considered",
+                    ],
+                )
+            ),
+        )
+    return COMPONENTS.row(row)
+
+
+def component_sentence(found: ComponentIsolation, known: Mapping[str, Parameter]) -> str:
+    """The answer for one window in words."""
+    from enginediag_cli.presentation.sentences import listed, one_of, probability, spelled, unexplained
+
+    def words(components: tuple[str, ...]) -> str:
+        return listed([spelled(c) for c in components]) or "no component"
+
+    told = f"{words(found.components)} changed (probability {probability(found.probability)})"
+    if found.perhaps:
+        besides = [f"{spelled(c)} ({probability(found.inclusion[c])})" for c in found.perhaps]
+        told = f"{words(found.components)} changed (probability {probability(found.all_of_them)})"
+        told += f", perhaps {listed(besides)} as well; exactly this: probability {probability(found.probability)}"
+    if found.rivals:
+        told += f"; next: {words(found.rivals[0].parameters)} ({probability(found.rivals[0].probability)})"
+    if found.one_of is not None:
+        told += f"; {one_of(found.one_of, lambda names: [spelled(c) for c in names])}"
+    left = unexplained(found.adequacy.before, found.adequacy.fit, found.adequacy.explained)
+    told += left and f"; {left}"
+    caution = reservation(found.adequacy, known)
+    leading = "" if found.adequacy.stands else "leading, but not to be relied on: "
+    return f"{caution}; {leading}{told}" if caution else told
+
+
+FLIGHTS = 2
+"""Whole flights that are told: the best, and one of another kind to choose instead."""
+
+
+def next_recording(found: NextRecording | None) -> list[str]:
+    """The rivals, then the best operating conditions, sensors and whole flights (between all leading sets), with the
+    records that each takes; empty where the answer has no rival."""
+    if found is None:
+        return []
+    words = [listed(told(found.known, names)) or "no change" for names in found.rivals]
+    lines = [f"to tell {words[0]} from {words[1]}:"]
+    for one in found.conditions:
+        where = ", ".join(f"{column} {value:.4g}" for column, value in one.values.items())
+        unseen = "" if one.known else " (beyond the operating points identified)"
+        lines.append(f"{further_records(f'at {where}', one.records, one.odds, one.noncentrality)}{unseen}")
+    for one in found.sensors or ():
+        where = f"with {one.label}" if one.values else "like these"
+        lines.append(further_records(where, one.records, one.odds, one.noncentrality))
+    useful = [one for one in found.flights if isfinite(one.records)]
+    lines += [f"a whole flight: {suggestion(one)}" for one in useful[:FLIGHTS]]
+    if found.flights and not useful:
+        lines.append("no whole flight of those tried would tell all of them apart")
+    return lines
+
+
+TOLD = 3
+"""Flips told in a sentence, the nearest first; rows have all."""
+LARGE = 0.2
+"""Share of a reading that is not told any more: of a temperature's or a height's deviation it means nothing."""
+MANY = 1e6
+"""Odds from which only their order of magnitude is told."""
+
+Words = Callable[[Sequence[str]], Sequence[str]]
+"""How the names of an answer are said."""
+
+
+def flip_cells(flips: Flips | None, words: Words) -> dict[str, Any]:
+    """`flips`: one mapping each, the nearest first, with its sentence; `flips_told`: all in one sentence."""
+    if flips is None:
+        return {"flips": None, "flips_told": None}
+    return {
+        "flips": [_cells(flip, flips.first, words) for flip in flips.found],
+        "flips_told": flips_sentence(flips, words),
+    }
+
+
+def flip_column(flips: Flips | None, words: Words) -> dict[str, Any]:
+    """The nearest flips as one column for a table."""
+    return {"flips": None if flips is None else [_short(flip) for flip in flips.found[:TOLD]]}
+
+
+def _cells(flip: Flip, first: Sequence[str], words: Words) -> dict[str, Any]:
+    origin = flip.error.origin if flip.error else "openness of the prior"
+    return {
+        "what": flip.what,
+        "kind": flip.kind,
+        "size": flip.size,
+        "unit": flip.unit,
+        "stated": flip.stated,
+        "stated_as": origin,
+        "times": flip.times,
+        "becomes": " & ".join(flip.becomes) or "nothing",
+        "words": f"the answer would {_to(flip, first, words)}",
+    }
+
+
+def _short(flip: Flip) -> str:
+    size = f"{rounded(flip.size, digits=2)} {flip.unit}"
+    return f"{flip.what} {size} ({rounded(flip.times, digits=2)} stated): {' & '.join(flip.becomes) or 'nothing'}"
+
+
+def _condition(flip: Flip, words: Words) -> str:
+    """For instance "T45 read 1.2 K higher (0.14 % of it; 2.3 times its spread between recordings)"."""
+    if flip.kind == PRIOR or flip.error is None:
+        size = rounded(flip.size, digits=2) if flip.size < MANY else f"10^{log10(flip.size):.0f}"
+        return f"that were {size} times as probable before the data"
+    error = flip.error
+    times = f"{rounded(flip.times, digits=2)} times"
+    size = with_unit(abs(flip.size), flip.unit, digits=2)
+    if flip.kind == MAP:
+        (name,) = words([error.what])
+        by = {ACCURACY: "what training leaves open", STATED: "its stated accuracy"}.get(
+            error.origin, f"a {error.origin}"
+        )
+        where = " where this was flown" if error.origin != STATED else ""
+        return f"the map of {name} were wrong by {size}{where} ({times} {by})"
+    (name,) = words([error.what])
+    channel = split_column(error.column)[0] if error.column else name
+    of_it = ""
+    share = abs(flip.size / error.reading) if error.reading else float("nan")
+    if flip.unit != "%" and isfinite(share) and share < LARGE:
+        of_it = f"{rounded(100 * share, digits=2)} % of it; "
+    way = "higher" if flip.size > 0 else "lower"
+    whose = "its" if error.origin == SPREAD else "a"
+    what = f"the input {channel}" if flip.kind == INPUT else channel
+    return f"{what} read {size} {way} ({of_it}{times} {whose} {error.origin})"
+
+
+def flips_sentence(flips: Flips, words: Words) -> str:
+    """The nearest flips in one sentence, or that there are none."""
+    errors = [flip for flip in flips.found if flip.error is not None]
+    prior = [flip for flip in flips.found if flip.error is None]
+    if errors:
+        return f"the answer would {'; or '.join(_to(flip, flips.first, words) for flip in flips.found[:TOLD])}"
+    rest = f"; it would {_to(prior[0], flips.first, words)}" if prior else ""
+    return (
+        f"no single error of a map, a sensor or an input would change the name within {flips.most:g} times what is "
+        f"stated of it ({flips.tried} tried){rest}"
+    )
+
+
+def _to(flip: Flip, first: Sequence[str], words: Words) -> str:
+    """For instance "hold fan flow capacity as well if T45 read 1.2 K higher"."""
+    more, less = [n for n in flip.becomes if n not in first], [n for n in first if n not in flip.becomes]
+    if not flip.becomes:
+        told = "be no change"
+    elif (less and more) or not first:
+        told = f"be {listed(list(words(flip.becomes)))}"
+    else:
+        told = f"hold {listed(list(words(more)))} as well" if more else f"not hold {listed(list(words(less)))}"
+    return f"{told} if {_condition(flip, words)}"
+
+
+def flip_words(story: Story) -> Words:
+    """How names of explanations, and of parameters that may be wrong beside them, are said."""
+    known = story.evidence.engine.parameters
+    return lambda names: [known[n].words if n in known else n for n in names]
+
+
+def explanation_flips(story: Story) -> Iterator[str]:
+    """What would flip the first name of `explain`; nothing where none is named."""
+    if story.flips is not None:
+        told = flips_sentence(story.flips, flip_words(story))
+        yield f"{told[:1].upper()}{told[1:]}."

@@ -1,18 +1,23 @@
-"""What was left out of recordings, in lines for standard error."""
+"""What was left out of recordings, in lines for standard error.
+
+What should be known of a nominal state before recordings are held against it, as warnings.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from enginediag_cli.intake.baseline import Baseline
 from enginediag_cli.intake.left_out import GrossCounts, LeftOut
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.sentences import count
-from enginediag_cli.residuals.admission import Elsewhere
+from enginediag_cli.residuals.windows import Elsewhere
 
 if TYPE_CHECKING:
     from enginediag_cli.intake.agreement import Disagreement
     from enginediag_cli.intake.flights import Thinning
+
 
 SOME_LINES = 5
 """Lines of the file that a sentence names: enough to look at; JSON holds more."""
@@ -148,3 +153,25 @@ def _place(left: LeftOut) -> str:
 
     name = "stdin" if left.file == "-" else os.path.basename(left.file)
     return name + (f", engine {left.engine}" if left.engine else "")
+
+
+def tell_baseline(messages: Messages, baseline: Baseline, engine_instance: str = "") -> None:
+    """A changed engine file, a nominal file without its checksum, and recordings of another engine."""
+    if baseline.changed_engine:
+        messages.warning(
+            f"{baseline.engine.path} has changed since its nominal state was identified; what follows is judged with "
+            "the engine as it is now"
+        )
+    if baseline.left_aside:
+        messages.warning(
+            f"{baseline.left_aside} has changed since its nominal state was identified; the engine that was "
+            f"identified, which travels in {baseline.path}, is used (--accept-changed-engine: the file as it is now)"
+        )
+    if not baseline.nominal.sealed:
+        messages.warning(f"{baseline.path} has no checksum: nothing shows that it is as identify wrote it")
+    other = baseline.other_instance(engine_instance)
+    if other is not None:
+        messages.warning(
+            f"{baseline.path} was identified on engine {other[0]!r}, and these are recordings of {other[1]!r}: what is "
+            "found may be the difference between the two"
+        )

@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING, Any
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.refine.criteria import BETTER, LEVEL, Criterion, Records, Significance, Verdict
 from enginediag_cli.presentation.explanations import as_rate
-from enginediag_cli.presentation.names import spelled
-from enginediag_cli.presentation.numbers import p_value, rounded, with_unit
-from enginediag_cli.presentation.outputs.refine import REFINE
-from enginediag_cli.presentation.sentences import count
+from enginediag_cli.presentation.outputs.discrepancy import REFINE
+from enginediag_cli.presentation.sentences import count, p_value, rounded, spelled, with_unit
 from enginediag_cli.presentation.tables import short_cell
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from typing import Any
 
 from enginediag_cli import __version__
 from enginediag_cli.errors import DataError, ExitCode
-from enginediag_cli.presentation.rows import finite, json_text, plain
+from enginediag_cli.presentation.output import finite, json_text, plain
 from enginediag_cli.progress import Listener, Stage
 from enginediag_cli.recordings.provenance import sha256_of
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple, TextIO
 
-from enginediag_cli.presentation.rows import cell, plain
+from enginediag_cli.presentation.output import cell, plain
 from enginediag_cli.safe_text import visible
 
 DIGITS = 4

@@ -1,4 +1,7 @@
-"""Whether a recording can be used, as data: which columns are there, whether their units can be, and how time runs."""
+"""Whether a recording can be used, as data: which columns are there, whether their units can be, and how time runs.
+
+Switch columns: a valve, a bleed, an anti-ice command holds 0 or 1, or nothing.
+"""
 
 from __future__ import annotations
 
@@ -8,17 +11,60 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from enginediag_cli.recordings.flights import FlightNumbers
-from enginediag_cli.recordings.frozen import frozen
 from enginediag_cli.recordings.masking import Judged, MaskCounts, Masker, mask_chunks
 from enginediag_cli.recordings.read import Absent, absent_columns
-from enginediag_cli.recordings.switch import SwitchFault, switch_faults
-from enginediag_cli.recordings.table import Recording
+from enginediag_cli.recordings.repeated import frozen
+from enginediag_cli.recordings.table import FlightNumbers, Recording
 from enginediag_cli.units import UNITS, find_unit, split_column
+
+SHOWN = 5
+"""Offending records that are named; the others are counted."""
+
+
+@dataclass(frozen=True)
+class SwitchFault:
+    """A column declared as a switch that holds other values: how many, and the first of them with their lines."""
+
+    column: str
+    count: int
+    lines: tuple[int, ...]
+    values: tuple[str, ...]
+
+
+def switch_faults(recording: Recording, switches: Iterable[str]) -> tuple[SwitchFault, ...]:
+    """One fault for each of the columns that are there and hold anything but 0, 1 or nothing."""
+    faults = []
+    for column in switches:
+        if column in recording.columns:
+            values = recording[column]
+            bad = np.flatnonzero(np.isfinite(values) & (values != 0.0) & (values != 1.0) | np.isinf(values))
+            shown = [f"{values[k]:g}" for k in bad[:SHOWN]]
+        elif column in recording.text:
+            cells = [cell.strip() for cell in recording.text[column]]
+            bad = np.array([k for k, cell in enumerate(cells) if not _is_switch(cell)], dtype=np.int64)
+            shown = [cells[k] for k in bad[:SHOWN]]
+        else:
+            continue
+        if bad.size:
+            lines = tuple(int(n) for n in recording.line[bad[:SHOWN]])
+            faults.append(SwitchFault(column, int(bad.size), lines, tuple(shown)))
+    return tuple(faults)
+
+
+def _is_switch(cell: str) -> bool:
+    from enginediag_cli.recordings.formats.table_file import is_missing
+
+    if is_missing(cell):
+        return True
+    try:
+        return float(cell) in (0.0, 1.0)
+    except ValueError:
+        return False
+
 
 GAP = 3.5
 """Usual steps of time from which one is a gap: three records in a row are lost, and the fourth is there."""
-SHOWN = 20
+ACCEPTANCE_SHOWN = 20
 """Stretches of a kind that are listed; further ones are counted."""
 
 Stretches = tuple["Stretch", ...]
@@ -206,7 +252,10 @@ def _timing(recording: Recording, repeated: int) -> Timing:
     back = np.flatnonzero(within & (step < 0.0))
 
     def listed(places: np.ndarray) -> Stretches:
-        return tuple(Stretch(int(line[order[k]]), int(line[order[k + 1]]), float(abs(step[k]))) for k in places[:SHOWN])
+        return tuple(
+            Stretch(int(line[order[k]]), int(line[order[k + 1]]), float(abs(step[k])))
+            for k in places[:ACCEPTANCE_SHOWN]
+        )
 
     lost = len(time) - len(known)
     return Timing(usual, lost, len(gaps), listed(gaps), len(back), listed(back), repeated)

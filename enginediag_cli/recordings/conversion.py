@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.fill import Filler
+from enginediag_cli.recordings.joining import Filler
 from enginediag_cli.recordings.read import absent_columns
 from enginediag_cli.recordings.stamps import cells_of
 from enginediag_cli.recordings.table import Recording, check_clock

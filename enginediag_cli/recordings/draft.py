@@ -8,11 +8,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from enginediag_cli.recordings.clock import Clock, find_clock
 from enginediag_cli.recordings.engine_columns import HELPERS, EngineColumns, advice, match_exactly, relate
-from enginediag_cli.recordings.header import Entry, Header, read_header
-from enginediag_cli.recordings.naming_schemes import CMAPSS_ORDER
+from enginediag_cli.recordings.header import CMAPSS_ORDER, Entry, Header, read_header
 from enginediag_cli.recordings.sniff import Sniffed
+from enginediag_cli.recordings.stamps import Clock, find_clock
 from enginediag_cli.recordings.unit_inference import Column, Inferred, infer_units, likelihood_of_range, range_of
 from enginediag_cli.recordings.unit_words import UnitWord
 from enginediag_cli.units import find_unit, split_column

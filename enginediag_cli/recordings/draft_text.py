@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import os
 
-from enginediag_cli.recordings.dialect import DELIMITERS, THOUSANDS
 from enginediag_cli.recordings.draft import Draft, Guess
 from enginediag_cli.recordings.sniff import Sniffed
+from enginediag_cli.recordings.source import DELIMITERS, THOUSANDS
 
 MOST_WORDS = 12
 """Unknown words in columns of numbers that are listed; a file with more is of another kind."""

@@ -7,30 +7,238 @@ been seen to read, whether it was stuck when the last block ended, and what the 
 
 One rule for every caller: an input (a command, the air outside) may well stand still for hours, so only limits are
 asked of it; a sensor that does so while others move is stuck. Inputs are witnesses in that search.
+
+Gross outliers that need no model: single records, or two in a row, far from both sides and from all that the column
+reads at any time. What lies within its usual range is judged by the model (`residuals/gross_errors.py`).
+
+Masks for values that no analysis should see, with a count for each column and reason.
+
+Never silent: every mask is counted. Never fatal unless nothing is left.
 """
 
 from __future__ import annotations
 
+import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from enginediag_cli.recordings.flights import FlightNumbers
-from enginediag_cli.recordings.frozen import FrozenWatch, frozen
-from enginediag_cli.recordings.outliers import spikes
-from enginediag_cli.recordings.quality import (
-    MaskReport,
-    QualitySettings,
-    in_runs,
-    physical_limits,
-    tally,
-    whole_record_lines,
+from enginediag_cli.errors import DataError
+from enginediag_cli.recordings.repeated import (
+    FrozenWatch,
+    HeldWatch,
+    Repeats,
+    StuckRun,
+    frozen,
+    held_readings,
+    joined_runs,
+    stuck,
+    stuck_runs,
 )
-from enginediag_cli.recordings.repeated import HeldWatch, Repeats, held_readings
-from enginediag_cli.recordings.stuck import StuckRun, joined_runs, stuck, stuck_runs
-from enginediag_cli.recordings.table import Recording, concat
+from enginediag_cli.recordings.table import FlightNumbers, Recording, concat
+from enginediag_cli.units import find_unit, split_column
+
+WINDOW = 9
+"""Records of the median: four on either side, so that a spike of two in a row does not move it."""
+TOLERATED = 3
+"""A spike is at most this many records less one long; what lasts longer is left for detection to judge."""
+GROSS = 0.05
+"""Share of the column's usual span (5th to 95th percentile) below which nothing counts as gross."""
+OUTSIDE = 0.2
+"""A value this share of the span (0.5th to 99.5th percentile) beyond it is not of the engine's doing."""
+
+
+@np.errstate(all="ignore")  # readings near the largest number: their span is infinite, which is what it should be
+def spikes(values: np.ndarray, threshold: float = 8.0, isolation: float = 2.5) -> np.ndarray:
+    """Mask (N,) of the spikes of a column (N,) that lie outside its usual span, by a Hampel filter.
+
+    Hampel (1974), Davies and Gather (1993, JASA 88): r_k = x_k − median of the 9 records around k. A spike
+    has |r_k| above `threshold` robust standard deviations of r over the recording, above 4 quanta of the
+    sensor, above 5 % of the column's usual span, and above `isolation` times the third largest
+    deviation from the median in that window. The last condition spares steps, ramps and throttle
+    transients, where the neighbours deviate too. NaN are passed over. A column that stands still in most records (a
+    valve, a flap) may move at any time: it has no outliers. On Gaussian data none is marked in 10⁵.
+    """
+    spike = np.zeros(len(values), dtype=bool)
+    finite = np.flatnonzero(np.isfinite(values))
+    if len(finite) < WINDOW:
+        return spike
+    x = values[finite]
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(x, WINDOW // 2, mode="reflect"), WINDOW)
+    centre = np.partition(windows, WINDOW // 2, axis=1)[:, WINDOW // 2]
+    residual = np.abs(x - centre)
+    scale = 1.4826 * np.median(residual)
+    if scale == 0.0 or not residual.max() > threshold * scale:  # the usual case, without the search for the span
+        return spike
+    lowest, low, high, highest = np.percentile(x, [0.5, 5.0, 95.0, 99.5])
+    least = max(threshold * scale, GROSS * (high - low))
+    margin = OUTSIDE * (highest - lowest)
+    suspects = np.flatnonzero((residual > least) & ((x < lowest - margin) | (x > highest + margin)))
+    if not suspects.size:
+        return spike
+    levels = np.unique(x)
+    quantum = np.diff(levels).min() if len(levels) > 1 else 0.0
+    deviations = np.sort(np.abs(windows[suspects] - centre[suspects, None]), axis=1)[:, -TOLERATED]
+    grave = (residual[suspects] > 4.0 * quantum) & (residual[suspects] > isolation * deviations)
+    spike[finite[suspects[grave]]] = True
+    return spike
+
+
+REASONS = ("missing", "dropped", "out of limits", "held", "stuck", "outlier")
+
+WHOLE_RECORDS = {
+    "frozen": "in which every reading stands still, not used",
+    "repeated": "that were there already, left out",
+}
+"""Reasons that concern whole records, and what is told of them."""
+
+_PHYSICAL = (
+    (r"([a-z]+_)?(T\d*|ITT|itt|EGT|TGT|TIT|TAT|SAT|tat|sat|temperature)", "temperature", 100.0, 3500.0),
+    (r"([a-z]+_)?(P\d*|Ps\d*|pressure)", "pressure", 1.0, 1e8),
+    (r"([a-z]+_)?N\d*", "rotational speed", 0.0, 3e5),
+    (r"([a-z]+_)?(Wf|W\d*|fuel_flow)", "mass flow", -1.0, 1e4),
+    (r"altitude", "length", -1000.0, 30000.0),
+)
+"""Name of the quantity, dimension, lowest and highest value in SI. The margins are wide: these catch the
+codes that recorders write for no value (−9999, 0 K), not bad readings."""
+
+BEYOND_ANY = 1e100
+"""No instrument reads so much in any unit; beyond it squares and products of readings cannot be computed any more."""
+
+
+@dataclass(frozen=True)
+class QualitySettings:
+    """How much is needed before a value is masked; 0 turns off the search for stuck sensors or for outliers.
+    Records are those of the file, whatever their rate."""
+
+    dropped_records: int = 10
+    """Missing values in a row that count as a dropped sensor, not as single missing values."""
+    stuck_records: int = 20
+    outlier_sigma: float = 8.0
+    frozen_records: int = 20
+    """Records in a row with every judged reading the same, to the last digit: the recorder stands still. As many as
+    for one stuck sensor; several together repeat far more rarely than one, and a recorder that writes 10 to 16 times
+    for each reading of its sensors stays below."""
+
+
+@dataclass(frozen=True)
+class MaskReport:
+    """masks: column → (N,) bool, true where the value is not to be used; counts: column → reason → number.
+
+    Each masked value is counted once, under the first of REASONS that holds. records: whole records by reason, "frozen"
+    (their sensor readings are masked but in no column's counts) and "repeated" (left out of the recording).
+    """
+
+    masks: Mapping[str, np.ndarray]
+    counts: Mapping[str, Mapping[str, int]]
+    records: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def total(self) -> int:
+        return sum(sum(reasons.values()) for reasons in self.counts.values())
+
+    def report_lines(self) -> list[str]:
+        """One line per column that lost values, for stderr."""
+        lines = []
+        for column, reasons in self.counts.items():
+            lost = sum(reasons.values())
+            if lost:
+                of = len(self.masks[column])
+                why = ", ".join(f"{reason} {n}" for reason, n in reasons.items() if n)
+                lines.append(f"{column}: {lost} of {of} values masked ({why})")
+        return lines + whole_record_lines(self.records)
+
+
+def whole_record_lines(records: Mapping[str, int]) -> list[str]:
+    """What is told of whole records, by reason."""
+    return [f"{n} record{'' if n == 1 else 's'} {WHOLE_RECORDS[why]} ({why})" for why, n in records.items() if n]
+
+
+def mask_gross(
+    recording: Recording,
+    limits: Mapping[str, tuple[float, float]] | None = None,
+    *,
+    columns: Collection[str] | None = None,
+    required: Collection[str] = (),
+    settings: QualitySettings | None = None,
+    search: bool = True,
+) -> tuple[Recording, MaskReport]:
+    """The recording with unusable values set to NaN, and the report of what was masked and why.
+
+    limits: column → (lowest, highest) value that the sensor can truthfully give, in the column's unit (where
+    none is given: `physical_limits`);
+    columns: which to judge (default: all numbers but `time_s`); search: also look for stuck sensors and
+    outliers, which compares records with their neighbours in file order (see masking.py, also for streams).
+    Raises DataError when no record has all `required` columns left, or with none required, no value is left.
+    """
+
+    names = tuple(c for c in (recording.columns if columns is None else columns) if c != "time_s")
+    judged = Judged(
+        sensors=names if search else (),
+        inputs=() if search else names,
+        limits=limits or {},
+        settings=settings or QualitySettings(),
+        frozen=False,
+        repeated=False,
+    )
+    clean, report = mask_recording(recording, judged)
+    insist_on_something(clean, report, names, required)
+    return clean, report
+
+
+def physical_limits(column: str) -> tuple[float, float]:
+    """What a gas turbine's sensor can truthfully read, in the column's unit; ±BEYOND_ANY if nothing is known.
+
+    Only for names that say what they are: temperatures, pressures, speeds and flows (not differences).
+    """
+    quantity, suffix = split_column(column)
+    if suffix:
+        unit = find_unit(suffix)
+        for pattern, dimension, low, high in _PHYSICAL:
+            if unit.dimension == dimension and re.fullmatch(pattern, quantity):
+                return (low - unit.offset) / unit.factor, (high - unit.offset) / unit.factor
+    return (-0.1, 10.0) if column == "mach" else (-BEYOND_ANY, BEYOND_ANY)
+
+
+def in_runs(mask: np.ndarray, shortest: int) -> np.ndarray:
+    """The part of a mask (N,) that lies in runs of at least `shortest` records."""
+    edges = np.flatnonzero(np.diff(np.r_[False, mask, False].astype(np.int8)))
+    starts, ends = edges[::2], edges[1::2]
+    long = ends - starts >= shortest
+    change = np.zeros(len(mask) + 1, dtype=np.int64)
+    change[starts[long]] += 1
+    change[ends[long]] -= 1
+    return np.cumsum(change[:-1]) > 0
+
+
+def tally(found: Mapping[str, np.ndarray]) -> tuple[np.ndarray, dict[str, int]]:
+    """Union of the masks, and how many values each adds to those before it."""
+    union: np.ndarray | None = None
+    counts: dict[str, int] = {}
+    for reason, mask in found.items():
+        new = mask if union is None else mask & ~union
+        counts[reason] = int(np.count_nonzero(new))
+        union = mask if union is None else union | mask
+    assert union is not None
+    return union, counts
+
+
+def insist_on_something(
+    recording: Recording, report: MaskReport, judged: Collection[str], required: Collection[str] = ()
+) -> None:
+    """Raises DataError when no record has all `required` columns, or with none required, no `judged` value is left."""
+    if len(recording) == 0:
+        return
+    left = (
+        np.all([np.isfinite(recording[c]) for c in required], axis=0)
+        if required
+        else np.any([np.isfinite(recording[c]) for c in judged], axis=0)
+    )
+    if judged and not np.any(left):
+        raise DataError(f"{recording.source}: no usable record is left: " + "; ".join(report.report_lines()))
+
 
 HALO = 1000
 """Records on either side of a block; a run must show its least length within them, so they are at least twice that.

@@ -14,12 +14,11 @@ from types import MappingProxyType
 from typing import Any
 
 from enginediag_cli.progress import touched
-from enginediag_cli.recordings.dialect import OWN, Dialect
-from enginediag_cli.recordings.formats.base import Asked, ReadingCounts, TableFile
 from enginediag_cli.recordings.formats.csv_in import CsvTable
 from enginediag_cli.recordings.formats.excel_in import ExcelTable, is_excel
 from enginediag_cli.recordings.formats.parquet_in import ParquetTable, is_parquet
-from enginediag_cli.recordings.source import Source, opened
+from enginediag_cli.recordings.formats.table_file import Asked, ReadingCounts, TableFile
+from enginediag_cli.recordings.source import OWN, Dialect, Source, opened
 from enginediag_cli.recordings.table import Recording, concat
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enginediag_cli.config.fields import Field, Section, Variants
 from enginediag_cli.recordings.derived import RULES
-from enginediag_cli.recordings.dialect import DELIMITERS, LAYOUTS, THOUSANDS
+from enginediag_cli.recordings.source import DELIMITERS, LAYOUTS, THOUSANDS
 from enginediag_cli.recordings.stamps import NUMBERS
 
 _COLUMN = Section(

@@ -15,12 +15,19 @@ from itertools import islice
 import numpy as np
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.dialect import DELIMITERS, OWN, WHITESPACE, Dialect
-from enginediag_cli.recordings.formats.base import Asked
-from enginediag_cli.recordings.formats.cells import is_missing
 from enginediag_cli.recordings.formats.excel_in import ExcelTable, is_excel
 from enginediag_cli.recordings.formats.parquet_in import ParquetTable, is_parquet
-from enginediag_cli.recordings.source import HEAD_BYTES, refuse_binary, unicode_of, unpacked
+from enginediag_cli.recordings.formats.table_file import Asked, is_missing
+from enginediag_cli.recordings.source import (
+    DELIMITERS,
+    HEAD_BYTES,
+    OWN,
+    WHITESPACE,
+    Dialect,
+    refuse_binary,
+    unicode_of,
+    unpacked,
+)
 from enginediag_cli.recordings.unit_words import unit_word
 
 LOOKED_AT = 1 << 18

@@ -1,8 +1,14 @@
-"""What recordings are read from: files, packed files, standard input and pipes; never folders or devices."""
+"""What recordings are read from: files, packed files, standard input and pipes; never folders or devices.
+
+A text file whose head has been read, to see what it holds before it is read as that.
+
+How a text file is written: what parts cells, the marks in numbers, the encoding, and what its columns are called.
+"""
 
 from __future__ import annotations
 
 import codecs
+import csv
 import gzip
 import io
 import os
@@ -10,8 +16,10 @@ import stat
 import sys
 import zlib
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -195,3 +203,119 @@ def undecodable(source: Source, name: str, error: UnicodeDecodeError) -> DataErr
     wanted = "UTF-8" if error.encoding.startswith("utf-8") else error.encoding
     hint = "a recorder can state another, as in `file: {encoding: latin-1}`"
     return DataError(f"{name}:{line}: not {wanted} text: byte 0x{byte:02x} ({hint})".replace(":0:", ":"))
+
+
+MOST_BLANK_LINES = 2_000_000
+"""Blank lines in a row after which a file is refused: packed, gigabytes of them take no room. A sheet has 1,048,576
+rows, which may all be there."""
+
+
+class Peeked:
+    """An open text file whose head has been read: `provenance`, the `#` lines before the header; `columns`, the cells
+    of the header; iterating gives all lines from the first."""
+
+    def __init__(self, stream: Iterable[str], name: str):
+        self.name = name
+        self.provenance: list[str] = []
+        self.columns: tuple[str, ...] = ()
+        self._stream = iter(stream)
+        self._head: list[str] = []
+        rest = self._stream
+        try:
+            self._peek()
+        except (
+            UnicodeDecodeError,
+            OSError,
+            EOFError,
+            zlib.error,
+        ) as error:  # whoever reads on meets it, and says what it means
+            rest = _broken(error)
+        self._lines = chain(self._head, rest)
+
+    def _peek(self) -> None:
+        for text in self._stream:
+            self._head.append(text)
+            bare = text.lstrip("\ufeff").strip()
+            if bare.startswith("#"):
+                self.provenance.append(bare[1:].strip())
+            elif bare:
+                with suppress(csv.Error):
+                    self.columns = tuple(cell.strip() for cell in next(csv.reader([bare]), []))
+                return
+            if len(self._head) > MOST_BLANK_LINES + 1:  # whoever reads on refuses it
+                return
+
+    def __iter__(self) -> Iterator[str]:
+        return self._lines
+
+    def __next__(self) -> str:
+        return next(self._lines)
+
+
+def _broken(error: Exception) -> Iterator[str]:
+    """Lines that cannot be read."""
+    raise error
+    yield ""
+
+
+DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|"}
+"""Names of the delimiters that `auto` looks for, and the characters."""
+
+WHITESPACE, FIXED = "whitespace", "fixed"
+LAYOUTS = (WHITESPACE, FIXED)
+"""Columns without a delimiter: parted by any number of blanks, or each so many characters wide."""
+
+THOUSANDS = {"comma": ",", "point": ".", "space": " ", "apostrophe": "'"}
+"""Names of the marks between groups of three digits; a space is any kind of space, an apostrophe also a typographic
+one."""
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """delimiter: one character, "auto": the one of DELIMITERS that the header has most of, outside quotes, or one of
+    LAYOUTS; decimal: "." or ","; header_line: the physical line of the header, 0: the first that is neither blank nor
+    begins with #; unit_row: whether a row that is no record follows the header; names: the columns of a file without
+    a header, "" for one that is not read; widths: characters of each column where they are fixed; thousands: a mark of
+    THOUSANDS, or ""; missing: words for a missing value beyond those of `formats.cells`; sheet: of a workbook."""
+
+    delimiter: str = ","
+    decimal: str = "."
+    encoding: str = "utf-8"
+    header_line: int = 0
+    unit_row: bool = False
+    names: tuple[str, ...] = ()
+    widths: tuple[int, ...] = ()
+    thousands: str = ""
+    missing: tuple[str, ...] = ()
+    sheet: str = ""
+
+    @property
+    def codec(self) -> str:
+        """The encoding to open a file with; a byte order mark is no part of UTF-8 text."""
+        return "utf-8-sig" if codecs.lookup(self.encoding).name == "utf-8" else self.encoding
+
+    def separator(self, header: str, place: str) -> str:
+        """The character between cells, judged by this first line of the table where it is not stated; or one of
+        LAYOUTS. Raises DataError when decimal mark and delimiter are one."""
+        found = separator_of(header) if self.delimiter == "auto" else self.delimiter
+        if found == self.decimal:
+            raise DataError(f"{place}: the decimal mark and the delimiter are both '{found}'; state another delimiter")
+        return found
+
+
+OWN = Dialect()
+"""Files of this program: commas, decimal points, UTF-8, the header first."""
+
+
+def separator_of(header: str) -> str:
+    """The delimiter that a header line has most of, outside quotes; a comma where it has none."""
+    bare = "".join(header.split('"')[::2])
+    return max(DELIMITERS.values(), key=bare.count) if any(map(bare.count, DELIMITERS.values())) else ","
+
+
+def known_encoding(name: str) -> bool:
+    """Whether Python has a text codec of this name."""
+    try:
+        return bool(codecs.lookup(name)._is_text_encoding)
+    except LookupError:
+        return False

@@ -1,4 +1,9 @@
-"""The stability gate: keeps the records in which the engine has settled, and says why the others went."""
+"""The stability gate: keeps the records in which the engine has settled, and says why the others went.
+
+Statistics over the last seconds before each record, at any time stamps.
+
+Averages over windows that follow each other: one record out of some seconds of steady ones.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +13,82 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.recordings.trailing import Trailing
+
+
+class Trailing:
+    """Windows (t_k − length, t_k] of a recording; they do not reach across gaps or backward steps of time."""
+
+    def __init__(self, time_s: np.ndarray, length_s: float, gap_s: float = np.inf):
+        """time_s: (N,), a missing one is that of the last record; a step over gap_s begins a new stretch."""
+        n = len(time_s)
+        time = np.asarray(time_s, dtype=float).copy()
+        if n and np.isnan(time[0]):
+            time[0] = 0.0
+        known = np.maximum.accumulate(np.where(np.isfinite(time), np.arange(n), 0)) if n else np.zeros(0, int)
+        time = time[known]
+        step = np.diff(time)
+        forward = step[step > 0.0]
+        self.period_s = float(np.median(forward)) if len(forward) else 0.0
+        breaks = np.concatenate([[True], (step < 0.0) | (step > gap_s)])[:n]
+        stretch = np.cumsum(breaks) - 1
+        first = np.flatnonzero(breaks)
+        self.time = time
+        self.end = np.arange(n)
+        self.start = np.empty(n, dtype=np.int64)
+        for k, begin in enumerate(first):
+            stop = first[k + 1] if k + 1 < len(first) else n
+            t = time[begin:stop]
+            earliest = np.searchsorted(t, t - length_s + 1e-6 * self.period_s, "right")
+            self.start[begin:stop] = begin + np.minimum(earliest, np.arange(stop - begin))
+        since = time - time[first[stretch]] if n else time
+        self.full = since >= length_s - 1.5 * self.period_s
+
+    def spread(self, values: np.ndarray) -> np.ndarray:
+        """Maximum minus minimum (N,) in each window, missing values passed over; −inf where all are missing.
+
+        A sparse table of maxima over spans of 2^j records: any window is the union of two such spans.
+        """
+        missing = ~np.isfinite(values)
+        highest = self._maximum(np.where(missing, -np.inf, values))
+        lowest = self._maximum(np.where(missing, -np.inf, -values))
+        return highest + lowest
+
+    def _maximum(self, values: np.ndarray) -> np.ndarray:
+        n = len(values)
+        length = self.end - self.start + 1
+        level = np.frexp(length)[1] - 1  # floor(log2(length))
+        result = np.full(n, -np.inf)
+        table = values
+        for j in range(int(level.max(initial=0)) + 1):
+            if j:
+                half = 1 << (j - 1)
+                table = np.maximum(table[: len(table) - half], table[half:])
+            rows = np.flatnonzero(level == j)
+            result[rows] = np.maximum(table[self.start[rows]], table[self.end[rows] - (1 << j) + 1])
+        return result
+
+    def slope(self, values: np.ndarray) -> np.ndarray:
+        """Least-squares slope per second (N,) in each window; 0 where fewer than two values are there.
+
+        Summed lag by lag, with time counted from the window's end: differences of running sums over the whole
+        recording would lose all digits after some hours.
+        """
+        known = np.isfinite(values)
+        if not known.any():
+            return np.zeros(len(values))
+        x = np.where(known, values - np.mean(values[known]), 0.0)
+        n, st, sx, stt, stx = np.zeros((5, len(values)))
+        for lag in range(int(np.max(self.end - self.start, initial=0)) + 1):
+            rows = np.flatnonzero((self.end - self.start >= lag) & known[np.maximum(self.end - lag, 0)])
+            t, y = self.time[rows - lag] - self.time[rows], x[rows - lag]
+            n[rows] += 1.0
+            st[rows] += t
+            sx[rows] += y
+            stt[rows] += t * t
+            stx[rows] += t * y
+        denominator = n * stt - st * st
+        good = denominator > 1e-9 * self.period_s**2
+        return np.where(good, (n * stx - st * sx) / np.where(good, denominator, 1.0), 0.0)
 
 
 @dataclass(frozen=True)
@@ -103,3 +183,64 @@ def first_reasons(failed: Mapping[str, np.ndarray], candidates: np.ndarray) -> t
         reasons[reason] = int(np.count_nonzero(keep & mask))
         keep &= ~mask
     return keep, reasons
+
+
+COMPLETE = 0.8
+"""Share of the records of a window that must be there for it to count as a window."""
+
+
+@dataclass(frozen=True)
+class Averages:
+    """recording: M records, means of the windows, with the line and text of each window's first record.
+
+    standard_error: column → (M,) standard deviation over √n, right for noise without memory within a window;
+    count: (M,) records in each window.
+    """
+
+    recording: Recording
+    standard_error: Mapping[str, np.ndarray]
+    count: np.ndarray
+
+
+def average(
+    recording: Recording, window_s: float, failed: Mapping[str, np.ndarray], new: np.ndarray | None = None
+) -> tuple[Averages, GateReport]:
+    """Means over windows of window_s seconds whose last record passes every condition in `failed`.
+
+    new: (N,) bool, only the windows that end with one of these records; None for all.
+
+    Windows begin at whole multiples of window_s, so that the engines of one flight have the same
+    ones. A condition on the last window_s before a record is a condition on the window. Missing
+    values are left out of the mean; a column without any is missing.
+    """
+    time = recording["time_s"]
+    number = np.floor(np.where(np.isfinite(time), time, -1e300) / window_s)
+    first = np.flatnonzero(np.concatenate([[True], np.diff(number) != 0.0])[: len(time)])
+    last = np.concatenate([first[1:], [len(time)]])[: len(first)] - 1
+    size = last - first + 1
+    step = np.diff(time)
+    forward = step[step > 0.0]
+    expected = window_s / float(np.median(forward)) if len(forward) else 1.0
+    complete = (size >= COMPLETE * expected) & np.isfinite(time[first])
+    conditions = {"incomplete window": ~complete} | {why: mask[last] for why, mask in failed.items()}
+    asked = np.ones(len(first), dtype=bool) if new is None else np.asarray(new)[last]
+    keep, reasons = first_reasons(conditions, asked)
+    report = GateReport(int(keep.sum()), int(asked.sum()), reasons, unit=f"windows of {window_s:g} s")
+    return _means(recording, first[keep], size[keep]), report
+
+
+def _means(recording: Recording, first: np.ndarray, size: np.ndarray) -> Averages:
+    window = np.repeat(np.arange(len(first)), size)
+    rows = first[window] + np.arange(len(window)) - np.repeat(np.cumsum(size) - size, size)
+    means: dict[str, np.ndarray] = {}
+    errors: dict[str, np.ndarray] = {}
+    for name, values in recording.columns.items():
+        x = values[rows]
+        known = np.isfinite(x)
+        n = np.bincount(window[known], minlength=len(first)).astype(float)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            mean = np.bincount(window[known], x[known], minlength=len(first)) / n
+            squares = np.bincount(window[known], (x[known] - mean[window[known]]) ** 2, minlength=len(first))
+            means[name] = mean
+            errors[name] = np.where(n > 1, np.sqrt(squares / (n - 1.0) / n), np.nan)
+    return Averages(recording.select(first).with_columns(means), errors, size)

@@ -15,9 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from enginediag_cli.recordings.acceptance import median_of, usual_range
-from enginediag_cli.recordings.derived.isa_deviation import isa_temperature
-from enginediag_cli.recordings.derived.mach_from_cas import isa_pressure, mach_from_cas
-from enginediag_cli.recordings.derived.static_temperature import static_temperature
+from enginediag_cli.recordings.derived.rules import isa_pressure, isa_temperature, mach_from_cas, static_temperature
 from enginediag_cli.units import find_unit, split_column
 
 PRIORS: Mapping[str, Mapping[str, float]] = {

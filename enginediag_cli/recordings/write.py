@@ -24,8 +24,8 @@ import numpy as np
 from enginediag_cli.errors import DataError
 from enginediag_cli.file_lock import try_lock
 from enginediag_cli.progress import touched, wipe
-from enginediag_cli.recordings.formats.base import RecordingWriter
 from enginediag_cli.recordings.formats.parquet_in import named_parquet
+from enginediag_cli.recordings.formats.table_file import RecordingWriter
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.safe_text import UNSPEAKABLE, guarded, visible
 

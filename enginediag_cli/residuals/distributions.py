@@ -9,6 +9,11 @@ flight: a quarter of the time in which a command starts.
 
 Source: W. H. Press et al., Numerical Recipes, 3rd ed. (2007), sections 6.2 and 6.4; continued fractions by the
 modified Lentz method.
+
+Median and quantile as numpy gives them, to the last digit, for arrays without NaN.
+
+numpy's own import its masked arrays, which takes as long as reading an engine file, and so much of the time in which a
+command starts.
 """
 
 from __future__ import annotations
@@ -16,6 +21,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import lru_cache
+
+import numpy as np
 
 MOST = 2000.0
 """Degrees of freedom up to which the logarithms of Γ cost no more than two of the digits."""
@@ -185,3 +192,20 @@ def _root(tail: Callable[[float], float], probability: float, guess: float) -> f
             kept = min(kept, 0) - 1
             f_low *= 0.5 if kept < -1 else 1.0
     return 0.5 * (low + high)
+
+
+def median(x: np.ndarray) -> float:
+    """Of x (n,), n ≥ 1."""
+    ordered, half = np.sort(x), len(x) // 2
+    return float(ordered[half] if len(x) % 2 else 0.5 * (ordered[half - 1] + ordered[half]))
+
+
+def quantile(x: np.ndarray, share: float) -> np.ndarray:
+    """Along the last axis of x (…, n), n ≥ 1, linear between order statistics: shape (…)."""
+    ordered = np.sort(x, axis=-1)
+    place = share * (x.shape[-1] - 1)
+    below = int(place)
+    low, high = ordered[..., below], ordered[..., min(below + 1, x.shape[-1] - 1)]
+    t = place - below
+    step = high - low
+    return np.asarray(high - step * (1.0 - t) if t >= 0.5 else low + step * t)

@@ -13,12 +13,11 @@ from itertools import groupby
 
 import numpy as np
 
-from enginediag_cli.engine.drifts import ELAPSED
-from enginediag_cli.engine.model import MonitoredModel
+from enginediag_cli.engine.instrument_errors import ELAPSED
+from enginediag_cli.engine.wrapped import MonitoredModel
 from enginediag_cli.intake.left_out import EXCURSION, GrossCounts, LeftOut
-from enginediag_cli.recordings.stuck import StuckRun, joined_runs, same_runs, stuck_runs
+from enginediag_cli.recordings.repeated import StuckRun, joined_runs, same_runs, stuck_runs
 from enginediag_cli.recordings.table import Recording, concat
-from enginediag_cli.residuals.admission import judged_inputs
 from enginediag_cli.residuals.gross_errors import (
     BLOCK,
     FEWEST,
@@ -39,7 +38,7 @@ from enginediag_cli.residuals.instruments import (
 )
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.noise import NoiseModel
-from enginediag_cli.residuals.window import WindowStatistics
+from enginediag_cli.residuals.windows import WindowStatistics, judged_inputs
 
 NOTES = 10_000
 """Records of one window with gross errors that are remembered each by itself, some megabytes; of more in pairs."""

@@ -8,9 +8,9 @@ from itertools import groupby, pairwise
 
 import numpy as np
 
-from enginediag_cli.engine.drifts import ELAPSED
+from enginediag_cli.engine.instrument_errors import ELAPSED
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.order_statistics import median
+from enginediag_cli.residuals.distributions import median
 
 KEYS = ("flight", "engine")
 HOUR_S = 3600.0

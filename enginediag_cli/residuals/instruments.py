@@ -32,7 +32,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.faults.chances import FORMS, INSTRUMENT, MOST_AT_ONCE
-from enginediag_cli.recordings.stuck import StuckRun
+from enginediag_cli.recordings.repeated import StuckRun
 from enginediag_cli.residuals.groups import runs
 from enginediag_cli.residuals.noise import KNOWN, LARGEST, NoiseModel, level_of_ratio
 from enginediag_cli.units import split_column

@@ -8,10 +8,9 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from enginediag_cli.recordings.table import Recording, concat
-from enginediag_cli.residuals.admission import judged_inputs
 from enginediag_cli.residuals.groups import group_rows
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.window import WindowStatistics
+from enginediag_cli.residuals.windows import WindowStatistics, judged_inputs
 
 MOST = 10_000
 """Records of a window beyond which they are not handed out: the full model holds 10 kB of each. With so many the

@@ -13,13 +13,13 @@ from itertools import pairwise
 import numpy as np
 
 from enginediag_cli.intake.left_out import GrossCounts
-from enginediag_cli.recordings.stuck import StuckRun, stuck_runs
-from enginediag_cli.residuals.admission import NominalResiduals
+from enginediag_cli.recordings.repeated import StuckRun, stuck_runs
 from enginediag_cli.residuals.gross_errors import AROUND, GrossErrors, Stretch, find_gross_errors, suspected
 from enginediag_cli.residuals.gross_gate import input_effects, rejected_counts, stuck_readings
 from enginediag_cli.residuals.instruments import SPAN, InstrumentFault, stuck_faults, weighed
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import scattering_instruments
+from enginediag_cli.residuals.windows import NominalResiduals
 
 HISTORY = 40
 """Records with which new ones are compared: enough for a running median, and a fit that a few do not bend."""

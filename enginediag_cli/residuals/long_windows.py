@@ -18,15 +18,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from enginediag_cli.residuals.admission import NominalResiduals, nominal_residuals
-from enginediag_cli.residuals.blocks import Block
 from enginediag_cli.residuals.judged_records import RecordsOfWindow
-from enginediag_cli.residuals.local import block_statistics, whitened
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.operating_points import PointSums
 from enginediag_cli.residuals.reduced import ReducedMonitor
-from enginediag_cli.residuals.relinearise import MAX_LOST, GaussNewton, Stop, Sums, Trial, relinearise
-from enginediag_cli.residuals.statistics import LocalStatistics
+from enginediag_cli.residuals.relinearise import MAX_LOST, GaussNewton, PointSums, Stop, Sums, Trial, relinearise
+from enginediag_cli.residuals.statistics import Block, LocalStatistics, block_statistics, whitened
+from enginediag_cli.residuals.windows import NominalResiduals, nominal_residuals
 
 STRETCH = 1_500
 """Records that are computed together: sensitivities to two hundred parameters of each take some 100 MB, and one call of

@@ -14,28 +14,30 @@ from itertools import pairwise
 
 import numpy as np
 
-from enginediag_cli.engine.drifts import ELAPSED
-from enginediag_cli.engine.input_errors import suspected
+from enginediag_cli.engine.instrument_errors import ELAPSED, suspected
 from enginediag_cli.error_model.slopes import COMMON
 from enginediag_cli.progress import each
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.admission import JudgedInputs, NominalResiduals, nominal_residuals
-from enginediag_cli.residuals.blocks import Block
-from enginediag_cli.residuals.cut import cut
 from enginediag_cli.residuals.groups import Key, runs
 from enginediag_cli.residuals.instruments import NOISE, InstrumentFault, scattering, weighed, weights
 from enginediag_cli.residuals.judged_records import JudgedRecords, Keeping, RecordsOfWindow, StoredRecords
-from enginediag_cli.residuals.local import block_statistics
 from enginediag_cli.residuals.long_windows import RUN, long_statistics
 from enginediag_cli.residuals.monitor import HELD, Monitor
 from enginediag_cli.residuals.noise import NoiseModel
-from enginediag_cli.residuals.operating_points import covariance_of_change, sums_by_point
 from enginediag_cli.residuals.reduced import ReducedMonitor
-from enginediag_cli.residuals.relinearise import Stop, relinearise
+from enginediag_cli.residuals.relinearise import Stop, covariance_of_change, relinearise, sums_by_point
 from enginediag_cli.residuals.score import marginalise
-from enginediag_cli.residuals.statistics import LocalStatistics
-from enginediag_cli.residuals.window import WindowStatistics, joined, nothing_judged
-from enginediag_cli.residuals.windows import WindowPlan
+from enginediag_cli.residuals.statistics import Block, LocalStatistics, block_statistics
+from enginediag_cli.residuals.windows import (
+    JudgedInputs,
+    NominalResiduals,
+    WindowPlan,
+    WindowStatistics,
+    cut,
+    joined,
+    nominal_residuals,
+    nothing_judged,
+)
 from enginediag_cli.side_by_side import in_turn, jobs
 
 LINEARISE = ("estimate", "nominal")

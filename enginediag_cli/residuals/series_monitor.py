@@ -10,7 +10,7 @@ import numpy as np
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.reduced import ReducedMonitor, curvature_of
 from enginediag_cli.residuals.statistics import LocalStatistics
-from enginediag_cli.residuals.window import WindowStatistics
+from enginediag_cli.residuals.windows import WindowStatistics
 
 PLAUSIBLY = 2.0
 """Plausible errors by which the reading of an input may be off where it is outside what was seen."""

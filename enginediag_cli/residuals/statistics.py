@@ -5,17 +5,117 @@
 They add: the statistics of two windows, flights or machines are the sum of their statistics, as long as they are of
 all parameters: what is uncertain beside those that are monitored is a parameter, too, and is marginalised in the sum
 (`additive.py`). Marginalised window by window it would count once for each.
+
+Covariance of a sum of primary residuals when the noise of a sensor remembers its past (AR(1)).
+
+    V = Σ_j σ_j² Σ_k Σ_l ρ_j^|k−l| g_kj g_ljᵀ      with g_kj = the row of whitened sensitivities
+
+The double sum is one pass with the recursion a_k = c_k a_{k−1} + g_k, c_k = ρ^(steps since record k−1): it is
+
+    Σ_k a_k a_kᵀ − Σ_k c_k² a_{k−1} a_{k−1}ᵀ = Σ_k h_k h_kᵀ,    h_k = √(1 − c_{k+1}²) a_k, c = 0 after the last record.
+
+What local statistics are about: the parameters, the point where the model is linear, how far each may go.
+
+Blocks of records that add to windows exactly, also where noise is correlated across their border.
+
+The local approach: primary residuals and their sums, for any number of blocks of records at once.
+
+Primary residual, eq. (7) with the weighting that mixed units need: K_k = J_kᵀ R⁻¹ e_k. R is the *long-run*
+noise, σ²(1+ρ)/(1−ρ), the variance that a mean over many records really has; a sensor with slowly wandering
+errors is thereby trusted less, and V ≈ F however correlated the noise.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.excitation import DarkCombination, dark_combinations
+from enginediag_cli.residuals.noise import NoiseModel
+
+FORGOTTEN = 1e-14
+"""Correlation below which the past no longer counts."""
+
+
+@dataclass(frozen=True)
+class LaggedSums:
+    """`factors` (m, N, p): h_k of each sensor, inside the block of each record.
+
+    Per block (B, ...): `tail` (m, p) = a at its last record; `head` (m, p) = Σ_k g_k times the correlation of
+    record k with the record before the block; `decay` (m,) = correlation of last record and that record.
+    """
+
+    factors: np.ndarray
+    tail: np.ndarray
+    head: np.ndarray
+    decay: np.ndarray
+
+
+def linear_recursion(c: np.ndarray, g: np.ndarray) -> np.ndarray:
+    """a_k = c_k a_{k−1} + g_k for c (N,), g (N, p), a_{−1} = 0; by doubling, O(N log(memory length))."""
+    a, c = g.copy(), c.copy()
+    if c.size:
+        c[0] = 0.0
+    distance = 1
+    while distance < len(a) and np.any(np.abs(c) > FORGOTTEN):
+        a[distance:] += c[distance:, None] * a[:-distance]
+        c[distance:] *= c[:-distance].copy()
+        c[:distance] = 0.0
+        distance *= 2
+    return a
+
+
+def lagged_sums(G: np.ndarray, rho: np.ndarray, lags: np.ndarray, starts: np.ndarray) -> LaggedSums:
+    """Factors, heads and tails of blocks for G (N, m, p), rho (m,), lags (N,) in steps, starts (B,)."""
+    N, m, p = G.shape
+    stops = np.append(starts[1:], N)
+    factors = np.ascontiguousarray(G.transpose(1, 0, 2))
+    head, tail, decay = (
+        np.zeros((len(starts), m, p)),
+        np.zeros((len(starts), m, p)),
+        np.zeros((len(starts), m)),
+    )
+    for j in np.flatnonzero(rho):
+        c = rho[j] ** lags
+        inside = c.copy()
+        inside[starts] = 0.0
+        a = linear_recursion(inside, factors[j])
+        for b, (i, k) in enumerate(zip(starts, stops, strict=True)):
+            reach = np.cumprod(c[i:k])
+            head[b, j], tail[b, j], decay[b, j] = reach @ factors[j, i:k], a[k - 1], reach[-1]
+        kept = np.sqrt(1.0 - np.append(inside[1:], 0.0) ** 2)
+        np.multiply(kept[:, None], a, out=factors[j])
+    return LaggedSums(factors, tail, head, decay)
+
+
+def independent_rows(G: np.ndarray, rho: np.ndarray, lags: np.ndarray) -> np.ndarray:
+    """h (N, m, p) with Σ_k g_k z_k = Σ_k h_k ε_k, ε_k independent of variance 1, for G (N, m, p), rho (m,), lags (N,).
+
+    z_k = c_k z_{k−1} + √(1 − c_k²) ε_k, c_k as above and 0 for the first record, so that
+    h_k = √(1 − c_k²) (g_k + c_{k+1} g_{k+1} + c_{k+1} c_{k+2} g_{k+2} + …).
+    """
+    h = G.copy()
+    for j in np.flatnonzero(rho):
+        c = np.sign(rho[j]) ** np.where(np.isfinite(lags), lags, 0) * np.abs(rho[j]) ** lags
+        c[:1] = 0.0
+        later = np.append(c[1:], 0.0)
+        h[:, j] = np.sqrt(1 - c**2)[:, None] * linear_recursion(later[::-1], G[::-1, j])[::-1]
+    return h
+
+
+@dataclass(frozen=True)
+class Frame:
+    """`names` of p parameters; theta0 (p,): the point of linearisation, in their units; prior_sigma (p,): how large a
+    change of each is plausible; meaning: what they are, by name, where it is known."""
+
+    names: Sequence[str]
+    theta0: np.ndarray
+    prior_sigma: np.ndarray
+    meaning: Mapping[str, Parameter] = field(default_factory=dict)
+
 
 MAX_ROWS = 20_000
 """Terms of s beyond which the law of each does not matter: what it changes falls as 1/number."""
@@ -34,7 +134,7 @@ class LocalStatistics:
     (k,). `doubt`: what `fisher_score` made of these. `meaning`: what each parameter is, by name.
     `slopes` (p, p): covariance that wrong slopes of the maps add to a change of the parameters, should they have
     changed: no matter of the test whether anything has. `points` (k, p, p), as long as it is not known how large they
-    are: what they leave where they differ from operating point to operating point (`operating_points.py`).
+    are: what they leave where they differ from operating point to operating point (`relinearise.py`).
     additive: whether nothing has been marginalised; `common` and `own` are then the parameters that are not monitored,
     but uncertain by their `prior_sigma`, independent of each other: the same in all windows, and anew in each
     recording.
@@ -161,3 +261,146 @@ def _doubt_of_both(a: tuple[float, float, float], b: tuple[float, float, float])
     """Doubt about the noise is common to both stretches; each contributes half of the leverages, h² a quarter."""
     common = max(a[:2], b[:2])
     return common[0], common[1], (a[2] + b[2]) / 4
+
+
+@dataclass(frozen=True)
+class Block:
+    """Sums over consecutive records with what the next and the block before need to know of them.
+
+    `sums`: their statistics, with V = F; `parts` (m, p, p): what the noise of each sensor contributes to V, None where
+    noise is white and certain, and V is F. `records`: how many follow each other, those without a reading counted.
+    `head`, `tail` (m, p) and `decay` (m,) as in `correlated.LaggedSums`.
+    """
+
+    sums: LocalStatistics
+    noise: NoiseModel
+    parts: np.ndarray | None
+    records: int
+    head: np.ndarray
+    tail: np.ndarray
+    decay: np.ndarray
+
+    def __add__(self, later: Block) -> Block:
+        """This block followed at once by `later`: V_j = V_j1 + V_j2 + cross + crossᵀ, cross = tail_j1 head_j2ᵀ."""
+        parts = None
+        if self.parts is not None and later.parts is not None:
+            tail = self.tail / self.noise.inflation[:, None]  # in variances of one whitened residual
+            cross = tail[:, :, None] * later.head[:, None, :]
+            parts = self.parts + later.parts + cross + cross.transpose(0, 2, 1)
+        return Block(
+            self.sums + later.sums,
+            self.noise,
+            parts,
+            self.records + later.records,
+            self.head + self.decay[:, None] * later.head,
+            later.tail + later.decay[:, None] * self.tail,
+            self.decay * later.decay,
+        )
+
+    @property
+    def statistics(self) -> LocalStatistics:
+        """The statistics, with V and how uncertain it is for a window of so many records."""
+        if self.parts is None:
+            return self.sums
+        errors, bias = self.noise.doubt(self.records) or (None, np.zeros(len(self.parts)))
+        V = self.sums.F if self.noise.white else np.tensordot(1 / (1 + bias), self.parts, axes=1)
+        return replace(self.sums, V=V, by_sensor=None if errors is None else np.tensordot(errors, self.parts, axes=1))
+
+
+def whiten(e: np.ndarray, J: np.ndarray, noise: NoiseModel) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals z (N, m) and sensitivities G (N, m, p) in units of the long-run noise; missing rows are zero.
+
+    e (N, m) in sensor units, NaN where a sensor is missing; J (N, m, p) in sensor unit per parameter unit. A
+    row of J that is not finite is dropped with its measurement.
+    """
+    z, G, _ = whitened(e, J, noise)
+    return z, G
+
+
+def whitened(e: np.ndarray, J: np.ndarray, noise: NoiseModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """As `whiten`, and which measurements there are (N, m)."""
+    with np.errstate(invalid="ignore"):
+        present = np.isfinite(e) & np.isfinite(J.sum(axis=2))
+    if not present.all():
+        e = np.where(present, e, 0.0)
+        J = np.where(present[:, :, None], J, 0.0)
+    if noise.covariance is None:
+        weight = 1 / (noise.sigma * np.sqrt(noise.inflation))
+        return e * weight, J * weight[:, None], present
+    z, G = np.zeros_like(e), np.zeros_like(J)
+    for pattern in np.unique(present, axis=0):  # one Cholesky factor per set of working sensors
+        records = np.flatnonzero(np.all(present == pattern, axis=1))
+        sensors = np.flatnonzero(pattern)
+        if sensors.size:
+            inverse = np.linalg.inv(np.linalg.cholesky(noise.covariance[np.ix_(sensors, sensors)]))
+            cell = np.ix_(records, sensors)
+            z[cell] = e[cell] @ inverse.T
+            G[cell] = inverse @ J[cell]
+    return z, G, present
+
+
+def block_statistics(
+    e: np.ndarray,
+    J: np.ndarray,
+    noise: NoiseModel,
+    starts: np.ndarray,
+    frame: Frame,
+    *,
+    lags: np.ndarray | None = None,
+    information: np.ndarray | None = None,
+) -> Iterator[Block]:
+    """Statistics of consecutive blocks of records in turn, ready to be added up to windows.
+
+    e (N, m), J (N, m, p): residuals and sensitivities at the θ0 of the frame of p parameters; starts (B,): first record
+    of each block, ascending from 0. lags (N,): steps of time since the record before (inf: unrelated, a new recording);
+    1 when not given. V is exact for AR(1) noise, inside blocks and, when blocks are added, between them.
+    information: F (B, p, p) of the blocks, where it is known.
+    """
+    N, _, p = J.shape
+    z, G, present = whitened(e, J, noise)
+    lags = np.ones(N) if lags is None else lags
+    stops = np.append(starts[1:], N)
+    share = 1 / noise.inflation  # variance of one whitened residual
+    lagged = lagged_sums(G, noise.rho, lags, starts)
+    by_sensor = not noise.white or noise.readings is not None
+    for b, (i, k) in enumerate(zip(starts, stops, strict=True)):
+        rows = G[i:k].reshape(-1, p)
+        F = rows.T @ rows if information is None else information[b]
+        parts = terms = kurtosis = None
+        if by_sensor:
+            parts = np.stack([h.T @ h for h in lagged.factors[:, i:k]]) * share[:, None, None]  # (m, p, p)
+        if noise.kurtosis is not None and (k - i) * G.shape[1] <= MAX_ROWS:
+            told = np.flatnonzero(noise.kurtosis)
+            terms = independent_rows(G[i:k, told], noise.rho[told], lags[i:k]) * np.sqrt(share[told])[:, None]
+            terms, kurtosis = terms.reshape(-1, p), np.tile(noise.kurtosis[told], k - i)
+        used = present[i:k]
+        sums = LocalStatistics(
+            parameters=tuple(frame.names),
+            theta0=np.asarray(frame.theta0, float),
+            prior_sigma=np.asarray(frame.prior_sigma, float),
+            s=rows.T @ z[i:k].ravel(),
+            F=F,
+            V=F,
+            n=int(used.any(axis=1).sum()),
+            chi2=float(np.sum(z[i:k] ** 2)),
+            # neighbours that differ more than by chance are no further measurements
+            dof=float(used.sum(axis=0) @ np.minimum(share, 1.0)),
+            rows=terms,
+            kurtosis=kurtosis,
+            meaning=frame.meaning,
+        )
+        yield Block(sums, noise, parts, int(k - i), lagged.head[b], lagged.tail[b], lagged.decay[b])
+
+
+def local_statistics(
+    e: np.ndarray,
+    J: np.ndarray,
+    noise: NoiseModel,
+    frame: Frame,
+    *,
+    lags: np.ndarray | None = None,
+    information: np.ndarray | None = None,
+) -> LocalStatistics:
+    """Statistics of all records together; arguments as in `block_statistics`, information (p, p)."""
+    known = None if information is None else information[None]
+    return next(block_statistics(e, J, noise, np.array([0]), frame, lags=lags, information=known)).statistics

@@ -2,17 +2,37 @@
 
 A window never reaches across two flights or engines: each has its own `WindowAssembler`. Records or pieces of
 records come in order and in chunks of any size; memory holds one window.
+
+Which records can be judged: they have inputs and a reading, and lie where identification has been.
+
+Beyond that a model whose error begins to grow there still answers, with limits as wide as it says, up to a distance
+at which it is not known any more (`Envelope.within_reach`).
+
+One window: its statistics, and what was counted, rejected, flown and read in it.
+
+Recordings cut into windows of pieces: chunk by chunk, each flight and engine on its own, in constant memory.
 """
 
 from __future__ import annotations
 
 import re
-from collections import deque
-from dataclasses import dataclass
+from collections import Counter, deque
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from math import gcd, inf
-from typing import Generic, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
+
+from enginediag_cli.error_model.modelled import MapErrorModel
+from enginediag_cli.errors import DataError
+from enginediag_cli.intake.agreement import Disagreement
+from enginediag_cli.intake.left_out import GrossCounts
+from enginediag_cli.recordings.table import Recording
+from enginediag_cli.residuals.groups import Key, Timeline, group_rows
+from enginediag_cli.residuals.instruments import InstrumentFault
+from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.statistics import LocalStatistics
 
 Piece = TypeVar("Piece")
 
@@ -124,3 +144,303 @@ class WindowAssembler(Generic[Piece]):
             return []
         self._uncovered = False
         return [self.pieces]
+
+
+def check_inputs(monitor: Monitor, recording: Recording) -> None:
+    """DataError unless the recording has every input column and at least one sensor of the monitor."""
+    missing = [c for c in monitor.engine.inputs if c not in recording.columns]
+    if missing:
+        from difflib import get_close_matches
+
+        near = {c: get_close_matches(c, recording.order, n=1) for c in missing}
+        words = [c + (f" (did you mean {near[c][0]!r}?)" if near[c] else "") for c in missing]
+        raise DataError(f"{recording.source}: no column {', '.join(words)}, which {monitor.engine.name} needs")
+    if not any(c in recording.columns for c in monitor.sensors):
+        raise DataError(f"{recording.source}: none of the sensors {', '.join(monitor.sensors)}")
+
+
+class Elsewhere(NamedTuple):
+    """Where records lie that training did not cover: the input that is farthest beyond its range, "" where it is their
+    combination, and whether they are judged all the same."""
+
+    column: str
+    judged: bool
+
+
+@dataclass(frozen=True)
+class JudgedInputs:
+    """Inputs (N,) by column, measurements y (N, m), masks (N,): incomplete, outside (too far to be judged), and beyond:
+    not covered by training, judged or not. columns: of `beyond_by`, (N,), −1 for a combination."""
+
+    inputs: dict[str, np.ndarray]
+    y: np.ndarray
+    incomplete: np.ndarray
+    outside: np.ndarray
+    beyond: np.ndarray
+    beyond_by: np.ndarray
+    columns: tuple[str, ...]
+
+    @property
+    def judged(self) -> np.ndarray:
+        """Which records can be judged, (N,)."""
+        return ~self.incomplete & ~self.outside
+
+    def of(self, rows: np.ndarray) -> JudgedInputs:
+        """Some of the records."""
+        inputs = {c: v[rows] for c, v in self.inputs.items()}
+        y, incomplete, outside = self.y[rows], self.incomplete[rows], self.outside[rows]
+        return JudgedInputs(inputs, y, incomplete, outside, self.beyond[rows], self.beyond_by[rows], self.columns)
+
+    def elsewhere(self, rows: slice | np.ndarray) -> Counter[Elsewhere]:
+        """Of some records: how many lie where."""
+        found: Counter[Elsewhere] = Counter()
+        if not self.beyond[rows].any():
+            return found
+        for judged in (True, False):
+            here = self.beyond[rows] & (self.outside[rows] != judged)
+            for j, n in zip(*np.unique(self.beyond_by[rows][here], return_counts=True), strict=True):
+                found[Elsewhere(self.columns[j] if j >= 0 else "", judged)] += int(n)
+        return found
+
+
+def judged_inputs(monitor: Monitor, recording: Recording, *, widening: bool = True) -> JudgedInputs:
+    """What can be judged of a recording. widening: whether limits become as wide as the error of the model is beyond
+    what training covered, where that is known."""
+    engine, N = monitor.engine, len(recording)
+    inputs = {c: recording.columns[c] for c in engine.inputs}
+    for column, default in engine.optional_inputs.items():
+        values = recording.columns.get(column, np.full(N, default))
+        inputs[column] = np.where(np.isfinite(values), values, default)
+    y = np.column_stack([recording.columns.get(c, np.full(N, np.nan)) for c in monitor.sensors])
+    y = np.where(np.isfinite(y), y, np.nan)
+    complete = np.all([np.isfinite(inputs[c]) for c in engine.inputs], axis=0) & np.isfinite(y).any(axis=1)
+    outside, beyond, by, columns = np.zeros(N, bool), np.zeros(N, bool), np.full(N, -1), tuple[str, ...]()
+    envelope = monitor.envelope
+    if envelope is not None and N:
+        columns = envelope.inputs
+        distance = np.asarray(envelope.distance(inputs))
+        beyond = complete & ~(distance <= envelope.threshold)
+        outside = beyond
+        if beyond.any():
+            if widening and isinstance(monitor.engine, MapErrorModel):
+                outside = complete & ~envelope.within_reach(inputs, distance)
+            by[beyond] = envelope.farthest_input({c: inputs[c][beyond] for c in columns})
+    for control, unclear in getattr(engine, "undecided", lambda _: {})(inputs).items():
+        columns = (*columns, f"whether {control} acts")
+        by[complete & unclear] = len(columns) - 1
+        outside, beyond = outside | complete & unclear, beyond | complete & unclear
+    return JudgedInputs(inputs, y, ~complete, outside, beyond, by, columns)
+
+
+@dataclass(frozen=True)
+class NominalResiduals:
+    """N records held against nominal, before any change is estimated: `inputs`, column -> (N,), what the engine
+    freezes at nominal among them; readings y (N, m), NaN where there is none; predicted (N, m), J (N, m, p); ok (N,):
+    those that the engine can compute; x: its unknowns (nx, N) there, None where it shows none."""
+
+    inputs: Mapping[str, np.ndarray]
+    y: np.ndarray
+    predicted: np.ndarray
+    J: np.ndarray
+    ok: np.ndarray
+    x: np.ndarray | None
+
+    @property
+    def e(self) -> np.ndarray:
+        """Residuals (N, m), NaN where there is none."""
+        return np.where(self.ok[:, None], self.y - self.predicted, np.nan)
+
+    def rows(self, some: slice | np.ndarray) -> NominalResiduals:
+        """Some of the records."""
+        inputs = {c: np.asarray(v)[some] for c, v in self.inputs.items()}
+        x = None if self.x is None else self.x[:, some]
+        return NominalResiduals(inputs, self.y[some], self.predicted[some], self.J[some], self.ok[some], x)
+
+
+def nominal_residuals(
+    monitor: Monitor,
+    inputs: Mapping[str, np.ndarray],
+    y: np.ndarray,
+    distinct: np.ndarray | None = None,
+) -> NominalResiduals:
+    """Records that are judged held against nominal: inputs (N,) by column and readings y (N, m). distinct (N,): number
+    of each record, where windows share some."""
+    rows = slice(None) if distinct is None else np.unique(distinct, return_index=True)[1]
+    asked = {c: v[rows] for c, v in inputs.items()}
+    predicted, J, ok, prediction = monitor.predict(asked, monitor.theta0)
+    # a fault is hypothesised with the errors of the maps where nominal has the machines: see `error_model.modelled`
+    known = {**asked, **getattr(prediction, "frozen", {})}
+    # unknowns of the engine, from which the next solution is near
+    found = NominalResiduals(known, y[rows], predicted, J, np.asarray(ok), getattr(prediction, "x", None))
+    return found if distinct is None else found.rows(np.unique(distinct, return_inverse=True)[1])
+
+
+@dataclass(frozen=True)
+class WindowStatistics:
+    """Statistics of the monitored parameters over one window; `statistics` is None where there is no verdict.
+
+    records: in the window; outside: too far from the operating points seen; elsewhere: how many were not seen, by where
+    they lie and whether they are judged; incomplete: without an input or without any reading; failed: not computed by
+    the engine; reason: why there is no verdict, or empty. sensors: how many of the `sensors_of` that the nominal has
+    gave a reading in a record that was judged (0 of 0: not known); silent: the monitored errors of those that gave
+    none, of which nothing can be said and which are no suspects. conditions: mean of each input over the
+    records that were judged; readings: mean of each sensor over them; flown: inputs of a few of them, evenly chosen,
+    column -> (k,), and read: their readings (k, m), NaN where missing; of so few records as cannot be checked against
+    each other these are all. checked: whether they could be, for gross errors.
+    solution: the engine's unknowns (nx, n) at nominal in the records that were judged, where
+    they are known, from which whoever asks the engine again of these records may begin. gross: readings and records
+    that were rejected as gross errors. instruments: those that are stuck or scatter; weights (n, m, m): what multiplies
+    the readings of each record that was judged, where some scatter. disagreement: that the recording is hardly of this
+    engine, or in these units, which was accepted.
+    """
+
+    source: str
+    flight: str
+    engine: str
+    first_line: int
+    last_line: int
+    start_s: float
+    end_s: float
+    records: int
+    outside: int
+    incomplete: int
+    failed: int
+    statistics: LocalStatistics | None
+    reason: str = ""
+    notes: tuple[str, ...] = ()
+    sensors: int = 0
+    sensors_of: int = 0
+    silent: tuple[str, ...] = ()
+    elsewhere: Counter[Elsewhere] = field(default_factory=Counter)
+    conditions: Mapping[str, float] = field(default_factory=dict)
+    readings: Mapping[str, float] = field(default_factory=dict)
+    flown: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
+    read: np.ndarray | None = field(default=None, repr=False, compare=False)
+    checked: bool = True
+    solution: np.ndarray | None = field(default=None, repr=False, compare=False)
+    gross: GrossCounts = field(default_factory=GrossCounts)
+    instruments: tuple[InstrumentFault, ...] = ()
+    weights: np.ndarray | None = field(default=None, repr=False, compare=False)
+    disagreement: Disagreement | None = field(default=None, repr=False, compare=False)
+
+    def without(self, names: Collection[str]) -> WindowStatistics:
+        """The window without the suspects `names` and those that are silent, in its statistics, too."""
+        silent = tuple(dict.fromkeys((*self.silent, *names)))
+        statistics = self.statistics and self.statistics.without(silent)
+        return replace(self, silent=silent, statistics=statistics)
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the recording is likelier wrong than the engine."""
+        return self.disagreement is not None and self.disagreement.doubtful
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """What is counted of a window, and summed over many."""
+        return {
+            "windows": 1,
+            "statistics": self.statistics is not None,
+            "records": self.records,
+            "outside": self.outside,
+            "incomplete": self.incomplete,
+            "failed": self.failed,
+        }
+
+    @property
+    def extrapolated(self) -> int:
+        """Records that are judged although training did not cover where they lie."""
+        return sum(n for where, n in self.elsewhere.items() if where.judged)
+
+
+def not_read(source: str, reason: str) -> WindowStatistics:
+    """A recording that could not be read, or not to its end, in the place of its windows."""
+    nan = float("nan")
+    return WindowStatistics(source, "", "", 0, 0, nan, nan, 0, 0, 0, 0, None, reason)
+
+
+def joined(parts: Sequence[WindowStatistics]) -> WindowStatistics:
+    """Bookkeeping of a window from that of its pieces, in order."""
+    first, last = parts[0], parts[-1]
+
+    def total(name: str) -> int:
+        return sum(getattr(part, name) for part in parts)
+
+    return replace(
+        first,
+        last_line=last.last_line,
+        end_s=last.end_s,
+        records=total("records"),
+        outside=total("outside"),
+        incomplete=total("incomplete"),
+        failed=total("failed"),
+        elsewhere=sum((part.elsewhere for part in parts), Counter()),
+        instruments=tuple(fault for part in parts for fault in part.instruments),
+    )
+
+
+def nothing_judged(window: WindowStatistics) -> str:
+    """Why a window has no verdict, where none of its records could be judged."""
+    counts = [
+        (window.outside, "outside the operating points identified"),
+        (window.incomplete, "incomplete"),
+        (window.failed, "not computed by the engine"),
+    ]
+    return "no record could be judged: " + ", ".join(f"{n} {what}" for n, what in counts if n)
+
+
+Pieces = Callable[[Recording, JudgedInputs, Key, np.ndarray, np.ndarray], Iterable[tuple[int, Piece]]]
+"""pieces(records of one group in one chunk, what is judged of them, group, block (n,) and lag (n,) of each record) ->
+number and piece of each block."""
+
+
+def cut(
+    monitor: Monitor,
+    recordings: Iterable[Recording],
+    plan: WindowPlan,
+    pieces: Pieces[Piece],
+    keep: Callable[[list[Piece]], None] = lambda pieces: None,
+) -> Iterator[list[list[Piece]]]:
+    """The windows that each chunk completes, each as its pieces; chunks of one file come in order. keep: is shown the
+    pieces of each window that goes on, after every chunk.
+
+    Raises DataError when a recording lacks an input of the engine, or a time that windows in time need.
+    """
+    assemblers: dict[Key, WindowAssembler[Piece]] = {}
+    timelines: dict[Key, Timeline] = {}
+    source = None
+    for recording in recordings:
+        complete: list[list[Piece]] = []
+        if recording.source != source:  # a new file: what was open in the old one is complete
+            complete.extend(window for assembler in assemblers.values() for window in assembler.flush())
+            assemblers, timelines, source = {}, {}, recording.source
+        check_inputs(monitor, recording)
+        groups = group_rows(recording)
+        taken = judged_inputs(monitor, recording)
+        # a flight of which a whole chunk tells nothing has ended: memory holds the flights of one chunk
+        for ended in [key for key in assemblers if key not in dict(groups)]:
+            complete.extend(assemblers.pop(ended).flush())
+            del timelines[ended]
+        for key, rows in groups:
+            mine = plan.of_flight(key[1])
+            assembler = assemblers.setdefault(key, WindowAssembler(mine))
+            part = recording.select(rows)
+            position, lags = _placed(timelines.setdefault(key, Timeline()), part, mine)
+            for number, piece in pieces(part, taken.of(rows), key, mine.blocks(position), lags):
+                complete.extend(assembler.push(number, piece))
+            keep(assembler.pieces)
+        yield complete
+    yield [window for assembler in assemblers.values() for window in assembler.flush()]
+
+
+def _placed(timeline: Timeline, part: Recording, plan: WindowPlan) -> tuple[np.ndarray, np.ndarray]:
+    """Position for the grid of the plan (n,), and lag (n,), of records."""
+    time = part.columns.get("time_s")
+    if plan.in_time and (time is None or not np.all(np.isfinite(time))):
+        raise DataError(f"{part.source}: windows in time need a column time_s without gaps")
+    position, lags = timeline.advance(len(part), time, plan.in_time)
+    if plan.in_time and timeline.breaks:
+        raise DataError(
+            f"{part.source}: time_s runs backwards; windows in time need one stretch of "
+            "time per flight (a column `flight` tells flights apart)"
+        )
+    return position, lags

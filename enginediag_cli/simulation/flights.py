@@ -1,19 +1,125 @@
-"""Generated flights: operating conditions without a recording to take them from."""
+"""Generated flights: operating conditions without a recording to take them from.
+
+Declaration of the YAML file that describes flights to simulate.
+
+Operating conditions: what an engine is asked to do, record by record.
+
+The flights that are simulated when nobody says which.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from enginediag_cli.config.fields import REQUIRED, Field, Section, Variants
+from enginediag_cli.config.hints import near
 from enginediag_cli.engine.atmosphere import standard_atmosphere
-from enginediag_cli.engine.model import EngineLike
+from enginediag_cli.engine.wrapped import EngineLike
 from enginediag_cli.errors import DataError
-from enginediag_cli.simulation.conditions import LABELS, Conditions
-from enginediag_cli.simulation.flight_file import MISSIONS
-from enginediag_cli.simulation.missions import UNRECORDED
+from enginediag_cli.simulation.airspeed import FOOT_M
+from enginediag_cli.simulation.missions import UNRECORDED, airliner, ground, manoeuvres, snapshots, sweep
+from enginediag_cli.simulation.noise import NOISE
+
+MISSIONS = {
+    "airliner": airliner,
+    "snapshots": snapshots,
+    "sweep": sweep,
+    "ground": ground,
+    "manoeuvres": manoeuvres,
+}
+
+FLIGHT_FILE = Section(
+    "flight",
+    "flights to simulate, and how noisily they are recorded",
+    (
+        Field("kind", "choice", "kind of file", "flight", choices=("flight",)),
+        Field("description", "text", "what these flights are", ""),
+        Field("source", "text", "where the numbers come from", ""),
+        Field(
+            "flights",
+            "integer",
+            "number of flights (of days on the ground) unless the command says otherwise",
+            1,
+            minimum=1,
+        ),
+        Field(
+            "mission",
+            "section",
+            "what a flight looks like",
+            section=Variants("mission", "kind of mission", {name: m.SECTION for name, m in MISSIONS.items()}),
+        ),
+        Field("constants", "number_map", "further inputs of the engine, each held at one value", {}),
+        Field("noise", "section", "sensor noise unless the command says otherwise", {}, section=NOISE),
+    ),
+)
+
+
+LABELS = ("flight", "time_s", "phase")
+"""Columns that place a record in a recording; never inputs of an engine."""
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Columns of equal length N in the order in which they are written; `flight` and `phase` may be text.
+
+    `series`: whether records follow each other in time, rather than being points that were drawn one by one. `way`:
+    what is flown between them, too, where that has corners: the same columns at more points of time.
+    """
+
+    columns: Mapping[str, NDArray]
+    series: bool = True
+    way: Conditions | None = None
+
+    def __post_init__(self) -> None:
+        lengths = {name: len(values) for name, values in self.columns.items()}
+        if len(set(lengths.values())) > 1:
+            raise ValueError(f"columns differ in length: {lengths}")
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values()), ()))
+
+    def slice(self, start: int, stop: int) -> Conditions:
+        """Records `start` to `stop` (exclusive, counted from 0)."""
+        cut = {name: values[start:stop] for name, values in self.columns.items()}
+        return Conditions(cut, self.series, self.way)
+
+
+def engine_inputs(engine: EngineLike, conditions: Conditions) -> dict[str, NDArray[np.float64]]:
+    """The engine's input columns, (N,) each: all required ones, and the optional ones that are given.
+
+    Raises DataError naming the missing column and a near match among those that are there.
+    """
+    inputs = {}
+    for column in engine.inputs:
+        if column not in conditions.columns:
+            raise DataError(
+                f"engine {engine.name!r} needs the column {column!r}, which the conditions lack "
+                f"({near(column, conditions.columns)})"
+            )
+        inputs[column] = np.asarray(conditions.columns[column], dtype=float)
+    for column in engine.optional_inputs:
+        if column in conditions.columns:
+            inputs[column] = np.asarray(conditions.columns[column], dtype=float)
+    return inputs
+
+
+def outside_envelope(engine: EngineLike, conditions: Conditions) -> dict[str, int]:
+    """Column → number of records outside the engine's declared envelope; empty where all are inside."""
+    counts = {}
+    for column, (low, high) in engine.envelope.items():
+        if column in conditions.columns:
+            values = np.asarray(conditions.columns[column], dtype=float)
+            margin = 1e-9 * max(abs(low), abs(high))
+            outside = int(np.count_nonzero((values < low - margin) | (values > high + margin)))
+            if outside:
+                counts[column] = outside
+    return counts
+
 
 MAX_FLIGHTS_FOR_RECORDS = 100_000
 """Flights that are made for a wanted number of records at most: a stop for what should not happen."""
@@ -91,3 +197,49 @@ def _copy(rng: np.random.Generator) -> np.random.Generator:
     bits = type(rng.bit_generator)()
     bits.state = rng.bit_generator.state
     return np.random.Generator(bits)
+
+
+AIRLINER_FLIGHTS = 5
+"""Flights of an engine for which none are described: some thousand records."""
+GROUND_DAYS = 30
+"""Days of an engine on the ground: a month's weather."""
+MARGIN_M = 100.0
+"""Kept from the ceiling of the engine's envelope, so that no record is outside by rounding."""
+
+
+def default_plan(engine: EngineLike) -> dict[str, Any]:
+    """Values of a flight file: airliner flights within the engine's envelope, or days on the ground for an
+    engine that knows no altitude."""
+    flies = "altitude_m" in engine.inputs
+    mission = {
+        "type": "airliner" if flies else "ground",
+        **_defaults(MISSIONS["airliner" if flies else "ground"].SECTION),
+    }
+    if flies:
+        _keep_inside(mission, engine)
+    return {
+        "flights": AIRLINER_FLIGHTS if flies else GROUND_DAYS,
+        "mission": mission,
+        "constants": {},
+        "noise": _defaults(NOISE),
+    }
+
+
+def _keep_inside(mission: dict[str, Any], engine: EngineLike) -> None:
+    """Lower cruise Mach number and levels to what the engine's envelope allows, step climbs included."""
+    fastest = engine.envelope.get("mach", (0.0, 1.0))[1]
+    low, high = mission["cruise_mach"]
+    mission["cruise_mach"] = [low * min(1.0, fastest / high), min(high, fastest)]
+    steps = 60.0 * mission["cruise_duration_min"][1] // (60.0 * mission["step_interval_min"])
+    ceiling = engine.envelope.get("altitude_m", (0.0, 20000.0))[1] - MARGIN_M
+    highest = ceiling / FOOT_M - steps * mission["step_climb_ft"]
+    mission["cruise_levels_ft"] = sorted({min(level, highest) for level in mission["cruise_levels_ft"]})
+
+
+def _defaults(section: Section) -> dict[str, Any]:
+    """Values of a section of which the file gives none; tuples become lists as a file would give them."""
+    assert all(field.default is not REQUIRED for field in section.fields)
+    return {
+        field.name: list(field.default) if isinstance(field.default, tuple) else field.default
+        for field in section.fields
+    }

@@ -21,9 +21,7 @@ from enginediag_cli.detection.follow import FlightMonitor
 from enginediag_cli.intake.baseline import open_baseline
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.monitor import Monitor, monitor_of
-from enginediag_cli.simulation.conditions import engine_inputs
-from enginediag_cli.simulation.default_flight import default_plan
-from enginediag_cli.simulation.flights import generate_flights
+from enginediag_cli.simulation.flights import default_plan, engine_inputs, generate_flights
 
 ENGINE = Path(__file__).resolve().parents[2] / "configs" / "turbofan.yaml"
 BLOCK, INTERVAL_S = 20, 10.0

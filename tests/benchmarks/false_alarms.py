@@ -27,11 +27,10 @@ from linear_twin import Flown, draw_noise, fly, identified
 from enginediag_cli.detection.glr import critical_value
 from enginediag_cli.detection.verdict import unknown_noise
 from enginediag_cli.intervals import NORMAL_95
-from enginediag_cli.residuals.frame import Frame
-from enginediag_cli.residuals.local import local_statistics, whiten
 from enginediag_cli.residuals.monitor import noise_of
 from enginediag_cli.residuals.noise import NoiseModel
 from enginediag_cli.residuals.score import fisher_score, marginalise, score_map
+from enginediag_cli.residuals.statistics import Frame, local_statistics, whiten
 
 ROOT = Path(__file__).resolve().parents[2]
 PHASES = ("ground", "climb", "cruise", "descent")

@@ -18,9 +18,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "fleet_judgement"))
 
 from turbofan_fleet import engine_history, fault, series
 
-from enginediag_cli.detection.e_bh import listed
-from enginediag_cli.detection.e_values import e_path
-from enginediag_cli.fleet_judgement.rows import flights_of
+from enginediag_cli.detection.e_values import e_path, listed
+from enginediag_cli.fleets.health import flights_of
 
 LEVEL = 0.05
 FLEETS = 200

@@ -17,8 +17,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "fleet_judgement"))
 
 from turbofan_fleet import QUICK, engine_history, fault, judged, known
 
-from enginediag_cli.fleet_judgement.finding import FleetSettings
-from enginediag_cli.fleet_judgement.fleet import judged_fleet
+from enginediag_cli.fleets.finding import FleetSettings
+from enginediag_cli.fleets.in_common import judged_fleet
 
 FLIGHTS = 100
 

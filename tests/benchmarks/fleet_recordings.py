@@ -16,11 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from enginediag_cli.detection.trend_of_files import series_of
-from enginediag_cli.fleet_judgement.engine import judged_engine
-from enginediag_cli.fleet_judgement.finding import FleetSettings
-from enginediag_cli.fleet_judgement.fleet import judged_fleet
-from enginediag_cli.fleet_judgement.history import EngineHistory
+from enginediag_cli.detection.trend import series_of
+from enginediag_cli.fleets.engine_judgement import judged_engine
+from enginediag_cli.fleets.finding import EngineHistory, FleetSettings
+from enginediag_cli.fleets.in_common import judged_fleet
 from enginediag_cli.intake.baseline import open_baseline
 from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intake.source import Source

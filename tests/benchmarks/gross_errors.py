@@ -30,7 +30,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from end_to_end import ROOT, run
 
 from enginediag_cli.detection import follow
-from enginediag_cli.engine.input_errors import OF_NOISE, InputErrors
+from enginediag_cli.engine.instrument_errors import OF_NOISE, InputErrors
 from enginediag_cli.intake.baseline import open_baseline
 from enginediag_cli.residuals import gross_gate, live_gate
 from enginediag_cli.residuals.monitor import Monitor, monitor_of

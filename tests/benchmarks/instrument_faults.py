@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from enginediag_cli.engine.input_errors import InputErrors
+from enginediag_cli.engine.instrument_errors import InputErrors
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.units import split_column
 

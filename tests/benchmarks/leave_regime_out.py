@@ -30,12 +30,9 @@ from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import CsvWriter, output
-from enginediag_cli.simulation.conditions import Conditions
-from enginediag_cli.simulation.default_flight import default_plan
-from enginediag_cli.simulation.flights import generate_flights
+from enginediag_cli.simulation.flights import Conditions, default_plan, generate_flights
 from enginediag_cli.simulation.noise import KINDS, column_noise
-from enginediag_cli.simulation.simulate import simulate
-from enginediag_cli.simulation.tables import recording_of
+from enginediag_cli.simulation.simulate import recording_of, simulate
 from enginediag_cli.trials.blind.truths.tables import tabulated
 
 ENGINE = Path(__file__).resolve().parents[2] / "configs" / "turbofan.yaml"

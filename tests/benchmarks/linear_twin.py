@@ -16,13 +16,10 @@ from scipy.signal import lfilter
 
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.nominal import Nominal
-from enginediag_cli.identification.problem import TrainingRecording
-from enginediag_cli.identification.settings import IdentificationSettings
+from enginediag_cli.identification.problem import IdentificationSettings, TrainingRecording
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.simulation.conditions import engine_inputs
-from enginediag_cli.simulation.default_flight import default_plan
-from enginediag_cli.simulation.flights import generate_flights
+from enginediag_cli.simulation.flights import default_plan, engine_inputs, generate_flights
 
 FLIGHTS = 12
 NEGLIGIBLE = 5e-5

@@ -17,11 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.isolation.subsets import ENUMERATED, best_subsets
-from enginediag_cli.residuals.frame import Frame
-from enginediag_cli.residuals.local import local_statistics
+from enginediag_cli.isolation.methods import ENUMERATED, best_subsets
 from enginediag_cli.residuals.noise import white_noise
 from enginediag_cli.residuals.score import Score, fisher_score
+from enginediag_cli.residuals.statistics import Frame, local_statistics
 
 SIZES = ((20, 4), (40, 8), (60, 6), (100, 5))
 EXHAUSTIVE = ((8, 8), (10, 10), (12, 12), (13, 13), (15, 15), (17, 6), (20, 5))

@@ -13,7 +13,7 @@ import pytest
 import small_fleet
 from washed_engine import BASELINE, LIMIT_K, WASHED, make
 
-from enginediag_cli.presentation.outputs.trend import with_ends
+from enginediag_cli.presentation.outputs.judgements import with_ends
 
 ASKED = ("--limit", "T5_K", f"{LIMIT_K:g}", "--events", "washes.csv", "--baseline", str(BASELINE))
 JUDGED = ("-n", "nominal.yaml", "engine_7.csv")
@@ -103,9 +103,8 @@ def test_engines_that_were_taken_off_tell_the_others_how_far_they_may_go(tmp_pat
 
 
 def test_a_wash_that_gave_back_one_per_cent_is_told_with_its_gain_of_turbine_temperature(here, run):
+    from enginediag_cli.fleets.work_scope import at_equal_power, reference_of
     from enginediag_cli.physics.engine_file import load_engine
-    from enginediag_cli.work_scope.equal_power import at_equal_power
-    from enginediag_cli.work_scope.reference import reference_of
 
     (wash,) = (row for row in margin(run, *ASKED) if row["row"] == "maintenance")
     assert (wash["event"], wash["number"]) == ("wash", WASHED)

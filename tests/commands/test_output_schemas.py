@@ -17,8 +17,8 @@ from typing import Any
 import pytest
 
 from enginediag_cli.presentation.outputs.declared import Table, column
+from enginediag_cli.presentation.outputs.judgements import WINDOW
 from enginediag_cli.presentation.outputs.registry import OUTPUTS, output
-from enginediag_cli.presentation.outputs.windows import WINDOW
 
 RELEASED = Path(__file__).with_name("output_schemas.json")
 TESTS = Path(__file__).parents[1]
@@ -279,8 +279,7 @@ def test_a_schema_is_complete(run, name):
 
 
 def test_the_columns_of_windows_are_those_that_residuals_have():
-    from enginediag_cli.residuals.flat import WINDOW_COLUMNS
-    from enginediag_cli.residuals.seal import MADE_COLUMNS
+    from enginediag_cli.residuals.flat import MADE_COLUMNS, WINDOW_COLUMNS
 
     assert tuple(c.name for c in WINDOW) == WINDOW_COLUMNS
     assert set(MADE_COLUMNS) <= set(output("residual").names)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from enginediag_cli.config import yaml12
+from enginediag_cli.config import document as yaml12
 from enginediag_cli.config.document import document_problems, load_document, parse_document
 from enginediag_cli.errors import ConfigError, Mark
 

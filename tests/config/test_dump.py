@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 from enginediag_cli.config.document import Node, parse_document
-from enginediag_cli.config.dump import dump
+from enginediag_cli.config.edit import dump
 
 TEXTS = [
     "1e5",

@@ -9,8 +9,7 @@ from config_declarations import FILE, GOOD
 from enginediag_cli.config.document import Node, document_problems, parse_document
 from enginediag_cli.config.fields import KINDS, Field, Section
 from enginediag_cli.config.json_schema import SHAPES, json_schema
-from enginediag_cli.config.leaves import LEAVES, WANTED
-from enginediag_cli.config.validate import validate
+from enginediag_cli.config.validate import LEAVES, WANTED, validate
 from enginediag_cli.errors import ConfigError
 
 SCHEMA = json_schema(FILE, "enginediag engine file")

@@ -11,11 +11,10 @@ import pytest
 from config_declarations import GOOD
 
 from enginediag_cli.config import kinds
-from enginediag_cli.config.defaults import default_value
 from enginediag_cli.config.document import parse_document
 from enginediag_cli.config.fields import KINDS, AnySection, Field, Section
 from enginediag_cli.config.json_schema import json_schema
-from enginediag_cli.config.validate import validate
+from enginediag_cli.config.validate import default_value, validate
 from enginediag_cli.errors import ConfigError, Mark, Problem
 
 DECLARED = dict(kinds.FILE_KINDS)

@@ -10,7 +10,7 @@ import pytest
 
 from enginediag_cli.config import reading
 from enginediag_cli.config.document import load_document
-from enginediag_cli.config.excerpt import render_all
+from enginediag_cli.config.hints import render_all
 from enginediag_cli.config.kinds import check_file
 from enginediag_cli.config.reading import READING, file_inside
 from enginediag_cli.errors import MOST_PROBLEMS, ConfigError

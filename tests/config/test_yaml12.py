@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from config_declarations import GOOD
 
-from enginediag_cli.config import yaml12
+from enginediag_cli.config import document as yaml12
 from enginediag_cli.config.document import parse_document
 from enginediag_cli.errors import ConfigError
 

@@ -9,7 +9,6 @@ import pytest
 from scipy.integrate import dblquad
 
 from enginediag_cli.detection import e_values
-from enginediag_cli.detection.e_bh import listed
 from enginediag_cli.detection.e_values import (
     CONDITIONS,
     LAWS,
@@ -19,6 +18,7 @@ from enginediag_cli.detection.e_values import (
     _courses,
     _whitened,
     e_path,
+    listed,
     onset_law,
 )
 

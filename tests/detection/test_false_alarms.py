@@ -11,14 +11,20 @@ import pytest
 from scipy.stats import binom
 from scipy.stats import f as f_law
 
-from enginediag_cli.detection.glr import critical_value, glr_test, noise_correction, numerator, p_value, threshold
-from enginediag_cli.detection.minimum_change import NOTHING_REQUIRED
+from enginediag_cli.detection.glr import (
+    NOTHING_REQUIRED,
+    critical_value,
+    glr_test,
+    noise_correction,
+    numerator,
+    p_value,
+    threshold,
+)
 from enginediag_cli.detection.verdict import HEALTHY, NO_VERDICT, judge, unknown_noise
-from enginediag_cli.residuals.frame import Frame
-from enginediag_cli.residuals.local import local_statistics
 from enginediag_cli.residuals.noise import NoiseModel
 from enginediag_cli.residuals.score import fisher_score
-from enginediag_cli.residuals.window import WindowStatistics
+from enginediag_cli.residuals.statistics import Frame, local_statistics
+from enginediag_cli.residuals.windows import WindowStatistics
 
 ROOT = Path(__file__).resolve().parents[2]
 

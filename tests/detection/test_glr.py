@@ -8,10 +8,9 @@ from scipy.signal import lfilter
 from scipy.stats import binom, ncx2
 
 from enginediag_cli.detection.glr import glr_test, power, threshold
-from enginediag_cli.residuals.frame import Frame
-from enginediag_cli.residuals.local import local_statistics
 from enginediag_cli.residuals.noise import NoiseModel, white_noise
 from enginediag_cli.residuals.score import fisher_score
+from enginediag_cli.residuals.statistics import Frame, local_statistics
 
 N, M, P, TRIALS = 80, 4, 6, 1500
 SIGMA = np.array([0.5, 1.0, 2.0, 10.0])

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from enginediag_cli.detection.glr import glr_test
-from enginediag_cli.detection.lack_of_fit import lack_of_fit
-from enginediag_cli.residuals.frame import Frame
-from enginediag_cli.residuals.local import local_statistics
+from enginediag_cli.detection.glr import glr_test, lack_of_fit
 from enginediag_cli.residuals.noise import white_noise
 from enginediag_cli.residuals.score import fisher_score
+from enginediag_cli.residuals.statistics import Frame, local_statistics
 
 
 def statistics(e, J):

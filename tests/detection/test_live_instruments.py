@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from known_engine import climb, recorded, write_known
 
-from enginediag_cli.detection.following import Following
+from enginediag_cli.detection.follow import Following
 from enginediag_cli.intake.baseline import open_baseline
 from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intake.source import Source
@@ -16,8 +16,8 @@ from enginediag_cli.intake.wanted import columns_of
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv
-from enginediag_cli.residuals.lagging import with_lagging
 from enginediag_cli.residuals.monitor import monitor_of
+from enginediag_cli.residuals.reduced import with_lagging
 
 ENGINE = Path(__file__).parents[2] / "configs" / "turbofan.yaml"
 RECORDS, SINCE = 160, 60

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from enginediag_cli.detection.glr import power
-from enginediag_cli.detection.minimum_change import (
+from enginediag_cli.detection.glr import (
     minimum_change,
     must_show,
+    power,
     required_noncentrality,
     unseen_components,
 )

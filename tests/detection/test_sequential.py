@@ -9,13 +9,23 @@ from scipy.stats import binom, multivariate_normal
 from toy_engine import toy_monitor, toy_recording
 
 from enginediag_cli.detection.follow import FlightMonitor
-from enginediag_cli.detection.segments import RECENT, Coordinates, Segment, append, tails
-from enginediag_cli.detection.sequential import EProcess, effect, log_full, log_single, onset_weight
+from enginediag_cli.detection.sequential import (
+    RECENT,
+    Coordinates,
+    EProcess,
+    Segment,
+    append,
+    effect,
+    log_full,
+    log_single,
+    onset_weight,
+    tails,
+)
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.growing import GrowingFile
+from enginediag_cli.recordings.live import GrowingFile
 from enginediag_cli.recordings.source import LONGEST_LINE
-from enginediag_cli.residuals.innovations import Innovations
 from enginediag_cli.residuals.noise import NoiseModel, white_noise
+from enginediag_cli.residuals.records import Innovations
 
 KEY = ("toy.csv", "1", "")
 

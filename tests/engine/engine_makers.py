@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from enginediag_cli.config.defaults import default_value
+from enginediag_cli.config.validate import default_value
 from enginediag_cli.engine.components import COMPONENTS
 from enginediag_cli.engine.dual import Dual, value
 from enginediag_cli.engine.evaluation import Evaluation, Shaft

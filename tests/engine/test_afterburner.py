@@ -8,8 +8,7 @@ from engine_makers import GAS, component, evaluation, flow, fourth_order, gradie
 from mixed_flow import MIXED_FLOW
 from standing import standing
 
-from enginediag_cli.engine.components.afterburner import fuel_for
-from enginediag_cli.engine.components.burner import burnt
+from enginediag_cli.engine.components.combustion import burnt, fuel_for
 from enginediag_cli.engine.dual import value
 from enginediag_cli.engine.flow import static_pressure
 from enginediag_cli.errors import ConfigError

@@ -7,7 +7,8 @@ import pytest
 from engine_makers import operating_points, take, turbofan
 from mixed_flow import MIXED_FLOW
 
-from enginediag_cli.engine import anchors, solver
+from enginediag_cli.engine import solver
+from enginediag_cli.engine import start as anchors
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.physics.engine_file import load_engine
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.engine.drifts import ELAPSED, InstrumentDrifts
-from enginediag_cli.engine.input_errors import InputErrors
+from enginediag_cli.engine.instrument_errors import ELAPSED, InputErrors, InstrumentDrifts
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.groups import FlightHours

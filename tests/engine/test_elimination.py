@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.engine.elimination import directly, factors, substituted
+from enginediag_cli.engine.solver import directly, factors, substituted
 
 
 def systems(k, n=400, seed=1):

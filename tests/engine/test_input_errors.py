@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from enginediag_cli.engine.input_errors import InputErrors
+from enginediag_cli.engine.instrument_errors import InputErrors
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from engine_makers import component, evaluation, flow, fourth_order, gradient, seeds
 
-from enginediag_cli.engine.components.nozzle import throat
+from enginediag_cli.engine.components.nozzles import throat
 from enginediag_cli.engine.dual import value
 from enginediag_cli.engine.flow import Flow
 from enginediag_cli.engine.gas import DRY_AIR

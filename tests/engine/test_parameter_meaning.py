@@ -10,8 +10,7 @@ import yaml
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.components import COMPONENTS
 from enginediag_cli.engine.components.base import FROM, HEALTH_ROAMS, NAME, TO, Component
-from enginediag_cli.engine.driver import Driver
-from enginediag_cli.engine.term import Term
+from enginediag_cli.engine.term import Driver, Term
 from enginediag_cli.mismatch.fit.freeform import locations_of
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.physics.engine_file import load_engine

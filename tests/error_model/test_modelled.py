@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from engine_makers import fourth_order, operating_points, turbofan
 
-from enginediag_cli.error_model.curves import CURVES, learn_curves
-from enginediag_cli.error_model.machines import QUANTITIES, machines_of
+from enginediag_cli.error_model.curves import CURVES, QUANTITIES, learn_curves, machines_of
 from enginediag_cli.error_model.modelled import FAMILY, MapErrorModel
 
 AMOUNTS = {

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 import small_fleet
 
-from enginediag_cli.detection.trend_of_files import series_of
+from enginediag_cli.detection.trend import series_of
 from enginediag_cli.fleets import condense as module
 from enginediag_cli.fleets.condense import CondenseTask, condense, whole_monitor
 from enginediag_cli.fleets.condensed_file import CondensedReader
-from enginediag_cli.fleets.judging import Piece, _Stored
-from enginediag_cli.fleets.run import condense_all, engine_tasks
-from enginediag_cli.fleets.runners.serial import Serial
+from enginediag_cli.fleets.run import Piece, _Stored, condense_all, engine_tasks
+from enginediag_cli.fleets.runners.runner import Serial
 from enginediag_cli.fleets.store import Store
 from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intake.source import Source

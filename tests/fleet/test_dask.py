@@ -9,9 +9,8 @@ import pytest
 import small_fleet
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.fleets.judging import judge
-from enginediag_cli.fleets.run import condense_all, engine_tasks
-from enginediag_cli.fleets.runners.serial import Serial
+from enginediag_cli.fleets.run import condense_all, engine_tasks, judge
+from enginediag_cli.fleets.runners.runner import Serial
 from enginediag_cli.fleets.store import Store
 
 distributed = pytest.importorskip("distributed", reason="pip install 'enginediag[fleet]' for tests with Dask")

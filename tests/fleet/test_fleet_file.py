@@ -10,8 +10,8 @@ import pytest
 
 from enginediag_cli.config.reading import outside_allowed
 from enginediag_cli.errors import ConfigError, DataError, NoVerdictError
-from enginediag_cli.fleets.common_model import _chosen, _EarlyLife, _even
 from enginediag_cli.fleets.fleet import Baseline, load_fleet
+from enginediag_cli.fleets.models import _chosen, _EarlyLife, _even
 from enginediag_cli.fleets.recordings import natural, recordings_of
 from enginediag_cli.recordings.table import Recording
 

@@ -16,9 +16,7 @@ from enginediag_cli.fleets.fleet import load_fleet
 from enginediag_cli.fleets.keeping import merge, prune, standing
 from enginediag_cli.fleets.recordings import recordings_of
 from enginediag_cli.fleets.run import condense_all
-from enginediag_cli.fleets.runners.places import runner_for
-from enginediag_cli.fleets.runners.processes import Processes
-from enginediag_cli.fleets.runners.serial import Serial
+from enginediag_cli.fleets.runners.runner import Processes, Serial, runner_for
 from enginediag_cli.fleets.store import Store
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.fleet_judgement.remaining import learnt_limit
 from enginediag_cli.fleets.fleet import load_fleet
+from enginediag_cli.fleets.margin import learnt_limit
 from enginediag_cli.fleets.recordings import recordings_of
 from enginediag_cli.fleets.run import run_fleet
-from enginediag_cli.fleets.runners.serial import Serial
+from enginediag_cli.fleets.runners.runner import Serial
 from enginediag_cli.fleets.store import Store
 
 

@@ -7,7 +7,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from enginediag_cli.fleets.tree import TreeSum, tree_sum
+from enginediag_cli.fleets.run import TreeSum, tree_sum
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 5, 6, 7, 8, 13])

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from turbofan_fleet import BASELINE, engine_history, judged, lost
 
-from enginediag_cli.fleet_judgement.finding import CHANGED, HEALTHY, NO_VERDICT
+from enginediag_cli.fleets.finding import CHANGED, HEALTHY, NO_VERDICT
 
 
 def test_what_fouls_during_its_baseline_and_then_no_more_is_no_healthy_engine():

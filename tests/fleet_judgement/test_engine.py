@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from turbofan_fleet import BASELINE, engine_history, geometry, judged, lost, scale
 
-from enginediag_cli.fleet_judgement.finding import CHANGED, HEALTHY, NO_VERDICT, FleetSettings
-from enginediag_cli.fleet_judgement.history import Event
+from enginediag_cli.fleets.finding import CHANGED, HEALTHY, NO_VERDICT, Event, FleetSettings
 
 
 def row(finding, name):

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from turbofan_fleet import QUICK, engine_history, geometry, judged, known, lost, scale
 
-from enginediag_cli.fleet_judgement.alike import random_effects
-from enginediag_cli.fleet_judgement.finding import NO_VERDICT, EngineFinding, FleetSettings
-from enginediag_cli.fleet_judgement.fleet import judged_fleet
-from enginediag_cli.fleet_judgement.remaining import learnt_limit, with_forecasts
+from enginediag_cli.fleets.finding import NO_VERDICT, EngineFinding, FleetSettings
+from enginediag_cli.fleets.in_common import judged_fleet, random_effects
+from enginediag_cli.fleets.margin import learnt_limit, with_forecasts
 
 FLIGHTS = 90
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.fleet_judgement.history import Event
-from enginediag_cli.fleet_judgement.whose_events import events_by_engine
+from enginediag_cli.fleets.finding import Event
+from enginediag_cli.fleets.margin_of_series import events_by_engine
 
 
 def events(*engines: str) -> list[Event]:

@@ -15,15 +15,14 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from enginediag_cli.detection.trend_of_files import Series, Stretch
-from enginediag_cli.fleet_judgement.engine import judged_engine
-from enginediag_cli.fleet_judgement.finding import EngineFinding, FleetSettings
-from enginediag_cli.fleet_judgement.history import EngineHistory, Event
-from enginediag_cli.fleet_judgement.margin import MarginScale, margin_scale
+from enginediag_cli.detection.trend import Series, Stretch
+from enginediag_cli.fleets.engine_judgement import judged_engine
+from enginediag_cli.fleets.finding import EngineFinding, EngineHistory, Event, FleetSettings
+from enginediag_cli.fleets.margin import MarginScale, margin_scale
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.statistics import LocalStatistics
-from enginediag_cli.residuals.window import WindowStatistics
+from enginediag_cli.residuals.windows import WindowStatistics
 from enginediag_cli.simulation.noise import ColumnNoise
 from enginediag_cli.trials.studies.known import known_nominal
 

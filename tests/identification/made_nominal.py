@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.identification.envelope import learn_envelope
-from enginediag_cli.identification.nominal import Estimate, Nominal, SensorNoise
+from enginediag_cli.identification.nominal import Estimate, Nominal, SensorNoise, learn_envelope
 from enginediag_cli.recordings.provenance import sha256_of
 
 ESTIMATED = {"compressor.efficiency": 0.004, "turbine.efficiency": 0.004, "nozzle.area": 0.003}

@@ -8,13 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from enginediag_cli.identification import attempts
-from enginediag_cli.identification.attempts import GivenUp, best_attempt, considered, operating_points, without_shapes
+from enginediag_cli.identification import passes as attempts
 from enginediag_cli.identification.normal_equations import blocks
-from enginediag_cli.identification.passes import Passes
+from enginediag_cli.identification.passes import (
+    GivenUp,
+    Passes,
+    best_attempt,
+    considered,
+    operating_points,
+    without_shapes,
+)
 from enginediag_cli.identification.passes import fit_and_noise as fit_anew
-from enginediag_cli.identification.problem import Problem, TrainingRecording, build_problem
-from enginediag_cli.identification.settings import IdentificationSettings
+from enginediag_cli.identification.problem import IdentificationSettings, Problem, TrainingRecording, build_problem
 from enginediag_cli.physics.engine_file import load_engine
 
 CONFIGS = Path(__file__).parents[2] / "configs"

@@ -7,11 +7,9 @@ from dataclasses import replace
 import numpy as np
 from identification_toy import ToyEngine, fly
 
-from enginediag_cli.identification.bounds import at_bounds, given_back
-from enginediag_cli.identification.covariance import uncertainty
+from enginediag_cli.identification.covariance import at_bounds, given_back, uncertainty
 from enginediag_cli.identification.gauss_newton import solve
-from enginediag_cli.identification.problem import build_problem
-from enginediag_cli.identification.settings import IdentificationSettings
+from enginediag_cli.identification.problem import IdentificationSettings, build_problem
 
 
 def pushed(share):

@@ -9,8 +9,7 @@ from identification_toy import ToyEngine, fly
 from enginediag_cli.identification.covariance import uncertainty
 from enginediag_cli.identification.gauss_newton import solve
 from enginediag_cli.identification.normal_equations import blocks
-from enginediag_cli.identification.problem import build_problem
-from enginediag_cli.identification.settings import IdentificationSettings
+from enginediag_cli.identification.problem import IdentificationSettings, build_problem
 
 
 def fitted(**settings):

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 from identification_toy import TRUTH, ToyEngine, fly, outputs
 
-from enginediag_cli.identification.crossvalidation import FOLDS, block_folds
-from enginediag_cli.identification.identify import identify
-from enginediag_cli.identification.problem import TrainingRecording
-from enginediag_cli.identification.settings import IdentificationSettings
+from enginediag_cli.identification.identify import FOLDS, block_folds, identify
+from enginediag_cli.identification.problem import IdentificationSettings, TrainingRecording
 
 
 def test_without_a_length_the_records_fall_into_equal_runs():

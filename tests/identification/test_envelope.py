@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.identification.envelope import MAX_POINTS, learn_envelope
+from enginediag_cli.identification.nominal import MAX_POINTS, learn_envelope
 
 
 def flight(n=600, seed=0):

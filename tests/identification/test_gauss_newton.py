@@ -10,10 +10,8 @@ import pytest
 from identification_toy import PARAMETERS, TRUTH, ToyEngine, fly, health
 
 from enginediag_cli.identification.gauss_newton import CREEPING, solve
-from enginediag_cli.identification.loss import LOSSES
 from enginediag_cli.identification.normal_equations import predict
-from enginediag_cli.identification.problem import TrainingRecording, build_problem
-from enginediag_cli.identification.settings import IdentificationSettings
+from enginediag_cli.identification.problem import LOSSES, IdentificationSettings, TrainingRecording, build_problem
 
 
 def problem_of(engine, recordings, **settings):

@@ -11,8 +11,7 @@ from scipy.stats import binom
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.identify import identify
-from enginediag_cli.identification.problem import TrainingRecording
-from enginediag_cli.identification.settings import IdentificationSettings, settings_from_mapping
+from enginediag_cli.identification.problem import IdentificationSettings, TrainingRecording, settings_from_mapping
 
 REPETITIONS = 60
 

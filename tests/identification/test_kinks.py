@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.identification.kinks import Kinks, Piece, smallest
+from enginediag_cli.identification.gauss_newton import Kinks, Piece, smallest
 
 
 def test_gradients_on_both_sides_of_a_kink_balance():

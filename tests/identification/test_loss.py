@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.identification.loss import LOSSES, Loss
+from enginediag_cli.identification.problem import LOSSES, Loss
 
 Z = np.array([-30.0, -3.0, -2.2, -0.4, 1e-9, 0.7, 1.9, 2.7, 100.0])
 

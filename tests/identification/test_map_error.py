@@ -8,13 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from enginediag_cli.error_model.curves import learn_curves
-from enginediag_cli.error_model.machines import QUANTITIES, machines_of
+from enginediag_cli.error_model.curves import QUANTITIES, learn_curves, machines_of
 from enginediag_cli.error_model.modelled import FAMILY, MapErrorModel
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.map_error import EXCITED
+from enginediag_cli.identification.nominal_checks import NONE, with_accuracy
 from enginediag_cli.identification.nominal_file import read_nominal, write_nominal
-from enginediag_cli.identification.other_accuracy import NONE, with_accuracy
 from enginediag_cli.identification.problem import TrainingRecording
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped

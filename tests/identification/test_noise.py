@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 from identification_toy import noise as ar1
 
-from enginediag_cli.identification.noise import MAX_RHO, estimate_noise, excess_kurtosis, gross_readings, starting_noise
-from enginediag_cli.identification.pace import gaps
+from enginediag_cli.identification.noise import (
+    MAX_RHO,
+    estimate_noise,
+    excess_kurtosis,
+    gaps,
+    gross_readings,
+    starting_noise,
+)
 
 NONE, FLOOR = np.zeros(1), np.array([1e-9])
 

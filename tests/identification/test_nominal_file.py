@@ -16,7 +16,7 @@ from enginediag_cli.identification.nominal_file import (
     refuse_changed_engine,
     write_nominal,
 )
-from enginediag_cli.identification.settings import IdentificationSettings
+from enginediag_cli.identification.problem import IdentificationSettings
 from enginediag_cli.recordings.provenance import sha256_of
 
 

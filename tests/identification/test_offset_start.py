@@ -7,9 +7,8 @@ import pytest
 from identification_toy import ToyEngine, fly
 
 from enginediag_cli.identification.normal_equations import predict
-from enginediag_cli.identification.offset_start import first_offsets
-from enginediag_cli.identification.problem import build_problem
-from enginediag_cli.identification.settings import IdentificationSettings
+from enginediag_cli.identification.offsets import first_offsets
+from enginediag_cli.identification.problem import IdentificationSettings, build_problem
 
 
 def test_offsets_begin_at_the_medians_of_the_recordings_less_what_they_share():

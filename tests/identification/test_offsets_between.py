@@ -12,20 +12,20 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.identification.covariance import uncertainty
 from enginediag_cli.identification.gauss_newton import solve
 from enginediag_cli.identification.identify import identify
+from enginediag_cli.identification.noise import NEIGHBOURS
 from enginediag_cli.identification.normal_equations import blocks, normal_equations
-from enginediag_cli.identification.offset_prior import OffsetPrior
-from enginediag_cli.identification.offset_sizes import (
+from enginediag_cli.identification.offsets import (
     COMMON,
+    LEAST,
     OWN,
+    USUAL_OUTPUT,
     ArrowData,
     likeliest_offsets,
     log_likelihood,
     spread_of_sizes,
+    with_offsets,
 )
-from enginediag_cli.identification.offsets_between import LEAST, USUAL_OUTPUT, with_offsets
-from enginediag_cli.identification.pace import NEIGHBOURS
-from enginediag_cli.identification.problem import build_problem
-from enginediag_cli.identification.settings import IdentificationSettings
+from enginediag_cli.identification.problem import IdentificationSettings, OffsetPrior, build_problem
 
 
 def flights(biases, seed=0, n=60, **more):

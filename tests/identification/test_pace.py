@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.identification.noise import estimate_noise
-from enginediag_cli.identification.pace import correlated_sum, correlations, gaps, inflation, position
+from enginediag_cli.identification.noise import correlated_sum, correlations, estimate_noise, gaps, inflation, position
 
 
 def autoregression(n, rho, seed):

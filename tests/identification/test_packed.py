@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.identification.packed import packed, unpacked
+from enginediag_cli.identification.nominal_file import packed, unpacked
 
 
 def test_what_is_packed_comes_back_to_the_last_bit():

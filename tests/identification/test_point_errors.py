@@ -10,10 +10,9 @@ import pytest
 
 from enginediag_cli.error_model.points import POINT_FAMILY, PointErrorModel
 from enginediag_cli.identification.identify import identify
+from enginediag_cli.identification.map_error import with_point_errors
 from enginediag_cli.identification.nominal_file import read_nominal, write_nominal
-from enginediag_cli.identification.point_errors import with_point_errors
-from enginediag_cli.identification.problem import TrainingRecording, build_problem
-from enginediag_cli.identification.settings import settings_from_mapping
+from enginediag_cli.identification.problem import TrainingRecording, build_problem, settings_from_mapping
 from enginediag_cli.physics.engine_file import load_engine
 
 CONFIGS = Path(__file__).parents[2] / "configs"

@@ -9,12 +9,11 @@ import pytest
 from identification_toy import ToyEngine, fly
 
 from enginediag_cli.engine.warm import warm
-from enginediag_cli.identification.crossvalidation import _without
 from enginediag_cli.identification.gauss_newton import Fit
+from enginediag_cli.identification.identify import _without
 from enginediag_cli.identification.map_error import with_map_error, with_range_of
 from enginediag_cli.identification.normal_equations import near_equations, normal_equations, predicted_at
-from enginediag_cli.identification.problem import TrainingRecording, build_problem
-from enginediag_cli.identification.settings import IdentificationSettings
+from enginediag_cli.identification.problem import IdentificationSettings, TrainingRecording, build_problem
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
 

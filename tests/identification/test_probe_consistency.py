@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from enginediag_cli.identification.probe_balances import balances, needed_of_model
-from enginediag_cli.identification.probe_consistency import without_probes, wrong_probes
+from enginediag_cli.identification.probes import balances, needed_of_model, without_probes, wrong_probes
 from enginediag_cli.identification.problem import TrainingRecording
 from enginediag_cli.physics.engine_file import load_engine
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.identification.repeated_points import LEAST_WORTH, cells_of, lack_of_fit
+from enginediag_cli.identification.map_error import LEAST_WORTH, cells_of, lack_of_fit
 
 POINTS = np.array([[300.0, 1e5], [400.0, 2e5], [500.0, 3e5], [600.0, 6e5]])
 SIGMA = np.array([1.0, 500.0])

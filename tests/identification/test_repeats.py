@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from enginediag_cli.identification.problem import TrainingRecording
-from enginediag_cli.identification.repeats import Repeat, without_repeats
+from enginediag_cli.identification.training import Repeat, without_repeats
 
 COLUMNS = ("Wf_kg_s", "T3_K")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.identification.resolution import quantisation_sigma
+from enginediag_cli.identification.noise import quantisation_sigma
 
 
 def test_rounding_to_a_step_leaves_the_scatter_of_a_uniform_error():

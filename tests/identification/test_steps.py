@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from identification_toy import TRUTH, ToyEngine, fly
 
-from enginediag_cli.identification import steps
+from enginediag_cli.identification import gauss_newton as steps
 from enginediag_cli.identification.covariance import uncertainty
-from enginediag_cli.identification.gauss_newton import resumed, solve
-from enginediag_cli.identification.problem import build_problem
-from enginediag_cli.identification.settings import IdentificationSettings
-from enginediag_cli.identification.steps import Derivatives, ways
+from enginediag_cli.identification.gauss_newton import Derivatives, resumed, solve, ways
+from enginediag_cli.identification.problem import IdentificationSettings, build_problem
 
 
 @dataclass(frozen=True)

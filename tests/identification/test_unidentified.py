@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.identification.unidentified import unidentified_combinations
+from enginediag_cli.identification.covariance import unidentified_combinations
 
 NAMES = ("a", "b", "c", "d")
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from enginediag_cli.identification.noise import estimate_noise
-from enginediag_cli.identification.unseen import noise_on_unseen
+from enginediag_cli.identification.noise import estimate_noise, noise_on_unseen
 
 
 def each_step(n):

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from enginediag_cli.residuals.frame import Frame
-from enginediag_cli.residuals.local import local_statistics
 from enginediag_cli.residuals.noise import white_noise
 from enginediag_cli.residuals.score import Score, fisher_score
+from enginediag_cli.residuals.statistics import Frame, local_statistics
 
 
 def linear_score(rng, J, change, sigma=0.02) -> Score:

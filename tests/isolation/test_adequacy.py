@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import norm
 from turbofan_trials import turbofan_monitor
 
-from enginediag_cli.detection.lack_of_fit import lack_of_fit
+from enginediag_cli.detection.glr import lack_of_fit
 from enginediag_cli.isolation.adequacy import (
     beyond_bounds,
     fit_after,
@@ -20,7 +20,7 @@ from enginediag_cli.isolation.adequacy import (
 from enginediag_cli.isolation.components import isolate_components
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions, diagnose
 from enginediag_cli.isolation.prior import SetPrior
-from enginediag_cli.isolation.sizes import estimate_sizes
+from enginediag_cli.isolation.result import estimate_sizes
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.noise import KNOWN
 from enginediag_cli.residuals.pipeline import window_statistics

@@ -10,7 +10,7 @@ import pytest
 from score_makers import linear_score, sensitivities
 
 from enginediag_cli.isolation.advice import Option, advise, condition_options, part, sensor_options
-from enginediag_cli.planning.conditions_grid import conditions_grid
+from enginediag_cli.planning.flights import conditions_grid
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "residuals"))
 from toy_engine import toy_monitor, toy_recording

@@ -14,18 +14,17 @@ from enginediag_cli.intake.baseline import open_baseline
 from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intake.source import Source
 from enginediag_cli.intake.wanted import columns_of
-from enginediag_cli.isolation.averaging import least_that_matters, log_too_small
 from enginediag_cli.isolation.belief import Belief
 from enginediag_cli.isolation.components import component_posterior, more_probable_than_not
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions
 from enginediag_cli.isolation.flips.errors import single_errors
 from enginediag_cli.isolation.flips.flips import Flips, flips_of_components, flips_of_parameters
 from enginediag_cli.isolation.of_windows import Isolating
-from enginediag_cli.isolation.posterior import set_posterior
+from enginediag_cli.isolation.posterior import least_that_matters, log_too_small, set_posterior
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.presentation.flip_rows import flip_cells, flips_sentence
+from enginediag_cli.presentation.isolation_rows import flip_cells, flips_sentence
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv
 from enginediag_cli.residuals.files import JudgedFiles

@@ -10,17 +10,19 @@ import numpy as np
 import pytest
 from turbofan_trials import faulty_window, turbofan_monitor, window_score
 
-from enginediag_cli.isolation import window_model
+from enginediag_cli.isolation import large_faults as window_model
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions, diagnose
 from enginediag_cli.isolation.large_faults import (
+    COMPUTED,
     NATS,
+    WindowModel,
     fit_sets,
     nonlinear_posterior,
     quadratic_error,
     restricted_changes,
+    spread_records,
 )
 from enginediag_cli.isolation.posterior import set_posterior
-from enginediag_cli.isolation.window_model import COMPUTED, WindowModel, spread_records
 from enginediag_cli.residuals.score import fisher_score
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "residuals"))

@@ -7,9 +7,14 @@ import pytest
 from scipy.stats import kstest
 from score_makers import linear_score, sensitivities
 
-from enginediag_cli.isolation.holm import holm_minmax
-from enginediag_cli.isolation.minmax import minmax_test, rejection_test, single_minmax
-from enginediag_cli.isolation.sensitivity import sensitivity_test, single_sensitivities
+from enginediag_cli.isolation.methods import (
+    holm_minmax,
+    minmax_test,
+    rejection_test,
+    sensitivity_test,
+    single_minmax,
+    single_sensitivities,
+)
 
 
 @pytest.fixture

@@ -14,10 +14,9 @@ from score_makers import linear_score, sensitivities
 from enginediag_cli.isolation.methods import isolate
 from enginediag_cli.isolation.posterior import set_posterior, size_limit
 from enginediag_cli.isolation.prior import SetPrior
-from enginediag_cli.residuals.frame import Frame
-from enginediag_cli.residuals.local import local_statistics
 from enginediag_cli.residuals.noise import white_noise
 from enginediag_cli.residuals.score import fisher_score
+from enginediag_cli.residuals.statistics import Frame, local_statistics
 
 
 def test_probabilities_equal_the_marginal_likelihoods_of_all_sets():

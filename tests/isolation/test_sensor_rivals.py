@@ -9,9 +9,8 @@ import pytest
 from parameter_makers import described
 from turbofan_trials import faulty_window, turbofan_monitor, window_score
 
-from enginediag_cli.isolation.diagnosis import DiagnosisOptions, diagnose
+from enginediag_cli.isolation.diagnosis import DiagnosisOptions, diagnose, sensor_rivalry
 from enginediag_cli.isolation.result import Explanation, IsolationResult
-from enginediag_cli.isolation.rivals import sensor_rivalry
 from enginediag_cli.presentation.sentences import sensor_or_component
 
 

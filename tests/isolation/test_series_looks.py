@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.detection.course import courses, places
 from enginediag_cli.detection.readings import readings_of
+from enginediag_cli.detection.wander import courses, places
+from enginediag_cli.isolation.over_time import SETTLED, Looks
 from enginediag_cli.isolation.prior import SetPrior
-from enginediag_cli.isolation.series_looks import SETTLED, Looks
-from enginediag_cli.isolation.series_search import Chosen
-from enginediag_cli.isolation.suspects import log_of_kinds, suspects_of
+from enginediag_cli.isolation.series_search import Chosen, log_of_kinds, suspects_of
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.statistics import LocalStatistics
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.residuals.local import local_statistics
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.relinearise import relinearise
 from enginediag_cli.residuals.score import Score, fisher_score
+from enginediag_cli.residuals.statistics import local_statistics
 from enginediag_cli.simulation.noise import ColumnNoise
 from enginediag_cli.trials.studies.known import known_nominal
 

@@ -9,7 +9,7 @@ import numpy as np
 from parameter_makers import meaning_of
 from toy_engine import SIGMA, toy_monitor
 
-from enginediag_cli.methods.windows import Windows
+from enginediag_cli.methods.base import Windows
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.noise import NoiseModel

@@ -9,9 +9,8 @@ import pytest
 from family_windows import toy_windows
 from toy_engine import toy_monitor
 
+from enginediag_cli.methods.base import NOTHING, PARAMETERS, SENSORS, Windows, filled
 from enginediag_cli.methods.registry import FAMILIES, METHODS, SECTIONS, chosen_method
-from enginediag_cli.methods.verdicts import NOTHING, PARAMETERS, SENSORS
-from enginediag_cli.methods.windows import Windows, filled
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.noise import white_noise

@@ -8,10 +8,14 @@ from family_windows import NOISE, A, B, linear_monitor, linear_windows, toy_wind
 from scipy.stats import chi2
 from toy_engine import toy_monitor
 
-from enginediag_cli.isolation.minmax import single_minmax
-from enginediag_cli.methods.families.estimation import ParameterEstimation
-from enginediag_cli.methods.families.local import LocalApproach, window_scores
-from enginediag_cli.methods.families.sums import holm, wald_statistics
+from enginediag_cli.isolation.methods import single_minmax
+from enginediag_cli.methods.families.local import (
+    LocalApproach,
+    ParameterEstimation,
+    holm,
+    wald_statistics,
+    window_scores,
+)
 
 
 def test_wald_tests_of_a_linear_engine_are_those_of_least_squares():

@@ -7,9 +7,8 @@ import pytest
 from family_windows import NOISE, A, B, linear_monitor, linear_windows, toy_windows, within_binomial
 from toy_engine import toy_monitor
 
-from enginediag_cli.methods.families.extended_kalman import ExtendedKalman
-from enginediag_cli.methods.families.unscented_kalman import UnscentedKalman
-from enginediag_cli.methods.windows import Windows
+from enginediag_cli.methods.base import Windows
+from enginediag_cli.methods.families.filters import ExtendedKalman, UnscentedKalman
 
 
 def batch_least_squares(windows, w, prior):

@@ -10,8 +10,8 @@ from family_windows import linear_monitor, linear_windows, toy_windows, within_b
 from toy_engine import toy_monitor
 
 from enginediag_cli.errors import DataError
+from enginediag_cli.methods.base import Windows
 from enginediag_cli.methods.families.pca import PrincipalComponents, _spe_test
-from enginediag_cli.methods.windows import Windows
 
 
 @pytest.fixture(scope="module")

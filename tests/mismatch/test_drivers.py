@@ -18,7 +18,7 @@ from enginediag_cli.drivers import (
     recorded_driver,
     true_drivers,
 )
-from enginediag_cli.engine.driver import Driver, DriverValues
+from enginediag_cli.engine.term import Driver, DriverValues
 from enginediag_cli.mismatch.fit.freeform import Cell, Location
 from enginediag_cli.mismatch.fit.projection import Score
 from enginediag_cli.mismatch.locate.locate import Place

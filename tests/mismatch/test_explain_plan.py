@@ -24,11 +24,10 @@ from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Hypothesis, identify_with, nuisance
 from enginediag_cli.mismatch.fit.options import LAW, Option, effect_option
 from enginediag_cli.physics.laws.expression import Expression
-from enginediag_cli.physics.laws.law import Acts, Law
-from enginediag_cli.physics.laws.variables import variables_of
+from enginediag_cli.physics.laws.law import Acts, Law, variables_of
 from enginediag_cli.physics.registry import effect, term_names
 from enginediag_cli.planning.flights import SWEEP
-from enginediag_cli.planning.suggestion import SENSOR
+from enginediag_cli.planning.separation import SENSOR
 
 RIVALS = ("bearing_loss@hp", "power_offtake@hp")
 TRUE = {"bearing_loss.hp.fraction": 0.006}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.engine.moving.filters.base import Clock
+from enginediag_cli.engine.moving.filters import Clock
 from enginediag_cli.mismatch.unrecorded.latched import Latched, States, Way, latched
 
 RECORDS, STRETCH, OTHERS = 600, 200, 12

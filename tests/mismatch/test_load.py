@@ -95,7 +95,7 @@ def test_default_nuisance_is_monitored_health_and_scale_errors_of_what_is_record
 
 
 def test_the_identification_block_decides_what_is_nuisance_and_how_loosely(engine):
-    from enginediag_cli.identification.settings import IDENTIFICATION
+    from enginediag_cli.identification.problem import IDENTIFICATION
 
     block = {f.name: f.default for f in IDENTIFICATION.fields}
     block |= {

@@ -11,8 +11,7 @@ from concealed import carried, evidence, flights, turbofan
 from enginediag_cli.mismatch.explain.answer import NAMED
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.refine.refine import _fitted
-from enginediag_cli.physics.registry import candidates
-from enginediag_cli.physics.together import Together, each, kinds_of_places
+from enginediag_cli.physics.registry import Together, candidates, each, kinds_of_places
 from enginediag_cli.presentation.explanations import headline
 
 TERM, SIZE = "reynolds_turbine_efficiency", 0.12

@@ -207,7 +207,7 @@ def _option_case(seed: int, file: str, files: Files, rng: np.random.Generator) -
 
 def resealed(text: str) -> str:
     """Statistics whose checksums fit whatever their rows hold, as far as they are still a table."""
-    from enginediag_cli.residuals.seal import CHECKSUM, checksum
+    from enginediag_cli.residuals.flat import CHECKSUM, checksum
 
     lines = [line for line in text.split("\n") if line]
     head = [line for line in lines if line.startswith("#")]

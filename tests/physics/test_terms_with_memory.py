@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from term_makers import shipped
 
-from enginediag_cli.engine.controls.recorded import Recorded
+from enginediag_cli.engine.controls.actuators import Recorded
 from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.physics.registry import effect, term, term_names
 

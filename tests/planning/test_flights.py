@@ -9,13 +9,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from enginediag_cli.config.dump import dump
+from enginediag_cli.config.edit import dump
 from enginediag_cli.config.kinds import load_checked
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.planning.flight import RECORDS
-from enginediag_cli.planning.flights import AIRLINER, CLIMB, DESCENT, LEVELS, SPEEDS, SWEEP, WEATHER, flights
-from enginediag_cli.planning.manoeuvres import DURATION_S, MANOEUVRES, manoeuvres
-from enginediag_cli.planning.suggestion import BEYOND, keeps_to
+from enginediag_cli.planning.flights import (
+    AIRLINER,
+    CLIMB,
+    DESCENT,
+    DURATION_S,
+    LEVELS,
+    MANOEUVRES,
+    RECORDS,
+    SPEEDS,
+    SWEEP,
+    WEATHER,
+    flights,
+    manoeuvres,
+)
+from enginediag_cli.planning.separation import BEYOND, keeps_to
 from enginediag_cli.simulation.flights import generate_flights
 
 CONFIGS = Path(__file__).parents[2] / "configs"

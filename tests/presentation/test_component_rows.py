@@ -6,7 +6,7 @@ from parameter_makers import meaning_of
 
 from enginediag_cli.isolation.components import ComponentIsolation
 from enginediag_cli.isolation.result import Explanation
-from enginediag_cli.presentation.component_rows import component_sentence
+from enginediag_cli.presentation.isolation_rows import component_sentence
 
 KNOWN = meaning_of(("compressor.efficiency", "hpt.efficiency", "lpt.efficiency"))
 RIVALS = (Explanation(("compressor", "hpt", "lpt"), 0.47),)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from parameter_makers import meaning_of
 
-from enginediag_cli.presentation.names import listed, spelled, told
+from enginediag_cli.presentation.sentences import listed, spelled, told
 
 
 def test_a_parameter_is_told_by_its_own_words_and_one_that_is_not_known_by_its_name():

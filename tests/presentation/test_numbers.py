@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from enginediag_cli.presentation.numbers import interval, p_value, probability, rounded, with_unit
+from enginediag_cli.presentation.sentences import interval, p_value, probability, rounded, with_unit
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from xml.dom import minidom
 
-from enginediag_cli.presentation.pictures.axes import Panel, padded, ticks
 from enginediag_cli.presentation.pictures.mismatch_map import Scatter, mismatch_picture, rows_of
-from enginediag_cli.presentation.pictures.svg import Drawing, shade
+from enginediag_cli.presentation.pictures.svg import Drawing, Panel, padded, shade, ticks
 
 
 def test_text_is_escaped():

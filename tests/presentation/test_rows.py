@@ -7,7 +7,7 @@ import json
 
 import numpy as np
 
-from enginediag_cli.presentation.rows import write_csv, write_json
+from enginediag_cli.presentation.output import write_csv, write_json
 
 ROW = {"engine": "007", "T3_K": np.float64(0.1) + 0.2, "N": np.int64(3), "note": "a,b", "alarm": True}
 

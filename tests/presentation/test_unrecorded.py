@@ -8,7 +8,7 @@ import pytest
 
 from enginediag_cli.mismatch.explain.follows import Follows
 from enginediag_cli.mismatch.unrecorded.latched import Latched, Way
-from enginediag_cli.presentation.unrecorded import follows_document, follows_sentences
+from enginediag_cli.presentation.laws import follows_document, follows_sentences
 
 
 def follows(way: Way, words: str = "corrected N1", recorded: bool = False) -> Follows:

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from enginediag_cli.__main__ import main
-from enginediag_cli.presentation.pictures.svg import Drawing
-from enginediag_cli.presentation.pictures.written import write_drawing
+from enginediag_cli.presentation.pictures.svg import Drawing, write_drawing
 
 SAMPLES = Path(__file__).parents[2] / "sample_data"
 

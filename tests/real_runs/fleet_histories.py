@@ -6,8 +6,8 @@ from pathlib import Path
 
 from ground_recordings import CONFIGS
 
-from enginediag_cli.detection.trend_of_files import Series, series_of
-from enginediag_cli.fleet_judgement.history import EngineHistory
+from enginediag_cli.detection.trend import Series, series_of
+from enginediag_cli.fleets.finding import EngineHistory
 from enginediag_cli.intake.baseline import open_baseline
 from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intake.source import Source

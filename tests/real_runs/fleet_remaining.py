@@ -21,13 +21,11 @@ from fleet_histories import fleet_series, histories
 from scipy.stats import spearmanr
 
 from enginediag_cli.detection.forecast import Forecast, fitted, forecast, learnt
-from enginediag_cli.detection.trend_of_files import Series
-from enginediag_cli.fleet_judgement.engine import judged_engine
-from enginediag_cli.fleet_judgement.finding import FleetSettings
-from enginediag_cli.fleet_judgement.fleet import judged_fleet
-from enginediag_cli.fleet_judgement.history import EngineHistory
-from enginediag_cli.fleet_judgement.margin import margin_scale
-from enginediag_cli.fleet_judgement.remaining import course_of, ends_of, limit_from
+from enginediag_cli.detection.trend import Series
+from enginediag_cli.fleets.engine_judgement import judged_engine
+from enginediag_cli.fleets.finding import EngineHistory, FleetSettings
+from enginediag_cli.fleets.in_common import judged_fleet
+from enginediag_cli.fleets.margin import course_of, ends_of, limit_from, margin_scale
 
 QUICK = FleetSettings(thorough=False)
 FIRST_CUT = 30

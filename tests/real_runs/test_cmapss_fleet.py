@@ -9,9 +9,9 @@ from fleet_remaining import FIRST_CUT, QUICK, cut_at
 from ground_recordings import CONFIGS, enginediag, public_data
 from scipy.stats import spearmanr
 
-from enginediag_cli.fleet_judgement.engine import judged_engine
-from enginediag_cli.fleet_judgement.fleet import judged_fleet
-from enginediag_cli.fleet_judgement.margin import margin_scale
+from enginediag_cli.fleets.engine_judgement import judged_engine
+from enginediag_cli.fleets.in_common import judged_fleet
+from enginediag_cli.fleets.margin import margin_scale
 
 pytestmark = [pytest.mark.shared_data, pytest.mark.slow]
 

@@ -9,9 +9,8 @@ import pytest
 from shared_recordings import flight, shared_data
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.acceptance import Stretch, accept, unit_doubt
+from enginediag_cli.recordings.acceptance import Stretch, SwitchFault, accept, switch_faults, unit_doubt
 from enginediag_cli.recordings.read import Absent, read_all
-from enginediag_cli.recordings.switch import SwitchFault, switch_faults
 from enginediag_cli.recordings.table import Recording, concat
 
 SENSORS = ("N1_rpm", "T3_K", "P3_Pa", "ITT_K")

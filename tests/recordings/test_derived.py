@@ -7,13 +7,17 @@ import pytest
 from shared_recordings import shared_data
 
 from enginediag_cli.errors import ConfigError
-from enginediag_cli.recordings.derived.humidity_ratio import humidity_ratio, saturation_pressure
-from enginediag_cli.recordings.derived.isa_deviation import isa_temperature
-from enginediag_cli.recordings.derived.mach_from_cas import isa_pressure, mach_from_cas
-from enginediag_cli.recordings.derived.mach_from_tas import mach_from_tas
-from enginediag_cli.recordings.derived.probes import consensus
-from enginediag_cli.recordings.derived.soak import lowpass
-from enginediag_cli.recordings.derived.static_temperature import static_temperature
+from enginediag_cli.recordings.derived.rules import (
+    consensus,
+    humidity_ratio,
+    isa_pressure,
+    isa_temperature,
+    lowpass,
+    mach_from_cas,
+    mach_from_tas,
+    saturation_pressure,
+    static_temperature,
+)
 from enginediag_cli.recordings.read import read_all
 from enginediag_cli.recordings.recorder import load_recorder
 

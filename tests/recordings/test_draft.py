@@ -9,8 +9,7 @@ from shared_recordings import REPOSITORY, shared_data
 
 from enginediag_cli.commands.main import enginediag
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.derived.isa_deviation import isa_temperature
-from enginediag_cli.recordings.derived.mach_from_cas import isa_pressure
+from enginediag_cli.recordings.derived.rules import isa_pressure, isa_temperature
 from enginediag_cli.recordings.draft import draft
 from enginediag_cli.recordings.draft_text import draft_yaml
 from enginediag_cli.recordings.engine_columns import EngineColumns

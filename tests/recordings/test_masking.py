@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from shared_recordings import flight, shared_data
 
-from enginediag_cli.recordings.masking import Judged, LiveMasker, Masker, mask_chunks, mask_recording
-from enginediag_cli.recordings.quality import mask_gross
+from enginediag_cli.recordings.masking import Judged, LiveMasker, Masker, mask_chunks, mask_gross, mask_recording
 from enginediag_cli.recordings.read import read_all
 from enginediag_cli.recordings.repeated import Repeats
 from enginediag_cli.recordings.table import Recording, concat

@@ -7,9 +7,8 @@ import pytest
 from shared_recordings import flight
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.outliers import spikes
-from enginediag_cli.recordings.quality import QualitySettings, mask_gross, physical_limits
-from enginediag_cli.recordings.stuck import stuck
+from enginediag_cli.recordings.masking import QualitySettings, mask_gross, physical_limits, spikes
+from enginediag_cli.recordings.repeated import stuck
 from enginediag_cli.recordings.table import Recording
 
 

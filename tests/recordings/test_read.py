@@ -119,7 +119,7 @@ def test_a_device_is_no_recording():
 
 
 def test_of_endless_blank_lines_no_more_are_held_than_are_refused(monkeypatch):
-    from enginediag_cli.recordings import peeked
+    from enginediag_cli.recordings import source as peeked
 
     monkeypatch.setattr(peeked, "MOST_BLANK_LINES", 10)
     lines = iter(["\n"] * 1000)

@@ -3,10 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.recordings.average import average
-from enginediag_cli.recordings.steady import SteadySettings, failures, gate
+from enginediag_cli.recordings.steady import SteadySettings, Trailing, average, failures, gate
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.recordings.trailing import Trailing
 
 
 def step_flight() -> Recording:

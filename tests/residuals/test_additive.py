@@ -12,13 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_engine import toy_monitor, toy_recording
 
-from enginediag_cli.isolation.methods import IsolationOptions, best_of_size
-from enginediag_cli.isolation.sensitivity import sensitivity_test
-from enginediag_cli.presentation.rows import cell
-from enginediag_cli.residuals.additive import added, as_read, marginalised, nuisance_of, unmarginalised
+from enginediag_cli.isolation.methods import IsolationOptions, best_of_size, sensitivity_test
+from enginediag_cli.presentation.output import cell
 from enginediag_cli.residuals.flat import flat_columns, flat_row, read_flat
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.score import fisher_score
+from enginediag_cli.residuals.statistics_file import added, as_read, marginalised, nuisance_of, unmarginalised
 from enginediag_cli.residuals.windows import plan_windows
 
 SUMS = ("s", "F", "V", "n", "chi2", "dof")

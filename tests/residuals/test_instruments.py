@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.recordings.stuck import StuckRun, joined_runs, stuck_runs
+from enginediag_cli.recordings.repeated import StuckRun, joined_runs, stuck_runs
 from enginediag_cli.residuals.instruments import (
     Scatter,
     identical,

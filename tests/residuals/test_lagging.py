@@ -10,20 +10,17 @@ import numpy as np
 import pytest
 
 from enginediag_cli.detection.verdict import judge
-from enginediag_cli.engine.moving.filters.base import Clock
-from enginediag_cli.engine.moving.filters.lag import Lag
-from enginediag_cli.engine.moving.lagging import LAGS_S, Lagging
-from enginediag_cli.engine.moving.tape import MOMENT
+from enginediag_cli.engine.moving.filters import Clock, Lag
+from enginediag_cli.engine.moving.tape import LAGS_S, MOMENT, Lagging
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.nominal_file import read_nominal, write_nominal
 from enginediag_cli.identification.problem import TrainingRecording
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.lagging import with_lagging
 from enginediag_cli.residuals.monitor import monitor_from_nominal
 from enginediag_cli.residuals.pipeline import window_statistics
-from enginediag_cli.residuals.reduced import reduced
+from enginediag_cli.residuals.reduced import reduced, with_lagging
 from enginediag_cli.residuals.windows import plan_windows
 from enginediag_cli.trials.blind.moving_flights import draw_moving_flights
 

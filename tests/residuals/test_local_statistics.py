@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.residuals.frame import Frame
-from enginediag_cli.residuals.local import block_statistics, local_statistics
 from enginediag_cli.residuals.noise import NoiseModel, white_noise
 from enginediag_cli.residuals.score import fisher_score, marginalise
-from enginediag_cli.residuals.statistics import LocalStatistics
+from enginediag_cli.residuals.statistics import Frame, LocalStatistics, block_statistics, local_statistics
 
 NAMES = ("a", "b", "c")
 N, M, P = 60, 4, 3

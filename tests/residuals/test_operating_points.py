@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from enginediag_cli.residuals.frame import Frame
-from enginediag_cli.residuals.local import local_statistics
 from enginediag_cli.residuals.noise import white_noise
-from enginediag_cli.residuals.operating_points import covariance_of_change, sums_by_point
+from enginediag_cli.residuals.relinearise import covariance_of_change, sums_by_point
 from enginediag_cli.residuals.score import marginalise
+from enginediag_cli.residuals.statistics import Frame, local_statistics
 
 P, M = 3, 4
 NAMES = ("a", "b", "c")

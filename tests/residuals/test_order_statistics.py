@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.residuals.order_statistics import median, quantile
+from enginediag_cli.residuals.distributions import median, quantile
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 10, 101])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.detection.verdict import HEALTHY, judge
-from enginediag_cli.engine.input_errors import InputErrors
+from enginediag_cli.engine.instrument_errors import InputErrors
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.nominal_file import read_nominal, write_nominal
 from enginediag_cli.identification.problem import TrainingRecording

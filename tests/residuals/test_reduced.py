@@ -11,9 +11,8 @@ from toy_engine import toy_monitor, toy_recording
 
 from enginediag_cli.detection.verdict import judge
 from enginediag_cli.residuals.compact import compact
-from enginediag_cli.residuals.economy import MANY, Economy
 from enginediag_cli.residuals.pipeline import window_statistics
-from enginediag_cli.residuals.reduced import ReducedMonitor, reduced
+from enginediag_cli.residuals.reduced import MANY, Economy, ReducedMonitor, reduced
 from enginediag_cli.residuals.windows import WindowPlan
 
 

@@ -10,7 +10,7 @@ from toy_engine import HEALTH, SENSORS, toy_monitor, toy_recording
 
 from enginediag_cli.detection.verdict import judge
 from enginediag_cli.recordings.table import concat
-from enginediag_cli.residuals.reference import last_records, learn_reference, windows_against_reference
+from enginediag_cli.residuals.files import last_records, learn_reference, windows_against_reference
 from enginediag_cli.residuals.statistics import LocalStatistics
 from enginediag_cli.residuals.windows import WindowPlan
 

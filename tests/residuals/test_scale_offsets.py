@@ -9,8 +9,8 @@ import pytest
 from toy_engine import SENSORS, toy_monitor, toy_recording
 
 from enginediag_cli.detection.verdict import judge
+from enginediag_cli.residuals.files import with_scale_offsets
 from enginediag_cli.residuals.pipeline import window_statistics
-from enginediag_cli.residuals.scale_offsets import with_scale_offsets
 from enginediag_cli.residuals.windows import WindowPlan
 
 

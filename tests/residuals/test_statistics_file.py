@@ -10,11 +10,19 @@ import pytest
 from toy_engine import toy_monitor, toy_recording
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.presentation.rows import write_csv
-from enginediag_cli.recordings.peeked import Peeked
-from enginediag_cli.residuals.flat import flat_columns, flat_row, is_flat
+from enginediag_cli.presentation.output import write_csv
+from enginediag_cli.recordings.source import Peeked
+from enginediag_cli.residuals.flat import (
+    CHECKSUM,
+    MADE_COLUMNS,
+    MadeWith,
+    flat_columns,
+    flat_row,
+    is_flat,
+    plan_cells,
+    sealed,
+)
 from enginediag_cli.residuals.pipeline import window_statistics
-from enginediag_cli.residuals.seal import CHECKSUM, MADE_COLUMNS, MadeWith, plan_cells, sealed
 from enginediag_cli.residuals.statistics_file import Ledger, ignored_options, read_statistics
 from enginediag_cli.residuals.windows import plan_windows
 

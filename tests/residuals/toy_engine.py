@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 from parameter_makers import meaning_of
 
-from enginediag_cli.identification.envelope import Envelope
+from enginediag_cli.identification.nominal import Envelope
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.monitor import Monitor, Offset

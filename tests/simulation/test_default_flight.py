@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 from simulation_toy import ToyEngine
 
-from enginediag_cli.simulation.conditions import outside_envelope
-from enginediag_cli.simulation.default_flight import default_plan
-from enginediag_cli.simulation.flights import generate_flights
+from enginediag_cli.simulation.flights import default_plan, generate_flights, outside_envelope
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,7 @@ from enginediag_cli.__main__ import main
 from enginediag_cli.errors import DataError
 from enginediag_cli.faults.component_faults import FaultSet
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.simulation.conditions import Conditions
-from enginediag_cli.simulation.flights import generate_flights
+from enginediag_cli.simulation.flights import Conditions, generate_flights
 from enginediag_cli.simulation.simulate import simulate
 
 

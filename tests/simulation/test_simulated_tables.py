@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.simulation.tables import conditions_of, recording_of
+from enginediag_cli.simulation.simulate import conditions_of, recording_of
 
 
 def test_numbers_and_text_of_a_recording_come_through_in_their_order():

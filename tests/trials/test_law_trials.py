@@ -27,9 +27,9 @@ from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.laws.finding import FittedLaw, LawFinding
 from enginediag_cli.mismatch.laws.scan import Known
 from enginediag_cli.physics.engine_file import load_engine
+from enginediag_cli.physics.laws.declared import entry_of
 from enginediag_cli.physics.laws.expression import Expression
-from enginediag_cli.physics.laws.variables import variables_of
-from enginediag_cli.physics.laws.written import entry_of
+from enginediag_cli.physics.laws.law import variables_of
 from enginediag_cli.trials.blind import explainer, flights, kinds
 from enginediag_cli.trials.blind.flights import draw_flights
 from enginediag_cli.trials.blind.laws import forms

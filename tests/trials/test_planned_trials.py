@@ -12,8 +12,7 @@ from click.testing import CliRunner
 from enginediag_cli.commands.prove import prove
 from enginediag_cli.mismatch.explain.answer import NAMED, NOTHING
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.planning.flight import RECORDS
-from enginediag_cli.planning.flights import AIRLINER, SWEEP, WEATHER, flights
+from enginediag_cli.planning.flights import AIRLINER, RECORDS, SWEEP, WEATHER, flights
 from enginediag_cli.trials.blind import kinds
 from enginediag_cli.trials.blind.ambiguous import RECORDED, draw_ambiguous
 from enginediag_cli.trials.blind.correspondent import Correspondent

@@ -12,7 +12,7 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, NAMED, NONE, NOTHING
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import term_names
-from enginediag_cli.presentation.score_sheet_rows import met
+from enginediag_cli.presentation.validation_rows import met
 from enginediag_cli.trials.blind import kinds
 from enginediag_cli.trials.blind.causes import Cause, hypothesis, key
 from enginediag_cli.trials.blind.check import check_engine

@@ -11,8 +11,8 @@ import pytest
 
 from enginediag_cli.mismatch.explain.answer import FAILED, NAMED, NOTHING
 from enginediag_cli.physics.engine_file import load_engine
+from enginediag_cli.physics.laws.declared import entry_of
 from enginediag_cli.physics.laws.law import Law
-from enginediag_cli.physics.laws.written import entry_of
 from enginediag_cli.trials.blind import kinds
 from enginediag_cli.trials.blind import sealed as sealing
 from enginediag_cli.trials.blind import trial as trials

@@ -13,14 +13,24 @@ from scipy.optimize import brentq
 from score_makers import linear_score, sensitivities
 
 from enginediag_cli.__main__ import main
-from enginediag_cli.detection.trend_of_files import series_of
+from enginediag_cli.detection.trend import series_of
+from enginediag_cli.fleets.maintenance import difference, maintenance_of
+from enginediag_cli.fleets.work_scope import (
+    Moments,
+    PowerNotHeldError,
+    Scoping,
+    WorkScope,
+    at_equal_power,
+    brought,
+    gains,
+    reference_of,
+)
 from enginediag_cli.intake.baseline import open_baseline
 from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intake.source import Source
 from enginediag_cli.intake.wanted import columns_of
-from enginediag_cli.isolation.averaging import averaged_sizes
 from enginediag_cli.isolation.belief import Belief
-from enginediag_cli.isolation.posterior import set_posterior
+from enginediag_cli.isolation.posterior import averaged_sizes, set_posterior
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.presentation.work_scope_rows import maintenance_sentence, work_scope_sentences
@@ -29,12 +39,6 @@ from enginediag_cli.recordings.write import write_csv
 from enginediag_cli.residuals.files import JudgedFiles, Judging
 from enginediag_cli.residuals.monitor import monitor_of
 from enginediag_cli.residuals.windows import WindowPlan
-from enginediag_cli.work_scope.equal_power import PowerNotHeldError, at_equal_power
-from enginediag_cli.work_scope.gain import Moments, brought, gains
-from enginediag_cli.work_scope.maintenance import difference
-from enginediag_cli.work_scope.of_series import maintenance_of
-from enginediag_cli.work_scope.reference import reference_of
-from enginediag_cli.work_scope.scope import Scoping, WorkScope
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 WORN = Moments(("hpc.efficiency", "hpt.flow_capacity"), np.array([-0.012, 0.01]), np.diag([1e-3, 2e-3]) ** 2)

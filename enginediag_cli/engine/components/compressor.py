@@ -25,8 +25,7 @@ from enginediag_cli.engine.dual import Value, exp, locally, log, sqrt, value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
 from enginediag_cli.engine.maps import compressor_map
-from enginediag_cli.engine.maps.guide_vanes import VANES, closed_efficiency, closed_flow
-from enginediag_cli.engine.maps.surge_line import SURGE_LINE, SurgeLine
+from enginediag_cli.engine.maps.compressor_map import SURGE_LINE, VANES, SurgeLine, closed_efficiency, closed_flow
 from enginediag_cli.engine.maps.table_map import RULES, TableMap, make_table, read_table
 from enginediag_cli.parameters import Parameter, spelled
 

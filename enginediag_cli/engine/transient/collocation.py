@@ -23,12 +23,9 @@ import numpy as np
 
 from enginediag_cli.engine.dual import Array
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.transient.course import Course
-from enginediag_cli.engine.transient.dense import RADAU, quartic, slope
-from enginediag_cli.engine.transient.integrate import Track, between, slopes_at
-from enginediag_cli.engine.transient.jacobian import linear_solve
-from enginediag_cli.engine.transient.networks import MovingNetwork
-from enginediag_cli.engine.transient.state import ELAPSED, State
+from enginediag_cli.engine.transient.integrate import RADAU, Track, between, linear_solve, quartic, slope, slopes_at
+from enginediag_cli.engine.transient.networks import Course, MovingNetwork
+from enginediag_cli.engine.transient.states import ELAPSED, State
 
 WEIGHTS = (RADAU[:, None] ** np.arange(1, 4) / np.arange(1, 4)) @ np.linalg.inv(RADAU[:, None] ** np.arange(3))
 """A: integrals of the polynomials that are 1 at one node and 0 at the others; the last row are those of the step."""

@@ -13,13 +13,9 @@ from enginediag_cli.engine.dual import Array, value
 from enginediag_cli.engine.engine import NOT_CONVERGED, Engine, Prediction
 from enginediag_cli.engine.moving.tape import MOMENT, NO_MOMENT
 from enginediag_cli.engine.transient.collocation import made_exact
-from enginediag_cli.engine.transient.course import Course, course_of
 from enginediag_cli.engine.transient.integrate import TOLERANCE, Track, between, integrate
-from enginediag_cli.engine.transient.networks import GivenNetwork, MovingNetwork
-from enginediag_cli.engine.transient.rotor import Rotor
-from enginediag_cli.engine.transient.state import ELAPSED
-from enginediag_cli.engine.transient.states import remembered, states_of
-from enginediag_cli.engine.transient.told import Flight, told
+from enginediag_cli.engine.transient.networks import Course, Flight, GivenNetwork, MovingNetwork, course_of, told
+from enginediag_cli.engine.transient.states import ELAPSED, Rotor, remembered, states_of
 
 BETWEEN = 8
 """Points of each step at which what is remembered of readings is followed, beside the records: a probe then errs by a

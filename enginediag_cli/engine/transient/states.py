@@ -1,16 +1,294 @@
-"""Which states an engine file gives: rotors, actuators that need time, and what terms with memory remember."""
+"""Which states an engine file gives: rotors, actuators that need time, and what terms with memory remember.
+
+What a state is to the network: a quantity x with dx/dt = f(x, …) that stands while the rest of the engine is in
+balance.
+
+In a *stage* of the integration x is implicit, x = base + step · f: the network finds it, and reads the leaves
+`<state>.base` and `step_s`. Where the state is *given* (at the records that are told) the leaf `<state>` holds it.
+
+Speed of a rotor: I ω dω/dt is what the power of its turbines exceeds that of all they drive by.
+
+Position of an actuator that does not follow at once: a fuel valve, vanes, a nozzle.
+
+What a term with memory remembers, in a simulation: the states of the filter by which it reads recordings.
+
+A term declares one filter for both. Along a recording the filter is called with what was recorded; here its states move
+with those of the engine, and its signal is what the network has there.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
-from enginediag_cli.engine.controls.control import Pace
+import numpy as np
+
+from enginediag_cli.engine.controls.actuators import Governor, Held
+from enginediag_cli.engine.controls.control import AT_LIMIT, Control, Pace, between_stops, minimum, selected
+from enginediag_cli.engine.dual import Array, Value, maximum, value
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.moving.memory import Memory
-from enginediag_cli.engine.transient.actuator import Actuator
-from enginediag_cli.engine.transient.remembered import Remembered
-from enginediag_cli.engine.transient.rotor import Rotor
-from enginediag_cli.engine.transient.state import State
+from enginediag_cli.engine.evaluation import Evaluation, Hooks
+from enginediag_cli.engine.moving.filters import Following, Integrated, WithStates
+from enginediag_cli.engine.moving.recall import Memory
+from enginediag_cli.parameters import spelled
+from enginediag_cli.units import RAD_S_PER_RPM
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.network import Network
+
+
+STEP = "step_s"
+"""Leaf with γ h of a stage, s."""
+ELAPSED = "elapsed_s"
+"""Leaf with the time since the beginning of the step, s."""
+
+
+class State(ABC):
+    """One state, called `name`, in `unit`."""
+
+    name: str
+    unit: str
+    words: str
+    coarser = 1.0
+    """Times as far from right as a rotor's speed it may be."""
+    follows = False
+    """Whether it goes with the rest of the engine at once, as far as it can from where it stood at the beginning of the
+    step: that is then its base, and what is given of it."""
+
+    @property
+    def base(self) -> str:
+        """The leaf from which a stage begins."""
+        return f"{self.name}.base"
+
+    @property
+    def given(self) -> str:
+        """The leaf with what is known of it at a record."""
+        return self.base if self.follows else self.name
+
+    @abstractmethod
+    def install(self, hooks: Hooks, network: Network) -> None:
+        """Where it takes hold of the network, in stages and where it is given."""
+
+    @abstractmethod
+    def value(self, e: Evaluation) -> Value:
+        """x (N,) at the solution of a stage, or of a steady engine."""
+
+    @property
+    def known(self) -> str:
+        """Model column, where the state is given, with how fast it changes; of what follows, with what it is."""
+        return f"{self.name}.known"
+
+    per_given = 1.0
+    """By how much the leaf changes that it sets, where it is given."""
+
+    @abstractmethod
+    def slope(self, e: Evaluation) -> Value:
+        """dx/dt (N,) at a solution where it is given."""
+
+    def stands_for(self, memory: Memory) -> bool:
+        """Whether it is what a term remembers."""
+        return False
+
+    def power(self, x: Array, slope: Array) -> Array:
+        """Energy (N,) [W] that the state takes up while it changes by `slope` (N,) per second; a signal takes none."""
+        return np.zeros_like(x)
+
+    def overrun(self, time: Array, x: Array, leaves: Mapping[str, Value]) -> Array:
+        """By how much x (k, N), at rising `time` (k, N), moved further than it can: the error (N,) of what follows.
+        `leaves`: inputs and parameters of the step."""
+        return np.zeros(x.shape[1])
+
+    def moved(self, x: Array, names: Sequence[str], before: Array, after: Array) -> Array:
+        """x (N,) behind a last small move of the unknowns `names`, from `before` (nx, N) to `after`."""
+        return x
+
+
+class Rotor(State):
+    """P_turbine η_m = P_compressor + P_offtake + I ω dω/dt; the state is ω, rad/s.
+
+    Source: Walsh and Fletcher, Gas Turbine Performance, 2nd ed. 2004, ch. 8.
+    """
+
+    unit = "rad/s"
+    per_given = 1.0 / RAD_S_PER_RPM
+
+    def __init__(self, shaft: str, inertia_kg_m2: float):
+        self.shaft, self.inertia_kg_m2 = shaft, inertia_kg_m2
+        self.name, self.words = f"{shaft}.omega", f"{shaft} speed"
+
+    def install(self, hooks: Hooks, network: Network) -> None:
+        hooks.leaves.setdefault(f"{self.shaft}.power_offtake_W", []).append(self._taken)
+
+    def stands_for(self, memory: Memory) -> bool:
+        return memory.turns == self.shaft
+
+    def value(self, e: Evaluation) -> Value:
+        return e.shaft(self.shaft).speed_rpm * RAD_S_PER_RPM
+
+    def power(self, x: Array, slope: Array) -> Array:
+        return self.inertia_kg_m2 * x * slope
+
+    def moved(self, x: Array, names: Sequence[str], before: Array, after: Array) -> Array:
+        k = names.index(f"{self.shaft}.corrected_speed")
+        return x * (after[k] / before[k])
+
+    def acceleration(self, e: Evaluation) -> Value:
+        """dω/dt (N,) in rad/s²: of a stage, or, where the speed is given, from the power that is left over."""
+        omega = self.value(e)
+        if e.has(self.base):
+            return (omega - e[self.base]) / e[STEP]
+        return e.outputs[surplus_column(self.shaft)] / (omega * self.inertia_kg_m2)
+
+    def slope(self, e: Evaluation) -> Value:
+        return self.acceleration(e)
+
+    def _taken(self, e: Evaluation, load_W: Value) -> Value:
+        if not e.has(self.base):
+            return load_W
+        omega = self.value(e)
+        return load_W + omega * ((omega - e[self.base]) / e[STEP]) * self.inertia_kg_m2
+
+
+def surplus_column(shaft: str) -> str:
+    """Model column with the power that accelerates a shaft, where its speed is given."""
+    return f"{shaft}_surplus_W"
+
+
+class Actuator(State):
+    """τ d ln x/dt = −F of fuel, τ du/dt = −F of a position u between stops, and |dx/dt| at most the rate; F, which the
+    control brings to zero, rises with the position. With a rate alone F = 0 holds wherever it can be reached from where
+    the actuator stood at the beginning of the step. Where neither is given there is no state."""
+
+    coarser = 20.0
+    """Its rate jumps where a limit takes over, and a step across that is only of first order."""
+
+    def __init__(self, control: Control, network: Network):
+        self.control, self.governs = control, isinstance(control, Governor)
+        self.name, self.words = f"{control.name}.stands", f"{control.name} actuator"
+        self.unit = control.actuator.unit
+        self._way = 1.0
+        if not self.governs:
+            stops = getattr(control, "stops", None)
+            if stops is None or not control.unknowns():
+                raise ValueError(
+                    f"{control.name}: what is recorded, or follows an input of the engine, has no time constant or "
+                    "rate of its own"
+                )
+            self._unknown, self._way = stops.unknown, stops.high - stops.low
+        self.follows = not control.pace.time_constant_s
+        self._rate = control.pace.rate_per_s / self._way
+
+    def install(self, hooks: Hooks, network: Network) -> None:
+        """Nothing: it acts through the balance of its control."""
+
+    def value(self, e: Evaluation) -> Value:
+        """Fuel flow, kg/s, or the position's unknown, 1 at the low stop to 2."""
+        return e.outputs["Wf_kg_s"] if self.governs else e[self._unknown]
+
+    def hurried(self, e: Evaluation, network: Network) -> Array:
+        """Where the actuator is on its way as fast as it can (N,); unknown where the control has a time constant."""
+        pace, control = self.control.pace, self.control
+        if not pace.rate_per_s or pace.time_constant_s or not isinstance(control, (Governor, Held)):
+            return np.zeros(e.size, dtype=bool)
+        surplus = value(selected(control.aim, control.limits, e, network))
+        stopped = (
+            np.any(list(control.stops.acting(e, AT_LIMIT).values()), axis=0) if isinstance(control, Held) else False
+        )
+        return (np.abs(surplus) > AT_LIMIT) & ~np.asarray(stopped)
+
+    def balance(self, e: Evaluation, surplus: Value) -> Value:
+        """What is zero: the law, between the positions that can be reached within a stage."""
+        x = self.value(e)
+        size = x if self.governs else 1.0
+        pace = self.control.pace
+        if self.follows:
+            moved, reach = (x - e[self.base]) / size, e[ELAPSED] * self._rate / size
+            return between_stops(moved + reach, reach - moved, surplus)
+        if not e.has(self.base):
+            e.signals[self.name] = surplus
+            return (x - e[self.name]) / size
+        moved = (x - e[self.base]) / size
+        total = surplus + moved * (pace.time_constant_s / e[STEP])
+        if not pace.rate_per_s:
+            return total
+        reach = e[STEP] * self._rate / size
+        return between_stops(moved + reach, reach - moved, total)
+
+    def slope(self, e: Evaluation) -> Value:
+        size = self.value(e) if self.governs else 1.0
+        free = e.signals[self.name] * size * (-1.0 / self.control.pace.time_constant_s)
+        if not self.control.pace.rate_per_s:
+            return free
+        return maximum(minimum(free, self._rate), -self._rate)
+
+    def overrun(self, time: Array, x: Array, leaves: Mapping[str, Value]) -> Array:
+        moved = np.abs(np.diff(x, axis=0)) - self._rate * np.diff(time, axis=0)
+        return np.asarray(np.maximum(moved.max(axis=0), 0.0))
+
+
+class Remembered(State):
+    """State `number` of a memory's filter, in the unit of its signal, which it is equal to in equilibrium."""
+
+    def __init__(self, memory: Memory, number: int, network: Network):
+        filter = memory.filter
+        if not isinstance(filter, WithStates):
+            raise TypeError(f"what {memory.name} remembers has no states")
+        self.memory, self.number, self.filter = memory, number, filter
+        self.follows = isinstance(filter, Following)
+        self.beside = tuple(f"{memory.name}.state_{k + 1}" for k in range(filter.STATES))
+        self.name = self.beside[number]
+        self.words, self.unit = spelled(memory.name), ""
+        self.leaf = network.leaf_of(memory.column) if memory.column else memory.name
+
+    def install(self, hooks: Hooks, network: Network) -> None:
+        if self.number:
+            return  # the first one speaks for all
+        held = hooks.leaves.setdefault(self.leaf, [])
+        filtered = Filtering([Remembered(self.memory, k, network) for k in range(self.filter.STATES)])
+        # what the network is told comes before effects on it, one memory behind the other
+        held.insert(sum(isinstance(hook, Filtering) for hook in held), filtered)
+
+    def stands_for(self, memory: Memory) -> bool:
+        return memory is self.memory
+
+    def value(self, e: Evaluation) -> Value:
+        if self.name in e.signals:
+            return e.signals[self.name]
+        return e[self.leaf] if self.memory.column else e.signals[self.memory.name]
+
+    def slope(self, e: Evaluation) -> Value:
+        m = self.memory
+        assert isinstance(self.filter, Integrated)
+        states = [e.signals[name] for name in self.beside]
+        return self.filter.slopes(e.signals[m.name], states, [e[c] for c in m.coefficients])[self.number]
+
+    def overrun(self, time: Array, x: Array, leaves: Mapping[str, Value]) -> Array:
+        assert isinstance(self.filter, Following)
+        return self.filter.overrun(time, x, [value(leaves[c]) for c in self.memory.coefficients])
+
+
+class Filtering:
+    """Hook on the leaf that a memory sets: what the filter makes of its signal in a stage, or of states that are given.
+
+    `states`: all of one filter."""
+
+    def __init__(self, states: Sequence[Remembered]):
+        self.states, self.memory = tuple(states), states[0].memory
+
+    def __call__(self, e: Evaluation, x: Value) -> Value:
+        m, filter = self.memory, self.states[0].filter
+        signal = x if m.column else e.signals[m.name]
+        coefficients = [e[c] for c in m.coefficients]
+        if e.has(self.states[0].base):
+            step = e[ELAPSED] if self.states[0].follows else e[STEP]
+            states = filter.stage(signal, [e[s.base] for s in self.states], step, coefficients)
+        else:
+            states = tuple(e[s.name] for s in self.states)
+        e.signals[m.name] = signal
+        e.signals |= {s.name: now for s, now in zip(self.states, states, strict=True)}
+        change = filter.deviation(signal, states, coefficients)
+        return signal + change if m.column else change
 
 
 def remembered(engine: Engine, varied: Sequence[str] = ()) -> tuple[Memory, ...]:

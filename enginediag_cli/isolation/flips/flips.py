@@ -3,28 +3,242 @@
 The name has changed where another set leads, but for the error of the instrument that is tried: where an answer gets
 "and T3 reads wrong" by an error of T3, the error is told for what it is. A map's error has no name of its own, and
 what is put down to its component's health is a flip. Nor has it changed where another set holds the answer and changes
-that are too small to matter, as the answer's own probability has it (`averaging.py`).
+that are too small to matter, as the answer's own probability has it (`posterior.py`).
+
+Posterior of sets while one error grows: closed forms along straight lines of the score.
+
+With an error of size a along d (a vector of changes that it looks like) the score is b + a I d, and with
+β = D b, γ = D I d, D the widths of the prior, the marginal likelihood of a set S under the slab w is
+
+    ½ (β + aγ)_Sᵀ P (β + aγ)_S + ½ log det P − |S| log w = c₀ + a c₁ + a² c₂,     P = (D I_SS D + w⁻²)⁻¹
+
+so that whether S or another set is the likelier at any a takes three numbers of each; what wear does to the slab
+prior (`prior.py`) is computed again where it may decide.
+
+The smallest error along each of many lines at which another name comes first: all lines abreast.
+
+What would flip the answer for one window.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
-from enginediag_cli.isolation.averaging import absorb_small_changes, log_too_small
+from enginediag_cli.isolation.adequacy import tempered
 from enginediag_cli.isolation.belief import Belief
-from enginediag_cli.isolation.components import HALF, component_posterior, more_probable_than_not
-from enginediag_cli.isolation.flips.errors import MAP, PRIOR, SingleError
-from enginediag_cli.isolation.flips.lines import Lines, log_prior_of
-from enginediag_cli.isolation.flips.search import Crossing, crossings
-from enginediag_cli.isolation.posterior import SetPosterior
-from enginediag_cli.isolation.prior import Instruments, SetPrior
+from enginediag_cli.isolation.components import HALF, ComponentIsolation, component_posterior, more_probable_than_not
+from enginediag_cli.isolation.diagnosis import Diagnosis
+from enginediag_cli.isolation.flips.errors import (
+    MAP,
+    PRIOR,
+    SingleError,
+    columns_of_instruments,
+    single_errors,
+    stated_errors,
+)
+from enginediag_cli.isolation.posterior import SetPosterior, absorb_small_changes, log_too_small
+from enginediag_cli.isolation.prior import FAINT, Instruments, SetPrior, are_sensors, log_factors, wear_signs
 from enginediag_cli.parameters import Parameter
+from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.score import Score
+from enginediag_cli.residuals.windows import WindowStatistics
+
+LIKELY = 3e-3
+"""Share of the answer's probability from which what wear does to a set was weighed for certain."""
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Sets (their rows) that are read by one score, in widths of the prior: γ of each line (D, p)."""
+
+    rows: np.ndarray
+    score: Score
+    moves: np.ndarray
+
+
+class Lines:
+    """log posterior of M sets along D lines, up to a constant. masks (M, p) bool; log_prior (M,); lines (D, p): what
+    an error of size one looks like, in units of the parameters; reported (M,): log probabilities of the sets as they
+    were found, NaN of what was not, the first being known."""
+
+    def __init__(
+        self,
+        belief: Belief,
+        masks: np.ndarray,
+        log_prior: np.ndarray,
+        lines: np.ndarray,
+        reported: np.ndarray,
+        *,
+        leader_only: bool = False,
+    ):
+        self.leader_only = leader_only
+        self.masks, self._prior = masks, belief.prior
+        own = np.array([mask.tobytes() in belief.about for mask in masks], bool)
+        groups = [(np.flatnonzero(~own), belief.score)]
+        groups += [(np.array([k]), belief.about[masks[k].tobytes()]) for k in np.flatnonzero(own)]
+        self._groups = [self._group(rows, score, lines) for rows, score in groups if rows.size]
+        S, M, D = len(belief.prior.slabs), len(masks), len(lines)
+        self._c0, self._c1, self._c2 = np.empty((S, M)), np.empty((S, M, D)), np.empty((S, M, D))
+        for group in self._groups:
+            self._expand(group)
+        signs = wear_signs(belief.score, belief.prior)
+        self._bounded = (masks & ~are_sensors(belief.score.described)).any(axis=1)
+        self._most = np.log(2 * max(belief.prior.rises, 1 - belief.prior.rises))
+        self._signed = (masks & (signs != 0)).sum(axis=1)
+        self._constant = np.zeros(M)
+        here = log_prior + self._plain(np.zeros(1, int), np.zeros(1))[0] + self._wear_of(np.arange(M), 0, 0.0)
+        # what was found for a set holds more than its quadratic says: of those that the full model was fitted to and
+        # of likely ones; in others wear may not have been weighed, and they are as far apart as the answer is
+        with np.errstate(invalid="ignore"):
+            sure = np.isfinite(reported) & (own | (reported > reported[0] + np.log(LIKELY)))
+        apart = np.where(sure, reported - here, reported[0] - here[0])
+        self._constant = log_prior + apart
+
+    def _group(self, rows: np.ndarray, score: Score, lines: np.ndarray) -> _Group:
+        D = score.prior_sigma * self._prior.widths(score.described)
+        return _Group(rows, score, (lines @ score.information) * D)
+
+    def _expand(self, group: _Group) -> None:
+        b, information = self._prior.scaled(group.score)
+        sizes = self.masks[group.rows].sum(axis=1)
+        slabs = np.asarray(self._prior.slabs, float)
+        for size in np.unique(sizes):
+            rows = group.rows[sizes == size]
+            members = np.nonzero(self.masks[rows])[1].reshape(len(rows), size)
+            I = information[members[:, :, None], members[:, None, :]]
+            beta, gamma = b[members], group.moves[:, members].transpose(1, 2, 0)  # (M, k), (M, k, D)
+            P = np.linalg.inv(I + slabs[:, None, None, None] ** -2 * np.eye(size))
+            moved = P @ gamma
+            at = P @ beta[..., None]
+            self._c0[:, rows] = (
+                0.5 * np.sum(beta * at[..., 0], axis=2) + 0.5 * np.linalg.slogdet(P)[1] - size * np.log(slabs)[:, None]
+            )
+            self._c1[:, rows] = np.sum(beta[..., None] * moved, axis=2)
+            self._c2[:, rows] = 0.5 * np.sum(gamma * moved, axis=2)
+
+    def _plain(self, line: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Log posterior (n, M) at sizes a (n,) along lines number (n,), without what wear does."""
+        size = a[:, None]
+        each = (
+            self._c0[:, None, :]
+            + size * np.moveaxis(self._c1[:, :, line], 2, 1)
+            + size**2 * np.moveaxis(self._c2[:, :, line], 2, 1)
+        )
+        return np.asarray(np.logaddexp.reduce(each, axis=0) - np.log(len(each)) + self._constant)
+
+    def _wear_of(self, sets: np.ndarray, line: int | np.ndarray, a: float | np.ndarray) -> np.ndarray:
+        """Log of what wear does to sets number (k,), each at its own size a along its own line."""
+        found = np.zeros(len(sets))
+        lines, sizes = np.broadcast_to(line, sets.shape), np.broadcast_to(a, sets.shape)
+        group_of = np.empty(len(self.masks), int)
+        for g, group in enumerate(self._groups):
+            group_of[group.rows] = g
+        for g, group in enumerate(self._groups):
+            at = np.flatnonzero(group_of[sets] == g)
+            if at.size:
+                moved = sizes[at, None] * group.moves[lines[at]]
+                own, of = np.unique(sets[at], return_inverse=True)
+                found[at] = log_factors(group.score, self.masks[own], self._prior, moved, of)
+        return found
+
+    def at(self, line: Sequence[int] | np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Log posterior (n, M) at sizes a (n,) along lines number (n,), up to a constant of each."""
+        line = np.asarray(line, int)
+        logs = self._plain(line, a)
+        ceiling = logs + self._most * self._signed
+        least = ceiling.max(axis=1, keepdims=True) + np.log(FAINT)
+        if self.leader_only:  # no set that stays behind the one with the highest ceiling can lead
+            top = ceiling.argmax(axis=1)
+            rows = np.arange(len(line))
+            least = np.maximum(least, (logs[rows, top] + self._wear_of(top, line, a))[:, None] - 1e-9)
+        n, k = np.nonzero((ceiling > least) & self._bounded)
+        logs[n, k] += self._wear_of(k, line[n], a[n])
+        return np.where(ceiling > least, logs, -np.inf) if self.leader_only else logs
+
+    @property
+    def standard_errors(self) -> np.ndarray:
+        """Size (D,) of an error along each line that moves the score by one standard error."""
+        group = self._groups[0]
+        D = group.score.prior_sigma * self._prior.widths(group.score.described)
+        with np.errstate(divide="ignore"):
+            information = group.score.information * D * D[:, None]
+            eigenvalues, vectors = np.linalg.eigh(information)
+            seen = eigenvalues > 1e-9 * max(float(eigenvalues[-1]), 1e-300)
+            along = group.moves @ vectors[:, seen]
+            return np.asarray(1 / np.sqrt(np.sum(along**2 / eigenvalues[seen], axis=1)))
+
+
+def log_prior_of(belief: Belief, masks: np.ndarray) -> np.ndarray:
+    """log P(S) (M,) of sets of parameters (M, p)."""
+    return belief.prior.log_of(masks, Instruments.from_parameters(belief.score.described))
+
+
+FIRST = 0.02
+"""First size that is tried, in standard errors of the score: smaller ones change a log probability by nothing."""
+GROWTH = 1.3
+"""From one size that is tried to the next. A set that leads between two of them and at neither is passed over."""
+HALVINGS = 9
+"""Of such a step: the size is then known to half a thousandth of itself."""
+
+Named = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""named(lines (n,), log posterior (n, M)) → number of the set that is named on each (n,)."""
+Same = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""same(lines (n,), sizes (n,), sets (n,)) → (n,) whether a set, at this size along that line, is the answer under
+another guise."""
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """Along line number `line` the name changes at `size`, with its sign, to set number `becomes`."""
+
+    line: int
+    size: float
+    becomes: int
+
+
+def crossings(lines: Lines, named: Named, same: Same, most: np.ndarray) -> dict[int, Crossing]:
+    """The nearest crossing along each line, on either side of nothing; those beyond `most` (D,) are left out."""
+    D = len(most)
+    line, sign = np.repeat(np.arange(D), 2), np.tile([1.0, -1.0], D)
+    error = lines.standard_errors[line]
+    limit = most[line]
+    known = np.isfinite(error) & (limit > 0)
+    line, sign, limit, low = line[known], sign[known], limit[known], np.zeros(int(known.sum()))
+    high = np.minimum(FIRST * error[known], limit)
+    found_low, found_high = np.full(len(line), np.nan), np.full(len(line), np.nan)
+    waiting = np.arange(len(line))
+    nearest = np.full(D, np.inf)
+    while waiting.size:
+        changed = ~_stays(lines, named, same, line[waiting], sign[waiting] * high[waiting])
+        found_low[waiting[changed]], found_high[waiting[changed]] = low[waiting[changed]], high[waiting[changed]]
+        np.minimum.at(nearest, line[waiting[changed]], high[waiting[changed]])
+        waiting = waiting[~changed]
+        waiting = waiting[(high[waiting] < limit[waiting]) & (high[waiting] < nearest[line[waiting]])]
+        low[waiting] = high[waiting]
+        high[waiting] = np.minimum(GROWTH * high[waiting], limit[waiting])
+    at = np.flatnonzero(np.isfinite(found_high))
+    if not at.size:
+        return {}
+    line, sign, low, high = line[at], sign[at], found_low[at], found_high[at]
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        stays = _stays(lines, named, same, line, sign * middle)
+        low, high = np.where(stays, middle, low), np.where(stays, high, middle)
+    becomes = named(line, lines.at(line, sign * high))
+    found: dict[int, Crossing] = {}
+    for k in np.argsort(-high, kind="stable"):  # the nearest of each line last
+        found[int(line[k])] = Crossing(int(line[k]), float(sign[k] * high[k]), int(becomes[k]))
+    return found
+
+
+def _stays(lines: Lines, named: Named, same: Same, line: np.ndarray, a: np.ndarray) -> np.ndarray:
+    return same(line, a, named(line, lines.at(line, a)))
+
 
 MOST = 20.0
 """Standard deviations, as stated, up to which errors are tried: what takes more is no error but another instrument."""
@@ -221,3 +435,36 @@ def _of_prior(odds: float, becomes: tuple[str, ...], prior: SetPrior) -> Flip:
     """The factor on the prior odds of the second name against the first at which it comes first."""
     widest = max(*(max(s, 1 / s) for s in prior.spread), 1.0)
     return Flip("prior odds", PRIOR, odds, "times", widest if widest > 1 else math.e, becomes)
+
+
+def flips_of_diagnosis(diagnosis: Diagnosis, window: WindowStatistics, monitor: Monitor | None) -> Flips | None:
+    """Of the first set of parameters; None of a method without a posterior. monitor: None where it is not at hand, and
+    errors are measured by what is plausible."""
+    belief = diagnosis.belief
+    if belief is None:
+        return None
+    return flips_of_parameters(belief, _errors(belief.score, window, monitor))
+
+
+def flips_of_isolated_components(
+    found: ComponentIsolation,
+    score: Score,
+    prior: SetPrior,
+    window: WindowStatistics,
+    monitor: Monitor | None,
+    largest: int | None = None,
+) -> Flips:
+    """Of the components that are named; score: of which they were isolated."""
+    score = tempered(score, found.adequacy.noise)
+    return flips_of_components(score, prior, _errors(score, window, monitor), largest)
+
+
+def _errors(score: Score, window: WindowStatistics, monitor: Monitor | None) -> tuple[SingleError, ...]:
+    """Errors of what gave a reading."""
+    if monitor is None:
+        errors = single_errors(score, {}, {}, {})
+    else:
+        readings = {**window.conditions, **window.readings}
+        stated = stated_errors(monitor, readings, window.flown)
+        errors = single_errors(score, stated, columns_of_instruments(monitor), readings)
+    return tuple(error for error in errors if error.what not in window.silent)

@@ -28,10 +28,8 @@ import numpy as np
 
 from enginediag_cli.config.fields import Field
 from enginediag_cli.errors import DataError
-from enginediag_cli.methods.base import FittedMethod, Method
-from enginediag_cli.methods.families.sums import nominal_residuals
-from enginediag_cli.methods.verdicts import SENSORS, DetectionTest, Verdicts
-from enginediag_cli.methods.windows import Windows
+from enginediag_cli.methods.base import SENSORS, DetectionTest, FittedMethod, Method, Verdicts, Windows
+from enginediag_cli.methods.families.local import nominal_residuals
 from enginediag_cli.residuals.monitor import Monitor
 
 DATA = ("raw", "corrected")

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from enginediag_cli.engine.components.base import Actuator
-from enginediag_cli.engine.components.condi_nozzle import CondiNozzle
-from enginediag_cli.engine.components.nozzle import Nozzle
+from enginediag_cli.engine.components.nozzles import CondiNozzle, Nozzle
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.parameters import spelled
 from enginediag_cli.physics.parts import core_compressor

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from enginediag_cli.drivers import CONSTANT, TIME, polynomials
-from enginediag_cli.engine.driver import DriverValues
+from enginediag_cli.engine.term import DriverValues
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.freeform import DEGREE, Cell, Location
 from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified, Nuisance, identify_with

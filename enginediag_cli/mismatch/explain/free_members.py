@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from enginediag_cli.drivers import CONSTANT, TIME, polynomials
-from enginediag_cli.engine.driver import DriverValues
+from enginediag_cli.engine.term import DriverValues
 from enginediag_cli.mismatch.explain.currency import FREE_FORM, Offer, Prices
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.freeform import DEGREE, Cell, machine_cells

@@ -7,8 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from enginediag_cli.drivers import TIME
-from enginediag_cli.engine.driver import DriverValues
-from enginediag_cli.engine.term import Effect
+from enginediag_cli.engine.term import DriverValues, Effect
 from enginediag_cli.identification.gauss_newton import Fit
 from enginediag_cli.mismatch.explain.answer import Coefficient, Explanation
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected

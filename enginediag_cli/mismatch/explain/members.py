@@ -8,7 +8,7 @@ from enginediag_cli.drivers import TIME
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.options import EFFECT, FREE, LAW, Option, effect_option
 from enginediag_cli.mismatch.fit.trial import Trial
-from enginediag_cli.physics.together import each
+from enginediag_cli.physics.registry import each
 
 MOST_MEMBERS = 6
 """Options that may act together at most. Judgement: more together is better told as unlisted physics."""

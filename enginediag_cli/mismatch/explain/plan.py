@@ -24,14 +24,14 @@ from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
 from enginediag_cli.mismatch.fit.extended import NUMBER
 from enginediag_cli.mismatch.fit.identified import Identified, inputs_of, nuisance, stacked
 from enginediag_cli.physics.laws.law import Law
-from enginediag_cli.planning.flight import PlannedFlight
-from enginediag_cli.planning.flights import flights
-from enginediag_cli.planning.manoeuvres import manoeuvres
-from enginediag_cli.planning.separation import Adaptation, Outlook, Separation
-from enginediag_cli.planning.suggestion import (
+from enginediag_cli.planning.flights import PlannedFlight, flights, manoeuvres
+from enginediag_cli.planning.separation import (
     SAME,
     SENSOR,
     SWITCH,
+    Adaptation,
+    Outlook,
+    Separation,
     Suggestion,
     best_first,
     keeps_to,

@@ -37,7 +37,7 @@ from enginediag_cli.mismatch.explain.pairs import EXTENDED, best_pairs, forward
 from enginediag_cli.mismatch.fit.freeform import Cell
 from enginediag_cli.mismatch.fit.options import FREE, LAW, OptionScore
 from enginediag_cli.mismatch.fit.trial import Trial
-from enginediag_cli.physics.together import kinds_of_places
+from enginediag_cli.physics.registry import kinds_of_places
 
 PAIRS = 4
 """Pairs that are refitted, best by score first, as of single options (`SHORTLIST`)."""

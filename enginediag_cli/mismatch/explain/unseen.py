@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from enginediag_cli.engine.driver import Driver
+from enginediag_cli.engine.term import Driver
 from enginediag_cli.mismatch.explain.floor_cost import VISIBLE
 from enginediag_cli.mismatch.fit.freeform import of_effect
 from enginediag_cli.mismatch.fit.options import Option

@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.error_model.error_model import ErrorModel
-from enginediag_cli.identification.offset_prior import OffsetPrior
-from enginediag_cli.identification.problem import TrainingRecording
+from enginediag_cli.error_model.modelled import ErrorModel
+from enginediag_cli.identification.problem import OffsetPrior, TrainingRecording
 
 
 @dataclass(frozen=True)

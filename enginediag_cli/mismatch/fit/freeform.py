@@ -15,9 +15,8 @@ import numpy as np
 
 from enginediag_cli.drivers import CONSTANT, SWITCH, TIME, polynomials
 from enginediag_cli.engine.components.base import HEALTH_ROAMS
-from enginediag_cli.engine.driver import Driver, DriverValues
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.term import Effect
+from enginediag_cli.engine.term import Driver, DriverValues, Effect
 from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.families import Scored, Sums, grid
 from enginediag_cli.mismatch.fit.identified import Identified

@@ -8,13 +8,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from enginediag_cli.drivers import drivers
-from enginediag_cli.engine.driver import DriverValues
-from enginediag_cli.engine.term import Effect
+from enginediag_cli.engine.term import DriverValues, Effect
 from enginediag_cli.errors import NoVerdictError
 from enginediag_cli.identification.gauss_newton import HOPE, Fit, solve
-from enginediag_cli.identification.on_unseen import with_regimes
-from enginediag_cli.identification.problem import Problem, TrainingRecording, build_problem
-from enginediag_cli.identification.settings import IdentificationSettings
+from enginediag_cli.identification.problem import IdentificationSettings, Problem, TrainingRecording, build_problem
+from enginediag_cli.identification.quality import with_regimes
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.extended import NUMBER, Discrepancy, ExtendedModel
 from enginediag_cli.mismatch.fit.nuisance import constants, floor, found_floor, read_wrong

@@ -25,15 +25,14 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.config.hints import near
+from enginediag_cli.engine.blocks import MISMATCH
 from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.mismatch_block import MISMATCH
-from enginediag_cli.error_model.error_model import map_accuracy_of
+from enginediag_cli.error_model.modelled import map_accuracy_of
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.nominal import Nominal
-from enginediag_cli.identification.offset_prior import OffsetPrior
-from enginediag_cli.identification.other_accuracy import with_accuracy
-from enginediag_cli.identification.settings import IdentificationSettings, settings_from_mapping
+from enginediag_cli.identification.nominal_checks import with_accuracy
+from enginediag_cli.identification.problem import IdentificationSettings, OffsetPrior, settings_from_mapping
 from enginediag_cli.intake.agreement import agreement_with_engine, agreement_with_nominal
 from enginediag_cli.intake.baseline import Baseline, open_baseline
 from enginediag_cli.intake.flights import Thinning, whole_flights

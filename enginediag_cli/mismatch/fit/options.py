@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.drivers import TIME
-from enginediag_cli.engine.driver import Driver
-from enginediag_cli.engine.term import Effect
+from enginediag_cli.engine.term import Driver, Effect
 from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.extended import Discrepancy

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.drivers import TIME
-from enginediag_cli.engine.driver import DriverValues
+from enginediag_cli.engine.term import DriverValues
 from enginediag_cli.mismatch.fit.believable import along_driver, with_belief
 from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.families import Scored, correlations

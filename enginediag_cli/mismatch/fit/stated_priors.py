@@ -15,7 +15,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.identification.settings import settings_from_mapping
+from enginediag_cli.identification.problem import settings_from_mapping
 from enginediag_cli.mismatch.fit.evidence import Settings
 
 

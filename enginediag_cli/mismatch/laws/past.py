@@ -13,11 +13,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from enginediag_cli.engine.dual import Dual, Value, value
-from enginediag_cli.engine.moving.filters.base import Clock, Filter
+from enginediag_cli.engine.moving.filters import Clock, Filter
 from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.mismatch.fit.identified import Identified
-from enginediag_cli.physics.laws.expression import Past
-from enginediag_cli.physics.laws.followers import Followed
+from enginediag_cli.physics.laws.expression import Followed, Past
 
 COURSE = 8
 """Records that a stretch has on average, from which a recording tells a course."""

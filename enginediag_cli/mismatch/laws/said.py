@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from enginediag_cli.engine.driver import STILL
+from enginediag_cli.engine.term import STILL
 from enginediag_cli.mismatch.fit.any_curve import AnyCurve
 from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.laws.carried import Carried

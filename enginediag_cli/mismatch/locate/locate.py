@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.drivers import TIME, groups
-from enginediag_cli.engine.driver import DriverValues
+from enginediag_cli.engine.term import DriverValues
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.freeform import Cell, free_form, machine_cells

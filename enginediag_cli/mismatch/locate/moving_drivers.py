@@ -10,10 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from enginediag_cli.drivers import LAGGING, RATE
-from enginediag_cli.engine.driver import DriverValues
-from enginediag_cli.engine.moving.filters.lag import Lag
-from enginediag_cli.engine.moving.filters.rate_of_change import RateOfChange
+from enginediag_cli.engine.moving.filters import Lag, RateOfChange
 from enginediag_cli.engine.moving.tape import MOMENT, NO_MOMENT, Tape
+from enginediag_cli.engine.term import DriverValues
 from enginediag_cli.identification.lagging import stretches
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.identified import stacked

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from enginediag_cli.engine.driver import DriverValues
+from enginediag_cli.engine.term import DriverValues
 from enginediag_cli.mismatch.fit.families import correlations
 from enginediag_cli.mismatch.fit.freeform import Cell
 from enginediag_cli.mismatch.fit.projection import Projection

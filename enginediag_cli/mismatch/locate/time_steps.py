@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from enginediag_cli.drivers import TIME
-from enginediag_cli.engine.driver import DriverValues
+from enginediag_cli.engine.term import DriverValues
 from enginediag_cli.mismatch.fit.evidence import Evidence
 
 ONSETS = 11

@@ -12,18 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from enginediag_cli.detection.minimum_change import NOTHING_REQUIRED
+from enginediag_cli.detection.glr import NOTHING_REQUIRED
 from enginediag_cli.detection.verdict import FAULT, NO_VERDICT, judge
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.identification.identify import identify
-from enginediag_cli.identification.problem import TrainingRecording
-from enginediag_cli.identification.settings import settings_from_mapping
+from enginediag_cli.identification.problem import TrainingRecording, settings_from_mapping
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.compact import compact
-from enginediag_cli.residuals.lagging import with_lagging
 from enginediag_cli.residuals.monitor import monitor_from_nominal
 from enginediag_cli.residuals.pipeline import window_statistics
+from enginediag_cli.residuals.reduced import with_lagging
 from enginediag_cli.residuals.windows import WindowPlan
 
 NOMINAL_RATE = 0.01

@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.config.document import Node, load_document
-from enginediag_cli.config.dump import dump
-from enginediag_cli.config.edit import appended
+from enginediag_cli.config.edit import appended, dump
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.errors import DataError
+from enginediag_cli.physics.laws.declared import entry_of
 from enginediag_cli.physics.laws.law import Law
-from enginediag_cli.physics.laws.written import entry_of
 from enginediag_cli.recordings.write import output
 
 DIGITS = 6

@@ -26,8 +26,7 @@ from enginediag_cli.mismatch.refine.significance import significance
 from enginediag_cli.mismatch.refine.switch import compare_switched, switch_column, with_states
 from enginediag_cli.mismatch.refine.unseen import Unseen, compare, concealed
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
-from enginediag_cli.physics.registry import candidates
-from enginediag_cli.physics.together import each
+from enginediag_cli.physics.registry import candidates, each
 from enginediag_cli.progress import stage
 
 WINDOW = 30

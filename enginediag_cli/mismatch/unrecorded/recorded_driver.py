@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from enginediag_cli.drivers import polynomials
-from enginediag_cli.engine.driver import DriverValues
+from enginediag_cli.engine.term import DriverValues
 from enginediag_cli.mismatch.fit.believable import switching
 from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.parameters import Parameter

@@ -1,4 +1,7 @@
-"""Entries `law:` of the `physics:` block → effects, with every problem at its place."""
+"""Entries `law:` of the `physics:` block → effects, with every problem at its place.
+
+A law as an entry of the `physics:` block: what `declared` reads.
+"""
 
 from __future__ import annotations
 
@@ -8,21 +11,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from enginediag_cli.config.checked import Checked
 from enginediag_cli.config.hints import near
+from enginediag_cli.config.validate import Checked
 from enginediag_cli.engine.dual import value
 from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.errors import Problem
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.physics.laws.expression import FUNCTIONS, Expression, ExpressionError, unit_of, words_of
-from enginediag_cli.physics.laws.followers import FOLLOWERS
-from enginediag_cli.physics.laws.law import Acts, Law
-from enginediag_cli.physics.laws.lever import at_lever, levers, varies_itself
-from enginediag_cli.physics.laws.variables import Variable, variables_of
+from enginediag_cli.physics.laws.expression import FOLLOWERS, FUNCTIONS, Expression, ExpressionError, unit_of, words_of
+from enginediag_cli.physics.laws.law import Acts, Law, Variable, at_lever, levers, variables_of, varies_itself
 from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network
+
 
 NOTHING = 1e-9
 """Of a law's size: what counts as zero."""
@@ -190,3 +191,52 @@ def _nothing_problems(entry: _Entry, law: Law, values: Mapping[str, float]) -> I
     if not (np.abs(left) <= NOTHING * max(size, NOTHING)).all():
         told = "the law is not 0 where its coefficients have the values at which it is absent"
         yield entry.problem(told, "", "expression")
+
+
+DIGITS, ERROR_DIGITS = 6, 3
+"""Significant digits of values, and of standard errors."""
+
+
+def entry_of(effect: Effect, errors: Mapping[str, float] | None = None, source: str = "") -> dict[str, Any]:
+    """The entry of an effect whose term is a law, with its values; `errors`: standard errors by parameter name.
+
+    Raises TypeError for any other effect.
+    """
+    law = effect.term
+    if not isinstance(law, Law):
+        raise TypeError(f"{effect.label} is no law")
+    block: dict[str, Any] = {"law": law.NAME, "at": law.acts.leaf, "expression": law.expression.text}
+    known = errors or {}
+    block["coefficients"] = {
+        c.name: _coefficient(c, effect.values.get(c.name, c.absent), known.get(effect.parameter_name(c.name)))
+        for c in law.COEFFICIENTS
+    }
+    block["statement"] = law.STATEMENT
+    if effect.switch:
+        block["switch"] = effect.switch
+    if source:
+        block["source"] = source
+    return block
+
+
+def _coefficient(c: Coefficient, value: float, error: float | None) -> dict[str, Any]:
+    block: dict[str, Any] = {"value": _short(value)}
+    if c.unit != "1":
+        block["unit"] = c.unit
+    if np.isfinite(c.lower):
+        block["lower"] = _short(c.lower)
+    if np.isfinite(c.upper):
+        block["upper"] = _short(c.upper)
+    if not c.free and not c.shape:
+        block["absent"] = _short(c.absent)
+    if not c.shape:
+        block["prior_sigma"] = _short(c.sigma)
+    if error is not None:
+        block["standard_error"] = _short(error, ERROR_DIGITS)
+    if c.description:
+        block["description"] = c.description
+    return block
+
+
+def _short(value: float, digits: int = DIGITS) -> float:
+    return float(f"{value:.{digits}g}")

@@ -2,6 +2,15 @@
 
 What may stand in it is listed here and nothing else: numbers, names, + − * / and **, parentheses, FUNCTIONS and those
 that remember (`followers`). The text is parsed and never run.
+
+Functions of a formula that remember: each follows its first argument along time, as a filter makes it of its past.
+
+    lagged(x, t)         τ dm/dt = x − m, τ = t seconds
+    limited(x, up, down) follows x no faster than 1/up, and 1/down on the way down; seconds per unit of x, 0 no limit
+    backlash(x, h)       stands still while x turns round within ± h: what switches at c of it switches at c + h on the
+                         way up, and at c − h on the way down
+
+In equilibrium, where the past of a record is not known and where a recording begins all of them are x.
 """
 
 from __future__ import annotations
@@ -13,7 +22,38 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from enginediag_cli.engine.dual import Value, chain, exp, log, maximum, minimum, power, sqrt, value
-from enginediag_cli.physics.laws.followers import FOLLOWERS, Followed
+from enginediag_cli.engine.moving.filters import Backlash, Filter, Lag, RateLimit
+
+
+@dataclass(frozen=True)
+class Follower:
+    """`filter`: what it lies from its signal; `units` of its coefficients, "1" where that is a number without one."""
+
+    filter: Filter
+    units: tuple[str, ...]
+
+
+FOLLOWERS: Mapping[str, Follower] = {
+    "lagged": Follower(Lag(), ("s",)),
+    "limited": Follower(RateLimit(), ("s", "s")),
+    "backlash": Follower(Backlash(), ("1",)),
+}
+
+
+@dataclass(frozen=True)
+class Followed:
+    """A follower in a formula: `name`, the names `of` what it follows, the coefficients that it goes `by`, and the
+    letter `at` which it stands."""
+
+    name: str
+    of: frozenset[str]
+    by: tuple[str, ...]
+    at: int
+
+    @property
+    def filter(self) -> Filter:
+        return FOLLOWERS[self.name].filter
+
 
 LONGEST = 2000
 """Letters of a formula."""

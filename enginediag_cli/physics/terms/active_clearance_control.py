@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import AMBIENT_PRESSURE
-from enginediag_cli.engine.components.splitter import Splitter
+from enginediag_cli.engine.components.passages import Splitter
 from enginediag_cli.engine.dual import Value, exp
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term

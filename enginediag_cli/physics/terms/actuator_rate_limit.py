@@ -6,12 +6,11 @@ from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import RATE
-from enginediag_cli.engine.controls.recorded import Recorded
-from enginediag_cli.engine.moving.filters.per_full import PerFull
-from enginediag_cli.engine.moving.filters.rate_limit import RateLimit
+from enginediag_cli.engine.controls.actuators import Recorded
+from enginediag_cli.engine.moving.filters import PerFull, RateLimit
 from enginediag_cli.engine.moving.tape import PAST
 from enginediag_cli.engine.term import Place, Site, Term
-from enginediag_cli.physics.demanded import rate_limits, rate_trials
+from enginediag_cli.physics.parts import rate_limits, rate_trials
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network

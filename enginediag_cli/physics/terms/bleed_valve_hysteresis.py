@@ -6,8 +6,7 @@ from dataclasses import replace
 from itertools import product
 
 from enginediag_cli.drivers import RATE
-from enginediag_cli.engine.moving.filters.hysteresis import Hysteresis
-from enginediag_cli.engine.moving.filters.scaled import Scaled
+from enginediag_cli.engine.moving.filters import Hysteresis, Scaled
 from enginediag_cli.engine.moving.tape import PAST
 from enginediag_cli.engine.term import Coefficient, Place
 from enginediag_cli.physics.terms.handling_bleed import OPEN_BELOW, CompressorValve, Share

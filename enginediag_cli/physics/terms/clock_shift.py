@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from enginediag_cli.drivers import RATE
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
-from enginediag_cli.engine.moving.filters.delay import Delay
+from enginediag_cli.engine.moving.filters import Delay
 from enginediag_cli.engine.moving.tape import PAST
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
 

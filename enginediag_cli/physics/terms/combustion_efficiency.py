@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import COMPRESSOR_PRESSURE
 from enginediag_cli.engine.components.base import scalar
-from enginediag_cli.engine.components.burner import Burner
+from enginediag_cli.engine.components.combustion import Burner
 from enginediag_cli.engine.dual import Value, exp, log
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow

@@ -10,7 +10,7 @@ from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.dual import Value, exp, log
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
-from enginediag_cli.physics.readings import flies, hot_readings, reading_at
+from enginediag_cli.physics.parts import flies, hot_readings, reading_at
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import COMPRESSOR_PRESSURE
 from enginediag_cli.engine.components.base import scalar
-from enginediag_cli.engine.components.bleed import Bleed
 from enginediag_cli.engine.components.compressor import Compressor
+from enginediag_cli.engine.components.passages import Bleed
 from enginediag_cli.engine.components.turbine import Turbine
 from enginediag_cli.engine.dual import Value, power
 from enginediag_cli.engine.evaluation import Evaluation

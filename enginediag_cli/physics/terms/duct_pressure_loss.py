@@ -6,11 +6,11 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import CORRECTED_SPEED
-from enginediag_cli.engine.components.duct import Duct
+from enginediag_cli.engine.components.passages import Duct
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
-from enginediag_cli.physics.readings import relative_flow
+from enginediag_cli.physics.parts import relative_flow
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network

@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import POWER
 from enginediag_cli.engine.components.base import scalar
-from enginediag_cli.engine.components.exhaust import Exhaust
-from enginediag_cli.engine.components.nozzle import Nozzle, throat
+from enginediag_cli.engine.components.nozzles import Exhaust, Nozzle, throat
 from enginediag_cli.engine.dual import Value, log
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
-from enginediag_cli.physics.readings import flies
+from enginediag_cli.physics.parts import flies
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network

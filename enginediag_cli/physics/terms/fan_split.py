@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import BYPASS_RATIO
-from enginediag_cli.engine.components.splitter import Splitter
+from enginediag_cli.engine.components.passages import Splitter
 from enginediag_cli.engine.dual import exp, log
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow

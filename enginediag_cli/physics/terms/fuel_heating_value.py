@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import CONSTANT
-from enginediag_cli.engine.components.burner import Burner
+from enginediag_cli.engine.components.combustion import Burner
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term

@@ -6,11 +6,10 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import RATE
-from enginediag_cli.engine.moving.filters.per_full import PerFull
-from enginediag_cli.engine.moving.filters.rate_limit import RateLimit
+from enginediag_cli.engine.moving.filters import PerFull, RateLimit
 from enginediag_cli.engine.moving.tape import PAST
 from enginediag_cli.engine.term import Place, Site, Term
-from enginediag_cli.physics.demanded import fuel_site, full, rate_limits, rate_trials
+from enginediag_cli.physics.parts import fuel_site, full, rate_limits, rate_trials
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network

@@ -9,7 +9,7 @@ from enginediag_cli.drivers import CORRECTED_SPEED
 from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
-from enginediag_cli.engine.maps.guide_vanes import closed_efficiency, closed_flow
+from enginediag_cli.engine.maps.compressor_map import closed_efficiency, closed_flow
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
 from enginediag_cli.physics.parts import Ratio, core_compressor, relative_corrected_speed
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from enginediag_cli.drivers import POWER
 from enginediag_cli.engine.components.base import scalar
-from enginediag_cli.engine.components.inlet import Inlet
+from enginediag_cli.engine.components.passages import Inlet
 from enginediag_cli.engine.dual import Value, exp, log, select, value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term

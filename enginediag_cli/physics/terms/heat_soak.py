@@ -9,8 +9,7 @@ from enginediag_cli.drivers import RATE
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
-from enginediag_cli.engine.moving.filters.lag import Lag
-from enginediag_cli.engine.moving.filters.scaled import ScaledIntegrated
+from enginediag_cli.engine.moving.filters import Lag, ScaledIntegrated
 from enginediag_cli.engine.moving.tape import PAST
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
 

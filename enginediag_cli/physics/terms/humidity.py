@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import HUMIDITY
 from enginediag_cli.engine.atmosphere import saturated_water, standard_atmosphere
-from enginediag_cli.engine.components.ambient import Ambient
+from enginediag_cli.engine.components.passages import Ambient
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term

@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import CORRECTED_SPEED
-from enginediag_cli.engine.components.inlet import Inlet
+from enginediag_cli.engine.components.passages import Inlet
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import MACH
 from enginediag_cli.engine.components.base import scalar
-from enginediag_cli.engine.components.inlet import Inlet
+from enginediag_cli.engine.components.passages import Inlet
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
-from enginediag_cli.physics.readings import flies
+from enginediag_cli.physics.parts import flies
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network

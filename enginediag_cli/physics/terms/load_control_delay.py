@@ -6,10 +6,10 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import RATE
-from enginediag_cli.engine.moving.filters.delay import Delay
+from enginediag_cli.engine.moving.filters import Delay
 from enginediag_cli.engine.moving.tape import PAST
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
-from enginediag_cli.physics.demanded import load_site
+from enginediag_cli.physics.parts import load_site
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network

@@ -6,11 +6,11 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import NOZZLE_PRESSURE_RATIO
-from enginediag_cli.engine.components.nozzle import Nozzle
+from enginediag_cli.engine.components.nozzles import Nozzle
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
-from enginediag_cli.physics.nozzles import unchoked, unchoked_at_design
+from enginediag_cli.physics.parts import unchoked, unchoked_at_design
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network

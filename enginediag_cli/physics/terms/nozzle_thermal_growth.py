@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import BURNER_TEMPERATURE
 from enginediag_cli.engine.components.base import scalar
-from enginediag_cli.engine.components.nozzle import Nozzle
+from enginediag_cli.engine.components.nozzles import Nozzle
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
-from enginediag_cli.physics.readings import is_hot
+from enginediag_cli.physics.parts import is_hot
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network

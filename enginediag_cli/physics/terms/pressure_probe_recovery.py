@@ -9,7 +9,7 @@ from enginediag_cli.drivers import CORRECTED_SPEED
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
-from enginediag_cli.physics.readings import reading_at, readings, relative_flow
+from enginediag_cli.physics.parts import reading_at, readings, relative_flow
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network

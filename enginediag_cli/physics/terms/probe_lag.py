@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 from enginediag_cli.drivers import RATE
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
-from enginediag_cli.engine.moving.filters.lag import Lag
+from enginediag_cli.engine.moving.filters import Lag
 from enginediag_cli.engine.moving.tape import PAST
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
-from enginediag_cli.physics.readings import reading_at, readings
+from enginediag_cli.physics.parts import reading_at, readings
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network

@@ -9,8 +9,7 @@ from enginediag_cli.drivers import REYNOLDS_INDEX
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.dual import Value, log
-from enginediag_cli.engine.evaluation import Evaluation
-from enginediag_cli.engine.similarity import reynolds_index
+from enginediag_cli.engine.evaluation import Evaluation, reynolds_index
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
 from enginediag_cli.physics.parts import compressors
 

@@ -9,9 +9,8 @@ from enginediag_cli.drivers import REYNOLDS_INDEX
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.turbine import Turbine
 from enginediag_cli.engine.dual import Value, power
-from enginediag_cli.engine.evaluation import Evaluation
+from enginediag_cli.engine.evaluation import Evaluation, viscosity_ratio
 from enginediag_cli.engine.flow import Flow
-from enginediag_cli.engine.similarity import viscosity_ratio
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
 from enginediag_cli.physics.parts import turbines
 

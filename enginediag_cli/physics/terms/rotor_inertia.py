@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 from enginediag_cli.drivers import RATE
 from enginediag_cli.engine.dual import Array, Value
 from enginediag_cli.engine.evaluation import Evaluation
-from enginediag_cli.engine.moving.filters.rate_of_change import RateOfChange
-from enginediag_cli.engine.moving.filters.scaled import Scaled
+from enginediag_cli.engine.moving.filters import RateOfChange, Scaled
 from enginediag_cli.engine.moving.tape import PAST
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
 from enginediag_cli.units import RAD_S_PER_RPM

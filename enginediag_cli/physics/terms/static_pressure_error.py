@@ -11,7 +11,7 @@ from enginediag_cli.engine.atmosphere import GRAVITY, R_AIR, standard_atmosphere
 from enginediag_cli.engine.dual import Value, select, value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
-from enginediag_cli.physics.readings import flies
+from enginediag_cli.physics.parts import flies
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network

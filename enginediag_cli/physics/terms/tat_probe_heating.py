@@ -10,7 +10,7 @@ from enginediag_cli.engine.atmosphere import P_ISA, standard_atmosphere
 from enginediag_cli.engine.dual import Value, sqrt
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
-from enginediag_cli.physics.readings import flies
+from enginediag_cli.physics.parts import flies
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network

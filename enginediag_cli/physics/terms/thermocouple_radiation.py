@@ -11,7 +11,7 @@ from enginediag_cli.engine.dual import Value, sqrt
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
-from enginediag_cli.physics.readings import hot_readings, reading_at
+from enginediag_cli.physics.parts import hot_readings, reading_at
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network

@@ -1,4 +1,9 @@
-"""Health over flights: those parameters that changed with their intervals, and all of them at a glance."""
+"""Health over flights: those parameters that changed with their intervals, and all of them at a glance.
+
+The margin of the hottest temperature over flights, and its forecast to the limit.
+
+Rows of `trend --what margin` as an engine whose margin is drawn, and its maintenance.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +11,12 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Protocol
 
+from enginediag_cli.fleets.finding import Estimate
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.parameters import Parameter
+from enginediag_cli.presentation.charts.fleet_charts import NAN, EventFound, FlightFound, MarginFound
 from enginediag_cli.presentation.charts.model import (
     Axis,
     Band,
@@ -17,14 +25,17 @@ from enginediag_cli.presentation.charts.model import (
     Column,
     Intervals,
     Layer,
+    Level,
     Line,
     Mark,
     Origin,
     Table,
+    scale_of,
 )
-from enginediag_cli.presentation.charts.order import Order, order_of
-from enginediag_cli.presentation.charts.rows import Row
-from enginediag_cli.presentation.charts.sizes import scale_of
+from enginediag_cli.presentation.charts.rows import Order, Row, order_of
+from enginediag_cli.presentation.outputs.judgements import with_ends
+from enginediag_cli.presentation.trend_rows import FLIGHT, MAINTENANCE, WHOLE
+from enginediag_cli.units import split_column
 
 MOST_CURVES = 5
 """Parameters in one chart: more are not told apart."""
@@ -164,3 +175,150 @@ def health_map(key: str, rows: Sequence[Row], known: Known) -> Chart:
         "Change of each parameter in standard errors of that flight taken alone, all others free: below 2 is nothing "
         f"unusual; orange is above nominal, blue below.{before}",
     )
+
+
+AHEAD = 2.0
+"""A forecast is drawn up to so many times the flights that are there, or to its limit if that comes first."""
+
+
+class WithMargin(Protocol):
+    """An engine whose margin can be drawn."""
+
+    @property
+    def margin(self) -> MarginFound: ...
+    @property
+    def by_flight(self) -> Sequence[FlightFound]: ...
+    @property
+    def events(self) -> Sequence[EventFound]: ...
+
+
+def margin(key: str, engine: WithMargin, marks: Sequence[Mark] = ()) -> Chart | None:
+    """None where no flight tells of the margin."""
+    told = [f for f in engine.by_flight if math.isfinite(f.consumed_K)]
+    if not told:
+        return None
+    m = engine.margin
+    whole = m.now_K.value + m.consumed_K.value  # at the baseline
+    of_limit = math.isfinite(whole)
+    x = [float(f.number) for f in told]
+    sign, start = (-1.0, whole) if of_limit else (1.0, 0.0)
+    y = [start + sign * f.consumed_K for f in told]
+    half = [NORMAL_95 * f.consumed_error_K for f in told]
+    low, high = ([v + s * h for v, h in zip(y, half, strict=True)] for s in (-1.0, 1.0))
+    origins = [f.origin for f in told]
+    layers: list[Layer] = [Intervals("each flight by itself", x, y, low, high, 0, origins=origins)]
+    caption = m.reason and f"No forecast: {m.reason}."
+    left = m.remaining_flights
+    if of_limit and m.now_K.value <= 0:
+        caption = "The limit is passed."
+    elif of_limit and math.isfinite(left.value):
+        layers += _forecast(x[-1], m.now_K.value, left.value, (left.low, left.high), len(x))
+        caption = (
+            f"Flights until the limit: {_told(left.value)}, 90 % interval {_told(left.low)} to {_told(left.high)}."
+        )
+    quantity = split_column(m.column)[0] or "temperature"
+    words = f"{quantity} margin" if of_limit else f"{quantity} margin used"
+    columns = (Column("flight"), Column(words, "K"), Column("95 % from", "K"), Column("to", "K"))
+    names = [f.flight or str(f.number) for f in told]
+    return Chart(
+        key,
+        f"{words} and its forecast" if of_limit else words,
+        Axis("flight, counted"),
+        Axis(words, "K"),
+        layers,
+        Table(columns, list(zip(names, y, low, high, strict=True)), origins),
+        caption + (f" At {m.condition}." if m.condition else ""),
+        marks,
+        [Level(0.0, f"limit {m.limit_K:g} K" if math.isfinite(m.limit_K) else "limit")] if of_limit else [],
+    )
+
+
+def maintenance_marks(engine: WithMargin) -> list[Mark]:
+    """Maintenance at the first flight after it, by its count."""
+    return [Mark(float(x.number), x.words) for x in engine.events if x.number]
+
+
+def _forecast(now: float, left_K: float, median: float, ends: tuple[float, float], flights: int) -> list[Layer]:
+    """Straight from what is left now to nothing after so many flights; of each end of the interval as well."""
+    last = max(1.0, min(median, AHEAD * flights))
+    steps = [last * k / 20 for k in range(21)]
+
+    def after(flights_left: float) -> list[float]:
+        if not math.isfinite(flights_left):
+            return [left_K for _ in steps]
+        return [left_K * (1.0 - s / max(flights_left, 1.0)) for s in steps]
+
+    x = [now + s for s in steps]
+    return [
+        Band("90 % of the forecast", x, after(ends[0]), after(ends[1]), 1),
+        Line("forecast", x, after(median), 1, dashed=True),
+    ]
+
+
+def _told(flights: float) -> str:
+    return f"{flights:,.0f}" if math.isfinite(flights) else "no end in sight"
+
+
+@dataclass(frozen=True)
+class Brought:
+    """One event of maintenance, and what it brought: `gains` in words, and how much temperature and fuel fell."""
+
+    event: EventFound
+    flight: str
+    gains: Sequence[str]
+    temperature_K: Estimate
+    fuel_percent: Estimate
+    held: str
+
+
+@dataclass(frozen=True)
+class OwnMargin:
+    """An engine's margin, flight by flight and as a whole, with its maintenance."""
+
+    margin: MarginFound
+    by_flight: Sequence[FlightFound]
+    events: Sequence[EventFound]
+
+
+def margin_found(rows: Sequence[Row]) -> OwnMargin | None:
+    """The margin of the engine of these rows; None where none of them tells of its margin as a whole."""
+    whole = next((row for row in rows if row.text("row") == WHOLE), None)
+    if whole is None:
+        return None
+    m = MarginFound(
+        whole.text("column"),
+        whole.text("condition"),
+        whole.number("limit_K"),
+        estimate(whole, "used_K"),
+        estimate(whole, "margin_K"),
+        estimate(whole, "remaining_flights"),
+        whole.text("reason"),
+    )
+    flights = [_flight(row) for row in rows if row.text("row") == FLIGHT]
+    return OwnMargin(m, flights, [found.event for found in maintenance_found(rows)])
+
+
+def maintenance_found(rows: Sequence[Row]) -> list[Brought]:
+    """The events of maintenance, in the order of their flights."""
+    found = [_brought(row) for row in rows if row.text("row") == MAINTENANCE]
+    return sorted(found, key=lambda x: x.event.number or math.inf)
+
+
+def estimate(row: Row, name: str) -> Estimate:
+    """A value with the cells of its interval."""
+    value, low, high = map(row.number, with_ends(name))
+    return Estimate(value, low, high)
+
+
+def _flight(row: Row) -> FlightFound:
+    used = estimate(row, "used_K")
+    error = (used.high - used.low) / 2 / NORMAL_95
+    return FlightFound(row.count("number"), row.text("flight"), NAN, NAN, "", used.value, error, row.origin)
+
+
+def _brought(row: Row) -> Brought:
+    kind, component = row.text("event"), row.text("component")
+    recovered, reason = estimate(row, "recovered_K"), row.text("reason")
+    event = EventFound(kind, component, row.count("number"), recovered, reason, row.origin)
+    gains, fuel = row.list("brought"), estimate(row, "fuel_gain_percent")
+    return Brought(event, row.text("flight"), gains, estimate(row, "temperature_gain_K"), fuel, row.text("held"))

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from enginediag_cli.presentation.charts.model import (
+    QUIET,
     Axis,
     Band,
     Bars,
@@ -23,9 +24,11 @@ from enginediag_cli.presentation.charts.model import (
     Line,
     Origin,
     Points,
+    colour,
+    shade,
+    x_range,
+    y_range,
 )
-from enginediag_cli.presentation.charts.palette import QUIET, colour, shade
-from enginediag_cli.presentation.charts.scales import x_range, y_range
 from enginediag_cli.presentation.pictures.svg import FAINT, INK
 
 HEIGHT, ROW, CELL, BESIDE = 300, 24, 21, 66

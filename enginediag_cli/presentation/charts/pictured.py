@@ -7,22 +7,22 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.errors import NoVerdictError
-from enginediag_cli.presentation.charts.detection_course import detection_course
-from enginediag_cli.presentation.charts.given import ALONE, given_rows
-from enginediag_cli.presentation.charts.health_trend import Course, health_trend
-from enginediag_cli.presentation.charts.identified_fit import identified_fit
-from enginediag_cli.presentation.charts.margin import maintenance_marks, margin
-from enginediag_cli.presentation.charts.margin_found import margin_found
-from enginediag_cli.presentation.charts.model import Chart, Mark, Origin
-from enginediag_cli.presentation.charts.of_window import window_fingerprint
-from enginediag_cli.presentation.charts.order import order_of
-from enginediag_cli.presentation.charts.rows import Row
-from enginediag_cli.presentation.charts.sizes import scale_of
+from enginediag_cli.presentation.charts.health_trend import (
+    Course,
+    health_trend,
+    maintenance_marks,
+    margin,
+    margin_found,
+)
+from enginediag_cli.presentation.charts.model import Chart, Mark, Origin, scale_of
+from enginediag_cli.presentation.charts.model_charts import identified_fit
+from enginediag_cli.presentation.charts.residual_charts import detection_course, window_fingerprint
+from enginediag_cli.presentation.charts.rows import ALONE, Row, given_rows, order_of
 from enginediag_cli.presentation.charts.static import picture
-from enginediag_cli.presentation.pictures.written import write_drawing
+from enginediag_cli.presentation.pictures.svg import write_drawing
 
 if TYPE_CHECKING:
-    from enginediag_cli.detection.trend_of_files import Series
+    from enginediag_cli.detection.trend import Series
     from enginediag_cli.identification.identify import Identification
     from enginediag_cli.isolation.of_windows import IsolatedWindow
 

@@ -7,6 +7,7 @@ import textwrap
 from collections.abc import Iterator, Sequence
 
 from enginediag_cli.presentation.charts.model import (
+    QUIET,
     Band,
     Bars,
     Cells,
@@ -15,11 +16,23 @@ from enginediag_cli.presentation.charts.model import (
     Layer,
     Line,
     Points,
+    colour,
+    shade,
+    x_range,
+    y_range,
 )
-from enginediag_cli.presentation.charts.palette import QUIET, colour, shade
-from enginediag_cli.presentation.charts.scales import x_range, y_range
-from enginediag_cli.presentation.pictures.axes import Panel, ticks
-from enginediag_cli.presentation.pictures.svg import FAINT, INK, LABEL, SMALL, TITLE, Drawing, Edge, Letters
+from enginediag_cli.presentation.pictures.svg import (
+    FAINT,
+    INK,
+    LABEL,
+    SMALL,
+    TITLE,
+    Drawing,
+    Edge,
+    Letters,
+    Panel,
+    ticks,
+)
 
 WIDTH, MARGIN, LEFT, HEIGHT = 720.0, 14.0, 74.0, 250.0
 """Pixels of the whole, around it, of the y axis with its numbers, and of the panel: two fit on a page."""

@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from enginediag_cli.intervals import NORMAL_95
-from enginediag_cli.presentation.pictures.axes import Panel, padded
 from enginediag_cli.presentation.pictures.svg import (
     BLUE,
     INK,
@@ -20,6 +19,8 @@ from enginediag_cli.presentation.pictures.svg import (
     Drawing,
     Edge,
     Letters,
+    Panel,
+    padded,
     shade,
 )
 from enginediag_cli.presentation.sentences import count

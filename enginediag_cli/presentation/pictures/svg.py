@@ -1,7 +1,14 @@
-"""A drawing as SVG 1.1 text: rectangles, lines, dots and words at coordinates in pixels, y downwards."""
+"""A drawing as SVG 1.1 text: rectangles, lines, dots and words at coordinates in pixels, y downwards.
+
+A panel with two axes, round ticks, and a scale from data to pixels.
+
+A drawing as a file: SVG, or PNG for a name that says so.
+"""
 
 from __future__ import annotations
 
+import math
+import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from xml.sax.saxutils import escape, quoteattr
@@ -150,3 +157,82 @@ def _number(value: float) -> str:
     """Two decimals at most, one from 10 on: a picture has no more, and files stay small."""
     text = f"{float(value):.{1 if abs(value) >= 10 else 2}f}".rstrip("0").rstrip(".")
     return "0" if text in ("", "-0") else text
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A rectangle of a drawing (pixels) that stands for ranges of x and y (data)."""
+
+    left: float
+    top: float
+    width: float
+    height: float
+    x_range: tuple[float, float]
+    y_range: tuple[float, float]
+
+    def at(self, x: float, y: float) -> tuple[float, float]:
+        """Pixels of a point of the data; what lies outside is put on the edge."""
+        u = (min(max(x, self.x_range[0]), self.x_range[1]) - self.x_range[0]) / _span(self.x_range)
+        v = (min(max(y, self.y_range[0]), self.y_range[1]) - self.y_range[0]) / _span(self.y_range)
+        return self.left + u * self.width, self.top + (1.0 - v) * self.height
+
+    def draw(self, on: Drawing, x_label: str, y_label: str) -> None:
+        """Frame, grid, ticks and names of the axes."""
+        bottom = self.top + self.height
+        for x in ticks(*self.x_range):
+            u, _ = self.at(x, self.y_range[0])
+            on.line(u, self.top, u, bottom, FAINT)
+            on.words(u, bottom + 17, _signed(x), anchor="middle")
+        for y in ticks(*self.y_range):
+            _, v = self.at(self.x_range[0], y)
+            on.line(self.left, v, self.left + self.width, v, INK if y == 0 else FAINT)
+            on.words(self.left - 6, v + 4, _signed(y), anchor="end")
+        on.rectangle(self.left, self.top, self.width, self.height, "none", edge=Edge(INK))
+        on.words(self.left + self.width / 2, bottom + 38, x_label, letters=LABEL, anchor="middle")
+        on.words(self.left - 48, self.top + self.height / 2, y_label, letters=LABEL, anchor="middle", turned=-90.0)
+
+
+def ticks(low: float, high: float, wanted: int = 6) -> list[float]:
+    """Round numbers within a range, about as many as wanted."""
+    if not (math.isfinite(low) and math.isfinite(high)) or high <= low:
+        return []
+    raw = (high - low) / wanted
+    power = 10.0 ** math.floor(math.log10(raw))
+    step = next(m * power for m in (1.0, 2.0, 2.5, 5.0, 10.0) if m * power >= raw)
+    first = math.ceil(low / step - 1e-9)
+    last = math.floor(high / step + 1e-9)
+    return [round(k * step, 12) for k in range(first, last + 1)]
+
+
+def padded(values: Sequence[float], share: float = 0.05) -> tuple[float, float]:
+    """Range of values with a margin on both sides; never empty."""
+    low, high = min(values), max(values)
+    margin = share * (high - low) or max(abs(high), 1.0) * share
+    return low - margin, high + margin
+
+
+def _signed(value: float) -> str:
+    return f"{value:g}".replace("-", "−")
+
+
+def _span(limits: tuple[float, float]) -> float:
+    return (limits[1] - limits[0]) or 1.0
+
+
+def write_drawing(drawing: str, path: str) -> None:
+    """drawing: the SVG text of it; path: ending in .png for PNG, "-" is standard output. Raises DataError without what
+    PNG needs, OSError."""
+    from enginediag_cli.progress import wipe
+    from enginediag_cli.recordings.write import binary_output, output
+
+    if os.path.splitext(path.lower())[1] == ".png":
+        from enginediag_cli.presentation.pictures.png import png
+
+        data = png(drawing, path)
+        with binary_output(path) as raw:
+            wipe()
+            raw.write(data)
+        return
+    with output(path) as stream:
+        wipe()
+        stream.write(drawing)

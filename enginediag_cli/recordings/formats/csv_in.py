@@ -18,11 +18,25 @@ from itertools import chain, islice
 import numpy as np
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.dialect import DELIMITERS, FIXED, WHITESPACE, Dialect, separator_of
-from enginediag_cli.recordings.formats.base import Asked, TableFile, read_positions
-from enginediag_cli.recordings.formats.cells import NumberForm, is_missing, no_number
-from enginediag_cli.recordings.peeked import MOST_BLANK_LINES, Peeked
-from enginediag_cli.recordings.source import Source, undecodable
+from enginediag_cli.recordings.formats.table_file import (
+    Asked,
+    NumberForm,
+    TableFile,
+    is_missing,
+    no_number,
+    read_positions,
+)
+from enginediag_cli.recordings.source import (
+    DELIMITERS,
+    FIXED,
+    MOST_BLANK_LINES,
+    WHITESPACE,
+    Dialect,
+    Peeked,
+    Source,
+    separator_of,
+    undecodable,
+)
 from enginediag_cli.recordings.table import Recording, check_clock, rechunk
 from enginediag_cli.recordings.unit_words import unit_word
 from enginediag_cli.safe_text import shortened, unguarded

@@ -14,11 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.dialect import OWN
-from enginediag_cli.recordings.formats.base import Asked, TableFile
 from enginediag_cli.recordings.formats.csv_in import table_records
-from enginediag_cli.recordings.peeked import Peeked
-from enginediag_cli.recordings.source import refuse_devices
+from enginediag_cli.recordings.formats.table_file import Asked, TableFile
+from enginediag_cli.recordings.source import OWN, Peeked, refuse_devices
 from enginediag_cli.recordings.table import Recording
 
 CONTENTS = "xl/workbook.xml"

@@ -13,8 +13,7 @@ import numpy as np
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.formats.arrow import ArrowFile, Kind
-from enginediag_cli.recordings.formats.base import Asked, TableFile, read_positions
-from enginediag_cli.recordings.formats.cells import NumberForm, no_number
+from enginediag_cli.recordings.formats.table_file import Asked, NumberForm, TableFile, no_number, read_positions
 from enginediag_cli.recordings.table import Recording, check_clock, rechunk
 from enginediag_cli.safe_text import guarded
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from enginediag_cli.config.fields import Field, Section
-from enginediag_cli.engine.model import EngineLike
+from enginediag_cli.engine.wrapped import EngineLike
 from enginediag_cli.simulation.airspeed import KNOT_M_S, mach_from_cas
 
 SERIES = False

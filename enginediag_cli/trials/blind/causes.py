@@ -16,8 +16,7 @@ from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.identified import Hypothesis
 from enginediag_cli.mismatch.fit.options import Option
-from enginediag_cli.physics.registry import effect
-from enginediag_cli.physics.together import each
+from enginediag_cli.physics.registry import each, effect
 
 
 @dataclass(frozen=True)

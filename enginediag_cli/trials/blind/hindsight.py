@@ -14,7 +14,7 @@ from enginediag_cli.mismatch.explain.foreseen import Foreseen
 from enginediag_cli.mismatch.explain.plan import Course, fitted_rivals, of_flights, outlook
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Hypothesis, identify_with, nuisance, stacked
 from enginediag_cli.mismatch.fit.options import EFFECT, Option
-from enginediag_cli.planning.flight import RECORDS, PlannedFlight
+from enginediag_cli.planning.flights import RECORDS, PlannedFlight
 from enginediag_cli.trials.blind.causes import Cause, hypothesis, key
 from enginediag_cli.trials.blind.flights import hour_columns
 from enginediag_cli.trials.blind.opened import evidence_of

@@ -18,8 +18,7 @@ import numpy as np
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.mismatch.explain.answer import NAMED
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.planning.flight import RECORDS, Corner, PlannedFlight
-from enginediag_cli.planning.flights import AIRLINER, SWEEP, WEATHER
+from enginediag_cli.planning.flights import AIRLINER, RECORDS, SWEEP, WEATHER, Corner, PlannedFlight
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import CsvWriter, output
 from enginediag_cli.trials.blind import kinds

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from enginediag_cli.drivers import CONSTANT, SAME, SWITCH, true_drivers
-from enginediag_cli.engine.driver import Driver
+from enginediag_cli.engine.term import Driver
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.identified import drivers_of, inputs_of
 

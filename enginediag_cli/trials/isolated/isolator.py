@@ -20,7 +20,7 @@ from typing import Any
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.nominal_file import write_nominal
-from enginediag_cli.identification.repeats import without_repeats
+from enginediag_cli.identification.training import without_repeats
 from enginediag_cli.intake.baseline import open_baseline
 from enginediag_cli.intake.flights import whole_flights
 from enginediag_cli.intake.intake import Intake

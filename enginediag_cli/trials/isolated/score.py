@@ -25,7 +25,7 @@ import numpy as np
 
 from enginediag_cli.detection.verdict import FAULT
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.isolation.averaging import least_that_matters
+from enginediag_cli.isolation.posterior import least_that_matters
 from enginediag_cli.trials.blind.causes import Cause, components
 from enginediag_cli.trials.isolated import kinds
 from enginediag_cli.trials.isolated.sealed import Sealed, reading

@@ -11,8 +11,7 @@ import numpy as np
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.errors import DataError
-from enginediag_cli.simulation.default_flight import default_plan
-from enginediag_cli.simulation.flights import generate_flights
+from enginediag_cli.simulation.flights import default_plan, generate_flights
 from enginediag_cli.trials.blind.flights import draw_flights
 from enginediag_cli.trials.blind.sealed import SIZE, draw_health, stream
 from enginediag_cli.trials.blind.truths.instruments import input_spread

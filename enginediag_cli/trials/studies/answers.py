@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from enginediag_cli.methods.verdicts import PARAMETERS, Verdicts
+from enginediag_cli.methods.base import PARAMETERS, Verdicts
 
 
 @dataclass(frozen=True)

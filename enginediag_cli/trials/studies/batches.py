@@ -9,9 +9,8 @@ from time import process_time
 
 import numpy as np
 
-from enginediag_cli.methods.base import FittedMethod
+from enginediag_cli.methods.base import FittedMethod, Windows
 from enginediag_cli.methods.evidence import Evidence
-from enginediag_cli.methods.windows import Windows
 from enginediag_cli.trials.studies.answers import answers_of
 from enginediag_cli.trials.studies.flown import make_trials
 from enginediag_cli.trials.studies.study_file import Study, load_study

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from enginediag_cli.methods.windows import Windows
-from enginediag_cli.simulation.conditions import engine_inputs
-from enginediag_cli.simulation.flights import generate_flights
+from enginediag_cli.methods.base import Windows
+from enginediag_cli.simulation.flights import engine_inputs, generate_flights
 from enginediag_cli.simulation.noise import ColumnNoise, noise_sources
 
 if TYPE_CHECKING:

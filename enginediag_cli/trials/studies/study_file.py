@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.config.fields import Field, Section, Variants
 from enginediag_cli.config.kinds import load_checked
-from enginediag_cli.config.named import named_file
+from enginediag_cli.config.reading import named_file
 from enginediag_cli.errors import ConfigError, DataError, Problem
 from enginediag_cli.methods.registry import SECTIONS, chosen_method
-from enginediag_cli.simulation.flight_file import MISSIONS
-from enginediag_cli.simulation.noise_section import NOISE
+from enginediag_cli.simulation.flights import MISSIONS
+from enginediag_cli.simulation.noise import NOISE
 from enginediag_cli.trials.studies.cases import CASE, FaultCase, build_case
 
 if TYPE_CHECKING:

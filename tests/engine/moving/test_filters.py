@@ -5,16 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.engine.moving.filters.backlash import Backlash
-from enginediag_cli.engine.moving.filters.base import Clock
-from enginediag_cli.engine.moving.filters.delay import Delay
-from enginediag_cli.engine.moving.filters.hysteresis import Hysteresis
-from enginediag_cli.engine.moving.filters.lag import Lag
-from enginediag_cli.engine.moving.filters.per_full import PerFull
-from enginediag_cli.engine.moving.filters.rate_limit import RateLimit
-from enginediag_cli.engine.moving.filters.rate_of_change import RateOfChange
-from enginediag_cli.engine.moving.filters.scaled import Scaled, ScaledIntegrated
-from enginediag_cli.engine.moving.filters.second_order import SecondOrder
+from enginediag_cli.engine.moving.filters import (
+    Backlash,
+    Clock,
+    Delay,
+    Hysteresis,
+    Lag,
+    PerFull,
+    RateLimit,
+    RateOfChange,
+    Scaled,
+    ScaledIntegrated,
+    SecondOrder,
+)
 
 NO_DIRECTIONS = np.zeros((0, 0))
 

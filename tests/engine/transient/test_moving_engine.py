@@ -10,17 +10,15 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.evaluation import Evaluation, Shaft
+from enginediag_cli.engine.evaluation import Evaluation, Hooks, Shaft
 from enginediag_cli.engine.gas import Gas
-from enginediag_cli.engine.hooks import Hooks
-from enginediag_cli.engine.transient import collocation, dense, tableau
-from enginediag_cli.engine.transient.course import course_of
+from enginediag_cli.engine.transient import collocation
+from enginediag_cli.engine.transient import integrate as dense
+from enginediag_cli.engine.transient import integrate as tableau
 from enginediag_cli.engine.transient.integrate import between, integrate
 from enginediag_cli.engine.transient.moving_engine import Flown, MovingEngine
-from enginediag_cli.engine.transient.networks import MovingNetwork
-from enginediag_cli.engine.transient.rotor import Rotor
-from enginediag_cli.engine.transient.states import states_of
-from enginediag_cli.engine.transient.told import Flight
+from enginediag_cli.engine.transient.networks import Flight, MovingNetwork, course_of
+from enginediag_cli.engine.transient.states import Rotor, states_of
 from enginediag_cli.physics.engine_file import load_engine
 
 CONFIGS = Path(__file__).parents[3] / "configs"

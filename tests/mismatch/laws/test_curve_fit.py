@@ -9,7 +9,7 @@ from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.mismatch.laws.curve_fit import Response, fitted_curves
 from enginediag_cli.mismatch.laws.grammar import FORMS
 from enginediag_cli.mismatch.laws.scan import Known, formulas, over_records
-from enginediag_cli.physics.laws.variables import Variable
+from enginediag_cli.physics.laws.law import Variable
 
 N, SIGMA = 200, 0.02
 

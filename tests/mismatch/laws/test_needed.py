@@ -15,8 +15,7 @@ from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.laws.scan import formulas, known_variables, scored
 from enginediag_cli.mismatch.laws.shortlist import proposal
 from enginediag_cli.physics.laws.expression import Expression
-from enginediag_cli.physics.laws.law import Acts, Law
-from enginediag_cli.physics.laws.variables import variables_of
+from enginediag_cli.physics.laws.law import Acts, Law, variables_of
 
 CLEAR = 8.0
 """−ln p of a size that is needed."""

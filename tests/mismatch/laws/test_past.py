@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine.dual import Dual
-from enginediag_cli.engine.moving.filters.backlash import Backlash
-from enginediag_cli.engine.moving.filters.base import Clock
-from enginediag_cli.engine.moving.filters.lag import Lag
+from enginediag_cli.engine.moving.filters import Backlash, Clock, Lag
 from enginediag_cli.engine.moving.tape import MOMENT, NO_MOMENT
 from enginediag_cli.mismatch.laws.past import clock_of, past_along
 from enginediag_cli.physics.engine_file import load_engine

@@ -21,8 +21,7 @@ from enginediag_cli.mismatch.laws.shortlist import proposal
 from enginediag_cli.mismatch.laws.smooth import Smooth, prior_of_variables, smooth_evidence
 from enginediag_cli.mismatch.laws.steps import bends_of
 from enginediag_cli.physics.laws.expression import Expression
-from enginediag_cli.physics.laws.law import Acts, Law
-from enginediag_cli.physics.laws.variables import variables_of
+from enginediag_cli.physics.laws.law import Acts, Law, variables_of
 
 LISTED = ("reynolds_index", "power", "mach")
 

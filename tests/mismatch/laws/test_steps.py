@@ -25,7 +25,7 @@ from enginediag_cli.mismatch.laws.steps import (
     bends_of,
     steps_over,
 )
-from enginediag_cli.physics.laws.written import entry_of
+from enginediag_cli.physics.laws.declared import entry_of
 from enginediag_cli.trials.blind.laws.told import all_built
 
 COUNT, HERE = 8, -3.0

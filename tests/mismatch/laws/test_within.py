@@ -19,9 +19,7 @@ from enginediag_cli.mismatch.laws.scan import Candidate, formulas, known_variabl
 from enginediag_cli.mismatch.laws.shortlist import proposal
 from enginediag_cli.mismatch.laws.within import Room
 from enginediag_cli.physics.laws.expression import Expression
-from enginediag_cli.physics.laws.law import Acts, Law
-from enginediag_cli.physics.laws.lever import at_lever
-from enginediag_cli.physics.laws.variables import variables_of
+from enginediag_cli.physics.laws.law import Acts, Law, at_lever, variables_of
 from enginediag_cli.physics.registry import effect
 
 BEYOND_SATURATED = 20.0

@@ -13,7 +13,7 @@ from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.errors import ConfigError
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.laws.expression import Expression, ExpressionError
-from enginediag_cli.physics.laws.variables import variables_of
+from enginediag_cli.physics.laws.law import variables_of
 
 TURBOJET = Path(__file__).parents[3] / "configs" / "turbojet.yaml"
 SHAPES = {

@@ -12,8 +12,7 @@ from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.errors import ConfigError
 from enginediag_cli.identification.identify import identify
-from enginediag_cli.identification.problem import TrainingRecording
-from enginediag_cli.identification.settings import IdentificationSettings
+from enginediag_cli.identification.problem import IdentificationSettings, TrainingRecording
 from enginediag_cli.physics.engine_file import load_engine
 
 CONFIGS = Path(__file__).parents[3] / "configs"

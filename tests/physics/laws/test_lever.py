@@ -11,8 +11,8 @@ from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.errors import ConfigError
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.physics.laws.variables import variables_of
-from enginediag_cli.physics.laws.written import entry_of
+from enginediag_cli.physics.laws.declared import entry_of
+from enginediag_cli.physics.laws.law import variables_of
 from enginediag_cli.physics.registry import effect
 
 CONFIGS = Path(__file__).parents[3] / "configs"

@@ -22,8 +22,8 @@ from enginediag_cli.mismatch.fit.identified import (
     inputs_of,
     nuisance,
 )
-from enginediag_cli.physics.laws.variables import variables_of
-from enginediag_cli.physics.laws.written import entry_of
+from enginediag_cli.physics.laws.declared import entry_of
+from enginediag_cli.physics.laws.law import variables_of
 from enginediag_cli.trials.blind.laws.ahead import FOUND, NONE, SPLINE, TRUE, Ahead
 from enginediag_cli.trials.blind.laws.marks import (
     ahead_marks,

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from enginediag_cli.config.dump import dump
-from enginediag_cli.config.edit import appended
+from enginediag_cli.config.edit import appended, dump
 from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
@@ -15,8 +14,8 @@ from enginediag_cli.errors import EngineDiagError
 from enginediag_cli.mismatch.explain.answer import Answer, Explanation
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.physics.engine_file import load_engine
+from enginediag_cli.physics.laws.declared import entry_of
 from enginediag_cli.physics.laws.law import Law
-from enginediag_cli.physics.laws.written import entry_of
 
 Entry = Mapping[str, Any]
 

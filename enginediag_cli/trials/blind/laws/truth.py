@@ -12,8 +12,7 @@ from enginediag_cli.engine.dual import value
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.freeform import Location
-from enginediag_cli.physics.laws.law import Law
-from enginediag_cli.physics.laws.variables import Variable
+from enginediag_cli.physics.laws.law import Law, Variable
 
 Columns = Mapping[str, np.ndarray]
 

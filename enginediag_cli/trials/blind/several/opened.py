@@ -36,7 +36,7 @@ from enginediag_cli.mismatch.fit.identified import (
 )
 from enginediag_cli.mismatch.fit.options import effect_option, fault_options, option_scores
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.physics.laws.variables import variables_of
+from enginediag_cli.physics.laws.law import variables_of
 from enginediag_cli.physics.registry import candidates
 from enginediag_cli.trials.blind.causes import Cause, causes_of, hypothesis
 from enginediag_cli.trials.blind.laws.marks import same_driver

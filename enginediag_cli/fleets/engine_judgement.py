@@ -1,0 +1,506 @@
+"""The judgement of one engine: whether it has changed, since when, in what, and how far towards its limit.
+
+The events of an engine that stands out, by the judgement that `trend` makes of a series.
+
+Whether the flights that are believed healthy stand still: an engine that wears while its baseline is taken is held
+against its own wear, and nothing stands out later.
+
+Per reading j, with r its deviations (conditions taken out) over the b flights of the baseline and t = 1 … b,
+
+    T_j = Σ (t − t̄) r_j / (Σ (t − t̄)²)^½ ,      T_j² / S_jj ~ F(1, ν)
+
+where S is the scatter from one flight to the next, which a slow course hardly changes, of ν differences; the smallest p
+of m readings is taken m times.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import stdtr
+
+from enginediag_cli.detection.e_values import EPath, e_path, onset_law
+from enginediag_cli.detection.trend import FEWEST, Series
+from enginediag_cli.fleets.finding import (
+    CHANGED,
+    HEALTHY,
+    NO_VERDICT,
+    EngineFinding,
+    EngineHistory,
+    Estimate,
+    EventRow,
+    FleetSettings,
+    FlightRow,
+    HealthRow,
+    Moved,
+    State,
+)
+from enginediag_cli.fleets.health import Course, Flights, compressors_of, course, event_number, flights_of, renewed
+from enginediag_cli.fleets.margin import (
+    Consumption,
+    MarginScale,
+    consumption_of,
+    margin_scale,
+    of_conditions,
+    severity_of,
+)
+from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.isolation.over_time import OF_A_FLEET, TrendOptions, judge_series
+from enginediag_cli.isolation.prior import SetPrior
+from enginediag_cli.isolation.story import Story
+
+
+def isolated(flights: Flights, series: Series, settings: FleetSettings, history: EngineHistory) -> Story:
+    """What changed, and when; steps at maintenance are conditions like the weather, so that what is told grew or came
+    between events."""
+    readings = flights.readings
+    if flights.steps.shape[1]:
+        centred = flights.steps - flights.steps.mean(axis=0)
+        columns = centred / centred.std(axis=0)
+        readings = replace(readings, weather=np.concatenate([readings.weather, columns], axis=1))
+    options = TrendOptions(
+        healthy=history.baseline, sensors=settings.sensors, generic=settings.generic, governed=series.governed
+    )
+    return judge_series(readings.joined(OF_A_FLEET), series.known, options)
+
+
+def by_story(health: Sequence[HealthRow], story: Story, history: EngineHistory) -> tuple[HealthRow, ...]:
+    """The rows with kind, onset and probability as isolated."""
+    return tuple(_told(row, story, history) for row in health)
+
+
+def chances(story: Story, parameters: Sequence[str]) -> dict[int, float]:
+    """Of each parameter, by position, the probability that it changed in one of the events."""
+    found: dict[int, float] = {}
+    for event in story.events:
+        for member in event.members:
+            for name, inclusion in zip(member.parameters, member.inclusion, strict=True):
+                i = parameters.index(name)
+                found[i] = max(found.get(i, 0.0), event.probability * member.probability * inclusion)
+    return found
+
+
+def _told(row: HealthRow, story: Story, history: EngineHistory) -> HealthRow:
+    told = replace(
+        row,
+        kind="steady",
+        probability=story.inclusion.get(row.component, 0.0) if not story.events else 0.0,
+        onset=0,
+        onset_low=0,
+        onset_high=0,
+        onset_flight="",
+        rate_per_flight=Estimate(),
+    )
+    for event in story.events:
+        for member in event.members:
+            if row.parameter not in member.parameters:
+                continue
+            chance = event.probability * member.probability * member.inclusion[member.parameters.index(row.parameter)]
+            if chance > told.probability:
+                told = replace(
+                    told,
+                    kind=event.kind,
+                    probability=chance,
+                    onset=event.onset,
+                    onset_low=event.low,
+                    onset_high=event.high,
+                    onset_flight=history.stretches[event.onset - 1].window.flight,
+                )
+    if told.kind == "deterioration":
+        span = max(story.flights - told.onset, 1)
+        c = told.change
+        told = replace(told, rate_per_flight=Estimate(c.value / span, c.low / span, c.high / span))
+    return told
+
+
+MOVES = 0.01
+"""Probability from which on a baseline that stands still is taken for one that moves: of a hundred healthy engines one
+gets no verdict for it."""
+
+
+def p_of_still(flights: Flights, course: Course) -> float:
+    """Probability that a baseline which stands still has as much of a course; NaN of fewer than three flights."""
+    b = flights.baseline
+    if b < 3:
+        return float("nan")
+    r = (flights.z - of_conditions(flights, course))[:b]
+    t = np.arange(b) - 0.5 * (b - 1)
+    contrast = t @ r / np.sqrt(t @ t)
+    size = np.abs(contrast) / np.sqrt(np.diag(course.scatter))
+    p = 2.0 * stdtr(max(len(flights) - 1, 1), -size)
+    return float(min(1.0, len(p) * p.min()))
+
+
+BELIEVED = 0.1
+"""Probability beforehand that an engine has changed, where its probability to have is asked for. Judgement."""
+SUSPECTED = 0.5
+"""Probability from which an instrument is taken for the one that changed, so that no health is read from it, and from
+which what changed is not listed."""
+LAST = 10
+"""Flights at the end that say what an engine has come to, for what a fleet has in common."""
+PLAUSIBLE = 2.0
+"""Change, in prior standard deviations, which an engine that is called healthy must have been able to show."""
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """What is known of an engine when its rows are made."""
+
+    flights: Flights
+    path: EPath
+    members: Sequence[tuple[int, ...]]
+    course: Course
+
+
+def judged_engine(
+    history: EngineHistory, series: Series, settings: FleetSettings, scale: MarginScale | None = None
+) -> EngineFinding:
+    """What the history of one engine says; series: what its parameters are, and its monitor; scale: of its margin,
+    which `margin_scale` computes once for all engines of a series. Raises DataError when its flights have statistics of
+    different parameters."""
+    records = sum(x.window.records for x in history.stretches)
+    nothing = EngineFinding(
+        history.serial, history.build, len(history.stretches), records, NO_VERDICT, "", baseline=history.baseline
+    )
+    current, earlier = _since_renewal(history)
+    if (after := len(current.stretches) - current.baseline) < FEWEST:
+        new = " since the engine was renewed" if earlier else ""
+        return replace(nothing, reason=f"{max(after, 0)} flights{new} beside the baseline are too few, {FEWEST} needed")
+    flights = flights_of(current, series)
+    if len(flights) - flights.baseline < FEWEST:
+        return replace(nothing, reason="too few flights tell of all readings")
+    suspects, members = flights.suspects(settings.sensors)
+    path = e_path(flights.rows(), suspects, flights.baseline)
+    chance = _chance(path.log_e[-1])
+    stands_out = path.log_e[-1] >= -np.log(settings.false_discovery)
+    story = isolated(flights, series, settings, current) if settings.thorough and stands_out else None
+    if story is None:
+        changed = {i: w * chance for i, w in _inclusion(path, members).items()}
+    else:
+        changed = chances(story, [p.name for p in flights.described])
+    compressors = compressors_of(series)
+    moved = [renewed(e, flights.described, compressors) for e in flights.events]
+    found = _Judged(flights, path, members, course(flights, moved, _wrong(flights, changed)))
+    verdict, reason = _verdict(found, settings)
+    used = consumption_of(flights, found.course, margin_scale(series) if scale is None else scale, settings)
+    since = (0, 0, 0)
+    if settings.onsets and (verdict == CHANGED or stands_out or chance >= SUSPECTED):
+        since = _since(onset_law(flights.rows(), suspects, flights.baseline), flights)
+    health = _health(found, chance, since, current)
+    best, low, high = since if verdict == CHANGED or stands_out else (0, 0, 0)
+    if story is not None:
+        health = by_story(health, story, current)
+    if earlier:
+        health = tuple(_counted_from(row, earlier) for row in health)
+    unlisted, why = _unlisted(found, health, story)
+    if why:
+        health = tuple(_of_none(row, 1.0 - unlisted) for row in health)
+        reason = "; ".join(filter(None, [reason, why]))
+    severity = Estimate() if why else severity_of(used, found.course)
+    return replace(
+        nothing,
+        verdict=verdict,
+        reason=reason,
+        unlisted=unlisted,
+        log10_e=float(path.log_e[-1] / np.log(10)),
+        since=best + earlier if best else 0,
+        since_low=low + earlier if best else 0,
+        since_high=high + earlier if best else 0,
+        since_flight=current.stretches[best - 1].window.flight if best else "",
+        severity=severity,
+        severity_unit="K" if used.margin.column else "sigma",
+        health=health,
+        by_flight=_by_flight(found, used, settings, current, earlier, verdict),
+        events=_events(found, used, history, earlier),
+        margin=replace(used.margin, consumed_K=Estimate(), now_K=Estimate(), remaining_flights=Estimate(), reason=why)
+        if why
+        else used.margin,
+        state=_state(found),
+        moved=_moved(flights, found.course, history),
+    )
+
+
+def _unlisted(found: _Judged, health: Sequence[HealthRow], story: Story | None) -> tuple[float, str]:
+    """Probability that what changed is something that is not among the suspects, NaN where nothing was isolated, and
+    why nothing is named, "" where something listed is likelier. A change that is named, or certain, and beyond what a
+    component or an instrument can do is none that is listed."""
+    unlisted = float("nan") if story is None else story.unlisted
+    flights = found.flights
+    low, high = SetPrior().bounds(flights.described)
+    size = {p.name: k for k, p in enumerate(flights.described)}
+    for row in health:
+        k = size[row.parameter]
+        at, least, most = np.array([row.change.value, row.change.low, row.change.high]) / flights.readings.D[k]
+        named = row.onset and row.probability >= SUSPECTED
+        if (named and (at < low[k] or at > high[k])) or least > high[k] or most < low[k]:
+            what = "an instrument" if flights.described[k].of_instrument else "a component"
+            why = f"it would take a change of {row.words} outside what {what} can do: check units and engine file"
+            return np.fmax(row.probability, unlisted) if named else unlisted, f"cannot tell what changed: {why}"
+    if unlisted >= SUSPECTED:
+        return unlisted, "cannot tell what changed: something that is not among the suspects"
+    return unlisted, ""
+
+
+def _of_none(row: HealthRow, listed: float) -> HealthRow:
+    """The row where it is not among what is listed, with the probability that it is."""
+    told = replace(row, kind="steady", probability=listed * row.probability, onset=0, onset_low=0, onset_high=0)
+    return replace(told, onset_flight="", rate_per_flight=Estimate())
+
+
+def _inclusion(path: EPath, members: Sequence[tuple[int, ...]]) -> dict[int, float]:
+    """Of each parameter, by position, the probability that it is what changed, given that something did."""
+    found: dict[int, float] = {}
+    for at, weight in zip(members, path.suspect, strict=True):
+        for i in at:
+            found[i] = found.get(i, 0.0) + float(weight)
+    return found
+
+
+def _wrong(flights: Flights, changed: Mapping[int, float]) -> list[int]:
+    """Positions of the errors of instruments that are taken for what changed: of each instrument the likeliest of its
+    forms, which exclude each other, where together they are probable enough. changed: position → probability."""
+    forms: dict[str, list[int]] = {}
+    for i in changed:
+        if flights.described[i].of_instrument:
+            forms.setdefault(flights.described[i].component, []).append(i)
+    return [max(at, key=lambda i: changed[i]) for at in forms.values() if sum(changed[i] for i in at) >= SUSPECTED]
+
+
+def _since_renewal(history: EngineHistory) -> tuple[EngineHistory, int]:
+    """The history since the whole engine was overhauled or exchanged last, and how many flights were before: after
+    that it is an engine of its own, with a baseline of its own."""
+    whole = [e for e in history.events if e.kind != "wash" and not e.component]
+    first = max((k for e in whole if (k := event_number(e, history)) < len(history.stretches)), default=0)
+    if not first:
+        return history, 0
+    later = [e for e in history.events if e not in whole and event_number(e, history) > first]
+    return replace(history, stretches=history.stretches[first:], events=later), first
+
+
+def _chance(log_e: float) -> float:
+    """Probability that an engine has changed."""
+    return float(1 / (1 + np.exp(-np.clip(log_e + np.log(BELIEVED / (1 - BELIEVED)), -700, 700))))
+
+
+def _verdict(found: _Judged, settings: FleetSettings) -> tuple[str, str]:
+    highest, last = float(found.path.log_e.max()), float(found.path.log_e[-1])
+    if highest >= -np.log(settings.false_alarm):
+        fell = last < -np.log(settings.false_alarm)
+        return CHANGED, "the evidence has been stronger than it is now" if fell else ""
+    flights, beyond = found.flights, -np.log(settings.false_alarm)
+    told = _shown(found)
+    shown = f"; its flights show {told}" if told else ""
+    if _visible(found, settings) < beyond:
+        b, n, m = flights.baseline, len(flights) - flights.baseline, flights.z.shape[1]
+        return NO_VERDICT, f"a baseline of {b} flights and {n} after it cannot show a change of {m} readings{shown}"
+    if p_of_still(found.flights, found.course) < MOVES:
+        b = flights.baseline
+        return (
+            NO_VERDICT,
+            f"its readings move during its baseline, the first {b} flights: nothing healthy to hold it to",
+        )
+    if told:
+        return NO_VERDICT, f"its flights show {told}, not yet certain beside readings that may wander"
+    return HEALTHY, ""
+
+
+def _visible(found: _Judged, settings: FleetSettings) -> float:
+    """Logarithm of the E that the readings of this engine would have come to, had the component that shows best changed
+    with the first flight after the baseline: its parameters by PLAUSIBLE together, the second half as far as the first
+    and so on, since what changes is along none of the directions weighed beforehand."""
+    flights = found.flights
+    parts: dict[str, list[int]] = {}
+    for i in flights.health:
+        parts.setdefault(flights.described[i].component, []).append(int(i))
+    changes = np.zeros((len(parts), flights.J.shape[2]))
+    for change, at in zip(changes, parts.values(), strict=True):
+        size = 0.5 ** np.arange(len(at))
+        change[at] = -PLAUSIBLE * size / np.linalg.norm(size)
+    if not len(changes):
+        return float("inf")
+    d = changes @ flights.J.mean(axis=0).T
+    best = changes[np.argmax(np.einsum("cm,mk,ck->c", d, np.linalg.inv(found.course.scatter), d))]
+    after = np.arange(len(flights)) >= flights.baseline
+    rows = flights.rows()
+    moved = replace(rows, z=rows.z + after[:, None] * (flights.J @ best))
+    suspects, _ = flights.suspects(settings.sensors)
+    return float(e_path(moved, suspects, flights.baseline, looks=1).log_e[-1])
+
+
+def _shown(found: _Judged) -> str:
+    """What the flights themselves say has changed, by the scatter from one to the next; empty where they say nothing:
+
+    T = δ_k / s_k ~ t(n − 1),    the smallest p of q parameters taken q times
+    """
+    from scipy.special import stdtr
+
+    flights, c = found.flights, found.course
+    mean, covariance = c.told(c.at(len(flights) - 1))
+    q = len(flights.health)
+    if not q:
+        return ""
+    error = np.sqrt(np.diag(covariance))
+    k = int(np.argmax(np.abs(mean[:q]) / error[:q]))
+    if 2.0 * q * stdtr(len(flights) - 1, -abs(mean[k]) / error[k]) >= MOVES:
+        return ""
+    p, size = flights.described[c.parameters[k]], _estimate(mean[k], error[k], c.unit[k])
+    factor, unit = (1.0, p.shown_unit) if p.shown_unit else (100.0, "%")
+    value, low, high = (f"{factor * x:+.2g}" for x in (size.value, size.low, size.high))
+    return f"{p.words} {value} {unit} [{low}, {high}]"
+
+
+def _since(onset: np.ndarray, flights: Flights) -> tuple[int, int, int]:
+    """Number of the first changed flight, from 1: most probable, and the 95 % interval."""
+    if not onset.any():
+        return 0, 0, 0
+    order = np.argsort(-onset, kind="stable")
+    total = np.cumsum(onset[order])
+    chosen = order[: int(np.searchsorted(total, 0.95 * total[-1])) + 1]
+    best, low, high = (int(flights.number[k]) + 1 for k in (order[0], chosen.min(), chosen.max()))
+    return best, low, high
+
+
+def _counted_from(row: HealthRow, earlier: int) -> HealthRow:
+    """The row with its onset counted from the first flight of all."""
+    if not row.onset:
+        return row
+    return replace(
+        row, onset=row.onset + earlier, onset_low=row.onset_low + earlier, onset_high=row.onset_high + earlier
+    )
+
+
+def _health(
+    found: _Judged, chance: float, since: tuple[int, int, int], current: EngineHistory
+) -> tuple[HealthRow, ...]:
+    flights, path, c = found.flights, found.path, found.course
+    mean, covariance = c.told(c.at(len(flights) - 1))
+    error = np.sqrt(np.diag(covariance))
+    single = _inclusion(path, found.members)
+    place = {int(p): k for k, p in enumerate(c.parameters)}
+    best, low, high = since
+    kind = "deterioration" if path.growing >= 0.5 else "step"
+    rows = []
+    for i, p in enumerate(flights.described):
+        probability = chance * single.get(i, 0.0)
+        change, rate = Estimate(), Estimate()
+        if i in place:
+            k = place[i]
+            change = _estimate(mean[k], error[k], c.unit[k])
+            span = max(len(flights) - best, 1)
+            rate = Estimate(change.value / span, change.low / span, change.high / span)
+        named = probability >= SUSPECTED and best > 0
+        rows.append(
+            HealthRow(
+                p.name,
+                p.component,
+                p.words or p.name,
+                p.shown_unit,
+                change,
+                kind if named else "steady",
+                probability,
+                *((best, low, high) if named else (0, 0, 0)),
+                current.stretches[best - 1].window.flight if named else "",
+                rate if named and kind == "deterioration" else Estimate(),
+            )
+        )
+    return tuple(rows)
+
+
+def _estimate(mean: float, error: float, unit: float) -> Estimate:
+    half = NORMAL_95 * error
+    return Estimate(float(unit * mean), float(unit * (mean - half)), float(unit * (mean + half)))
+
+
+def _by_flight(
+    found: _Judged, used: Consumption, settings: FleetSettings, current: EngineHistory, earlier: int, verdict: str
+) -> tuple[FlightRow, ...]:
+    highest = np.maximum.accumulate(np.maximum(found.path.log_e, 0.0))
+    rows, usual = [], NO_VERDICT if verdict == NO_VERDICT else HEALTHY
+    for k, number in enumerate(found.flights.number):
+        window, p = current.stretches[number].window, float(np.exp(-highest[k]))
+        by_then = "baseline" if k < found.flights.baseline else CHANGED if p <= settings.false_alarm else usual
+        rows.append(
+            FlightRow(
+                int(number) + 1 + earlier,
+                window.flight,
+                window.records,
+                float(found.path.log_e[k] / np.log(10)),
+                p,
+                by_then,
+                float(used.by_flight[k]),
+                float(used.error[k]),
+            )
+        )
+    return tuple(rows)
+
+
+def _state(found: _Judged) -> State:
+    """The last flights against the baseline, the conditions of both taken out."""
+    flights, c = found.flights, found.course
+    last = flights.weight * (np.arange(len(flights)) >= max(len(flights) - LAST, flights.baseline))
+    w = last**2 / np.sum(last**2)
+    off = w @ (flights.z - c.level - of_conditions(flights, c))
+    before = np.sum(flights.weight[: flights.baseline] ** 2)
+    share = np.sum(w**2 / flights.weight**2) + 1 / max(before, 1.0)
+    names = tuple(p.name for p in flights.described)
+    return State(names, flights.readings.D, off, share * c.scatter, flights.J.mean(axis=0))
+
+
+def _events(found: _Judged, used: Consumption, history: EngineHistory, earlier: int) -> tuple[EventRow, ...]:
+    c, flights = found.course, found.flights
+    rows: list[EventRow] = []
+    for event in history.events:
+        number = event_number(event, history)
+        if event not in flights.events:
+            whole = not event.component and event.kind != "wash"
+            reason = (
+                "no flight is after it"
+                if number >= len(history.stretches)
+                else "the engine is another one since"
+                if whole and number == earlier
+                else "it was before the engine was renewed"
+                if number < earlier
+                else "no flight is before it"
+            )
+            rows.append(EventRow(event, number + 1 if number < len(history.stretches) else 0, {}, reason=reason))
+            continue
+        T = c.of_event(flights.events.index(event))
+        mean, covariance = c.told(T)
+        touched = np.flatnonzero(np.abs(T).sum(axis=1))
+        gains = {
+            flights.described[c.parameters[k]].name: _estimate(mean[k], np.sqrt(covariance[k, k]), c.unit[k])
+            for k in touched
+        }
+        recovered = Estimate()
+        if used.margin.column:
+            value, variance = float(used.slope @ mean), float(used.slope @ covariance @ used.slope)
+            recovered = _estimate(-value, np.sqrt(variance), 1.0)
+        rows.append(EventRow(event, number + 1, gains, recovered))
+    return tuple(rows)
+
+
+def moved_by(history: EngineHistory, series: Series) -> tuple[Moved | None, ...]:
+    """What each event did, by one course of health over all flights: those that renewed the whole engine, too, and
+    those before, of which the judgement of an engine tells nothing. None where flights are on one side alone."""
+    flights = flights_of(history, series)
+    compressors = compressors_of(series)
+    moved = [renewed(e, flights.described, compressors) for e in flights.events]
+    return _moved(flights, course(flights, moved), history)
+
+
+def _moved(flights: Flights, c: Course, history: EngineHistory) -> tuple[Moved | None, ...]:
+    told: list[Moved | None] = []
+    for event in history.events:
+        if event not in flights.events:
+            told.append(None)
+            continue
+        at = flights.events.index(event)
+        mean, covariance = c.told(c.of_event(at))
+        before = c.path[int(np.argmax(c.steps[:, at] > 0)) - 1]
+        k = np.flatnonzero(np.abs(c.of_event(at)).sum(axis=1))
+        names = tuple(flights.described[p].name for p in c.parameters[k])
+        unit = c.unit[k]
+        told.append(Moved(names, unit * before[k], unit * mean[k], np.outer(unit, unit) * covariance[np.ix_(k, k)]))
+    return tuple(told)

@@ -1,0 +1,266 @@
+"""What maintenance did bring: the difference of the levels before and after it, as a change of its own.
+
+With score and information of the flights on either side, b₁, I₁ before and b₂, I₂ after, the difference of the levels
+is known with
+
+    I = I₁ (I₁ + I₂)⁺ I₂,     b = I₁ (I₁ + I₂)⁺ b₂ − I₂ (I₁ + I₂)⁺ b₁,     b ~ N(I (δ₂ − δ₁), I),
+
+the parallel sum of W. N. Anderson and R. J. Duffin (1969) J. Math. Anal. Appl. 26, 576–594, since all that both sides
+have in common cancels. Instruments differ by their spread from flight to flight. Repair may move a parameter
+either way: wear says nothing of it.
+
+A level is that at the event itself, told by the flights nearest to it: what they wore on the way there or since is no
+part of it. With δ_k = δ + d_k s at the distance d_k of flight k and a wear s ~ N(0, (WEAR D)²) of each side,
+
+    b = Σ b_k − M Σ d_k b_k,     I = Σ I_k − M Σ d_k I_k,     M = Σ d_k I_k (Σ d_k² I_k + S⁻¹)⁻¹,
+
+as many flights as have such a course: with χ² of the course, and what it has of degrees of freedom,
+
+    ĉ = (Σ b_kᵀ I_k⁺ b_k − χ²) / (Σ rank I_k − rank)
+
+is 1 where they do, and above it by what the model does not know of flights; evidence is divided by it.
+
+Maintenance in the series of an engine: which flight it comes before, and what it did bring.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from enginediag_cli.config.hints import near
+from enginediag_cli.detection.trend import Series, Stretch
+from enginediag_cli.errors import DataError
+from enginediag_cli.fleets.work_scope import Gain, Moments, Scoping
+from enginediag_cli.isolation.adequacy import tempered
+from enginediag_cli.isolation.belief import Belief
+from enginediag_cli.isolation.flips.errors import SPREAD, stated_errors
+from enginediag_cli.isolation.methods import in_usual_forms
+from enginediag_cli.isolation.posterior import set_posterior
+from enginediag_cli.isolation.prior import SetPrior
+from enginediag_cli.residuals.excitation import range_space
+from enginediag_cli.residuals.score import Score, fisher_score
+from enginediag_cli.residuals.statistics import LocalStatistics
+
+NEAR = 10
+"""Flights on each side of an event that are compared: over more of them wear is no straight line."""
+WEAR = 0.05
+"""Standard deviation of what a part wears from flight to flight, in prior standard deviations of a change: half of one
+in ten flights. Judgement: fast wear is that of a hundredth in as many. Instruments do not wear."""
+DIFFERENT = 4.0
+"""ĉ from which flights have no common level: they differ by twice what their noise and instruments explain."""
+LARGEST = 5
+"""Parameters that change together at most, as where a window is isolated."""
+
+
+@dataclass(frozen=True)
+class Maintenance:
+    """What happened before flight number `flight` (from 1), by so many flights before and after it; dispersion: by what
+    the evidence was divided, since flights of one side differ: parameters that changed with their probability, mean
+    changes and deviations; gain: what temperature and fuel fell by at equal power, None with the `reason`."""
+
+    flight: int
+    before: int
+    after: int
+    dispersion: float
+    names: tuple[str, ...]
+    probability: float
+    change: tuple[float, ...]
+    deviation: tuple[float, ...]
+    gain: Gain | None
+    reason: str = ""
+
+
+def maintenance(
+    scoping: Scoping,
+    statistics: Sequence[LocalStatistics],
+    flight: int,
+    others: Sequence[int] = (),
+    spread: Mapping[str, float] | None = None,
+    recorded: Mapping[str, float] | None = None,
+) -> Maintenance:
+    """What the maintenance before flight number `flight` (from 1) of a series did.
+
+    statistics: of each flight in order; others: flights before which there was maintenance, too, beyond which levels
+    are not compared; spread: standard deviation of an instrument's error from flight to flight, by parameter.
+    ValueError where there is no flight on one side.
+    """
+    first = max([f for f in others if f < flight], default=1)
+    last = min([f for f in others if f > flight], default=len(statistics) + 1)
+    sides = statistics[first - 1 : flight - 1][::-1], statistics[flight - 1 : last - 1]
+    if not all(sides):
+        raise ValueError(f"no flight lies {'after' if sides[0] else 'before'} the maintenance at flight {flight}")
+    before, after = (_level(side[:NEAR], spread or {}) for side in sides)
+    dispersion = max(before.dispersion, after.dispersion)  # of a side of one flight nothing is known
+    one, other = (tempered(level.score, dispersion) for level in (before, after))
+    prior = SetPrior(rises=0.5)
+    score = difference(one, other)
+    belief = Belief(score, set_posterior(score, prior, largest=LARGEST), prior)
+    names = belief.posterior.names(0)
+    mean, covariance = belief.moments()
+    at = score.indices(names)
+    engine = [i for i, p in enumerate(score.described) if not p.of_instrument]
+    told = Moments(tuple(score.parameters[i] for i in engine), mean[engine], covariance[np.ix_(engine, engine)])
+    # the level before, as far as flights tell it beyond what is plausible
+    gain, reason = scoping.brought(_held(one)[engine], told, recorded or {})
+    return Maintenance(
+        flight,
+        before.flights,
+        after.flights,
+        dispersion,
+        names,
+        float(belief.posterior.probabilities[0]),
+        tuple(mean[at].tolist()),
+        tuple(np.sqrt(np.diag(covariance)[at]).tolist()),
+        gain,
+        reason,
+    )
+
+
+def difference(before: Score, after: Score) -> Score:
+    """The score of the difference of two levels, what both have in common cancelling."""
+    (b1, I1), (b2, I2) = before.scaled(), after.scaled()
+    space = range_space(I1 + I2, np.ones(len(b1)))
+    inverse = (space.basis / space.eigenvalues) @ space.basis.T
+    I = I1 @ inverse @ I2
+    b = I1 @ inverse @ b2 - I2 @ inverse @ b1
+    D = before.prior_sigma
+    inner = range_space((I + I.T) / 2, np.ones(len(b)))
+    glr = float(np.sum((b @ inner.basis) ** 2 / inner.eigenvalues))
+    return replace(before, b=b / D, information=(I + I.T) / 2 / D / D[:, None], glr=glr, rank=inner.rank)
+
+
+@dataclass(frozen=True)
+class Level:
+    """Score of the nearest flights of one side together, how many they are, and ĉ, at least 1, among them."""
+
+    score: Score
+    flights: int
+    dispersion: float
+
+
+def _level(side: Sequence[LocalStatistics], spread: Mapping[str, float]) -> Level:
+    """The flights of a side, the nearest first, as long as they have a course in common: two at least, where there are;
+    instruments' errors are each flight's own."""
+    found: Level | None = None
+    of: _Course | None = None
+    for k, x in enumerate(side, start=1):
+        variance = np.square([spread.get(name, 0.0) for name in x.parameters])
+        own = in_usual_forms(fisher_score(x, uncertainty=np.diag(variance)))
+        of = (of or _Course.begun(len(own.parameters))).joined(own, k - 0.5)
+        dispersion = of.dispersion(own)
+        if found is not None and k > 2 and dispersion > DIFFERENT:
+            break
+        found = Level(of.at_the_event(own), k, dispersion)
+    assert found is not None
+    return found
+
+
+@dataclass(frozen=True)
+class _Course:
+    """Sums over flights of a side, in prior standard deviations: score and information of level and wear, (2p,) and
+    (2p, 2p); χ² and rank of the flights one by one."""
+
+    b: np.ndarray
+    information: np.ndarray
+    separate: float
+    ranks: int
+
+    @staticmethod
+    def begun(p: int) -> _Course:
+        return _Course(np.zeros(2 * p), np.zeros((2 * p, 2 * p)), 0.0, 0)
+
+    def joined(self, own: Score, distance: float) -> _Course:
+        b, information = own.scaled()
+        d = np.array([1.0, distance])
+        return _Course(
+            self.b + np.kron(d, b),
+            self.information + np.kron(np.outer(d, d), information),
+            self.separate + own.glr,
+            self.ranks + own.rank,
+        )
+
+    def _parts(self, like: Score) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Positions of the levels, and of the wear of what can wear, with its precision."""
+        p = len(like.parameters)
+        wears = np.array([not q.of_instrument for q in like.described])
+        return np.arange(p), p + np.flatnonzero(wears), np.full(int(wears.sum()), WEAR**-2)
+
+    def at_the_event(self, like: Score) -> Score:
+        """The score of the level there, wear being whatever it was."""
+        level, wear, precision = self._parts(like)
+        cross = self.information[np.ix_(level, wear)]
+        M = np.linalg.solve(self.information[np.ix_(wear, wear)] + np.diag(precision), cross.T).T
+        b = self.b[level] - M @ self.b[wear]
+        I = self.information[np.ix_(level, level)] - M @ cross.T
+        I = (I + I.T) / 2
+        inner = range_space(I, np.ones(len(b)))
+        glr = float(np.sum((b @ inner.basis) ** 2 / inner.eigenvalues))
+        D = like.prior_sigma
+        return replace(like, b=b / D, information=I / D / D[:, None], glr=glr, rank=inner.rank)
+
+    def dispersion(self, like: Score) -> float:
+        """ĉ, at least 1; 1 where nothing is left to tell it by."""
+        level, wear, precision = self._parts(like)
+        there = self.at_the_event(like)
+        own = self.information[np.ix_(wear, wear)]
+        held = np.linalg.solve(own + np.diag(precision), self.b[wear])
+        chi2 = there.glr + float(self.b[wear] @ held)
+        cross = self.information[np.ix_(level, wear)]
+        beside = own - cross.T @ np.linalg.pinv(self.information[np.ix_(level, level)], hermitian=True) @ cross
+        told = float(np.trace(np.linalg.solve(beside + np.diag(precision), beside)))
+        freedom = self.ranks - there.rank - told
+        return max((self.separate - chi2) / freedom, 1.0) if freedom > 0.5 else 1.0
+
+
+def _held(level: Score) -> np.ndarray:
+    """Likely change (p,) from nominal, each parameter held by its prior."""
+    b, information = level.scaled()
+    return np.asarray(level.prior_sigma * np.linalg.solve(information + np.eye(len(b)), b))
+
+
+def maintenance_of(scoping: Scoping, series: Series, engine: str, events: Sequence[str]) -> Iterator[Maintenance]:
+    """What the maintenance before each of the flights `events`, labels or numbers from 1, did bring to an engine.
+
+    DataError for a flight that is not there, or that is the first.
+    """
+    stretches = series.stretches[engine]
+    flights = [_number(stretches, event, engine) for event in events]
+    monitor, conditions = series.monitor, conditions_of(stretches)
+    spread = {}
+    if monitor is not None and flights:
+        readings = {**conditions, **stretches[0].window.readings}
+        stated = stated_errors(monitor, readings, {})
+        spread = {name: s.sigma for name, s in stated.items() if s.origin == SPREAD}
+    statistics = [x.statistics for x in stretches]
+    for flight in sorted(set(flights)):
+        try:
+            yield maintenance(scoping, statistics, flight, flights, spread, conditions)
+        except ValueError as error:
+            raise DataError(f"--event: {error}") from None
+
+
+def conditions_of(stretches: Sequence[Stretch]) -> Mapping[str, float]:
+    """Mean of each input over the stretches that have it."""
+    columns = {c for x in stretches for c in x.window.conditions}
+    return {c: float(np.mean([x.window.conditions[c] for x in stretches if c in x.window.conditions])) for c in columns}
+
+
+def _number(stretches: Sequence[Stretch], event: str, engine: str) -> int:
+    """Number, from 1, of the flight that has this label, alone or behind its file, or else this number."""
+    labels = [x.window.flight for x in stretches]
+    full = [f"{x.window.source}:{x.window.flight}" for x in stretches]
+    if event in full:
+        return full.index(event) + 1
+    if labels.count(event) > 1:
+        one, other = [name for name, label in zip(full, labels, strict=True) if label == event][:2]
+        raise DataError(f"--event: several flights are called {event!r}; say {one!r} or {other!r}")
+    if event in labels:
+        return labels.index(event) + 1
+    if event.isdigit() and 1 <= int(event) <= len(stretches) and not any(labels):
+        return int(event)
+    whose = f"engine {engine} " if engine else "the series "
+    hint = f"; {near(event, labels)}" if any(labels) else f": its stretches are 1 to {len(stretches)}"
+    raise DataError(f"--event: {whose}has no flight {event!r}{hint}")

@@ -1,0 +1,315 @@
+"""What deterioration takes of a temperature margin: the hottest recorded temperature of burnt gas, at given thrust.
+
+With T the temperature, F the thrust (or the power that is delivered) and u the power setting, at a reference condition
+
+    dT/dθ at given F = T_θ − T_u F_θ / F_u
+
+so that what components have lost adds up as it does in the engine: kelvins of margin.
+
+How much of its margin an engine has used, flight by flight and by now.
+
+How many flights remain to the limit of each engine, with what the rest of the fleet says of how engines wear.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from enginediag_cli.config.hints import near
+from enginediag_cli.detection.forecast import Course as ForecastCourse
+from enginediag_cli.detection.forecast import Fitted, Population, fitted, forecast, learnt
+from enginediag_cli.detection.trend import Series
+from enginediag_cli.engine.wiring import hot_columns
+from enginediag_cli.engine.wrapped import WrappedModel
+from enginediag_cli.errors import DataError
+from enginediag_cli.fleets.finding import EngineFinding, Estimate, FleetSettings, Margin
+from enginediag_cli.fleets.health import FAILED, Course, Flights
+from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.residuals.monitor import Monitor
+
+POINTS = 200
+"""Operating points of identification among which the hottest is taken."""
+DELIVERED = ("Fn_N", "power_W")
+"""What an engine is there for, in the order in which it is asked: thrust, else power of the loads."""
+
+
+@dataclass(frozen=True)
+class MarginScale:
+    """column: of the hottest recorded temperature, "" where none is recorded; sensor: name of its bias; slope:
+    parameter → K per unit of the parameter; nominal_K: of a healthy engine at the reference; at: the reference
+    condition, column → value; held: what was kept, "Fn_N", "power_W" or the power setting; reason: why there is none.
+    """
+
+    column: str = ""
+    sensor: str = ""
+    slope: dict[str, float] = field(default_factory=dict)
+    nominal_K: float = float("nan")
+    at: dict[str, float] = field(default_factory=dict)
+    held: str = ""
+    reason: str = ""
+
+    @property
+    def condition(self) -> str:
+        """The reference condition as text."""
+        return ", ".join(f"{c} {v:.6g}" for c, v in self.at.items()) + (f", at given {self.held}" if self.held else "")
+
+
+def margin_scale(series: Series, among: Collection[str] = ()) -> MarginScale:
+    """The scale of the engine that a series is of; among: columns one of which it is, where that is wished."""
+    monitor = series.monitor
+    if monitor is None or monitor.envelope is None:
+        return MarginScale(reason="statistics without their engine do not tell what a change means for temperatures")
+    engine: Any = monitor.engine
+    while isinstance(engine, WrappedModel):
+        engine = engine.model
+    declared = getattr(engine, "declared", None)
+    hot = set(hot_columns(declared["components"])) if declared else set()
+    columns = [c for c in monitor.sensors if c in engine.sensors and _reads_only(engine.sensors[c], hot)]
+    columns = [c for c in columns if not among or c in among]
+    if not columns:
+        return MarginScale(reason="no temperature of burnt gas is recorded")
+    try:
+        return _at_the_hottest(monitor, engine, columns)
+    except KeyError as error:
+        return MarginScale(reason=f"the reference condition cannot be computed: {error.args[0]}")
+
+
+def _reads_only(sensor: Any, hot: set[str]) -> bool:
+    return sensor.over is None and set(sensor.reads) <= hot
+
+
+def _at_the_hottest(monitor: Monitor, engine: Any, columns: list[str]) -> MarginScale:
+    points = np.asarray(monitor.envelope.points)
+    some = np.unique(np.linspace(0, len(points) - 1, POINTS).round().astype(int))
+    inputs = {c: points[some, i] for i, c in enumerate(monitor.envelope.inputs)}
+    base = {name: float(v) for name, v in monitor.base.items() if name in engine.parameters}
+    found = engine.predict(inputs, base, sensors=columns)
+    y = np.where(found.ok[:, None], found.y, -np.inf)
+    row, best = np.unravel_index(int(np.argmax(y)), y.shape)
+    if not np.isfinite(y[row, best]):
+        return MarginScale(reason="the engine computes none of the operating points of its identification")
+    column = columns[best]
+    at = {c: float(v[row]) for c, v in inputs.items()}
+    setting = engine.power_setting
+    delivers = [c for c in DELIVERED if c in engine.model_columns and c != setting]
+    names = [n for n in monitor.monitored if n in engine.parameters and not monitor.meaning[n].of_instrument]
+    asked = (column, *delivers[:1])
+    here = engine.predict({c: np.array([v]) for c, v in at.items()}, base, sensors=asked, wrt=(*names, setting))
+    J = np.asarray(here.jacobian[0])
+    slope, held = J[0, :-1], setting
+    if delivers and J[1, -1]:
+        slope, held = slope - J[0, -1] * J[1, :-1] / J[1, -1], delivers[0]
+    if not np.all(np.isfinite(slope)):
+        return MarginScale(reason="the engine has no derivatives at the reference condition")
+    sensor = next((p.name for p in engine.sensors[column].parameters() if p.quantity == "bias"), "")
+    slopes = dict(zip(names, slope.tolist(), strict=True))
+    return replace(MarginScale(column, sensor, slopes, float(here.y[0, 0]), at), held=held)
+
+
+TOGETHER = 10.0
+"""Flights of which the weights of the readings are right: those of one flight alone would shrink what it says, and what
+is forecast from are many."""
+
+
+@dataclass(frozen=True)
+class Consumption:
+    """slope (q,): K of margin per prior standard deviation of each state of the course; by_flight, error (n,): K, of
+    each flight alone with one standard error; margin: as of the last flight, without a forecast."""
+
+    slope: np.ndarray
+    by_flight: np.ndarray
+    error: np.ndarray
+    margin: Margin
+
+
+def consumption_of(flights: Flights, c: Course, scale: MarginScale, settings: FleetSettings) -> Consumption:
+    """The margin of an engine whose health has the course c."""
+    n, q = len(flights), len(c.parameters)
+    unknown = np.full(n, np.nan)
+    if not scale.column:
+        return Consumption(np.zeros(q), unknown, unknown, Margin(reason=scale.reason))
+    names = [flights.described[i].name for i in c.parameters]
+    slope = np.array([scale.slope.get(name, 0.0) for name in names]) * c.unit
+    mean, covariance = c.told(c.at(n - 1))
+    value, error = float(slope @ mean), float(np.sqrt(max(slope @ covariance @ slope, 0.0)))
+    used = Estimate(value, value - NORMAL_95 * error, value + NORMAL_95 * error)
+    weights = _weights(flights, c, slope)
+    level = c.level + of_conditions(flights, c)
+    by_flight = (flights.z - level) @ weights
+    single = np.sqrt(weights @ c.scatter @ weights) / flights.weight
+    limit = settings.limits_K.get(scale.column, float("nan"))
+    off = _offset_K(flights, c, scale)
+    left = Estimate(*(limit - scale.nominal_K - off - x for x in (used.value, used.high, used.low)))
+    return Consumption(slope, by_flight, single, Margin(scale.column, scale.condition, limit, used, left))
+
+
+def _weights(flights: Flights, c: Course, slope: np.ndarray) -> np.ndarray:
+    """Weights (m,) of the readings in what a flight says of the margin: D Jᵀ (J D² Jᵀ + Σ/TOGETHER)⁻¹, in which a
+    suspected instrument does not count."""
+    q = len(flights.health)
+    J = flights.J.mean(axis=0)
+    health, wrong = J[:, c.parameters[:q]], FAILED * J[:, c.parameters[q:]]
+    inner = health @ health.T + wrong @ wrong.T + c.scatter / TOGETHER
+    return np.asarray(np.linalg.solve(inner, health @ slope[:q]))
+
+
+def of_conditions(flights: Flights, c: Course) -> np.ndarray:
+    """What readings (n, m) follow of the conditions flown, by what the course of health leaves of them."""
+    weather = flights.readings.weather
+    if not weather.shape[1]:
+        return np.zeros_like(flights.z)
+    left = flights.z - c.level - np.einsum("nmq,nq->nm", flights.J[:, :, c.parameters], c.path)
+    H = weather.T @ weather + np.eye(weather.shape[1])
+    return np.asarray(weather @ np.linalg.solve(H, weather.T @ left))
+
+
+def _offset_K(flights: Flights, c: Course, scale: MarginScale) -> float:
+    """By how much the engine read hotter than nominal in its baseline."""
+    names = [p.name for p in flights.described]
+    if scale.sensor not in names:
+        return 0.0
+    i = names.index(scale.sensor)
+    one = flights.J[:, :, i].mean(axis=0)  # what one prior standard deviation of its bias adds to each reading
+    s = int(np.argmax(np.abs(one)))
+    return float(c.level[s] / one[s] * flights.readings.D[i])
+
+
+def severity_of(used: Consumption, c: Course) -> Estimate:
+    """How far an engine has gone: of its margin, or where no temperature tells, the length of the change of its health
+    in prior standard deviations."""
+    if used.margin.column:
+        return used.margin.consumed_K
+    mean, covariance = c.told(c.at(len(c.phi) - 1))
+    length = float(np.linalg.norm(mean))
+    error = float(np.sqrt(mean @ covariance @ mean) / max(length, 1e-12))
+    return Estimate(length, max(length - NORMAL_95 * error, 0.0), length + NORMAL_95 * error)
+
+
+EPOCHS = 60
+"""Epochs of a course that a law of growth is fitted to: none is finer."""
+LEARNT_FROM = 300
+"""Engines from which it is learnt how the fleet wears, evenly chosen where there are more: it is known well by then."""
+LIVES = 3
+"""Whole lives from which a limit is learnt at least: with two the spread between engines is not known."""
+NEVER_K = 1e9
+"""A limit that is not reached, where only the consumption so far is asked for."""
+RECOVERED_K = 10.0
+"""Standard deviation of what maintenance may bring of a margin, in K: washes bring up to as much."""
+
+
+def course_of(finding: EngineFinding) -> ForecastCourse | None:
+    """Consumption over the flights of a finding; None where it is not known."""
+    rows = [r for r in finding.by_flight if np.isfinite(r.consumed_K)]
+    if len(rows) < 3:
+        return None
+    # nothing has begun in the baseline, which of an engine that was renewed begins there
+    begin = rows[0].number - 1 + finding.baseline
+    t = np.array([r.number - begin for r in rows], float)
+    y, error = np.array([r.consumed_K for r in rows]), np.array([r.consumed_error_K for r in rows])
+    events = [e.number - begin for e in finding.events if e.gains and rows[0].number < e.number <= rows[-1].number]
+    steps = (t[:, None] >= np.array(events, float)).astype(float).reshape(len(t), len(events))
+    edges = np.unique(
+        np.concatenate(
+            [np.linspace(0, len(t), EPOCHS, endpoint=False).astype(int), *[np.flatnonzero(t >= e)[:1] for e in events]]
+        ).astype(int)
+    )
+    count = np.diff(np.append(edges, len(t)))
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return np.add.reduceat(values, edges, axis=0) / count.reshape(-1, *[1] * (values.ndim - 1))
+
+    noise = np.diag(mean(error**2) / count)
+    offset = float(np.sqrt(np.mean(error**2) / max(finding.baseline, 1)))
+    return ForecastCourse(mean(t), mean(y), noise, float(t[-1]), mean(steps), offset, RECOVERED_K)
+
+
+def limit_of(finding: EngineFinding, settings: FleetSettings) -> tuple[float, float] | None:
+    """Consumption, in K, at which the limit is reached, with its standard deviation; None where there is no limit."""
+    margin = finding.margin
+    if not margin.column:
+        return None
+    if np.isfinite(margin.limit_K):
+        return margin.now_K.value + margin.consumed_K.value, 0.0
+    return settings.consumed_limit_K
+
+
+def learnt_limit(failed: Sequence[EngineFinding]) -> tuple[float, float]:
+    """Consumption, in K, at which engines were taken off, and its standard deviation between them, from the findings
+    of their whole lives: what `FleetSettings.consumed_limit_K` asks for. ValueError for fewer than three."""
+    courses = [c for f in failed if (c := course_of(f)) is not None]
+    if len(courses) < LIVES:
+        raise ValueError(f"a limit is learnt from {LIVES} lives at least, and {len(courses)} can be followed")
+    reference = float(np.nanmedian([f.severity.value for f in failed]))
+    fits = [fitted(c, reference) for c in courses]
+    return limit_from(*ends_of(fits, learnt(fits)))
+
+
+def with_taken_off(
+    settings: FleetSettings, findings: Sequence[EngineFinding], named: Sequence[str], where: str
+) -> FleetSettings:
+    """The settings with the limit that engines had reached that were taken off, where some are `named`; where: what
+    names them. Raises DataError for one that is not among the findings, and where they do not tell a limit."""
+    if not named:
+        return settings
+    known = {finding.serial: finding for finding in findings}
+    for serial in named:
+        if serial not in known:
+            hint = near(serial, known) if any(known) else "the recordings name no engines, as a column `engine` does"
+            raise DataError(f"{where} names engine {serial}, which is not judged; {hint}")
+    try:
+        limit = learnt_limit([known[serial] for serial in dict.fromkeys(named)])
+    except ValueError as error:
+        raise DataError(f"{where}: {error}") from None
+    return replace(settings, consumed_limit_K=limit)
+
+
+def ends_of(fits: Sequence[Fitted], population: Population) -> tuple[np.ndarray, np.ndarray]:
+    """Consumption (n,) at the end of each course, with its standard error (n,)."""
+    ends = [forecast(fit, population, NEVER_K) for fit in fits]
+    return np.array([e.level for e in ends]), np.array([e.level_error for e in ends])
+
+
+def limit_from(level: np.ndarray, error: np.ndarray) -> tuple[float, float]:
+    """Mean of the ends of lives and their standard deviation, what they are known to taken out."""
+    spread = float(np.sqrt(max(level.var(ddof=1) - float(np.mean(error**2)), 0.0)))
+    return float(level.mean()), spread
+
+
+def with_forecasts(findings: Sequence[EngineFinding], settings: FleetSettings) -> list[EngineFinding]:
+    """The findings with the flights that remain to the limit, or the reason why that is not known."""
+    limits = [limit_of(f, settings) for f in findings]
+    stated = [x[0] for x in limits if x is not None and x[0] > 0]
+    if not stated:
+        return [_without(f, "no limit is stated") for f in findings]
+    reference = float(np.median(stated))
+    at = [k for k, x in enumerate(limits) if x is not None]
+    some = np.unique(np.linspace(0, len(at) - 1, LEARNT_FROM).round().astype(int))
+    courses = [course_of(findings[at[k]]) for k in some.tolist()]
+    population = learnt([fitted(c, reference) for c in courses if c is not None])
+    return [_with_one(f, x, reference, population) for f, x in zip(findings, limits, strict=True)]
+
+
+def _with_one(
+    finding: EngineFinding, limit: tuple[float, float] | None, reference: float, population: Population
+) -> EngineFinding:
+    if limit is None:
+        return _without(finding, "no limit is stated")
+    course = course_of(finding)
+    if course is None:
+        return _without(finding, "too few flights tell of the margin")
+    found = forecast(fitted(course, reference), population, *limit)
+    half = NORMAL_95 * found.rate_error
+    margin = replace(
+        finding.margin,
+        remaining_flights=Estimate(found.quantile(0.5), found.quantile(0.05), found.quantile(0.95)),
+        rate_K_per_flight=Estimate(found.rate, found.rate - half, found.rate + half),
+    )
+    return replace(finding, margin=margin)
+
+
+def _without(finding: EngineFinding, reason: str) -> EngineFinding:
+    return replace(finding, margin=replace(finding.margin, reason=finding.margin.reason or reason))

@@ -1,0 +1,420 @@
+"""What restoring the modules that an answer names would bring: of one window, and of the events of a series.
+
+At which operating point, at which power, and in which columns a gain is told.
+
+An engine at given power: outputs and their derivatives where the power setting follows the state of health.
+
+With F(p, θ) what is held, thrust or power, p the power setting and y another output, p(θ) is where F(p, θ) = F*, and
+
+    dy/dθ = ∂y/∂θ − (∂y/∂p) (∂F/∂p)⁻¹ ∂F/∂θ
+
+What restoring a module brings at equal power, and what a change of several parameters did.
+
+With δ the change of the parameters, δ_m that of the module m, and y temperature or fuel at given power,
+
+    gain_m = y(θ0 + δ) − y(θ0 + δ with δ_m = 0),     variance gᵀ C g,   g = ∂gain_m/∂δ,
+
+positive where restoring lowers y; C the posterior covariance of δ. Both terms are solutions of the engine, and g their
+exact derivatives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from enginediag_cli.engine.components.combustion import Burner
+from enginediag_cli.engine.engine import Engine
+from enginediag_cli.engine.start import correction, total_ratios
+from enginediag_cli.isolation.adequacy import tempered
+from enginediag_cli.isolation.belief import Belief, belief_of_components
+from enginediag_cli.isolation.classes import Class
+from enginediag_cli.isolation.of_windows import IsolatedWindow
+from enginediag_cli.isolation.prior import SetPrior
+from enginediag_cli.isolation.story import Member, Story
+from enginediag_cli.parameters import Parameter
+from enginediag_cli.residuals.monitor import Monitor
+
+THRUST, POWER = "Fn_N", "power_W"
+"""What is held, in this order of preference from the last: the power of all loads, else net thrust."""
+FUELS = ("Wf_total_kg_s", "Wf_kg_s")
+"""Columns of fuel flow, all burners together first."""
+DESIGN, RATING, RECORDED = "design point", "rating at the design condition", "mean recorded conditions"
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Inputs of one operating point, among them the power setting of a healthy engine; held: model column that is the
+    same before and after; temperature: hottest recorded turbine temperature, or, with `recorded` false, the model's
+    behind the last turbine; fuel: column of the fuel flow; words: which operating point it is."""
+
+    inputs: Mapping[str, float]
+    held: str
+    temperature: str
+    fuel: str
+    words: str
+    recorded: bool = True
+
+    @property
+    def columns(self) -> tuple[str, str, str]:
+        """Of what is held, of the temperature and of the fuel."""
+        return self.held, self.temperature, self.fuel
+
+
+def plain_engine(model: Any) -> Engine | None:
+    """The engine inside a model that wraps it; None where there is none."""
+    while not isinstance(model, Engine):
+        if not hasattr(model, "model"):
+            return None
+        model = model.model
+    return model
+
+
+def reference_of(engine: Engine, base: Mapping[str, float], recorded: Mapping[str, float]) -> Reference | None:
+    """The design point; where that is not known or cannot be computed, the rating in the design point's flight
+    condition, or else the mean of what was recorded, column -> value. base: parameters of the healthy engine. None
+    where none of these is known or the engine gives neither thrust nor power."""
+    columns = engine.model_columns
+    held = next((c for c in (POWER, THRUST) if c in columns), None)
+    fuel = next((c for c in FUELS if c in columns), None)
+    if held is None or fuel is None:
+        return None
+    values = {n: v for n, v in base.items() if n in engine.parameters}
+    behind, hot = f"T{engine.network.last_turbine_exit}_K", _hot_sensors(engine)
+    for words, inputs in _candidates(engine, recorded):
+        answer = engine.predict(inputs, values, sensors=(held, fuel, *hot))
+        if answer.ok[0] and answer.y[0, 0] > 0:
+            temperature = hot[int(np.argmax(answer.y[0, 2:]))] if hot else behind
+            return Reference(inputs, held, temperature, fuel, words, recorded=bool(hot))
+    return None
+
+
+def _candidates(engine: Engine, recorded: Mapping[str, float]) -> Iterator[tuple[str, dict[str, float]]]:
+    """Operating points that may serve, the best first: words, and all inputs of the engine."""
+    condition, network = _design_condition(engine), engine.network
+    if condition is not None:
+        known = {**engine.optional_inputs, **condition}
+        setting = np.asarray(network.design_setting * correction(network.power_setting, *total_ratios(known)), float)
+        if network.demand is not None:
+            setting = network.demand.set_point(setting)
+        yield DESIGN, {**condition, engine.power_setting: float(np.ravel(setting)[0])}
+        if engine.power_range is not None:
+            rating = engine.power_from_fraction(1.0, known)
+            yield RATING, {**condition, engine.power_setting: float(np.ravel(rating)[0])}
+    if all(c in recorded for c in engine.inputs):
+        yield RECORDED, {c: recorded[c] for c in engine.inputs}
+
+
+def _design_condition(engine: Engine) -> dict[str, float] | None:
+    """Inputs but the power setting at the design point; None where one of them has no value there."""
+    network, found = engine.network, {}
+    for column in engine.inputs:
+        if column == engine.power_setting:
+            continue
+        if column in network.speed_columns:
+            found[column] = float(network.shafts[network.speed_columns[column]]["design_speed_rpm"])
+        elif column in network.design:
+            found[column] = float(network.design[column])
+        else:
+            return None
+    return found
+
+
+def _hot_sensors(engine: Engine) -> tuple[str, ...]:
+    """Sensors that read temperatures behind the burner."""
+    hot: set[str] = set()
+    behind = False
+    for c in engine.network.components:
+        behind = behind or isinstance(c, Burner)
+        if behind:
+            hot |= {f"T{c.values[end]}_K" for end in ("to", "rotor_inlet_station") if c.values.get(end)}
+    return tuple(c for c, s in engine.sensors.items() if not s.over and s.reads.keys() <= hot)
+
+
+STEPS = 15
+"""Newton steps for the power setting at most."""
+SETTLED = 1e-9
+"""Relative error of what is held at which they end."""
+LONGEST = 0.1
+"""Longest step, as a share of the power setting: thrust is not straight in a spool speed."""
+
+
+@dataclass(frozen=True)
+class AtPower:
+    """Temperature and fuel y (N, 2) of N states of an engine at equal power, their derivatives (N, 2, k) by
+    parameters, and the power setting (N,)."""
+
+    y: np.ndarray
+    slopes: np.ndarray
+    setting: np.ndarray
+
+
+class PowerNotHeldError(ValueError):
+    """The power of the healthy engine is not reached, with the reason."""
+
+
+def at_equal_power(
+    engine: Engine,
+    reference: Reference,
+    base: Mapping[str, float],
+    names: Sequence[str],
+    changes: np.ndarray,
+) -> AtPower:
+    """The states base + changes (N, k) of the parameters `names` at the power that `base` has at the reference.
+
+    Raises PowerNotHeldError.
+    """
+    values = {n: v for n, v in base.items() if n in engine.parameters}
+    nominal = np.array([values.get(n, engine.parameters[n].nominal) for n in names])
+    healthy = engine.predict(reference.inputs, values, sensors=(reference.held,))
+    if not healthy.ok[0]:
+        raise PowerNotHeldError(healthy.reason(0) or "the engine cannot be computed there")
+    wanted = float(healthy.y[0, 0])
+    if not wanted:
+        raise PowerNotHeldError(f"{reference.held} is 0 there")
+    N, k = changes.shape
+    theta = {**values, **{n: nominal[i] + changes[:, i] for i, n in enumerate(names)}}
+    setting = np.full(N, float(reference.inputs[engine.power_setting]))
+    start = None
+    for _ in range(STEPS):
+        inputs = {**{c: np.full(N, v) for c, v in reference.inputs.items()}, engine.power_setting: setting}
+        found = engine.predict(
+            inputs, theta, sensors=reference.columns, wrt=(*names, engine.power_setting), start=start
+        )
+        if not found.ok.all():
+            raise PowerNotHeldError(found.reason(int(np.argmin(found.ok))) or "the engine cannot be computed there")
+        left = found.y[:, 0] / wanted - 1.0
+        J = found.jacobian
+        by_setting = J[:, :, k]
+        if np.all(np.abs(left) < SETTLED):
+            with np.errstate(divide="ignore", invalid="ignore"):
+                share = J[:, :1, :k] / by_setting[:, :1, None]
+            slopes = J[:, 1:, :k] - by_setting[:, 1:, None] * np.where(np.isfinite(share), share, 0.0)
+            return AtPower(found.y[:, 1:], slopes, setting)
+        if not np.all(np.abs(by_setting[:, 0] * setting / wanted) > SETTLED):
+            raise PowerNotHeldError(f"{reference.held} does not follow {engine.power_setting} there")
+        step = -left * wanted / by_setting[:, 0]
+        setting = setting + np.clip(step, -LONGEST * np.abs(setting), LONGEST * np.abs(setting))
+        start = found.x
+    raise PowerNotHeldError(f"{reference.held} of the healthy engine is not reached")
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Mean (k,) of the changes of parameters `names`, in their units, and covariance (k, k)."""
+
+    names: tuple[str, ...]
+    mean: np.ndarray
+    covariance: np.ndarray
+
+    def of(self, names: Sequence[str]) -> Moments:
+        """The same of some of them, in their order."""
+        at = [self.names.index(n) for n in names]
+        return Moments(tuple(names), self.mean[at], self.covariance[np.ix_(at, at)])
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A gain in the column's unit with its standard deviation; `share`: of the present value."""
+
+    value: float
+    deviation: float
+    share: float
+    share_deviation: float
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What restoring `module`, with the parameters `names`, lowers temperature and fuel by at equal power."""
+
+    module: str
+    names: tuple[str, ...]
+    temperature: Quantity
+    fuel: Quantity
+
+
+def gains(
+    engine: Engine,
+    reference: Reference,
+    base: Mapping[str, float],
+    change: Moments,
+    modules: Mapping[str, Sequence[str]],
+) -> tuple[Gain, ...]:
+    """Gain of restoring each module, name -> its parameters among those of `change`, the largest in temperature first.
+
+    Raises PowerNotHeldError.
+    """
+    if not modules:
+        return ()
+    states = [change.mean]
+    kept = []
+    for names in modules.values():
+        rest = np.array([n not in names for n in change.names], bool)
+        kept.append(rest)
+        states.append(np.where(rest, change.mean, 0.0))
+    found = at_equal_power(engine, reference, base, change.names, np.array(states))
+    told = []
+    for k, (module, names) in enumerate(modules.items(), start=1):
+        gain = found.y[0] - found.y[k]
+        slopes = found.slopes[0] - found.slopes[k] * kept[k - 1]
+        told.append(_gain(module, tuple(names), gain, slopes, found.y[0], change.covariance))
+    return tuple(sorted(told, key=lambda g: -abs(g.temperature.value)))
+
+
+def brought(
+    engine: Engine, reference: Reference, base: Mapping[str, float], before: np.ndarray, difference: Moments
+) -> Gain:
+    """What the change `difference` from the level `before` (k,) did lower temperature and fuel by at equal power.
+
+    Raises PowerNotHeldError.
+    """
+    states = np.array([before, before + difference.mean])
+    found = at_equal_power(engine, reference, base, difference.names, states)
+    gain = found.y[0] - found.y[1]
+    return _gain("", difference.names, gain, -found.slopes[1], found.y[0], difference.covariance)
+
+
+def _gain(
+    module: str, names: tuple[str, ...], gain: np.ndarray, slopes: np.ndarray, now: np.ndarray, C: np.ndarray
+) -> Gain:
+    """gain, now (2,); slopes (2, k) of the gain; C (k, k)."""
+    deviation = np.sqrt(np.maximum(np.einsum("yi,ij,yj->y", slopes, C, slopes), 0.0))
+    temperature, fuel = (
+        Quantity(float(v), float(s), float(v / y), float(s / y)) for v, s, y in zip(gain, deviation, now, strict=True)
+    )
+    return Gain(module, names, temperature, fuel)
+
+
+NOT_KNOWN = "the engine file gives neither thrust nor power at an operating point that could be held"
+
+
+@dataclass(frozen=True)
+class WorkScope:
+    """Gains of restoring the modules, the largest first; empty with the `reason` where they cannot be told."""
+
+    gains: tuple[Gain, ...] = ()
+    reference: Reference | None = None
+    reason: str = ""
+
+
+class Scoping:
+    """Work scopes of one monitored engine: its reference is found once."""
+
+    def __init__(self, monitor: Monitor):
+        self._monitor = monitor
+        self.engine: Engine | None = plain_engine(monitor.engine)
+        self._reference: Reference | None = None
+
+    @property
+    def base(self) -> Mapping[str, float]:
+        """Parameters of the healthy engine as identified."""
+        known = dict(zip(self._monitor.monitored, self._monitor.theta0.tolist(), strict=False))
+        return {**self._monitor.base, **known}
+
+    def reference(self, recorded: Mapping[str, float]) -> Reference | None:
+        """Where gains are told; recorded: mean of what was recorded, for engines without another."""
+        if self.engine is not None and self._reference is None:
+            self._reference = reference_of(self.engine, self.base, recorded)
+        return self._reference
+
+    def of_isolated(self, found: IsolatedWindow, prior: SetPrior, largest: int | None = None) -> WorkScope | None:
+        """Of a window as `isolate` answered it; None where nothing is named that stands, or by a method without a
+        posterior. prior, largest: those of the isolation."""
+        recorded = found.verdict.window.conditions
+        if not found.named:
+            return None
+        if found.components is not None and found.score is not None:
+            score = tempered(found.score, found.components.adequacy.noise)
+            named = [c for each in _members(found.components.components, found.components.one_of) for c in each]
+            return self.of_window(belief_of_components(score, prior, largest), named, recorded)
+        if found.diagnosis is None or found.diagnosis.belief is None:
+            return None
+        result = found.diagnosis.result
+        named = [n for each in _members(result.isolated, result.one_of) for n in each]
+        return self.of_window(found.diagnosis.belief, named, recorded)
+
+    def of_window(self, belief: Belief, named: Sequence[str], recorded: Mapping[str, float]) -> WorkScope:
+        """Of the answer of one window; named: parameters or components."""
+        mean, covariance = belief.moments()
+        change = self._health(belief.score.described, mean, covariance)
+        chosen = {p.component for p in belief.score.described if {p.name, p.component} & {*named}}
+        return self._told(change, _modules(belief.score.described, change.names, chosen), recorded)
+
+    def of_story(self, story: Story, known: Mapping[str, Parameter], recorded: Mapping[str, float]) -> WorkScope:
+        """Of what changed during a series; of suspects that cannot be told apart each by itself, beside the likeliest
+        of the other events."""
+        healthy = [[m for m in event.named if m.expected and not m.instrument] for event in story.events]
+        found: list[Gain] = []
+        scope = WorkScope()
+        for k, members in enumerate(healthy):
+            for member in members:
+                beside = [others[0] for j, others in enumerate(healthy) if j != k and others]
+                change = _together([member, *beside], self.engine)
+                modules = {member.component: [n for n in change.names if known[n].component == member.component]}
+                scope = self._told(change, modules, recorded)
+                if scope.reason:
+                    return scope
+                found += [g for g in scope.gains if g.module not in [f.module for f in found]]
+        ordered = tuple(sorted(found, key=lambda g: -abs(g.temperature.value)))
+        return WorkScope(ordered, scope.reference)
+
+    def brought(
+        self, before: np.ndarray, difference: Moments, recorded: Mapping[str, float]
+    ) -> tuple[Gain | None, str]:
+        """What the change `difference` from the level `before` (k,) did lower temperature and fuel by at equal power;
+        or None with the reason. recorded: as of `reference`."""
+        reference = self.reference(recorded)
+        if self.engine is None or reference is None:
+            return None, NOT_KNOWN
+        try:
+            return brought(self.engine, reference, self.base, before, difference), ""
+        except PowerNotHeldError as error:
+            return None, str(error)
+
+    def _health(self, described: Sequence[Parameter], mean: np.ndarray, covariance: np.ndarray) -> Moments:
+        known = self.engine.parameters if self.engine is not None else {}
+        at = [i for i, p in enumerate(described) if not p.of_instrument and p.name in known]
+        return Moments(tuple(described[i].name for i in at), mean[at], covariance[np.ix_(at, at)])
+
+    def _told(self, change: Moments, modules: Mapping[str, Sequence[str]], recorded: Mapping[str, float]) -> WorkScope:
+        modules = {name: own for name, own in modules.items() if own}
+        if not modules:
+            return WorkScope()
+        reference = self.reference(recorded)
+        if self.engine is None or reference is None:
+            return WorkScope(reason=NOT_KNOWN)
+        try:
+            return WorkScope(gains(self.engine, reference, self.base, change, modules), reference)
+        except PowerNotHeldError as error:
+            return WorkScope(reference=reference, reason=str(error))
+
+
+def _members(answer: tuple[str, ...], one_of: Class | None) -> tuple[tuple[str, ...], ...]:
+    """The answer, and the members of the class where it is one."""
+    return (answer, *one_of.members) if one_of is not None else (answer,)
+
+
+def _modules(described: Sequence[Parameter], names: Sequence[str], chosen: set[str]) -> dict[str, list[str]]:
+    """Components among the `chosen` with their parameters of `names`."""
+    found: dict[str, list[str]] = {}
+    for p in described:
+        if p.name in names and p.component in chosen:
+            found.setdefault(p.component, []).append(p.name)
+    return found
+
+
+def _together(members: Sequence[Member], engine: Engine | None) -> Moments:
+    """All changes of several suspects, each independent of the others."""
+    known = engine.parameters if engine is not None else {}
+    names = tuple(dict.fromkeys(n for m in members for n in m.parameters if n in known))
+    place = {n: i for i, n in enumerate(names)}
+    mean, covariance = np.zeros(len(names)), np.zeros((len(names), len(names)))
+    for m in members:
+        own = [q for q, n in enumerate(m.parameters) if n in place]
+        at = [place[m.parameters[q]] for q in own]
+        mean[at] += np.array(m.expected)[own]
+        covariance[np.ix_(at, at)] += np.array(m.covariance)[np.ix_(own, own)]
+    return Moments(names, mean, covariance)

@@ -1,1 +1,0 @@
-"""What other commands wrote, read back: recognised by what it holds, every row with its place."""
