@@ -1,4 +1,6 @@
-"""The `identification:` block of an engine file: what is estimated, how loosely, and with which noise.
+"""The blocks of an engine file that later stages read: `identification:` and `mismatch:`.
+
+The `identification:` block of an engine file: what is estimated, how loosely, and with which noise.
 
 The `mismatch:` block of an engine file: what `locate`, `explain` and `refine` reckon with.
 """

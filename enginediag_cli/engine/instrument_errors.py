@@ -1,4 +1,6 @@
-"""Errors of the instruments that give the model its inputs: a model that offers them as parameters.
+"""Errors of instruments as parameters of a model: those that give it its inputs, and drifts.
+
+Errors of the instruments that give the model its inputs: a model that offers them as parameters.
 
 A model reads flight condition and power setting from instruments as well, and what such an instrument is wrong by it
 predicts for another operating point. With the reading u of a channel and its error,

@@ -1,4 +1,6 @@
-"""The judgement of a fleet: which engines stand out, in which order, how long they last, and what is common to all.
+"""A fleet as a whole: which engines stand out, and what all of them have in common.
+
+The judgement of a fleet: which engines stand out, in which order, how long they last, and what is common to all.
 
 What engines of a fleet have in common: a random-effects mean of each parameter's change.
 

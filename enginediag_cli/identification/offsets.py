@@ -1,4 +1,6 @@
-"""Instruments that differ from recording to recording: which offsets an identification allows for, and how large.
+"""Offsets of instruments from one recording to the next: which there are, how large, where their fit begins.
+
+Instruments that differ from recording to recording: which offsets an identification allows for, and how large.
 
 Every reading is zeroed and calibrated a little differently each time, that of an output and that of an input of the
 model. From LEAST recordings of one engine on the sizes are estimated with the fit (`offset_sizes`); with fewer there is

@@ -1,4 +1,6 @@
-"""Which probe the others contradict, before any parameter is bent to it.
+"""Probes that the heat balances between stations contradict.
+
+Which probe the others contradict, before any parameter is bent to it.
 
 The heat balances of `probe_balances` tie recorded temperatures, fuel and pressures together without a component map.
 Their differences r (N, J) are zero within what stated accuracy and the engine leave open, covariance

@@ -1,1 +1,1 @@
-"""Methods of diagnosis behind one interface, one per file: what a study compares and `detect --method` offers."""
+"""Methods of diagnosis behind one interface: what a study compares and `detect --method` offers."""

@@ -1,4 +1,6 @@
-"""Parameter estimation: re-estimate all parameters, name those that a Wald test finds changed (end of section 5).
+"""Methods that name what has changed, each by a test or posterior of `isolation`.
+
+Parameter estimation: re-estimate all parameters, name those that a Wald test finds changed (end of section 5).
 
 The paper's incremental algorithm (section 5.1.2): its statistic at nominal, or re-linearised.
 

@@ -1,4 +1,6 @@
-"""Component types as rows, and one type as a page that an engineer reads; all from the declarations.
+"""Reference pages of component types and physics terms, as rows and as text.
+
+Component types as rows, and one type as a page that an engineer reads; all from the declarations.
 
 Physics terms as rows, and one term as a page that an engineer reads.
 """

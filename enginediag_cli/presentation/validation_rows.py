@@ -1,4 +1,6 @@
-"""Trials of isolation as one document, as rows, and as tables for people.
+"""Trials and studies as rows, documents and tables.
+
+Trials of isolation as one document, as rows, and as tables for people.
 
 The score sheet as rows: for people, and for CSV.
 

@@ -1,4 +1,6 @@
-"""Burner: fuel burnt in the core flow.
+"""Where heat is released or taken up in the gas path: burner, afterburner, water injection.
+
+Burner: fuel burnt in the core flow.
 
 Afterburner: fuel burnt in gas that a burner has burnt in already, behind a turbine or between two.
 

@@ -1,4 +1,6 @@
-"""Effectiveness of heat exchangers of given conductance, by W. M. Kays and A. L. London, Compact Heat Exchangers.
+"""Heat exchangers: their effectiveness, intercoolers and recuperators.
+
+Effectiveness of heat exchangers of given conductance, by W. M. Kays and A. L. London, Compact Heat Exchangers.
 
 Intercooler: heat from compressed air to a coolant of known temperature.
 

@@ -1,4 +1,6 @@
-"""Convergent nozzle: swallowing capacity and thrust.
+"""Nozzles and exhausts: where the gas leaves the engine.
+
+Convergent nozzle: swallowing capacity and thrust.
 
 Convergent–divergent nozzle: supersonic exit, over- and under-expanded.
 

@@ -1,4 +1,6 @@
-"""Duct: total pressure loss, and bleed air that returns to the gas path.
+"""Passages of the gas path: ambient air, inlet, ducts and their losses, bleeds, splitter and mixer.
+
+Duct: total pressure loss, and bleed air that returns to the gas path.
 
 Total pressure loss of a passage: what ducts and the sides of heat exchangers share.
 

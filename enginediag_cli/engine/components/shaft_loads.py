@@ -1,4 +1,6 @@
-"""Load: what a shaft drives outside the engine (generator, propeller, pump).
+"""What shafts drive: loads, gearboxes and propellers.
+
+Load: what a shaft drives outside the engine (generator, propeller, pump).
 
 What driven machines have in common: what a shaft has to spare for them, and the columns of what they take.
 

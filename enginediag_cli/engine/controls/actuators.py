@@ -1,4 +1,6 @@
-"""The fuel control: it meets the power that is asked for, unless a limit takes over.
+"""Actuators of a control: governed, held at a set point, recorded, or scheduled.
+
+The fuel control: it meets the power that is asked for, unless a limit takes over.
 
 An actuator that holds a column at its set point, between its stops.
 

@@ -1,4 +1,6 @@
-"""What every filter along time is.
+"""Filters along time: lags, delays, rate limits, hysteresis and backlash.
+
+What every filter along time is.
 
 A *signal* is known at the records of a tape and runs in straight lines between them; a filter answers with its output
 at the same records, and how that changes with the signal and with the filter's own coefficients. At its start, and

@@ -1,4 +1,6 @@
-"""Innovations of a filter and their tests, calibrated on an engine whose parameters stay at nominal.
+"""Kalman filters as methods: observers of the parameters, and tests of their innovations.
+
+Innovations of a filter and their tests, calibrated on an engine whose parameters stay at nominal.
 
 A filter expects its parameters to wander; those of a healthy engine do not. So its innovations are a little too
 small and a little correlated, and textbook thresholds would be off. Alongside the filter run the error of its

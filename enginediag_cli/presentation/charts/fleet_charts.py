@@ -1,4 +1,6 @@
-"""How evidence against an engine gathers over its life.
+"""Charts of a fleet: evidence, map of engines and parameters, ranking.
+
+How evidence against an engine gathers over its life.
 
 The document of `fleet` as objects, each with its place; what is not known is NaN.
 

@@ -1,4 +1,6 @@
-"""What a refinement gains on flights that were not fitted: each reading before and after, and flight by flight.
+"""Charts of a model: how well it fits, where it differs, the correction that was found, before and after.
+
+What a refinement gains on flights that were not fitted: each reading before and after, and flight by flight.
 
 A law, or a free curve, along what it varies with, with its band: what is settled whatever the form.
 

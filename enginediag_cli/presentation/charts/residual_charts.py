@@ -1,4 +1,6 @@
-"""The statistic of `detect` window by window, as a multiple of its threshold.
+"""Charts of residuals: along windows, records, drivers and flights, and as fingerprints.
+
+The statistic of `detect` window by window, as a multiple of its threshold.
 
 The fingerprint: how far each reading is off, beside what each leading answer would do to it.
 

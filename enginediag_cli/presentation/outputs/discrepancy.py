@@ -1,4 +1,6 @@
-"""What `explain` writes: coefficients as rows, or all of it as one object; curves and amplitudes as files beside.
+"""Declared columns of the search for missing physics: `locate`, `explain` and `refine`.
+
+What `explain` writes: coefficients as rows, or all of it as one object; curves and amplitudes as files beside.
 
 Rows of `locate`: places of the map, or places with an amplitude of their own in every record.
 

@@ -1,4 +1,6 @@
-"""Rows of `check`: one per file, then one per thing that is known of it.
+"""Declared columns of `check`, `simulate` and the log.
+
+Rows of `check`: one per file, then one per thing that is known of it.
 
 The lines of `--log`.
 

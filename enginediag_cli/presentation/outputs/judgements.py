@@ -1,4 +1,6 @@
-"""The columns of every row that is about a window of records: which it is, and what became of its records.
+"""Declared columns of what is said of windows: `residual`, `detect`, `isolate` and `trend`.
+
+The columns of every row that is about a window of records: which it is, and what became of its records.
 
 Columns that stand beside an answer: what would flip it, and what restoring a module would bring. Objects in JSON,
 texts in a table, where they have to be asked for.

@@ -1,4 +1,6 @@
-"""The score sheets of `prove`: as rows, and as one object, which holds the same by score.
+"""Declared columns of trials and studies: `prove` and `study`.
+
+The score sheets of `prove`: as rows, and as one object, which holds the same by score.
 
 What `study` writes: rates, counts or reliability as rows, all of it as one object.
 """

@@ -1,4 +1,6 @@
-"""What no listed effect explains, as a curve with its band in one SVG: a law along its variable, or a free curve.
+"""Pictures of `explain` and `refine`.
+
+What no listed effect explains, as a curve with its band in one SVG: a law along its variable, or a free curve.
 
 Before and after in one SVG: misfit of every sensor on unseen flights, and what each flight gains.
 

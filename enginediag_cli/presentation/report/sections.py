@@ -1,4 +1,6 @@
-"""The charts of one engine: what its results give, in the order in which an engineer asks.
+"""The sections of a report about one engine.
+
+The charts of one engine: what its results give, in the order in which an engineer asks.
 
 The margin of one engine: flight by flight, how long it lasts, and what maintenance brought.
 """

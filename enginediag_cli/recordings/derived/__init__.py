@@ -1,4 +1,4 @@
-"""Columns computed from recorded ones, one rule per file; a recorder YAML lists those that it needs."""
+"""Columns computed from recorded ones; a recorder YAML lists those that it needs."""
 
 from __future__ import annotations
 

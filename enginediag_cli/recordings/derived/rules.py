@@ -1,4 +1,6 @@
-"""What a rule for a derived column consists of.
+"""The rules by which columns are derived from recorded ones.
+
+What a rule for a derived column consists of.
 
 Water per dry air from relative humidity, temperature and pressure.
 
