@@ -216,6 +216,7 @@ def test_the_same_seed_gives_the_same_bytes_on_any_number_of_jobs(tmp_path):
     assert (tmp_path / "1.json").read_bytes() == (tmp_path / "2.json").read_bytes()
 
 
+@pytest.mark.slow
 def test_trials_in_the_field_need_no_engine_and_refuse_one_that_flies_no_airliners_mission(run):
     done = run("prove", "--question", "isolate", "--kind", "field", "--trials", "1", "--seed", "3", "--jobs", "1", "-q")
     assert done.exit_code == 0

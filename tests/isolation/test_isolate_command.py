@@ -192,6 +192,7 @@ def test_a_large_fault_is_judged_with_the_full_model_and_the_answer_says_so(isol
     assert "full model" not in isolate("slight")[2]
 
 
+@pytest.mark.slow
 def test_advice_names_operating_conditions_and_compares_them_with_more_of_the_same(isolate):
     _, rows, err = isolate("fouled", "--window", "10", "--advise", "--extra-sensor", "T4_K", "5")
     advice = rows[0]["advice"]
