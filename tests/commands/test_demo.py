@@ -9,6 +9,8 @@ import pytest
 from enginediag_cli.__main__ import main
 from enginediag_cli.demonstration import script
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def played(tmp_path_factory):

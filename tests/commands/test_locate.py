@@ -102,6 +102,7 @@ def test_all_writes_the_whole_map_also_when_there_is_nothing(folder, run):
     assert [r["rank"] for r in rows] == list(range(1, len(rows) + 1))
 
 
+@pytest.mark.slow
 def test_a_fit_without_a_prediction_for_many_records_is_no_verdict(folder, run):
     head, *lines = (folder / "nothing.csv").read_text(encoding="utf-8").splitlines()
     at = head.split(",").index("Wf_kg_s")

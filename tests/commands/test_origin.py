@@ -78,6 +78,7 @@ def rows_of(done):
     return list(csv.DictReader(line for line in done.stdout.splitlines() if not line.startswith("#")))
 
 
+@pytest.mark.slow
 def test_worn_engines_of_a_fleet_are_found_and_isolated_to_their_components(run, fleet, nominal):
     common = ("-n", nominal, fleet, "--recorder", RECORDER, "--reference", "20", "--last", "20", "--format", "csv")
     detected = rows_of(run("detect", *common))

@@ -63,6 +63,7 @@ def test_the_report_and_the_picture_show_before_and_after(folder):
     assert svg.startswith("<svg") and "T45_K" in svg and svg.rstrip().endswith("</svg>")
 
 
+@pytest.mark.slow
 def test_the_refined_engine_runs_in_every_other_command(folder, run):
     engine, flown, nominal = folder / "refined.yaml", folder / "flights.csv", folder / "nominal.yaml"
     assert run("check", engine).exit_code == 0

@@ -77,6 +77,7 @@ def test_an_engine_file_without_identification_is_taken_at_its_word(folder):
     assert given.settings.prior_mean == {} and given.settings.noise == "specified"
 
 
+@pytest.mark.slow
 def test_a_known_design_keeps_its_priors_and_takes_noise_instruments_and_maps_from_the_flights(folder):
     case = Case(str(ENGINE), Source((str(folder / "flown.csv"),)))
     found, stated = load_case(case, identified=True).evidence, load_case(case).evidence
@@ -145,6 +146,7 @@ def test_a_sensor_without_readings_keeps_what_is_stated():
     assert noise_of(np.full(20, np.nan), 0.7) == (0.7, 0.0)
 
 
+@pytest.mark.slow
 def test_engines_of_an_aircraft_are_identified_one_by_one(folder):
     engine = load_engine(folder / "engine.yaml")
     flown = evidence(folder, None).flights[:2]
@@ -158,6 +160,7 @@ def test_engines_of_an_aircraft_are_identified_one_by_one(folder):
         assert v == pytest.approx(np.mean([a.engine_values[n] for a in alone]))
 
 
+@pytest.mark.slow
 def test_noise_is_freed_of_what_switches_and_of_nothing_else(folder):
     found = evidence(folder, None)
     stated = found.owed.least

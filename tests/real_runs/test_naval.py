@@ -18,7 +18,7 @@ ENGINE = CONFIGS / "naval_gas_generator.yaml"
 RECORDER = CONFIGS / "recorders" / "naval_gas_turbine.yaml"
 HIGH_LEVER = 7.0
 
-pytestmark = pytest.mark.shared_data
+pytestmark = [pytest.mark.shared_data, pytest.mark.slow]
 
 
 def decay(row):
