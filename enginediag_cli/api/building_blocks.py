@@ -102,8 +102,13 @@ def describe_effect(name: str, engine: EngineLike | None = None) -> Description:
     ConfigError, DataError
     """
     from enginediag_cli.physics.registry import term, term_names
-    from enginediag_cli.presentation.reference_pages import carried_blocks, coefficient_rows, site_row, term_row
-    from enginediag_cli.presentation.reference_pages import physics_page as page
+    from enginediag_cli.presentation.reference_pages import (
+        carried_blocks,
+        coefficient_rows,
+        physics_page,
+        site_row,
+        term_row,
+    )
 
     model = None if engine is None else as_engine(engine)
     laws = {law.NAME: law for law in (_laws(model) if model is not None else ())}
@@ -119,7 +124,7 @@ def describe_effect(name: str, engine: EngineLike | None = None) -> Description:
     coefficients = list(coefficient_rows(shown))
     document = {**term_row(shown), "coefficients": coefficients, "places": sites}
     rows = coefficients if model is None else [row for found in sites.values() for row in found]
-    return Description(page(shown, places, carried), document, rows, _head("physics", model))
+    return Description(physics_page(shown, places, carried), document, rows, _head("physics", model))
 
 
 def list_law_variables(engine: EngineLike) -> Listing:

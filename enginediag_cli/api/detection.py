@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import inf
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from enginediag_cli.api.inputs import NominalLike, RecordingsLike, as_recordings
 from enginediag_cli.api.results import Picture, Result, Row
@@ -19,6 +19,18 @@ if TYPE_CHECKING:
     from enginediag_cli.detection.glr import RequiredPower
     from enginediag_cli.intake.source import Source
     from enginediag_cli.methods.base import FittedMethod, Method
+    from enginediag_cli.methods.on_recordings import WindowVerdict
+    from enginediag_cli.residuals.files import JudgedFiles
+
+
+class HasVerdict(Protocol):
+    """What was judged: `verdict` is healthy, fault or no verdict."""
+
+    @property
+    def verdict(self) -> str: ...
+
+
+Judged = TypeVar("Judged", bound=HasVerdict)
 
 
 class ResidualResult(Result):
@@ -114,8 +126,25 @@ def residual(
     return ResidualResult(compare(nominal, recordings, windows, messages), what, sensors).complete(stream)
 
 
-class DetectionResult(Result):
-    """A verdict for every window; see `detect`. `found` counts faults, `judged` the windows with a verdict."""
+class VerdictResult(Result):
+    """A verdict for every window; `found` counts faults, `judged` the windows with a verdict."""
+
+    _files: JudgedFiles
+
+    def _verdicts(self, windows: Iterable[Judged]) -> Iterator[tuple[int, Judged]]:
+        """The windows, numbered from 1, as they are counted; what is said of all of them comes after the last."""
+        tally: Counter[str] = Counter()
+        for window in windows:
+            tally[window.verdict] += 1
+            self.found, self.judged = tally["fault"], tally.total() - tally["no verdict"]
+            yield tally.total(), window
+        tell_files(self.messages, self._files)
+        counted = ", ".join(f"{n} {what}" for what, n in sorted(tally.items())) or "no window"
+        self.messages.note(counted, counts=dict(tally))
+
+
+class DetectionResult(VerdictResult):
+    """A verdict for every window; see `detect`."""
 
     def __init__(self, comparison: Comparison, false_alarm: float, required: RequiredPower, detectable: bool):
         from enginediag_cli.presentation.outputs.judgements import DETECT as DECLARED
@@ -137,18 +166,12 @@ class DetectionResult(Result):
         from enginediag_cli.detection.verdict import judge
         from enginediag_cli.presentation.detection_rows import detection_row, tell_window
 
-        tally: Counter[str] = Counter()
         monitor = None if self._comparison.judging.reference else self._monitor
-        for window, _ in self._files.windows():
-            verdict = judge(window, self._false_alarm, self._required, monitor)
-            tally[verdict.verdict] += 1
-            self.found += verdict.verdict == "fault"
-            self.judged += verdict.verdict != "no verdict"
-            tell_window(self.messages, verdict, in_words=tally.total() <= SENTENCES)
+        windows = self._files.windows()
+        verdicts = (judge(window, self._false_alarm, self._required, monitor) for window, _ in windows)
+        for number, verdict in self._verdicts(verdicts):
+            tell_window(self.messages, verdict, in_words=number <= SENTENCES)
             yield detection_row(verdict, self._detectable)
-        tell_files(self.messages, self._files)
-        told = ", ".join(f"{n} {what}" for what, n in sorted(tally.items())) or "no window"
-        self.messages.note(told, counts=dict(tally))
 
     def plot(self) -> Picture:
         """The statistic of every window over its threshold. Raises NoVerdictError where nothing was judged."""
@@ -298,7 +321,7 @@ def follow(
     return FollowResult(compare(nominal, recordings, windows, messages), false_alarm, block, idle_s).complete(stream)
 
 
-class MethodResult(Result):
+class MethodResult(VerdictResult):
     """The verdicts of another method on each window; see `detect_by_method`."""
 
     def __init__(self, comparison: Comparison, name: str, healthy: Sequence[str], false_alarm: float):
@@ -338,22 +361,18 @@ class MethodResult(Result):
         from enginediag_cli.presentation.detection_rows import method_row
         from enginediag_cli.residuals.gross_gate import GrossErrorGate
 
-        tally: Counter[str] = Counter()
         gate, files = GrossErrorGate(self._monitor), self._files
-        recordings = gate.clean(files.intake.chunks())
-        windows = recorded_windows(self._monitor, recordings, self._comparison.judging.plan)
-        for found in judged_windows(self._fitted, windows, self._false_alarm):
-            tally[found.verdict] += 1
-            self.found += found.verdict == "fault"
-            self.judged += found.verdict != "no verdict"
+
+        def judged() -> Iterator[WindowVerdict]:
+            windows = recorded_windows(self._monitor, gate.clean(files.intake.chunks()), self._comparison.judging.plan)
+            yield from judged_windows(self._fitted, windows, self._false_alarm)
+            gate.report(files.intake.left_out)
+
+        for _, found in self._verdicts(judged()):
             place = found.window.place
             files.counts.update(outside=place.outside, incomplete=place.incomplete)
             files.elsewhere.update(place.elsewhere)
             yield method_row(found, self._method)
-        gate.report(files.intake.left_out)
-        tell_files(self.messages, files)
-        told = ", ".join(f"{n} {what}" for what, n in sorted(tally.items())) or "no window"
-        self.messages.note(told, counts=dict(tally))
 
 
 def detect_by_method(

@@ -511,10 +511,10 @@ class ExplainResult(DocumentResult):
     def plot(self) -> Picture:
         """What no listed effect explains, as a law along its variable or a free curve, with its band. Raises
         NoVerdictError where there is nothing of the kind."""
-        from enginediag_cli.presentation.pictures.discrepancy import explanation_picture as picture
+        from enginediag_cli.presentation.pictures.discrepancy import explanation_picture
 
         try:
-            return Picture(picture(self.story))
+            return Picture(explanation_picture(self.story))
         except ValueError as nothing:
             raise NoVerdictError(str(nothing)) from None
 

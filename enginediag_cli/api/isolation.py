@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.api.inputs import NominalLike, RecordingsLike
@@ -17,7 +18,7 @@ from enginediag_cli.progress import each
 from enginediag_cli.shipped import own_or_shipped
 
 if TYPE_CHECKING:
-    from enginediag_cli.fleets.work_scope import WorkScope
+    from enginediag_cli.fleets.work_scope import Scoping, WorkScope
     from enginediag_cli.isolation.diagnosis import DiagnosisOptions
     from enginediag_cli.isolation.methods import IsolationOptions
     from enginediag_cli.isolation.of_windows import IsolatedWindow, Isolating
@@ -190,12 +191,16 @@ class IsolationResult(Result):
                 yield {**row, **beside_cells(found, scope, forms)}
         tell_files(self.messages, self._files)
 
-    def _work_scope(self, number: int, found: IsolatedWindow) -> WorkScope | None:
+    @cached_property
+    def _scoping(self) -> Scoping | None:
+        """What restoring modules would bring, asked of the nominal engine once."""
         from enginediag_cli.fleets.work_scope import Scoping
 
-        if self._monitor is None or not self._looked_for(self._choices.work_scope)(number, found.named):
+        return None if self._monitor is None else Scoping(self._monitor)
+
+    def _work_scope(self, number: int, found: IsolatedWindow) -> WorkScope | None:
+        if self._scoping is None or not self._looked_for(self._choices.work_scope)(number, found.named):
             return None
-        self._scoping = getattr(self, "_scoping", None) or Scoping(self._monitor)
         return self._scoping.of_isolated(found, self._options.prior, self._options.largest)
 
     def plot(self) -> Picture:

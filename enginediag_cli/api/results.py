@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import html
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from enginediag_cli.errors import EngineDiagError, NoVerdictError
 from enginediag_cli.presentation.messages import Messages
@@ -14,12 +15,12 @@ from enginediag_cli.presentation.messages import Messages
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-    from typing_extensions import Self
 
     from enginediag_cli.presentation.output import Output
     from enginediag_cli.presentation.outputs.declared import Table
 
 Row = dict[str, Any]
+Kind = TypeVar("Kind", bound="Result")
 
 SHOWN_ROWS = 20
 """Rows that a notebook shows: what fits on a screen; `to_frame` has all of them."""
@@ -86,7 +87,7 @@ class Picture:
         return self.svg
 
 
-class Result:
+class Result(ABC):
     """Rows that a verb has found, computed as they are read.
 
     Iterating over a result, or asking for `rows`, computes what is still missing and keeps it; `stream` computes each
@@ -122,11 +123,11 @@ class Result:
         self._kept: list[Row] = []
         self._complete = False
 
+    @abstractmethod
     def _compute(self) -> Iterator[Row]:
         """The rows, one after another; what is to be said of all of them is said after the last."""
-        raise NotImplementedError
 
-    def complete(self, stream: bool = False) -> Self:
+    def complete(self: Kind, stream: bool = False) -> Kind:
         """The result with all its rows computed, unless they are to come as a stream."""
         if not stream:
             _ = self.rows
@@ -303,9 +304,9 @@ class Result:
 class DocumentResult(Result):
     """Rows, and one document that says all of a result: what is written as JSON."""
 
+    @abstractmethod
     def _document(self, provenance: Sequence[str]) -> Mapping[str, Any]:
         """All of it as one object; a value may be an iterator of what need not be in memory together."""
-        raise NotImplementedError
 
     def to_dict(self) -> dict[str, Any]:
         """The document that the command writes as JSON, as plain Python objects.

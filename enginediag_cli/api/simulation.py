@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from enginediag_cli.api.inputs import EngineLike, RecordingsLike, as_engine, as_recordings
 from enginediag_cli.api.results import Result, Row, frame
@@ -20,7 +20,6 @@ from enginediag_cli.shipped import own_or_shipped
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-    from typing_extensions import Self
 
     from enginediag_cli.engine.engine import Engine
     from enginediag_cli.faults.component_faults import FaultSet
@@ -36,6 +35,7 @@ REASONS_SHOWN = 5
 LOOSE = "the run of these could not be made exact: energy balances to about 1e-6 there"
 """Of records of moving engines."""
 
+Flown = TypeVar("Flown", bound="SimulationResult")
 FaultsLike: TypeAlias = Any
 """A path of a fault file, several, or a `FaultSet`."""
 
@@ -131,7 +131,7 @@ class SimulationResult(Result):
         self._done: list[Simulated] = []
         self._streamed = False
 
-    def complete(self, stream: bool = False) -> Self:
+    def complete(self: Flown, stream: bool = False) -> Flown:
         """The result with all records flown, unless they are to come as a stream."""
         if not stream:
             self._done += self._flown()

@@ -166,16 +166,15 @@ def _write(plan: Plan, records: list[Record], sizes: bool, output: Output) -> No
 
     from enginediag_cli.api import header_lines
     from enginediag_cli.presentation.outputs.validation import PROVE
-    from enginediag_cli.presentation.validation_rows import LONG, bin_rows, rows, size_rows, table
-    from enginediag_cli.presentation.validation_rows import score_sheet_document as document
+    from enginediag_cli.presentation.validation_rows import bin_rows, rows, score_sheet_document, size_rows, table
 
-    found = document(plan, records, sizes)
+    found = score_sheet_document(plan, records, sizes)
     head = header_lines(
         "prove", seed=plan.seed, configs=[plan.engine], notes=PROVE.notes | {"trials": str(len(records))}
     )
     scores = {name: found[name] for name in found["scores"]}
     if output.chosen_format() != "table" or output.columns:
-        output.write_document(found, rows(scores, found["bins"]), LONG, provenance=head)
+        output.write_document(found, rows(scores, found["bins"]), PROVE.names, provenance=head)
         return
     binned = ("lambda", "lambda_sep", "signal_to_noise")
     parts = [table(scores), *(bin_rows(found["bins"], what) for what in binned)]

@@ -196,9 +196,7 @@ class Isolation:
         """The reliability tables and the sheet."""
         from enginediag_cli.api import header_lines
         from enginediag_cli.presentation.outputs.validation import ISOLATED
-        from enginediag_cli.presentation.validation_rows import LONG_SHEET as LONG
-        from enginediag_cli.presentation.validation_rows import document, tables
-        from enginediag_cli.presentation.validation_rows import isolation_sheet_rows as rows
+        from enginediag_cli.presentation.validation_rows import document, isolation_sheet_rows, tables
 
         found = document(self.plan, self.records)
         head = header_lines(
@@ -208,6 +206,6 @@ class Isolation:
             notes=ISOLATED.notes | {"trials": str(len(self.records))},
         )
         if output.chosen_format() != "table" or output.columns:
-            output.write_document(found, rows(found), LONG, provenance=head)
+            output.write_document(found, isolation_sheet_rows(found), ISOLATED.names, provenance=head)
             return
         output.write_tables(tables(found))

@@ -135,10 +135,9 @@ def _write(described: Study, results: Results, seed: int, show: str, output: Out
     from enginediag_cli.api import header_lines
     from enginediag_cli.presentation.outputs.validation import COUNTS, RELIABILITY
     from enginediag_cli.presentation.outputs.validation import STUDY as STUDY_ROWS
-    from enginediag_cli.presentation.validation_rows import as_json, shortened
-    from enginediag_cli.presentation.validation_rows import study_rows as rows
+    from enginediag_cli.presentation.validation_rows import as_json, shortened, study_rows
 
-    found, columns = rows(described, results, show)
+    found, columns = study_rows(described, results, show)
     declared = {"rates": STUDY_ROWS, "counts": COUNTS, "reliability": RELIABILITY}[show]
     head = header_lines("study", seed=seed, configs=[file], notes=declared.notes)
     if output.chosen_format() == "table" and show == "rates" and not (output.wide or output.columns):

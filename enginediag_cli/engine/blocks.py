@@ -106,7 +106,7 @@ IDENTIFICATION = Section(
 )
 
 
-MISMATCH_BLOCK_NOISE_CHOICES = ("specified", "estimate")
+SEARCH_NOISE_CHOICES = ("specified", "estimate")
 
 MISMATCH = Section(
     "mismatch",
@@ -153,7 +153,7 @@ MISMATCH = Section(
             "specified: noise as the sensors, `identification:` or a nominal file state it; "
             "estimate: what nothing that is looked for explains",
             "specified",
-            choices=MISMATCH_BLOCK_NOISE_CHOICES,
+            choices=SEARCH_NOISE_CHOICES,
         ),
     ),
 )

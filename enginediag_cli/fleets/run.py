@@ -335,7 +335,7 @@ def run_fleet(fleet: Fleet, recordings: Sequence[Recorded], store: Store, runner
     if not tasks:
         why = f": {left_out[0][0]}: {left_out[0][1]}" if left_out else ""
         raise NoVerdictError(f"{fleet.path}: no engine to judge{why}")
-    findings, sums, elsewhere = _run_judged(tasks, runner)
+    findings, sums, elsewhere = _judge_all(tasks, runner)
     settings = with_taken_off(tasks[0].settings, findings, fleet.judge["taken_off"], f"{fleet.path}: taken_off")
     serials = {task.serial for task in tasks}
     known = whole_monitor(tasks[0].nominal, tasks[0].fingerprint).meaning
@@ -352,7 +352,7 @@ def run_fleet(fleet: Fleet, recordings: Sequence[Recorded], store: Store, runner
     )
 
 
-def _run_judged(
+def _judge_all(
     tasks: Sequence[EngineTask], runner: Runner
 ) -> tuple[list[EngineFinding], dict[str, LocalStatistics], Counter[Elsewhere]]:
     """Findings in the order of the tasks, the sum of all statistics of each build, and where records lie that training

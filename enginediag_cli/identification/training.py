@@ -105,7 +105,7 @@ def without_repeats(
     found: list[Repeat] = []
     seen: list[tuple[str, frozenset[bytes]]] = []
     for recording in recordings:
-        keys = _repeats_keys(recording, columns)
+        keys = _record_keys(recording, columns)
         own = frozenset(key for key in keys if key)
         again = np.zeros(len(keys), bool)
         for label, theirs in seen:
@@ -125,7 +125,7 @@ def without_repeats(
     return kept, tuple(found)
 
 
-def _repeats_keys(recording: TrainingRecording, columns: Sequence[str]) -> list[bytes]:
+def _record_keys(recording: TrainingRecording, columns: Sequence[str]) -> list[bytes]:
     """One key per record, empty where it has no number at all; -0.0 is 0.0, and a missing value is one."""
     n = len(next(iter(recording.columns.values()))) if recording.columns else 0
     table = np.column_stack(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.drivers import CONSTANT, TIME
 from enginediag_cli.intervals import NORMAL_95
-from enginediag_cli.presentation.outputs.discrepancy import LOCATE, PER_RECORD
+from enginediag_cli.presentation.outputs.discrepancy import LOCATE
 from enginediag_cli.presentation.sentences import listed, p_value, rounded, with_unit
 
 if TYPE_CHECKING:
@@ -274,8 +274,6 @@ def _amplitude(f: HiddenFinding) -> Scatter:
     label = f"{f.location.words}{unit}"
     return Scatter("record", label, caption, number, f.amplitude.tolist(), [], line)
 
-
-PER_RECORD_COLUMNS = PER_RECORD.names
 
 SEPARATED = 5.0
 """Times the χ² per record of the best from which a place is told apart."""

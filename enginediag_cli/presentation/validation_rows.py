@@ -35,8 +35,6 @@ from enginediag_cli.trials.studies.journal import Finished
 from enginediag_cli.trials.studies.study_file import Study
 from enginediag_cli.trials.studies.tally import BLOCK, EDGES, Tally
 
-LONG = PROVE.names
-
 
 def rows(sheet: Mapping[str, Any], bins: Mapping[str, Any]) -> list[dict[str, Any]]:
     """One row per score, truth and kind of trials, kind "" being the score's headline, then one per bin."""
@@ -161,9 +159,6 @@ def size_rows(sizes: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
         }
         for label, e in ordered
     ]
-
-
-LONG_SHEET = ISOLATED.names
 
 
 def document(plan: Plan, records: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

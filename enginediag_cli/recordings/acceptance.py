@@ -64,7 +64,7 @@ def _is_switch(cell: str) -> bool:
 
 GAP = 3.5
 """Usual steps of time from which one is a gap: three records in a row are lost, and the fourth is there."""
-ACCEPTANCE_SHOWN = 20
+PLACES_SHOWN = 20
 """Stretches of a kind that are listed; further ones are counted."""
 
 Stretches = tuple["Stretch", ...]
@@ -253,8 +253,7 @@ def _timing(recording: Recording, repeated: int) -> Timing:
 
     def listed(places: np.ndarray) -> Stretches:
         return tuple(
-            Stretch(int(line[order[k]]), int(line[order[k + 1]]), float(abs(step[k])))
-            for k in places[:ACCEPTANCE_SHOWN]
+            Stretch(int(line[order[k]]), int(line[order[k + 1]]), float(abs(step[k]))) for k in places[:PLACES_SHOWN]
         )
 
     lost = len(time) - len(known)

@@ -19,7 +19,6 @@ from enginediag_cli.presentation.charts.model_charts import identified_fit
 from enginediag_cli.presentation.charts.residual_charts import detection_course, window_fingerprint
 from enginediag_cli.presentation.charts.rows import ALONE, Row, given_rows, order_of
 from enginediag_cli.presentation.charts.static import picture
-from enginediag_cli.presentation.pictures.svg import write_drawing
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.trend import Series
@@ -28,11 +27,6 @@ if TYPE_CHECKING:
 
 LIKELY = 0.5
 """Probability from which a parameter is drawn as one that changed."""
-
-
-def write_picture(chart: Chart, path: str) -> None:
-    """As PNG for a name that says so, else as SVG. Raises DataError without what PNG needs, OSError."""
-    write_drawing(svg_of(chart), path)
 
 
 def svg_of(chart: Chart) -> str:

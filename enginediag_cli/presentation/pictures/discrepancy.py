@@ -142,7 +142,7 @@ def _gains(on: Drawing, shown: list[tuple[str, float]], left_out: list[tuple[str
         )
 
 
-EXPLANATION_PICTURE_LEFT, HEIGHT, BELOW = 90.0, 300.0, 60.0
+CURVE_LEFT, HEIGHT, BELOW = 90.0, 300.0, 60.0
 """Room for the vertical axis, height of the panel, and room for the horizontal one, in pixels."""
 PERCENT = 100.0
 """Of a share."""
@@ -170,9 +170,9 @@ def explanation_picture(story: Story) -> str:
     on = headed(f"{drawn.what} along {drawn.along}", lines, top + HEIGHT + BELOW)
     low, high = drawn.change - NORMAL_95 * drawn.error, drawn.change + NORMAL_95 * drawn.error
     panel = Panel(
-        EXPLANATION_PICTURE_LEFT,
+        CURVE_LEFT,
         top,
-        WIDTH - EXPLANATION_PICTURE_LEFT - MARGIN,
+        WIDTH - CURVE_LEFT - MARGIN,
         HEIGHT,
         padded(drawn.x.tolist(), 0.02),
         padded([*low.tolist(), *high.tolist()]),

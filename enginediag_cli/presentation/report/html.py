@@ -344,13 +344,13 @@ _SCRIPT = """
 })();
 """
 
-SCRIPT_LONG = 15
+MOVING_LONG = 15
 """Rows from which a table has a filter."""
 
 
 def page_script() -> str:
     """The same for every page."""
-    return _SCRIPT.replace("COLOURS", json.dumps(pairs())).replace("LONG", str(SCRIPT_LONG)).strip() + "\n"
+    return _SCRIPT.replace("COLOURS", json.dumps(pairs())).replace("LONG", str(MOVING_LONG)).strip() + "\n"
 
 
 def moves() -> bool:
