@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from enginediag_cli.errors import ConfigError, EngineDiagError, ExitCode
 
 if TYPE_CHECKING:
-    from enginediag_cli.presentation.messages import Messages
+    from enginediag_cli.report.messages import Messages
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -28,7 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _use_one_thread()
         arguments = sys.argv[1:]
     try:
-        from enginediag_cli.presentation.messages import Messages
+        from enginediag_cli.report.messages import Messages
     except KeyboardInterrupt:
         return ExitCode.INTERRUPTED
     messages = Messages()
@@ -56,7 +56,7 @@ def _run(arguments: Sequence[str], messages: Messages) -> int:
 
     from click.exceptions import Exit
 
-    from enginediag_cli.commands.main import enginediag
+    from enginediag_cli.cli.main import enginediag
 
     if "_ENGINEDIAG_COMPLETE" in os.environ:
         enginediag.main(list(arguments), prog_name="enginediag")
@@ -119,7 +119,7 @@ def _where_from(error: BaseException, messages: Messages) -> dict[str, str]:
 
 def _discard_unwritable_output() -> None:
     """Let Python's own flush at exit succeed: it would otherwise fail again and end with code 120."""
-    from enginediag_cli.presentation.messages import silence
+    from enginediag_cli.report.messages import silence
 
     for stream in (sys.stdout, sys.stderr):
         try:

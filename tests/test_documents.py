@@ -10,7 +10,7 @@ import click
 import pytest
 from blocks import ROOT, SHARED, Workplace, alike, blocks, difference, documents, made, sessions, steps
 
-from enginediag_cli.commands.main import enginediag
+from enginediag_cli.cli.main import enginediag
 
 MOST_LINES, WIDEST = 200, 120
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)|^\[[^\]]+\]: (\S+)$", re.M)

@@ -25,7 +25,9 @@ ORDER = (
     "safe_text",
     "file_lock",
     "shipped",
+    "parent_process",
     "config",
+    "worker_pool",
     "parameters",
     "recordings",
     "engine",
@@ -42,12 +44,11 @@ ORDER = (
     "isolation",
     "mismatch",
     "methods",
-    "trials",
     "fleets",
-    "presentation",
+    "report",
     "api",
-    "demonstration",
-    "commands",
+    "validation",
+    "cli",
     "__main__",
 )
 """Each room may import those before it, never those after it."""
@@ -64,15 +65,13 @@ FOR_COMMANDS = (
     "file_lock",
     "shipped",
     "config",
-    "presentation",
+    "report",
     "api",
-    "commands",
+    "cli",
 )
 """What a command may import: the library, what is shown, and what speaks of no engine."""
 
-VALIDATION = {
-    name: ("trials", "demonstration") for name in ("study", "prove", "proving", "demo", "demo_missing", "demo_steps")
-}
+VALIDATION = {name: ("validation",) for name in ("study", "prove", "proving", "demo", "demo_missing", "demo_steps")}
 """Commands that run trials and demonstrations, which are no part of the library."""
 
 LARGEST_FILE = 600
@@ -147,7 +146,7 @@ def test_the_rooms_of_the_search_for_missing_physics_stand_on_each_other_in_orde
 def test_commands_import_nothing_deeper_than_the_library() -> None:
     deeper = [
         f"{name_of(file)}:{line}: {'.'.join(parts)}"
-        for file in sorted((PACKAGE / "commands").glob("*.py"))
+        for file in sorted((PACKAGE / "cli").glob("*.py"))
         for line, parts in imported(file)
         if room(parts) not in FOR_COMMANDS + VALIDATION.get(file.stem, ())
     ]
@@ -236,7 +235,7 @@ MATCHED_PATTERNS = (
     "identification/problem.py",
     "mismatch/fit/load.py",
     "residuals/monitor.py",
-    "trials/studies/cases.py",
+    "validation/studies/cases.py",
 )
 """Files that match the patterns which a user gives against names."""
 

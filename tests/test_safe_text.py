@@ -7,9 +7,9 @@ import io
 
 import pytest
 
-from enginediag_cli.presentation.output import json_text, write_csv
 from enginediag_cli.recordings.read import read_all
 from enginediag_cli.recordings.write import CsvWriter
+from enginediag_cli.report.output import json_text, write_csv
 from enginediag_cli.safe_text import guarded, unguarded, visible
 
 TEXTS = [

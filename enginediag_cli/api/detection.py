@@ -12,8 +12,8 @@ from enginediag_cli.api.inputs import NominalLike, RecordingsLike, as_recordings
 from enginediag_cli.api.results import Picture, Result, Row
 from enginediag_cli.api.windows import SENTENCES, Comparison, compare, open_intake, tell_files
 from enginediag_cli.errors import UsageError
-from enginediag_cli.presentation.messages import Messages
-from enginediag_cli.presentation.summaries import DETECT, STATISTICS
+from enginediag_cli.report.messages import Messages
+from enginediag_cli.report.summaries import DETECT, STATISTICS
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.glr import RequiredPower
@@ -37,7 +37,7 @@ class ResidualResult(Result):
     """Sufficient statistics of windows, or residuals of records; see `residual`."""
 
     def __init__(self, comparison: Comparison, what: str, sensors: bool):
-        from enginediag_cli.presentation.outputs.judgements import RECORDS, RESIDUAL
+        from enginediag_cli.report.outputs.judgements import RECORDS, RESIDUAL
         from enginediag_cli.residuals.flat import CHECKSUM, MADE_COLUMNS, flat_columns
 
         monitor = comparison.monitor(sensors=sensors, drifts=sensors)
@@ -147,7 +147,7 @@ class DetectionResult(VerdictResult):
     """A verdict for every window; see `detect`."""
 
     def __init__(self, comparison: Comparison, false_alarm: float, required: RequiredPower, detectable: bool):
-        from enginediag_cli.presentation.outputs.judgements import DETECT as DECLARED
+        from enginediag_cli.report.outputs.judgements import DETECT as DECLARED
         from enginediag_cli.residuals.reduced import Economy
 
         self._comparison, self._false_alarm = comparison, false_alarm
@@ -164,7 +164,7 @@ class DetectionResult(VerdictResult):
 
     def _compute(self) -> Iterator[Row]:
         from enginediag_cli.detection.verdict import judge
-        from enginediag_cli.presentation.detection_rows import detection_row, tell_window
+        from enginediag_cli.report.detection_rows import detection_row, tell_window
 
         monitor = None if self._comparison.judging.reference else self._monitor
         windows = self._files.windows()
@@ -175,7 +175,7 @@ class DetectionResult(VerdictResult):
 
     def plot(self) -> Picture:
         """The statistic of every window over its threshold. Raises NoVerdictError where nothing was judged."""
-        from enginediag_cli.presentation.charts.pictured import of_detection, svg_of
+        from enginediag_cli.report.charts.pictured import of_detection, svg_of
 
         return Picture(svg_of(of_detection(self.rows)))
 
@@ -244,7 +244,7 @@ class FollowResult(Result):
 
     def __init__(self, comparison: Comparison, false_alarm: float, block: int | None, idle_s: float):
         from enginediag_cli.detection.follow import BLOCK, Following
-        from enginediag_cli.presentation.outputs.judgements import FOLLOW as DECLARED
+        from enginediag_cli.report.outputs.judgements import FOLLOW as DECLARED
         from enginediag_cli.residuals.files import Judging
         from enginediag_cli.residuals.reduced import with_lagging
 
@@ -259,8 +259,8 @@ class FollowResult(Result):
         super().__init__(table=DECLARED, head=head, messages=comparison.messages)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.presentation.detection_rows import block_row, tell_new_instruments
-        from enginediag_cli.presentation.left_out import tell_left_out, tell_mismatches
+        from enginediag_cli.report.detection_rows import block_row, tell_new_instruments
+        from enginediag_cli.report.left_out import tell_left_out, tell_mismatches
 
         alarms: dict[tuple[str, str, str], bool] = {}
         wrong: dict[tuple[str, str, str], set[str]] = {}
@@ -325,7 +325,7 @@ class MethodResult(VerdictResult):
     """The verdicts of another method on each window; see `detect_by_method`."""
 
     def __init__(self, comparison: Comparison, name: str, healthy: Sequence[str], false_alarm: float):
-        from enginediag_cli.presentation.outputs.judgements import BY_METHOD
+        from enginediag_cli.report.outputs.judgements import BY_METHOD
         from enginediag_cli.residuals.files import Judging
 
         self._comparison, self._false_alarm = comparison, false_alarm
@@ -343,7 +343,7 @@ class MethodResult(VerdictResult):
 
     def _learnt(self, healthy: Source | None) -> FittedMethod:
         from enginediag_cli.methods.on_recordings import learnt_windows
-        from enginediag_cli.presentation.left_out import tell_left_out
+        from enginediag_cli.report.left_out import tell_left_out
         from enginediag_cli.residuals.gross_gate import GrossErrorGate
 
         if healthy is None:
@@ -358,7 +358,7 @@ class MethodResult(VerdictResult):
 
     def _compute(self) -> Iterator[Row]:
         from enginediag_cli.methods.on_recordings import judged_windows, recorded_windows
-        from enginediag_cli.presentation.detection_rows import method_row
+        from enginediag_cli.report.detection_rows import method_row
         from enginediag_cli.residuals.gross_gate import GrossErrorGate
 
         gate, files = GrossErrorGate(self._monitor), self._files

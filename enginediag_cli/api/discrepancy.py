@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from enginediag_cli.api.inputs import EngineLike, NominalLike, RecordingsLike, as_baseline, as_recordings
 from enginediag_cli.api.results import DocumentResult, MessageLog, Picture, Result, Row
 from enginediag_cli.errors import DataError, NoVerdictError, UsageError
-from enginediag_cli.presentation.messages import Messages
-from enginediag_cli.presentation.summaries import EXPLAIN, LOCATE, PER_RECORD
+from enginediag_cli.report.messages import Messages
+from enginediag_cli.report.summaries import EXPLAIN, LOCATE, PER_RECORD
 from enginediag_cli.shipped import own_or_shipped
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ class Inquiry:
 
     def tell(self, loaded: Loaded) -> None:
         """What should be known of the nominal state, and what was left out of the recordings."""
-        from enginediag_cli.presentation.left_out import tell_baseline, tell_left_out, tell_mismatches, tell_thinning
+        from enginediag_cli.report.left_out import tell_baseline, tell_left_out, tell_mismatches, tell_thinning
 
         if loaded.baseline is not None:
             tell_baseline(self.messages, loaded.baseline, self.case.source.engine_instance)
@@ -190,7 +190,7 @@ class LocateResult(Result):
         from enginediag_cli.mismatch.fit.load import load_case
         from enginediag_cli.mismatch.locate.locate import locate as run
         from enginediag_cli.mismatch.locate.verdict_kind import kind_of
-        from enginediag_cli.presentation.outputs.discrepancy import LOCATE as DECLARED
+        from enginediag_cli.report.outputs.discrepancy import LOCATE as DECLARED
 
         loaded = load_case(inquiry.case)
         inquiry.tell(loaded)
@@ -211,7 +211,7 @@ class LocateResult(Result):
     @property
     def verdict(self) -> str:
         """What kind of mismatch it is, or that there is none; "" where there is no verdict."""
-        from enginediag_cli.presentation.located import verdict_of
+        from enginediag_cli.report.located import verdict_of
 
         return verdict_of(self._kind) if self.converged else ""
 
@@ -223,12 +223,12 @@ class LocateResult(Result):
     @property
     def sentences(self) -> list[str]:
         """What was found, in words."""
-        from enginediag_cli.presentation.located import sentences
+        from enginediag_cli.report.located import sentences
 
         return list(sentences(self.located, self._kind, self.evidence.engine))
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.presentation.located import located_rows
+        from enginediag_cli.report.located import located_rows
 
         if not self.converged:
             self.messages.error(self.sentences[0])
@@ -240,7 +240,7 @@ class LocateResult(Result):
     def plot(self) -> Picture:
         """The map of places and drivers, and the residuals that show the best. Raises NoVerdictError without a
         verdict."""
-        from enginediag_cli.presentation.located import picture
+        from enginediag_cli.report.located import picture
 
         if not self.converged:
             raise NoVerdictError(self.sentences[0])
@@ -307,7 +307,7 @@ class PerRecordResult(Result):
         from enginediag_cli.mismatch.fit.identified import nuisance
         from enginediag_cli.mismatch.fit.load import load_case
         from enginediag_cli.mismatch.unrecorded.per_record import scan, thinned
-        from enginediag_cli.presentation.outputs.discrepancy import PER_RECORD as DECLARED
+        from enginediag_cli.report.outputs.discrepancy import PER_RECORD as DECLARED
 
         if every < 1:
             raise UsageError(f"--per-record: {every} is no number of records")
@@ -333,7 +333,7 @@ class PerRecordResult(Result):
         from enginediag_cli.mismatch.unrecorded.per_record import inlet_temperature
         from enginediag_cli.mismatch.unrecorded.per_record_effects import alike
         from enginediag_cli.physics.registry import candidates
-        from enginediag_cli.presentation.located import per_record_rows, per_record_sentences
+        from enginediag_cli.report.located import per_record_rows, per_record_sentences
 
         yield from per_record_rows(self.fits)
         best, evidence = self.fits[0], self.evidence
@@ -402,7 +402,7 @@ class ExplainResult(DocumentResult):
         from enginediag_cli.mismatch.explain.story import tell
         from enginediag_cli.mismatch.fit.load import load_case
         from enginediag_cli.physics.registry import candidates
-        from enginediag_cli.presentation.explanation_rows import COLUMNS
+        from enginediag_cli.report.explanation_rows import COLUMNS
 
         loaded = load_case(inquiry.case, identified=True, controls=True)
         inquiry.tell(loaded)
@@ -432,33 +432,33 @@ class ExplainResult(DocumentResult):
     @property
     def sentences(self) -> list[str]:
         """The answer in words."""
-        from enginediag_cli.presentation.explanations import sentences
+        from enginediag_cli.report.explanations import sentences
 
         return list(sentences(self.story))
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.presentation.explanation_rows import rows
+        from enginediag_cli.report.explanation_rows import rows
 
         yield from rows(self.story)
         for line in self.sentences:
             self.messages.note(line)
 
     def _document(self, provenance: Sequence[str]) -> Mapping[str, Any]:
-        from enginediag_cli.presentation.explanation_rows import document
+        from enginediag_cli.report.explanation_rows import document
 
         return document(self.story, tuple(provenance))
 
     @property
     def curves(self) -> list[Row]:
         """What no listed effect explains, as points of curves along its driver, with units and standard errors."""
-        from enginediag_cli.presentation.explanation_rows import curve_rows
+        from enginediag_cli.report.explanation_rows import curve_rows
 
         return list(curve_rows(self.story.curves))
 
     @property
     def amplitudes(self) -> list[Row]:
         """Amplitude of an effect whose driver is not recorded, record by record, with unit and standard error."""
-        from enginediag_cli.presentation.explanation_rows import amplitude_rows
+        from enginediag_cli.report.explanation_rows import amplitude_rows
 
         return list(amplitude_rows(self.story))
 
@@ -471,7 +471,7 @@ class ExplainResult(DocumentResult):
         self._save(path, self.amplitudes, "effect with an unrecorded driver")
 
     def _save(self, path: str | Path, rows: Sequence[Row], what: str) -> None:
-        from enginediag_cli.presentation.output import Output
+        from enginediag_cli.report.output import Output
 
         if not Output(str(path)).write_rows(rows, provenance=self.provenance):
             self.messages.note(f"{path}: no {what} was found, the file has no rows")
@@ -511,7 +511,7 @@ class ExplainResult(DocumentResult):
     def plot(self) -> Picture:
         """What no listed effect explains, as a law along its variable or a free curve, with its band. Raises
         NoVerdictError where there is nothing of the kind."""
-        from enginediag_cli.presentation.pictures.discrepancy import explanation_picture
+        from enginediag_cli.report.pictures.discrepancy import explanation_picture
 
         try:
             return Picture(explanation_picture(self.story))

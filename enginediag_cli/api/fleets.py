@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from enginediag_cli.api.inputs import RecordingsLike, as_recordings
 from enginediag_cli.api.results import DocumentResult, MessageLog, Picture, Result, Row
 from enginediag_cli.errors import NoVerdictError, UsageError
-from enginediag_cli.presentation.messages import Messages
-from enginediag_cli.presentation.summaries import FLEET
+from enginediag_cli.report.messages import Messages
+from enginediag_cli.report.summaries import FLEET
 from enginediag_cli.shipped import own_or_shipped
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class FleetResult(DocumentResult):
         self.judged = sum(engine.verdict != "no verdict" for engine in engines)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.presentation.fleet_rows import tell_models, tell_result
+        from enginediag_cli.report.fleet_rows import tell_models, tell_result
 
         tell_models(self.messages, self.run)
         yield from self.table_of(self._what)
@@ -62,7 +62,7 @@ class FleetResult(DocumentResult):
         -------
         list of dict
         """
-        from enginediag_cli.presentation.fleet_rows import ROWS
+        from enginediag_cli.report.fleet_rows import ROWS
 
         return list(ROWS[_table(what)](self.run))
 
@@ -82,15 +82,15 @@ class FleetResult(DocumentResult):
         return self.table_of("flights")
 
     def _document(self, provenance: Sequence[str]) -> Mapping[str, Any]:
-        from enginediag_cli.presentation.fleet_rows import document
+        from enginediag_cli.report.fleet_rows import document
 
         return document(self.run, provenance)
 
     def plot(self) -> Picture:
         """Engines by severity with 95 % intervals, as on the page of `report`. Raises NoVerdictError where no engine
         has a severity."""
-        from enginediag_cli.presentation.charts.fleet_charts import engines_of, fleet_ranking
-        from enginediag_cli.presentation.charts.pictured import svg_of
+        from enginediag_cli.report.charts.fleet_charts import engines_of, fleet_ranking
+        from enginediag_cli.report.charts.pictured import svg_of
 
         chart = fleet_ranking("fleet", engines_of(self.to_dict(), "fleet"))
         if not chart.layers:
@@ -179,7 +179,7 @@ class StoreResult(Result):
         self.found, self.judged = sum(bool(key) for _, key in standing.known), len(standing.known)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.presentation.fleet_rows import status_rows, tell_standing
+        from enginediag_cli.report.fleet_rows import status_rows, tell_standing
 
         yield from status_rows(self.standing)
         tell_standing(self.messages, self.standing)
@@ -255,7 +255,7 @@ def prune_store(
     """
     from enginediag_cli.fleets.keeping import prune
     from enginediag_cli.fleets.store import Store
-    from enginediag_cli.presentation.sentences import count
+    from enginediag_cli.report.sentences import count
 
     with _described(fleet_file, recordings) as (described, found):
         files = prune(described, found, Store(store), only_tell=dry_run)
@@ -286,7 +286,7 @@ def merge_stores(into: str | Path, *others: str | Path, messages: Messages | Non
     """
     from enginediag_cli.fleets.keeping import merge
     from enginediag_cli.fleets.store import Store
-    from enginediag_cli.presentation.fleet_rows import tell_merged
+    from enginediag_cli.report.fleet_rows import tell_merged
 
     found = []
     for other in others:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from enginediag_cli.api.inputs import EngineLike, RecordingsLike, as_engine, as_recordings
 from enginediag_cli.api.results import MessageLog, Picture, Result, Row
 from enginediag_cli.errors import NoVerdictError, UsageError
-from enginediag_cli.presentation.messages import Messages
+from enginediag_cli.report.messages import Messages
 from enginediag_cli.shipped import own_or_shipped
 
 if TYPE_CHECKING:
@@ -226,7 +226,7 @@ class IdentificationResult(Result):
         -------
         Picture
         """
-        from enginediag_cli.presentation.charts.pictured import of_identification, svg_of
+        from enginediag_cli.report.charts.pictured import of_identification, svg_of
 
         return Picture(svg_of(of_identification(self.fit)))
 
@@ -287,7 +287,7 @@ def identify(
     from enginediag_cli.engine.description import EngineDescription
     from enginediag_cli.engine.overview import heating_value_doubts
     from enginediag_cli.identification.identify import identify as run
-    from enginediag_cli.presentation.identification_report import doubt_lines, report_lines
+    from enginediag_cli.report.identification_report import doubt_lines, report_lines
 
     messages = messages if messages is not None else MessageLog()
     choices = TrainingChoices(first, holdout, holdout_last, keep_probes, allow_bounds)
@@ -321,8 +321,8 @@ def _training(
     from enginediag_cli.intake.flights import MOST, Thinning, whole_flights
     from enginediag_cli.intake.intake import Intake
     from enginediag_cli.intake.wanted import columns_of
-    from enginediag_cli.presentation.identification_report import probe_lines, repeat_lines
-    from enginediag_cli.presentation.left_out import tell_left_out, tell_mismatches, tell_thinning
+    from enginediag_cli.report.identification_report import probe_lines, repeat_lines
+    from enginediag_cli.report.left_out import tell_left_out, tell_mismatches, tell_thinning
 
     agreement = agreement_with_engine(engine)
     intake = Intake(source, columns_of(engine, past=True), agreement=agreement)
@@ -345,7 +345,7 @@ def _training(
 
 def _refusal(fit: Identification, allow_bounds: bool, accept_mismatch: bool) -> str:
     """Why a fit gives no nominal state; "" where it gives one."""
-    from enginediag_cli.presentation.identification_report import bounds_line
+    from enginediag_cli.report.identification_report import bounds_line
 
     if not fit.converged:
         return f"no nominal state: {fit.reason}; nothing is written"

@@ -234,7 +234,7 @@ def _columns(item: Any) -> dict[str, list[Any]]:
 
 
 def _write_columns(columns: Mapping[str, Sequence[Any]], path: Path) -> None:
-    from enginediag_cli.presentation.output import write_csv
+    from enginediag_cli.report.output import write_csv
 
     names = tuple(columns)
     rows = (dict(zip(names, values, strict=True)) for values in zip(*columns.values(), strict=True))

@@ -12,9 +12,9 @@ from enginediag_cli.api.results import Picture, Result, Row
 from enginediag_cli.api.windows import SENTENCES, Comparison, compare, tell_files
 from enginediag_cli.errors import UsageError
 from enginediag_cli.faults.chances import INSTRUMENT, PARAMETER
-from enginediag_cli.presentation.messages import Messages
-from enginediag_cli.presentation.summaries import COMPONENTS, ISOLATE
 from enginediag_cli.progress import each
+from enginediag_cli.report.messages import Messages
+from enginediag_cli.report.summaries import COMPONENTS, ISOLATE
 from enginediag_cli.shipped import own_or_shipped
 
 if TYPE_CHECKING:
@@ -131,8 +131,8 @@ class IsolationResult(Result):
 
     def __init__(self, comparison: Comparison, choices: IsolationChoices, options: IsolationOptions):
         from enginediag_cli.isolation.of_windows import Isolating
-        from enginediag_cli.presentation.outputs.judgements import COMPONENTS as BY_COMPONENT
-        from enginediag_cli.presentation.outputs.judgements import ISOLATE as BY_PARAMETER
+        from enginediag_cli.report.outputs.judgements import COMPONENTS as BY_COMPONENT
+        from enginediag_cli.report.outputs.judgements import ISOLATE as BY_PARAMETER
 
         choices.check(comparison)
         self._quiet = comparison.messages.quiet
@@ -173,7 +173,7 @@ class IsolationResult(Result):
         return lambda number, named: form in ("nested", "cell") or (in_words and named and number <= SENTENCES)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.presentation.isolation_rows import beside_cells, isolated_rows, tell_isolated
+        from enginediag_cli.report.isolation_rows import beside_cells, isolated_rows, tell_isolated
 
         choices = self._choices
         shown = {"flips": choices.flips, "work_scope": choices.work_scope}
@@ -206,7 +206,7 @@ class IsolationResult(Result):
     def plot(self) -> Picture:
         """The fingerprint of the last window in which something was isolated. Raises NoVerdictError where no window
         was judged, and by component."""
-        from enginediag_cli.presentation.charts.pictured import of_isolation, svg_of
+        from enginediag_cli.report.charts.pictured import of_isolation, svg_of
 
         _ = self.rows
         return Picture(svg_of(of_isolation(self._drawn)))

@@ -12,8 +12,8 @@ from enginediag_cli.api.inputs import NominalLike, RecordingsLike
 from enginediag_cli.api.results import Picture, Result, Row
 from enginediag_cli.api.windows import Comparison, compare, tell_files
 from enginediag_cli.errors import UsageError
-from enginediag_cli.presentation.messages import Messages
-from enginediag_cli.presentation.summaries import FLIGHTS, MARGIN, TREND, TREND_COMPONENTS
+from enginediag_cli.report.messages import Messages
+from enginediag_cli.report.summaries import FLIGHTS, MARGIN, TREND, TREND_COMPONENTS
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.trend import Series
@@ -144,7 +144,7 @@ class TrendResult(Result):
         self.unread = intake.unread
 
     def _declared(self) -> tuple[Any, tuple[str, ...]]:
-        from enginediag_cli.presentation.outputs import judgements as outputs
+        from enginediag_cli.report.outputs import judgements as outputs
 
         what = self._choices.what
         return {
@@ -158,7 +158,7 @@ class TrendResult(Result):
         """The series of flights, its margins where they are followed, and the files that it was read from."""
         from enginediag_cli.detection.trend import series_of
         from enginediag_cli.fleets.margin_of_series import margins_of
-        from enginediag_cli.presentation.trend_rows import tell_instruments_in_flights, tell_margins
+        from enginediag_cli.report.trend_rows import tell_instruments_in_flights, tell_margins
         from enginediag_cli.residuals.series_monitor import for_comparison
 
         choices, monitor, margins = self._choices, self._monitor, None
@@ -180,7 +180,7 @@ class TrendResult(Result):
         return series, margins, files
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.presentation.trend_rows import flight_rows, margin_rows
+        from enginediag_cli.report.trend_rows import flight_rows, margin_rows
 
         if self._choices.what == "margin" and self._margins is not None:
             rows = list(margin_rows(self._margins))
@@ -199,7 +199,7 @@ class TrendResult(Result):
         from enginediag_cli.detection.trend import FEWEST
         from enginediag_cli.fleets.work_scope import Scoping
         from enginediag_cli.isolation.over_time import stories_of
-        from enginediag_cli.presentation.trend_rows import tell_too_few
+        from enginediag_cli.report.trend_rows import tell_too_few
 
         choices, series = self._choices, self._series
         for engine, stretches in series.stretches.items():
@@ -216,8 +216,8 @@ class TrendResult(Result):
 
     def _of_engine(self, engine: str, story: Any, scoping: Scoping | None, before: Sequence[Row]) -> list[Row]:
         from enginediag_cli.fleets.maintenance import conditions_of, maintenance_of
-        from enginediag_cli.presentation.trend_rows import component_rows, tell_story, trend_rows
-        from enginediag_cli.presentation.work_scope_rows import (
+        from enginediag_cli.report.trend_rows import component_rows, tell_story, trend_rows
+        from enginediag_cli.report.work_scope_rows import (
             maintenance_row,
             tell_maintenance,
             tell_scope,
@@ -242,7 +242,7 @@ class TrendResult(Result):
     def plot(self) -> Picture:
         """The health of the engine that changed, or the margin, over flights. Raises NoVerdictError where there is
         nothing to draw."""
-        from enginediag_cli.presentation.charts.pictured import of_margin, of_trend, svg_of
+        from enginediag_cli.report.charts.pictured import of_margin, of_trend, svg_of
 
         rows = self.rows
         return Picture(svg_of(of_margin(rows) if self._choices.what == "margin" else of_trend(self._series, rows)))

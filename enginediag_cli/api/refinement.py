@@ -11,8 +11,8 @@ from enginediag_cli.api.discrepancy import Inquiry, check_effects, inquire
 from enginediag_cli.api.inputs import EngineLike, NominalLike, RecordingsLike, as_recordings
 from enginediag_cli.api.results import DocumentResult, Picture, Row
 from enginediag_cli.errors import NoVerdictError, UsageError
-from enginediag_cli.presentation.messages import Messages
-from enginediag_cli.presentation.summaries import REFINE
+from enginediag_cli.report.messages import Messages
+from enginediag_cli.report.summaries import REFINE
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
@@ -85,8 +85,8 @@ class RefineResult(DocumentResult):
 
     def __init__(self, inquiry: Inquiry, choices: RefineChoices):
         from enginediag_cli.mismatch.fit.load import load_case
-        from enginediag_cli.presentation.outputs.discrepancy import CONTROL
-        from enginediag_cli.presentation.outputs.discrepancy import REFINE as EFFECTS
+        from enginediag_cli.report.outputs.discrepancy import CONTROL
+        from enginediag_cli.report.outputs.discrepancy import REFINE as EFFECTS
 
         choices.check()
         case, self._inquiry, self._choices = inquiry.case, inquiry, choices
@@ -123,7 +123,7 @@ class RefineResult(DocumentResult):
         """The control that the engine lacks, fitted and judged."""
         from enginediag_cli.mismatch.fit.evidence import as_recordings as recordings_of
         from enginediag_cli.mismatch.refine.controlled import refine_control
-        from enginediag_cli.presentation.controls import control_sentences
+        from enginediag_cli.report.controls import control_sentences
 
         assert loaded.control is not None and loaded.as_described is not None
         described, engine = self._described = loaded.as_described
@@ -164,7 +164,7 @@ class RefineResult(DocumentResult):
         from enginediag_cli.mismatch.explain.answer import HIDDEN
         from enginediag_cli.mismatch.explain.story import named_effects, tell
         from enginediag_cli.physics.registry import candidates
-        from enginediag_cli.presentation.explanations import sentences
+        from enginediag_cli.report.explanations import sentences
 
         effects = list(candidates(training.engine, self._choices.without))
         story = tell(training, effects, advise=False, every_record=True)
@@ -175,16 +175,16 @@ class RefineResult(DocumentResult):
         return list(named_effects(story)), None
 
     def _refusal(self) -> str:
-        from enginediag_cli.presentation import controls as refined_controls
-        from enginediag_cli.presentation import refinements
+        from enginediag_cli.report import controls as refined_controls
+        from enginediag_cli.report import refinements
 
         if self._control is not None:
             return "" if self._control.accepted else refined_controls.refusal(self._control)
         return "" if self._refinement is None else refinements.refusal(self._refinement)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.presentation import controls as refined_controls
-        from enginediag_cli.presentation import refinements
+        from enginediag_cli.report import controls as refined_controls
+        from enginediag_cli.report import refinements
 
         lines: list[str] = []
         if self._control is not None:
@@ -208,8 +208,8 @@ class RefineResult(DocumentResult):
         return super().summary() + ("" if self.accepted else f"\nnot accepted: {self.reason}")
 
     def _document(self, provenance: Sequence[str]) -> Mapping[str, Any]:
-        from enginediag_cli.presentation import controls as refined_controls
-        from enginediag_cli.presentation import refinements
+        from enginediag_cli.report import controls as refined_controls
+        from enginediag_cli.report import refinements
 
         if self._control is not None:
             return refined_controls.document(self._control, tuple(provenance))
@@ -303,7 +303,7 @@ class RefineResult(DocumentResult):
     def save_report(self, path: str | Path) -> None:
         """Write the figures before and after: a table for people unless the name says ``.csv``, ``.json`` or
         ``.parquet``. A note says where nothing was fitted. Raises OSError."""
-        from enginediag_cli.presentation.output import SUFFIX_FORMATS, Output, table_suffix
+        from enginediag_cli.report.output import SUFFIX_FORMATS, Output, table_suffix
 
         if self.refinement is None:
             self.messages.note(f"{path}: not written, nothing was fitted")
@@ -313,8 +313,8 @@ class RefineResult(DocumentResult):
     def save_states(self, path: str | Path) -> None:
         """Write the states of a switched effect, record by record, as CSV or, by its name, Parquet; a note says where
         there are none. Raises OSError."""
-        from enginediag_cli.presentation.output import Output
-        from enginediag_cli.presentation.refinements import state_rows
+        from enginediag_cli.report.output import Output
+        from enginediag_cli.report.refinements import state_rows
 
         if self._control is not None:
             self.messages.note(f"{path}: not written; what a control does in a record is in active_limit of simulate")
@@ -326,11 +326,11 @@ class RefineResult(DocumentResult):
     def plot(self) -> Picture:
         """How unseen flights are predicted before and after. Raises NoVerdictError where that was not judged."""
         if self._control is not None and self._control.after:
-            from enginediag_cli.presentation.pictures.discrepancy import control_picture as picture_of_control
+            from enginediag_cli.report.pictures.discrepancy import control_picture as picture_of_control
 
             return Picture(picture_of_control(self._control))
         if self._refinement is not None and self._refinement.unseen is not None:
-            from enginediag_cli.presentation.pictures.discrepancy import picture
+            from enginediag_cli.report.pictures.discrepancy import picture
 
             return Picture(picture(self._refinement))
         raise NoVerdictError("no unseen flight was predicted before and after")

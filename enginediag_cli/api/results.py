@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from enginediag_cli.errors import EngineDiagError, NoVerdictError
-from enginediag_cli.presentation.messages import Messages
+from enginediag_cli.report.messages import Messages
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from enginediag_cli.presentation.output import Output
-    from enginediag_cli.presentation.outputs.declared import Table
+    from enginediag_cli.report.output import Output
+    from enginediag_cli.report.outputs.declared import Table
 
 Row = dict[str, Any]
 Kind = TypeVar("Kind", bound="Result")
@@ -79,7 +79,7 @@ class Picture:
         OSError
             Where the file cannot be written.
         """
-        from enginediag_cli.presentation.pictures.svg import write_drawing
+        from enginediag_cli.report.pictures.svg import write_drawing
 
         write_drawing(self.svg, str(path))
 
@@ -212,7 +212,7 @@ class Result(ABC):
         dict
             ``schema``, ``provenance`` (lines) and ``rows``.
         """
-        from enginediag_cli.presentation.output import plain
+        from enginediag_cli.report.output import plain
 
         schema = {} if self.table is None else {"schema": self.table.id}
         rows = [plain(row) for row in self.rows]
@@ -231,7 +231,7 @@ class Result(ABC):
         EngineDiagError
             Where neither package is installed.
         """
-        from enginediag_cli.presentation.output import bare_cells
+        from enginediag_cli.report.output import bare_cells
 
         names = list(self.columns or dict.fromkeys(chain.from_iterable(self.rows)))
         cells = [bare_cells(row, names) for row in self.rows]
@@ -281,7 +281,7 @@ class Result(ABC):
         OSError
             Where the file cannot be written.
         """
-        from enginediag_cli.presentation.output import Output
+        from enginediag_cli.report.output import Output
 
         Output(str(path), format).write_rows(
             iter(self.rows), self.columns, summary=self.summary_columns, provenance=self.provenance
@@ -290,7 +290,7 @@ class Result(ABC):
     def _repr_html_(self) -> str:
         rows = self.rows
         names = list(dict.fromkeys(chain.from_iterable(rows[:SHOWN_ROWS])))
-        from enginediag_cli.presentation.output import cell
+        from enginediag_cli.report.output import cell
 
         head = "".join(f"<th>{html.escape(name)}</th>" for name in names)
         body = "".join(
@@ -316,7 +316,7 @@ class DocumentResult(Result):
         dict
             Its keys are those of the command's JSON schema; numbers that JSON lacks are None.
         """
-        from enginediag_cli.presentation.output import finite, plain
+        from enginediag_cli.report.output import finite, plain
 
         found = self._document(self.provenance)
         whole = {key: list(value) if isinstance(value, Iterator) else value for key, value in found.items()}
@@ -348,7 +348,7 @@ class DocumentResult(Result):
         OSError
             Where the file cannot be written.
         """
-        from enginediag_cli.presentation.output import Output
+        from enginediag_cli.report.output import Output
 
         self.write(Output(str(path), format))
 

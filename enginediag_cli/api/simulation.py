@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 from enginediag_cli.api.inputs import EngineLike, RecordingsLike, as_engine, as_recordings
 from enginediag_cli.api.results import Result, Row, frame
 from enginediag_cli.errors import DataError, UsageError
-from enginediag_cli.presentation.messages import Messages
-from enginediag_cli.presentation.summaries import SIMULATE
 from enginediag_cli.progress import each
+from enginediag_cli.report.messages import Messages
+from enginediag_cli.report.summaries import SIMULATE
 from enginediag_cli.shipped import own_or_shipped
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from enginediag_cli.engine.engine import Engine
     from enginediag_cli.faults.component_faults import FaultSet
-    from enginediag_cli.presentation.output import Output
+    from enginediag_cli.report.output import Output
     from enginediag_cli.simulation.flights import Conditions
     from enginediag_cli.simulation.noise import ColumnNoise
     from enginediag_cli.simulation.simulate import Simulated
@@ -254,7 +254,7 @@ class SimulationResult(Result):
         OSError
             Where a file cannot be written.
         """
-        from enginediag_cli.presentation.output import Output
+        from enginediag_cli.report.output import Output
 
         self.write(Output(str(path), format, header), None if truth is None else str(truth))
 
@@ -262,8 +262,8 @@ class SimulationResult(Result):
         """Write the recording to an output, and the truth beside it, piece by piece. Raises DataError, OSError."""
         from itertools import chain
 
-        from enginediag_cli.presentation.output import RECORDING_FORMATS
         from enginediag_cli.recordings.write import recording_output
+        from enginediag_cli.report.output import RECORDING_FORMATS
         from enginediag_cli.simulation.simulate import recording_of
 
         head = self.provenance if output.header else ()

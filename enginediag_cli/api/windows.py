@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 from enginediag_cli.api.inputs import NominalLike, RecordingsLike, as_baseline, as_recordings
 from enginediag_cli.api.results import MessageLog
 from enginediag_cli.errors import UsageError
-from enginediag_cli.presentation.messages import Messages
+from enginediag_cli.report.messages import Messages
 
 if TYPE_CHECKING:
     from enginediag_cli.intake.baseline import Baseline
     from enginediag_cli.intake.intake import Intake
     from enginediag_cli.intake.source import Source
-    from enginediag_cli.presentation.outputs.declared import Table
+    from enginediag_cli.report.outputs.declared import Table
     from enginediag_cli.residuals.files import JudgedFiles, Judging
     from enginediag_cli.residuals.monitor import Monitor
 
@@ -125,7 +125,7 @@ class Comparison:
         if baseline is None:
             return None
         from enginediag_cli.identification.nominal_checks import with_accuracy
-        from enginediag_cli.presentation.left_out import tell_baseline
+        from enginediag_cli.report.left_out import tell_baseline
         from enginediag_cli.residuals.monitor import monitor_of
 
         accuracy = self.options.model_error
@@ -195,8 +195,8 @@ def open_intake(source: Source, monitor: Monitor | None) -> Intake:
 
 def tell_files(messages: Messages, files: JudgedFiles) -> None:
     """What was left out of the files."""
-    from enginediag_cli.presentation.left_out import tell_left_out, tell_mismatches
-    from enginediag_cli.presentation.sentences import count
+    from enginediag_cli.report.left_out import tell_left_out, tell_mismatches
+    from enginediag_cli.report.sentences import count
 
     tell_mismatches(messages, files.intake.mismatches)
     for file, reason in files.intake.unread.items():

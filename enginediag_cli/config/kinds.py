@@ -67,8 +67,8 @@ FILE_KINDS: dict[str, FileKind] = {
         FileKind(
             "study",
             "a Monte-Carlo study: fault cases, methods of diagnosis and repetitions",
-            "enginediag_cli.trials.studies.study_file:STUDY_FILE",
-            "enginediag_cli.trials.studies.study_file:load_study",
+            "enginediag_cli.validation.studies.study_file:STUDY_FILE",
+            "enginediag_cli.validation.studies.study_file:load_study",
         ),
         FileKind(
             "fleet",
@@ -84,8 +84,8 @@ FILE_KINDS: dict[str, FileKind] = {
         FileKind(
             "defaults",
             "options of commands, for enginediag.yaml beside the data",
-            "enginediag_cli.commands.defaults_section:DEFAULTS_FILE",
-            "enginediag_cli.commands.defaults_file:check_defaults",
+            "enginediag_cli.cli.defaults_section:DEFAULTS_FILE",
+            "enginediag_cli.cli.defaults_file:check_defaults",
         ),
     )
 }

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from enginediag_cli.commands.proving import SEVERAL_ENGINES
+from enginediag_cli.cli.proving import SEVERAL_ENGINES
 from enginediag_cli.mismatch.laws.at_place import all_said
 from enginediag_cli.mismatch.laws.average import Sought, with_smooth
 from enginediag_cli.mismatch.laws.carried import Carried
@@ -34,12 +34,12 @@ from enginediag_cli.mismatch.laws.scan import Formula, formulas, number_of_group
 from enginediag_cli.mismatch.laws.steps import prior_of, prior_of_all
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
-from enginediag_cli.trials.blind.flights import draw_flights
-from enginediag_cli.trials.blind.laws.drawn import Ground, Sort, shaped_law
-from enginediag_cli.trials.blind.laws.marks import same_driver
-from enginediag_cli.trials.blind.laws.truth import LawTruth, curve
-from enginediag_cli.trials.blind.separability import ALIAS
-from enginediag_cli.trials.rates import wilson
+from enginediag_cli.validation.blind.flights import draw_flights
+from enginediag_cli.validation.blind.laws.drawn import Ground, Sort, shaped_law
+from enginediag_cli.validation.blind.laws.marks import same_driver
+from enginediag_cli.validation.blind.laws.truth import LawTruth, curve
+from enginediag_cli.validation.blind.separability import ALIAS
+from enginediag_cli.validation.rates import wilson
 
 PER_ENGINE, TRIES = 3, 60
 """Sets of flights of each engine; laws that are drawn of one sort."""

@@ -10,7 +10,7 @@ import pytest
 import small_fleet
 from click.testing import CliRunner
 
-from enginediag_cli.commands.main import enginediag
+from enginediag_cli.cli.main import enginediag
 from enginediag_cli.recordings.read import read_all
 from enginediag_cli.recordings.write import write_csv
 

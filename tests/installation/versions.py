@@ -31,7 +31,7 @@ FIRST_WHEELS: Mapping[str, Mapping[str, str]] = {
 }
 """The first releases that were built for an interpreter, where those are later than what the package declares."""
 
-TESTED = ("tests/config", "tests/physics", "tests/recordings", "tests/commands/test_general.py", "tests/test_units.py")
+TESTED = ("tests/config", "tests/physics", "tests/recordings", "tests/cli/test_general.py", "tests/test_units.py")
 """Tests of the part that versions change most: YAML, numbers, tables, terms and the command line."""
 
 LIMIT_S = 600.0

@@ -15,10 +15,10 @@ from enginediag_cli.isolation.diagnosis import DiagnosisOptions, diagnose
 from enginediag_cli.isolation.large_faults import WindowModel
 from enginediag_cli.isolation.of_windows import telling_sensors
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.presentation.sentences import one_of
+from enginediag_cli.report.sentences import one_of
 from enginediag_cli.residuals.noise import white_noise
 from enginediag_cli.simulation.noise import ColumnNoise
-from enginediag_cli.trials.studies.known import known_nominal
+from enginediag_cli.validation.studies.known import known_nominal
 
 NAMES = ("a", "b", "c", "d")
 FEW = ("N1_rpm", "N2_rpm", "T45_K")

@@ -24,9 +24,9 @@ from enginediag_cli.isolation.posterior import least_that_matters, log_too_small
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.presentation.isolation_rows import flip_cells, flips_sentence
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv
+from enginediag_cli.report.isolation_rows import flip_cells, flips_sentence
 from enginediag_cli.residuals.files import JudgedFiles
 from enginediag_cli.residuals.kept_records import KeptRecords
 from enginediag_cli.residuals.monitor import monitor_of

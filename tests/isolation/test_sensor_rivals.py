@@ -11,7 +11,7 @@ from turbofan_trials import faulty_window, turbofan_monitor, window_score
 
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions, diagnose, sensor_rivalry
 from enginediag_cli.isolation.result import Explanation, IsolationResult
-from enginediag_cli.presentation.sentences import sensor_or_component
+from enginediag_cli.report.sentences import sensor_or_component
 
 
 def diagnosis_of(seed, change, n=100):

@@ -12,7 +12,7 @@ import pytest
 from click.shell_completion import ShellComplete
 
 from enginediag_cli.__main__ import main
-from enginediag_cli.commands.detect import detect
+from enginediag_cli.cli.detect import detect
 from enginediag_cli.identification.nominal import Nominal, SensorNoise, learn_envelope
 from enginediag_cli.identification.nominal_file import write_nominal
 from enginediag_cli.methods.registry import METHODS

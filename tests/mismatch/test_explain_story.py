@@ -16,9 +16,9 @@ from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.options import effect_option
 from enginediag_cli.planning.separation import SAME, SWITCH, best_of_each_kind
-from enginediag_cli.presentation.explanation_rows import document, rows
-from enginediag_cli.presentation.explanations import sentences
-from enginediag_cli.presentation.output import finite, plain
+from enginediag_cli.report.explanation_rows import document, rows
+from enginediag_cli.report.explanations import sentences
+from enginediag_cli.report.output import finite, plain
 
 RIVALS = ("power_offtake@hp", "thermocouple_radiation@T45", "nozzle_discharge@core_nozzle")
 

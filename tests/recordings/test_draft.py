@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 from shared_recordings import REPOSITORY, shared_data
 
-from enginediag_cli.commands.main import enginediag
+from enginediag_cli.cli.main import enginediag
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.derived.rules import isa_pressure, isa_temperature
 from enginediag_cli.recordings.draft import draft

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from toy_engine import toy_monitor, toy_recording
 
 from enginediag_cli.isolation.methods import IsolationOptions, best_of_size, sensitivity_test
-from enginediag_cli.presentation.output import cell
+from enginediag_cli.report.output import cell
 from enginediag_cli.residuals.flat import flat_columns, flat_row, read_flat
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.score import fisher_score

@@ -7,7 +7,7 @@ import pytest
 from toy_engine import toy_monitor, toy_recording
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.presentation.output import cell
+from enginediag_cli.report.output import cell
 from enginediag_cli.residuals.flat import flat_columns, flat_row, is_flat, read_flat
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.windows import plan_windows

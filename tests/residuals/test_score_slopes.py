@@ -11,7 +11,7 @@ from toy_engine import HEALTH, toy_monitor, toy_recording
 
 from enginediag_cli.error_model.slopes import MapSlopes
 from enginediag_cli.errors import DataError
-from enginediag_cli.presentation.output import cell
+from enginediag_cli.report.output import cell
 from enginediag_cli.residuals.flat import flat_columns, flat_row, read_flat
 from enginediag_cli.residuals.noise import white_noise
 from enginediag_cli.residuals.pipeline import window_statistics

@@ -10,8 +10,8 @@ import pytest
 from toy_engine import toy_monitor, toy_recording
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.presentation.output import write_csv
 from enginediag_cli.recordings.source import Peeked
+from enginediag_cli.report.output import write_csv
 from enginediag_cli.residuals.flat import (
     CHECKSUM,
     MADE_COLUMNS,

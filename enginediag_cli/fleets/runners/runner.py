@@ -17,7 +17,7 @@ from itertools import islice
 from typing import Protocol, TypeVar
 
 from enginediag_cli.errors import WorkerDiedError
-from enginediag_cli.trials.pool import single_threaded, worker_pool
+from enginediag_cli.worker_pool import single_threaded, worker_pool
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")

@@ -1,0 +1,363 @@
+"""Charts of a fleet: evidence, map of engines and parameters, ranking.
+
+How evidence against an engine gathers over its life.
+
+The document of `fleet` as objects, each with its place; what is not known is NaN.
+
+Engines by severity, worst first, with intervals.
+
+Heat map engines × parameters: what is one engine's own, and what all have.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from enginediag_cli.errors import DataError
+from enginediag_cli.fleets.finding import Estimate
+from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.parameters import Parameter, spelled, unspecified
+from enginediag_cli.report.charts.model import (
+    Axis,
+    Cells,
+    Chart,
+    Column,
+    Intervals,
+    Layer,
+    Line,
+    Mark,
+    Origin,
+    Table,
+    scale_of,
+)
+from enginediag_cli.report.sentences import maintained
+
+NAN = float("nan")
+
+
+@dataclass(frozen=True)
+class HealthFound:
+    """One parameter of an engine."""
+
+    parameter: Parameter
+    component: str
+    change: Estimate
+    kind: str
+    probability: float
+    onset: int
+    onset_flight: str
+    origin: Origin
+
+    @property
+    def words(self) -> str:
+        return self.parameter.words
+
+    @property
+    def scale(self) -> float:
+        return scale_of(self.parameter)[0]
+
+    @property
+    def shown_unit(self) -> str:
+        return scale_of(self.parameter)[1]
+
+
+@dataclass(frozen=True)
+class FlightFound:
+    number: int
+    flight: str
+    log10_e: float
+    p_value: float
+    verdict: str
+    consumed_K: float
+    consumed_error_K: float
+    origin: Origin
+
+
+@dataclass(frozen=True)
+class MarginFound:
+    column: str
+    condition: str
+    limit_K: float
+    consumed_K: Estimate
+    now_K: Estimate
+    remaining_flights: Estimate
+    reason: str
+
+
+@dataclass(frozen=True)
+class EventFound:
+    """Maintenance; `number`: of the first flight after it, 0 where there is none."""
+
+    kind: str
+    component: str
+    number: int
+    recovered_K: Estimate
+    reason: str
+    origin: Origin
+
+    @property
+    def words(self) -> str:
+        return maintained(self.kind, self.component)
+
+
+@dataclass(frozen=True)
+class EngineFound:
+    serial: str
+    build: str
+    flights: int
+    records: int
+    verdict: str
+    reason: str
+    log10_e: float
+    discovery: bool
+    since: tuple[int, int, int]
+    since_flight: str
+    severity: Estimate
+    severity_unit: str
+    health: Sequence[HealthFound]
+    by_flight: Sequence[FlightFound]
+    events: Sequence[EventFound]
+    margin: MarginFound
+    origin: Origin
+    instruments: Sequence[str] = ()
+
+
+def engines_of(document: Mapping[str, Any], file: str) -> list[EngineFound]:
+    """All engines, in their order. DataError names the place of what is missing or wrong."""
+    found = []
+    for k, engine in enumerate(document["engines"]):
+        place = f"engines[{k}]"
+        try:
+            found.append(_engine(engine, file, place))
+        except (KeyError, TypeError, ValueError) as error:
+            what = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else str(error)
+            raise DataError(f"{file}:{place}: not an engine as `fleet` writes it: {what}") from None
+    return found
+
+
+def _engine(e: Mapping[str, Any], file: str, place: str) -> EngineFound:
+    m = e.get("margin") or {}
+    return EngineFound(
+        str(e["serial"]),
+        str(e.get("build") or ""),
+        int(e["flights"]),
+        int(e.get("records") or 0),
+        str(e["verdict"]),
+        str(e.get("reason") or ""),
+        _number(e.get("log10_e")),
+        bool(e.get("discovery")),
+        (int(e.get("since") or 0), int(e.get("since_low") or 0), int(e.get("since_high") or 0)),
+        str(e.get("since_flight") or ""),
+        _estimate(e.get("severity")),
+        str(e.get("severity_unit") or ""),
+        [_health(h, Origin(file, f"{place}.health[{k}]")) for k, h in enumerate(e.get("health") or ())],
+        [_flight(f, Origin(file, f"{place}.by_flight[{k}]")) for k, f in enumerate(e.get("by_flight") or ())],
+        [_event(x, Origin(file, f"{place}.events[{k}]")) for k, x in enumerate(e.get("events") or ())],
+        MarginFound(
+            str(m.get("column") or ""),
+            str(m.get("condition") or ""),
+            _number(m.get("limit_K")),
+            _estimate(m.get("consumed_K")),
+            _estimate(m.get("now_K")),
+            _estimate(m.get("remaining_flights")),
+            str(m.get("reason") or ""),
+        ),
+        Origin(file, place),
+        [str(x["words"]) for x in e.get("instruments") or ()],
+    )
+
+
+def _health(h: Mapping[str, Any], origin: Origin) -> HealthFound:
+    from dataclasses import replace
+
+    known = replace(
+        unspecified(str(h["parameter"]), str(h.get("unit") or "1")),
+        words=str(h.get("words") or h["parameter"]),
+        component=str(h.get("component") or h["parameter"]),
+        part=spelled(str(h.get("component") or h["parameter"])),
+    )
+    return HealthFound(
+        known,
+        str(h.get("component") or ""),
+        _estimate(h.get("change")),
+        str(h.get("kind") or ""),
+        _number(h.get("probability")),
+        int(h.get("onset") or 0),
+        str(h.get("onset_flight") or ""),
+        origin,
+    )
+
+
+def _flight(f: Mapping[str, Any], origin: Origin) -> FlightFound:
+    return FlightFound(
+        int(f["number"]),
+        str(f.get("flight") or ""),
+        _number(f.get("log10_e")),
+        _number(f.get("p_value")),
+        str(f.get("verdict") or ""),
+        _number(f.get("consumed_K")),
+        _number(f.get("consumed_error_K")),
+        origin,
+    )
+
+
+def _event(x: Mapping[str, Any], origin: Origin) -> EventFound:
+    event = x.get("event") or {}
+    return EventFound(
+        str(event.get("kind") or "event"),
+        str(event.get("component") or ""),
+        int(x.get("number") or 0),
+        _estimate(x.get("recovered_K")),
+        str(x.get("reason") or ""),
+        origin,
+    )
+
+
+def _estimate(value: Any) -> Estimate:
+    if not isinstance(value, Mapping):
+        return Estimate(_number(value))
+    return Estimate(*(_number(value.get(name)) for name in ("value", "low", "high")))
+
+
+def _number(value: Any) -> float:
+    """NaN where there is none; JSON has no infinity either, which then is not known."""
+    if value is None:
+        return NAN
+    number = float(value)
+    return number if math.isfinite(number) else NAN
+
+
+def evidence_course(key: str, engine: EngineFound, marks: Sequence[Mark] = ()) -> Chart | None:
+    """None where no flight has evidence."""
+    told = [f for f in engine.by_flight if math.isfinite(f.log10_e)]
+    if not told:
+        return None
+    x, y = [float(f.number) for f in told], [f.log10_e for f in told]
+    columns = (Column("flight"), Column("log10 of evidence"), Column("p value"), Column("verdict"))
+    rows = [(f.flight or str(f.number), f.log10_e, f.p_value, f.verdict) for f in told]
+    return Chart(
+        key,
+        "Evidence that it has changed",
+        Axis("flight, counted"),
+        Axis("evidence, powers of ten"),
+        [Line("", x, y, 0)],
+        Table(columns, rows, [f.origin for f in told]),
+        "At 2 the flights so far are a hundred times likelier if something has changed; it may be read at any flight.",
+        marks,
+    )
+
+
+MOST = 40
+"""Engines that are drawn; the table has all."""
+
+
+def fleet_ranking(key: str, engines: Sequence[EngineFound]) -> Chart:
+    """Engines in the order of their rank."""
+    known = [e for e in engines if math.isfinite(e.severity.value)]
+    shown = known[:MOST]
+    unit = next((e.severity_unit for e in known if e.severity_unit), "")
+    layers: list[Layer] = []
+    for colour, (verdict, words) in enumerate((("healthy", "no change shown"), ("changed", "changed"))):
+        mine = [k for k, e in enumerate(shown) if (e.verdict == "changed") == (verdict == "changed")]
+        if mine:
+            values = [shown[k].severity for k in mine]
+            low, high = [v.low for v in values], [v.high for v in values]
+            origins = [shown[k].origin for k in mine]
+            points = [v.value for v in values]
+            layers.append(Intervals(words, points, [float(k) for k in mine], low, high, colour, True, origins))
+    columns = (
+        Column("rank"),
+        Column("engine"),
+        Column("build"),
+        Column("verdict"),
+        Column("severity", unit),
+        Column("95 % from", unit),
+        Column("to", unit),
+        Column("on the fleet's list"),
+        Column("log10 of evidence"),
+        Column("flights"),
+    )
+    rows = [
+        (
+            rank,
+            e.serial,
+            e.build,
+            e.verdict + (f": {e.reason}" if e.reason else ""),
+            e.severity.value,
+            e.severity.low,
+            e.severity.high,
+            "yes" if e.discovery else "",
+            e.log10_e,
+            e.flights,
+        )
+        for rank, e in enumerate(engines, start=1)
+    ]
+    left = len(engines) - len(shown)
+    words = "K of margin used" if unit == "K" else "severity, prior standard deviations"
+    return Chart(
+        key,
+        "Engines by severity",
+        Axis(words),
+        Axis("", categories=[e.serial for e in shown]),
+        layers,
+        Table(columns, rows, [e.origin for e in engines]),
+        "How far each engine has gone towards its limit, with 95 % intervals."
+        + (f" {left} more engines, less severe or not judged, stand in the table." if left else ""),
+    )
+
+
+FULL = 8.0
+"""Standard errors at which a cell is darkest."""
+
+
+def fleet_map(key: str, engines: Sequence[EngineFound]) -> Chart | None:
+    """Change of each parameter in its standard errors; empty where it is not known, None where no engine tells."""
+    shown = [e for e in engines if any(math.isfinite(_score(h)) for h in e.health)][:MOST]
+    names = list(dict.fromkeys(h.words for e in shown for h in e.health if math.isfinite(_score(h))))
+    if not shown:
+        return None
+    x, y, value, words, rows = [], [], [], [], []
+    origins: list[Origin] = []
+    for line, engine in enumerate(shown):
+        for health in engine.health:
+            score = _score(health)
+            if not math.isfinite(score):
+                continue
+            x.append(names.index(health.words))
+            y.append(line)
+            value.append(score)
+            words.append(f"{score:.0f}".replace("-", "−") if abs(score) >= 2 else "")
+            c, factor = health.change, health.scale
+            cells = (factor * c.value, factor * c.low, factor * c.high, health.shown_unit)
+            rows.append((engine.serial, health.words, score, *cells, health.probability))
+            origins.append(health.origin)
+    columns = (
+        Column("engine"),
+        Column("parameter"),
+        Column("change in standard errors"),
+        Column("change"),
+        Column("95 % from"),
+        Column("to"),
+        Column("unit"),
+        Column("probability that it changed"),
+    )
+    left = len(engines) - len(shown)
+    return Chart(
+        key,
+        "Engines × parameters",
+        Axis("", categories=names),
+        Axis("", categories=[e.serial for e in shown]),
+        [Cells("change", x, y, value, FULL, words, both=True, rooted=True, origins=origins)],
+        Table(columns, rows, origins),
+        "Change of each parameter in its standard errors; orange above, blue below the engine's baseline. A column of "
+        "one colour is what most engines have in common: physics that the model lacks, or the recorder."
+        + (f" {left} engines are not drawn." if left else ""),
+    )
+
+
+def _score(health: HealthFound) -> float:
+    half = (health.change.high - health.change.low) / 2
+    return health.change.value * NORMAL_95 / half if half > 0 else math.nan

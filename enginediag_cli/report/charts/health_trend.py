@@ -1,0 +1,324 @@
+"""Health over flights: those parameters that changed with their intervals, and all of them at a glance.
+
+The margin of the hottest temperature over flights, and its forecast to the limit.
+
+Rows of `trend --what margin` as an engine whose margin is drawn, and its maintenance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Protocol
+
+from enginediag_cli.fleets.finding import Estimate
+from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.parameters import Parameter
+from enginediag_cli.report.charts.fleet_charts import NAN, EventFound, FlightFound, MarginFound
+from enginediag_cli.report.charts.model import (
+    Axis,
+    Band,
+    Cells,
+    Chart,
+    Column,
+    Intervals,
+    Layer,
+    Level,
+    Line,
+    Mark,
+    Origin,
+    Table,
+    scale_of,
+)
+from enginediag_cli.report.charts.rows import Order, Row, order_of
+from enginediag_cli.report.outputs.judgements import with_ends
+from enginediag_cli.report.trend_rows import FLIGHT, MAINTENANCE, WHOLE
+from enginediag_cli.units import split_column
+
+MOST_CURVES = 5
+"""Parameters in one chart: more are not told apart."""
+APART = 0.06
+"""Share of the distance of two flights by which series are moved apart, so that intervals do not cover each other."""
+MOST_FLIGHTS = 60
+"""Columns of a heat map that still have a width."""
+FULL = 6.0
+"""Standard errors at which a cell is darkest; beyond, everything is plain."""
+
+Known = Mapping[str, Parameter]
+
+
+def of_parameters(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Rows of `trend --what flights` by parameter, in order."""
+    found: dict[str, list[Row]] = {}
+    for row in rows:
+        found.setdefault(row.text("parameter"), []).append(row)
+    return found
+
+
+def flight_order(rows: Sequence[Row]) -> Order:
+    """The flights of one engine, from the rows of any one parameter of it."""
+    return order_of(next(iter(of_parameters(rows).values()), []))
+
+
+@dataclass(frozen=True)
+class Course:
+    """What `trend` says of one parameter: from flight `onset`, counted from 1, on; `step` or growing, with the change
+    up to the last flight and its 95 % interval."""
+
+    onset: int
+    step: bool
+    change: float
+    low: float
+    high: float
+
+
+def health_trend(
+    key: str,
+    rows: Sequence[Row],
+    names: Sequence[str],
+    known: Known,
+    marks: Sequence[Mark] = (),
+    *,
+    caption: str = "",
+    courses: Mapping[str, Course] | None = None,
+) -> Chart:
+    """Changes of `names`, all shown in one unit, over the flights of one engine, with 95 % intervals, and with the
+    course that the whole series says."""
+    series = of_parameters(rows)
+    order = flight_order(rows)
+    _, unit = scale_of(known[names[0]])
+    layers: list[Layer] = []
+    cells, origins = [], []
+    names = names[:MOST_CURVES]
+    apart = 0.0 if len(order.x) < 2 else APART * min(b - a for a, b in pairwise(order.x))
+    for colour, name in enumerate(names):
+        factor, _ = scale_of(known[name])
+        mine = series[name]
+        change, low, high = ([factor * row.number(c) for row in mine] for c in ("change", "low", "high"))
+        places = [row.origin for row in mine]
+        if courses and name in courses:
+            layers += _course(courses[name], order, factor, colour)
+        x = [x + apart * (colour - (len(names) - 1) / 2) for x in order.x]
+        layers.append(Intervals(known[name].words, x, change, low, high, colour, origins=places))
+        rows_of_it = zip(mine, change, low, high, strict=True)
+        cells += [(r.text("flight") or r.count("number"), known[name].words, c, a, b) for r, c, a, b in rows_of_it]
+        origins += places
+    columns = (
+        Column("flight"),
+        Column("parameter"),
+        Column("change from nominal", unit),
+        Column("95 % from", unit),
+        Column("to", unit),
+    )
+    return Chart(
+        key,
+        "Health over flights",
+        order.axis,
+        Axis("change from nominal", unit),
+        layers,
+        Table(columns, cells, origins),
+        caption or "Change from the nominal engine, flight by flight, with 95 % intervals, all other parameters free.",
+        marks,
+    )
+
+
+def _course(course: Course, order: Order, factor: float, colour: int) -> list[Layer]:
+    """Zero before the onset; then at once, or evenly up to the last flight, which is what a mean rate means."""
+    last = len(order.x)
+    share = [0.0 if k < course.onset else 1.0 for k in range(1, last + 1)]
+    if not course.step:
+        span = max(last - course.onset, 1)
+        share = [max(k - course.onset, 0) / span for k in range(1, last + 1)]
+    line, low, high = ([factor * s * size for s in share] for size in (course.change, course.low, course.high))
+    return [
+        Band("", order.x, low, high, colour),
+        Line("", order.x, line, colour, dashed=True),
+    ]
+
+
+def health_map(key: str, rows: Sequence[Row], known: Known) -> Chart:
+    """All parameters × flights in standard errors of each flight's own estimate."""
+    series = of_parameters(rows)
+    order = flight_order(rows)
+    shown = max(0, len(order.x) - MOST_FLIGHTS)
+    labels = [name or f"{x:g}" for name, x in zip(order.names, order.x, strict=True)][shown:]
+    x, y, value, cells = [], [], [], []
+    origins: list[Origin] = []
+    for line, (name, mine) in enumerate(series.items()):
+        factor, unit = scale_of(known[name])
+        for column, row in enumerate(mine[shown:]):
+            half = (row.number("high") - row.number("low")) / 2
+            score = row.number("change") * NORMAL_95 / half if half > 0 else math.nan
+            x.append(column)
+            y.append(line)
+            value.append(score)
+            cells.append((labels[column], known[name].words, score, factor * row.number("change"), unit))
+            origins.append(row.origin)
+    words = [f"{v:.0f}".replace("-", "−") if abs(v) >= 2 else "" for v in value]
+    columns = (
+        Column("flight"),
+        Column("parameter"),
+        Column("change in standard errors"),
+        Column("change"),
+        Column("unit"),
+    )
+    before = f" Of {len(order.x)} flights, the last {len(labels)}." if shown else ""
+    return Chart(
+        key,
+        "All parameters, flight by flight",
+        Axis(order.axis.label, categories=labels),
+        Axis("", categories=[known[name].words for name in series]),
+        [Cells("change", x, y, value, FULL, words, both=True, origins=origins)],
+        Table(columns, cells, origins),
+        "Change of each parameter in standard errors of that flight taken alone, all others free: below 2 is nothing "
+        f"unusual; orange is above nominal, blue below.{before}",
+    )
+
+
+AHEAD = 2.0
+"""A forecast is drawn up to so many times the flights that are there, or to its limit if that comes first."""
+
+
+class WithMargin(Protocol):
+    """An engine whose margin can be drawn."""
+
+    @property
+    def margin(self) -> MarginFound: ...
+    @property
+    def by_flight(self) -> Sequence[FlightFound]: ...
+    @property
+    def events(self) -> Sequence[EventFound]: ...
+
+
+def margin(key: str, engine: WithMargin, marks: Sequence[Mark] = ()) -> Chart | None:
+    """None where no flight tells of the margin."""
+    told = [f for f in engine.by_flight if math.isfinite(f.consumed_K)]
+    if not told:
+        return None
+    m = engine.margin
+    whole = m.now_K.value + m.consumed_K.value  # at the baseline
+    of_limit = math.isfinite(whole)
+    x = [float(f.number) for f in told]
+    sign, start = (-1.0, whole) if of_limit else (1.0, 0.0)
+    y = [start + sign * f.consumed_K for f in told]
+    half = [NORMAL_95 * f.consumed_error_K for f in told]
+    low, high = ([v + s * h for v, h in zip(y, half, strict=True)] for s in (-1.0, 1.0))
+    origins = [f.origin for f in told]
+    layers: list[Layer] = [Intervals("each flight by itself", x, y, low, high, 0, origins=origins)]
+    caption = m.reason and f"No forecast: {m.reason}."
+    left = m.remaining_flights
+    if of_limit and m.now_K.value <= 0:
+        caption = "The limit is passed."
+    elif of_limit and math.isfinite(left.value):
+        layers += _forecast(x[-1], m.now_K.value, left.value, (left.low, left.high), len(x))
+        caption = (
+            f"Flights until the limit: {_told(left.value)}, 90 % interval {_told(left.low)} to {_told(left.high)}."
+        )
+    quantity = split_column(m.column)[0] or "temperature"
+    words = f"{quantity} margin" if of_limit else f"{quantity} margin used"
+    columns = (Column("flight"), Column(words, "K"), Column("95 % from", "K"), Column("to", "K"))
+    names = [f.flight or str(f.number) for f in told]
+    return Chart(
+        key,
+        f"{words} and its forecast" if of_limit else words,
+        Axis("flight, counted"),
+        Axis(words, "K"),
+        layers,
+        Table(columns, list(zip(names, y, low, high, strict=True)), origins),
+        caption + (f" At {m.condition}." if m.condition else ""),
+        marks,
+        [Level(0.0, f"limit {m.limit_K:g} K" if math.isfinite(m.limit_K) else "limit")] if of_limit else [],
+    )
+
+
+def maintenance_marks(engine: WithMargin) -> list[Mark]:
+    """Maintenance at the first flight after it, by its count."""
+    return [Mark(float(x.number), x.words) for x in engine.events if x.number]
+
+
+def _forecast(now: float, left_K: float, median: float, ends: tuple[float, float], flights: int) -> list[Layer]:
+    """Straight from what is left now to nothing after so many flights; of each end of the interval as well."""
+    last = max(1.0, min(median, AHEAD * flights))
+    steps = [last * k / 20 for k in range(21)]
+
+    def after(flights_left: float) -> list[float]:
+        if not math.isfinite(flights_left):
+            return [left_K for _ in steps]
+        return [left_K * (1.0 - s / max(flights_left, 1.0)) for s in steps]
+
+    x = [now + s for s in steps]
+    return [
+        Band("90 % of the forecast", x, after(ends[0]), after(ends[1]), 1),
+        Line("forecast", x, after(median), 1, dashed=True),
+    ]
+
+
+def _told(flights: float) -> str:
+    return f"{flights:,.0f}" if math.isfinite(flights) else "no end in sight"
+
+
+@dataclass(frozen=True)
+class Brought:
+    """One event of maintenance, and what it brought: `gains` in words, and how much temperature and fuel fell."""
+
+    event: EventFound
+    flight: str
+    gains: Sequence[str]
+    temperature_K: Estimate
+    fuel_percent: Estimate
+    held: str
+
+
+@dataclass(frozen=True)
+class OwnMargin:
+    """An engine's margin, flight by flight and as a whole, with its maintenance."""
+
+    margin: MarginFound
+    by_flight: Sequence[FlightFound]
+    events: Sequence[EventFound]
+
+
+def margin_found(rows: Sequence[Row]) -> OwnMargin | None:
+    """The margin of the engine of these rows; None where none of them tells of its margin as a whole."""
+    whole = next((row for row in rows if row.text("row") == WHOLE), None)
+    if whole is None:
+        return None
+    m = MarginFound(
+        whole.text("column"),
+        whole.text("condition"),
+        whole.number("limit_K"),
+        estimate(whole, "used_K"),
+        estimate(whole, "margin_K"),
+        estimate(whole, "remaining_flights"),
+        whole.text("reason"),
+    )
+    flights = [_flight(row) for row in rows if row.text("row") == FLIGHT]
+    return OwnMargin(m, flights, [found.event for found in maintenance_found(rows)])
+
+
+def maintenance_found(rows: Sequence[Row]) -> list[Brought]:
+    """The events of maintenance, in the order of their flights."""
+    found = [_brought(row) for row in rows if row.text("row") == MAINTENANCE]
+    return sorted(found, key=lambda x: x.event.number or math.inf)
+
+
+def estimate(row: Row, name: str) -> Estimate:
+    """A value with the cells of its interval."""
+    value, low, high = map(row.number, with_ends(name))
+    return Estimate(value, low, high)
+
+
+def _flight(row: Row) -> FlightFound:
+    used = estimate(row, "used_K")
+    error = (used.high - used.low) / 2 / NORMAL_95
+    return FlightFound(row.count("number"), row.text("flight"), NAN, NAN, "", used.value, error, row.origin)
+
+
+def _brought(row: Row) -> Brought:
+    kind, component = row.text("event"), row.text("component")
+    recovered, reason = estimate(row, "recovered_K"), row.text("reason")
+    event = EventFound(kind, component, row.count("number"), recovered, reason, row.origin)
+    gains, fuel = row.list("brought"), estimate(row, "fuel_gain_percent")
+    return Brought(event, row.text("flight"), gains, estimate(row, "temperature_gain_K"), fuel, row.text("held"))

@@ -1,0 +1,468 @@
+"""Charts of residuals: along windows, records, drivers and flights, and as fingerprints.
+
+The statistic of `detect` window by window, as a multiple of its threshold.
+
+The fingerprint: how far each reading is off, beside what each leading answer would do to it.
+
+The fingerprint of a window, from its statistics and the answers that explain it.
+
+Residuals over time: those of the readings that are farthest off.
+
+Residuals over what they may depend on: a fault stays where it is, missing physics bends with its driver.
+
+The health of the instruments: whether each scatters as it did, how far it is off, how often it was silent.
+
+Snapshots: the mean residual of each flight at take-off and in cruise, as engine trend monitoring has it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.isolation.fingerprint import fingerprint as isolation_fingerprint
+from enginediag_cli.parameters import Parameter, meanings
+from enginediag_cli.report.charts.model import (
+    Axis,
+    Bars,
+    Chart,
+    Column,
+    Intervals,
+    Layer,
+    Level,
+    Mark,
+    Origin,
+    Points,
+    Table,
+    Value,
+    every,
+)
+from enginediag_cli.report.charts.rows import Records, Row, mean_of, order_of
+from enginediag_cli.report.sentences import listed
+from enginediag_cli.residuals.windows import WindowStatistics
+from enginediag_cli.units import split_column
+
+COLUMNS = (
+    Column("flight"),
+    Column("verdict"),
+    Column("statistic"),
+    Column("threshold"),
+    Column("p value"),
+    Column("fit"),
+    Column("records judged"),
+)
+
+SMALLEST = 1e-3
+"""Multiple of the threshold at which smaller ones are drawn: far below, nothing is to be told apart."""
+
+
+def detection_course(key: str, rows: Sequence[Row], marks: Sequence[Mark] = ()) -> Chart:
+    """Rows of `detect`, in order."""
+    from enginediag_cli.report.charts.model import Axis
+
+    order = order_of(rows)
+    height = [math.log10(max(r.number("statistic") / r.number("threshold"), SMALLEST)) for r in rows]
+    layers = []
+    for colour, (word, name) in enumerate((("healthy", "below the threshold"), ("fault", "alarm"))):
+        mine = [k for k, row in enumerate(rows) if row.text("verdict") == word]
+        if mine:
+            layers.append(
+                Points(
+                    name,
+                    [order.x[k] for k in mine],
+                    [height[k] for k in mine],
+                    colour,
+                    origins=[rows[k].origin for k in mine],
+                )
+            )
+    alarms = sum(row.text("verdict") == "fault" for row in rows)
+    silent = sum(row.text("verdict") == "no verdict" for row in rows)
+    caption = f"{alarms} of {len(rows)} windows depart from nominal." + (
+        f" {silent} have no verdict and are not drawn." if silent else ""
+    )
+    return Chart(
+        key,
+        "Does it depart from nominal?",
+        order.axis,
+        Axis("statistic over threshold, powers of ten"),
+        layers,
+        Table(COLUMNS, [_cells(row) for row in rows], [row.origin for row in rows]),
+        caption,
+        marks,
+        [Level(0.0, "threshold")],
+    )
+
+
+def _cells(row: Row) -> tuple[str | float | int, ...]:
+    return (
+        row.text("flight") or row.window,
+        row.text("verdict") + (f": {row.text('reason')}" if row.text("reason") else ""),
+        row.number("statistic"),
+        row.number("threshold"),
+        row.number("p_value"),
+        row.number("fit"),
+        row.count("judged"),
+    )
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What would explain a window: in words, its probability (NaN: not known), and the deviation of each reading that
+    it foretells, in the reading's unit."""
+
+    words: str
+    probability: float
+    foretold: Sequence[float]
+
+
+@dataclass(frozen=True)
+class Deviations:
+    """Of one window: `readings` in words with their `units`, how far each is off nominal, and the standard error."""
+
+    window: str
+    readings: Sequence[str]
+    units: Sequence[str]
+    deviation: Sequence[float]
+    error: Sequence[float]
+    origin: Origin
+
+
+def fingerprint(key: str, found: Deviations, answers: Sequence[Answer]) -> Chart:
+    """In standard errors, which all readings share; the table has units."""
+    from enginediag_cli.report.sentences import probability
+
+    names = list(found.readings)
+    rows = range(len(names))
+    score = [_over(d, e) for d, e in zip(found.deviation, found.error, strict=True)]
+    low, high = [s - NORMAL_95 for s in score], [s + NORMAL_95 for s in score]
+    places = [found.origin] * len(names)
+    layers: list[Bars | Intervals] = []
+    thick = 0.7 / max(len(answers), 1)
+    told = [
+        answer.words + ("" if math.isnan(answer.probability) else f" ({probability(answer.probability)})")
+        for answer in answers
+    ]
+    foretold = [[_over(v, e) for v, e in zip(a.foretold, found.error, strict=True)] for a in answers]
+    for k, (words, values) in enumerate(zip(told, foretold, strict=True)):
+        shift = thick * (k - (len(answers) - 1) / 2)
+        layers.append(Bars(words, list(rows), values, k + 1, shift, thick * 0.9, places))
+    layers.append(Intervals("measured, with 95 % interval", score, list(rows), low, high, 0, True, places))
+    columns = [
+        Column("reading"),
+        Column("unit"),
+        Column("measured"),
+        Column("95 % ±"),
+        Column("in standard errors"),
+        *(Column(f"foretold by {words}") for words in told),
+    ]
+    cells: list[Sequence[Value]] = [
+        (
+            names[k],
+            found.units[k],
+            found.deviation[k],
+            NORMAL_95 * found.error[k],
+            score[k],
+            *(a.foretold[k] for a in answers),
+        )
+        for k in rows
+    ]
+    return Chart(
+        key,
+        f"Fingerprint of {found.window}",
+        Axis("deviation from nominal in standard errors"),
+        Axis("", categories=names),
+        layers,
+        Table(columns, cells, places),
+        "Dots: how far the mean of each reading is from the nominal engine, once what is uncertain about nominal is "
+        "allowed for. Bars: what each answer would do to it. An answer fits where its bars end in the dots' intervals.",
+    )
+
+
+def _over(value: float, error: float) -> float:
+    return value / error if error > 0 else math.nan
+
+
+MOST_RIVALS = 2
+"""Answers beside the first in a fingerprint: more bars are not told apart."""
+
+Answers = Sequence[tuple[tuple[str, ...], float]]
+"""Sets of parameters with their probabilities, the leading one first."""
+
+
+def window_fingerprint(
+    key: str, window: WindowStatistics, origin: Origin, answers: Answers, known: Mapping[str, Parameter]
+) -> Chart | None:
+    """None where the statistics hold no error of any sensor, or no parameter of an answer."""
+    statistics = window.statistics
+    shown = [answer for answer in answers[: MOST_RIVALS + 1] if answer[0]]
+    found = None if statistics is None else isolation_fingerprint(statistics, [names for names, _ in shown])
+    if found is None or statistics is None:
+        return None
+    meaning = statistics.meaning
+    sensors = [meaning[name].part.removesuffix(" sensor") for name in found.biases]
+    units = [meaning[name].shown_unit for name in found.biases]
+    lines = f"{window.source}, lines {window.first_line} to {window.last_line}"
+    name = f"flight {window.flight}" if window.flight else lines
+    told = [
+        Answer(listed([p.words for p in meanings(known, names).values()]), chance, list(values))
+        for (names, chance), values in zip(shown, found.foretold.tolist(), strict=True)
+    ]
+    deviations = Deviations(name, sensors, units, found.deviation.tolist(), found.error.tolist(), origin)
+    return fingerprint(key, deviations, told)
+
+
+MOST_POINTS, SENSORS = 5000, 3
+"""Points of a chart: more only make it slow; and readings, of which more cover each other."""
+HOUR = 3600.0
+"""Seconds."""
+
+
+def residual_course(key: str, records: Records) -> Chart:
+    """Every record, or every so manieth where there are too many."""
+    names = records.farthest(SENSORS)
+    step = every(len(records) * len(names), MOST_POINTS)
+    kept = list(range(0, len(records), step))
+    timed = bool(len(records)) and bool(np.all(np.isfinite(records.time_s)) and np.all(np.diff(records.time_s) >= 0))
+    x = records.time_s / HOUR if timed else np.arange(1.0, len(records) + 1)
+    layers: list[Layer] = []
+    columns = [Column("time", "h") if timed else Column("record")]
+    for colour, name in enumerate(names):
+        quantity, unit = split_column(name)
+        values = records.sigmas[name]
+        shown = [k for k in kept if np.isfinite(values[k])]
+        places = [records.origin(k) for k in shown]
+        layers.append(
+            Points(quantity, [float(x[k]) for k in shown], [float(values[k]) for k in shown], colour, True, places)
+        )
+        columns += [Column(f"{quantity}, standard deviations"), Column(quantity, unit)]
+    cells = [
+        [float(x[k]), *(float(v[name][k]) for name in names for v in (records.sigmas, records.residual))] for k in kept
+    ]
+    origins = [records.origin(k) for k in kept]
+    axis = Axis("time", "h") if timed else Axis("record, counted")
+    return Chart(
+        key,
+        "Residuals over time",
+        axis,
+        Axis("measured − nominal, standard deviations"),
+        layers,
+        Table(columns, cells, origins),
+        f"Measured minus nominal, of the {len(names)} readings that are farthest off at the end.",
+        levels=[Level(2.0, ""), Level(-2.0, "")],
+        thinned=f"One record in {step} is drawn, of {len(records):,}." if step > 1 else "",
+    )
+
+
+BINS, FEWEST = 10, 5
+"""Groups of records along a driver, equally many in each; and records of one that still has a middle half."""
+VARIES = 1e-9
+"""Relative range below which a driver stands still."""
+APART = 0.12
+"""Share of the distance of two groups by which series are moved apart."""
+
+
+def residual_drivers(key: str, records: Records, which: str) -> list[Chart]:
+    """One chart for each input that varies; which: the records that these are, in words."""
+    return [
+        _chart(f"{key}-{number}", records, driver, which)
+        for number, driver in enumerate(d for d, values in records.inputs.items() if _varies(values))
+    ]
+
+
+def _varies(values: np.ndarray) -> bool:
+    known = values[np.isfinite(values)]
+    return known.size > BINS * FEWEST and float(np.ptp(known)) > VARIES * (1.0 + float(np.abs(known).max()))
+
+
+def _chart(key: str, records: Records, driver: str, which: str) -> Chart:
+    quantity, unit = split_column(driver)
+    values = records.inputs[driver]
+    edges = np.unique(np.nanquantile(values, np.linspace(0.0, 1.0, BINS + 1)))
+    place = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
+    apart = APART * float(np.median(np.diff(edges)))
+    layers: list[Layer] = []
+    cells = []
+    for colour, name in enumerate(records.farthest(SENSORS)):
+        words, _ = split_column(name)
+        x, y, low, high = [], [], [], []
+        for number in range(len(edges) - 1):
+            mine = (place == number) & np.isfinite(values) & np.isfinite(records.sigmas[name])
+            if mine.sum() < FEWEST:
+                continue
+            quarter, median, three = np.quantile(records.sigmas[name][mine], [0.25, 0.5, 0.75]).tolist()
+            middle = float(np.median(values[mine]))
+            x.append(middle + apart * (colour - 1))
+            y.append(median)
+            low.append(quarter)
+            high.append(three)
+            cells.append((words, middle, int(mine.sum()), median, quarter, three))
+        layers.append(Intervals(words, x, y, low, high, colour))
+    columns = (
+        Column("reading"),
+        Column(f"{quantity}, middle", unit),
+        Column("records"),
+        Column("median"),
+        Column("a quarter lies below"),
+        Column("a quarter lies above"),
+    )
+    return Chart(
+        key,
+        f"Residuals over {quantity.replace('_', ' ')}",
+        Axis(quantity, unit),
+        Axis("residual, standard deviations"),
+        layers,
+        Table(columns, cells),
+        f"Medians of equally many records each; the bars hold the middle half. Counted is every record {which}.",
+    )
+
+
+def sensors_health(
+    key: str, records: Records, wrong: Mapping[str, float], masked: Mapping[str, int] | None = None
+) -> Chart:
+    """wrong: by sensor column, the probability that it reads wrong, where it was asked for; masked: readings masked."""
+    names = list(records.sigmas)
+    stretches = [mine for _, mine in records.stretches()]
+    scatter = [_scatter(records.sigmas[name], stretches) for name in names]
+    last = stretches[-1]
+    rows = []
+    for name, ratio in zip(names, scatter, strict=True):
+        quantity, unit = split_column(name)
+        present = int(np.isfinite(records.sigmas[name]).sum())
+        rows.append(
+            (
+                quantity,
+                ratio,
+                mean_of(records.sigmas[name][last]),
+                mean_of(records.residual[name][last]),
+                unit,
+                wrong.get(name, math.nan),
+                len(records) - present,
+                (masked or {}).get(name, 0),
+            )
+        )
+    columns = (
+        Column("reading"),
+        Column("scatter over identified noise"),
+        Column("mean residual of the last stretch, standard deviations"),
+        Column("mean residual"),
+        Column("unit"),
+        Column("probability that it reads wrong"),
+        Column("records without residual"),
+        Column("readings masked"),
+    )
+    return Chart(
+        key,
+        "Health of the instruments",
+        Axis("scatter about the mean of its flight, over the noise identified"),
+        Axis("", categories=[row[0] for row in rows]),
+        [Bars("", list(range(len(names))), scatter, 0, thick=0.55)],
+        Table(columns, rows),
+        "An instrument that scatters as it did when it was identified is at 1. A failing one scatters more, a stuck "
+        "one less; so does one that sees what the model lacks.",
+        [Mark(1.0, "as identified")],
+    )
+
+
+def _scatter(values: np.ndarray, stretches: list[np.ndarray]) -> float:
+    """Root of the mean square about the mean of each stretch."""
+    parts = [values[mine][np.isfinite(values[mine])] for mine in stretches]
+    parts = [part - part.mean() for part in parts if part.size > 1]
+    joined = np.concatenate(parts) if parts else np.zeros(0)
+    freedoms = sum(part.size - 1 for part in parts)
+    return float(math.sqrt(float(joined @ joined) / freedoms)) if freedoms else math.nan
+
+
+LOW_M, CRUISE, FULL = 600.0, 0.9, 0.9
+"""A take-off is recorded up to so many metres above the lowest point of a flight; a cruise above that share of its
+height; full power above that share of the flight's most. Judgement."""
+Chosen = Callable[[np.ndarray], np.ndarray]
+
+SNAPSHOTS_FEWEST, SNAPSHOTS_SENSORS = 3, 4
+"""Records of a snapshot; readings of a chart."""
+
+
+def snapshots(key: str, records: Records) -> list[Chart]:
+    """Take-off and cruise of engines that fly, full load of those that stand; none where neither is known."""
+    if not records.power:
+        return []
+    power = records.inputs[records.power]
+    stretches = records.stretches()
+    if records.altitude:
+        height = records.inputs[records.altitude]
+        kinds: dict[str, Chosen] = {"take-off": _take_off(height, power), "cruise": _cruise(height)}
+    else:
+        kinds = {"full load": lambda mine: mine[power[mine] >= FULL * np.nanmax(power[mine])]}
+    charts = []
+    for name, chosen in kinds.items():
+        found = [(stretch, chosen(mine)) for stretch, mine in stretches]
+        kept = [(stretch, mine) for stretch, mine in found if len(mine) >= SNAPSHOTS_FEWEST]
+        if len(kept) > 1:
+            charts.append(_snapshots_chart(f"{key}-{name.replace(' ', '-')}", name, records, kept))
+    return charts
+
+
+def _take_off(height: np.ndarray, power: np.ndarray) -> Chosen:
+    def chosen(mine: np.ndarray) -> np.ndarray:
+        low = mine[height[mine] <= np.nanmin(height[mine]) + LOW_M]
+        return low[power[low] >= FULL * np.nanmax(power[mine])] if len(low) else low
+
+    return chosen
+
+
+def _cruise(height: np.ndarray) -> Chosen:
+    def chosen(mine: np.ndarray) -> np.ndarray:
+        low, high = np.nanmin(height[mine]), np.nanmax(height[mine])
+        return mine[height[mine] >= low + CRUISE * (high - low)] if high > low else mine[:0]
+
+    return chosen
+
+
+def _snapshots_chart(key: str, name: str, records: Records, kept: list[tuple[str, np.ndarray]]) -> Chart:
+    rows = [Row({"flight": records.flights[mine[0]]}, records.origin(int(mine[0]))) for _, mine in kept]
+    order = order_of(rows)
+    layers: list[Layer] = []
+    cells, origins = [], []
+    for colour, sensor in enumerate(records.farthest(SNAPSHOTS_SENSORS)):
+        quantity, unit = split_column(sensor)
+        mean, low, high = [], [], []
+        for (stretch, mine), row in zip(kept, rows, strict=True):
+            values = records.sigmas[sensor][mine]
+            raw = records.residual[sensor][mine]
+            known = np.isfinite(values)
+            quarter, middle, three = (
+                np.quantile(values[known], [0.25, 0.5, 0.75]).tolist() if known.any() else [np.nan] * 3
+            )
+            mean.append(middle)
+            low.append(quarter)
+            high.append(three)
+            told = float(np.median(raw[known])) if known.any() else None
+            cells.append((stretch, quantity, int(known.sum()), middle, told, unit))
+            origins.append(row.origin)
+        layers.append(Intervals(quantity, [x + 0.05 * (colour - 1.5) for x in order.x], mean, low, high, colour))
+    columns = (
+        Column("flight"),
+        Column("reading"),
+        Column("records"),
+        Column("median residual, standard deviations"),
+        Column("median residual"),
+        Column("unit"),
+    )
+    rules = {
+        "take-off": f"within {LOW_M:g} m of the lowest record, at {FULL:.0%} of the most power or above",
+        "cruise": f"above {CRUISE:.0%} of the flight's height",
+        "full load": f"at {FULL:.0%} of the most power or above",
+    }
+    return Chart(
+        key,
+        f"Snapshots: {name}",
+        order.axis,
+        Axis("residual, standard deviations"),
+        layers,
+        Table(columns, cells, origins),
+        f"Median residual of each flight's records {rules[name].replace('%', ' %')}; the bars hold the middle half. "
+        "The line named is that of the first record.",
+    )

@@ -1,0 +1,387 @@
+"""What a model lacks, in plain sentences: effects, faults in time, unlisted physics, hidden switches, and doubts.
+
+What was not looked for because a recorder left out the records that would show it.
+
+What an explanation leaves of a mismatch, in words.
+
+Why something that was fitted is no explanation, in words.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from enginediag_cli.drivers import CONSTANT
+from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, LAW, NAMED, NOTHING
+from enginediag_cli.mismatch.explain.curves import best_places
+from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
+from enginediag_cli.mismatch.fit.options import LAW as LAW_OPTION
+from enginediag_cli.physics.registry import each
+from enginediag_cli.report.controls import control_sentences
+from enginediag_cli.report.isolation_rows import explanation_flips
+from enginediag_cli.report.laws import (
+    advice_sentences,
+    equations,
+    hidden_sentences,
+    law_sentences,
+    law_statement,
+    left_sentence,
+    nearest_law,
+    of_many,
+)
+from enginediag_cli.report.sentences import change, count, listed, probability, rounded, spelled, with_unit
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.term import Coefficient as Declared
+    from enginediag_cli.engine.term import Effect
+    from enginediag_cli.mismatch.explain.answer import Answer, Coefficient, Explanation
+    from enginediag_cli.mismatch.explain.curves import Curve
+    from enginediag_cli.mismatch.explain.gated import Gated
+    from enginediag_cli.mismatch.explain.story import Story
+    from enginediag_cli.mismatch.fit.options import Option
+
+
+def gated_sentences(g: Gated | None) -> Iterator[str]:
+    """None where nothing was left out."""
+    if g is not None:
+        yield (
+            f"Not looked for: {count(len(g.effects), 'effect')} with memory ({', '.join(g.effects)}), which would show "
+            f"in the {g.records:,} of {g.of:,} {g.unit} that the recorder left out as not steady. A recorder file "
+            "without `steady:` and `average_s:` lets them be looked for."
+        )
+
+
+LEAST_SHARE = 0.005
+"""A share that is told as nothing."""
+LIKELIER = 0.5
+"""Probability of all that is told from which it is likelier than not."""
+PLACES = 3
+"""Places that are told one by one."""
+
+
+def share_left(a: Answer) -> str:
+    """How much of the excess χ² stays with what is named; empty where there is none to explain."""
+    if a.unexplained is None or a.in_part:
+        return ""
+    if a.unexplained < LEAST_SHARE:
+        return "; nothing of its excess stays unexplained"
+    return f"; {100 * a.unexplained:.0f} % of its excess stays unexplained"
+
+
+def doubt_sentence(a: Answer) -> Iterator[str]:
+    """Where what is named and its rivals are together less likely than all that was fitted and not named."""
+    told = sum(x.probability for x in a.explanations)
+    if told < LIKELIER and not a.in_part:
+        yield (
+            f"It is more likely something else (probability {probability(1.0 - told)}): sets that leave a misfit, or "
+            "hold physics that is not listed, are together likelier than all that explains everything."
+        )
+
+
+def rest_sentences(a: Answer) -> Iterator[str]:
+    """Of an explanation in part: how much stays, and where."""
+    if not a.in_part or a.unexplained is None:
+        return
+    cells = best_places(a.rest)
+    places = listed(list(dict.fromkeys(c.location.words for c in cells))[:PLACES], "or")
+    more = len({c.location.words for c in cells}) - PLACES
+    further = f" (or {more} further places)" if more > 0 else ""
+    drivers = dict.fromkeys(c.driver.driver.words for c in cells if c.driver.driver != CONSTANT)
+    along = f", varying with {listed(list(drivers)[:PLACES], 'or')}" if drivers else ""
+    yield (
+        f"  This is part of the mismatch: {100 * a.unexplained:.0f} % of it (of the excess χ²) stays unexplained, at "
+        f"{places}{further}{along}: unlisted physics, or something listed that these flights do not show surely."
+    )
+
+
+def why_rejected(r: Rejected) -> str:
+    """Why something that was fitted is no explanation."""
+    return {
+        Reason.NOT_CONVERGED: lambda: f"did not converge: {r.what}",
+        Reason.WORSE: lambda: f"χ² is {r.figure:.1f} worse{f' {r.what}' if r.what else ''}",
+        Reason.AT_BOUND: lambda: f"needs {r.what} beyond its physical bound",
+        Reason.LEAVES_MISFIT: lambda: f"leaves a misfit behind (−ln p = {r.figure:.1f})",
+        Reason.FEW_FLIGHTS: lambda: (
+            f"predicts only {100 * r.figure:.0f} % of the flights better: not separable from map error"
+        ),
+        Reason.NOT_NEEDED: lambda: f"does not need {r.what}",
+        Reason.ONE_UNLISTED: lambda: "one unlisted effect explains as much",
+    }[r.reason]()
+
+
+SHOWN = 5
+"""Rejected explanations that are told one by one; the rest are counted."""
+
+
+def sentences(story: Story) -> Iterator[str]:
+    """The story, a paragraph at a time."""
+    a = story.answer
+    if story.control is not None:
+        yield from control_sentences(story.control)
+        yield "The rest is of the engine with that control:"
+    if a.status == FAILED:
+        yield f"no verdict: {a.reason}"
+        return
+    if a.status == NOTHING:
+        yield (
+            f"Nothing is missing that these flights can show: {a.reason} (the effect that stands out most: −ln p "
+            f"{rounded(a.surprise)}; chance alone reaches {rounded(a.gates[0])})."
+        )
+    elif a.status == NAMED:
+        yield from _named(story)
+    elif a.status == LAW:
+        yield from _law(story)
+    elif a.status == HIDDEN:
+        for finding, effects in zip(story.hidden[:1], story.hidden_effects, strict=False):
+            yield from hidden_sentences(story, finding, effects)
+    else:
+        yield from _none(story)
+    yield from _rejected(story)
+    yield from _floor(story)
+    yield from explanation_flips(story)
+    yield from advice_sentences(story.advice, all_kinds=story.planned)
+    yield from _unseen(story)
+    yield from gated_sentences(story.gated)
+    yield from _searched(story)
+
+
+def _searched(story: Story) -> Iterator[str]:
+    """Of long recordings, which records were searched and what the others have a say in."""
+    s = story.searched
+    if s is None or s.records == s.of:
+        return
+    of = f"{count(s.records, 'record')} of {s.of:,}, whole stretches spread over the flights"
+    if story.answer.status == NOTHING:
+        yield (
+            f"Listed effects and changes in time were looked for in all {s.of:,} records; the noise, and effects whose "
+            f"driver is not recorded, only in {of}: what such an effect does at other times, or too little for so few "
+            "records, is not seen."
+        )
+    elif s.judged:
+        yield (
+            f"Searched in {of}; what is named, and rivals not surely worse there, were fitted to all records and "
+            "judged on all. Sizes from which effects show, and effects whose driver is not recorded, are of the share."
+        )
+    else:
+        yield f"Searched in, and judged on, {of}; the other records had no say."
+
+
+def _unseen(story: Story) -> Iterator[str]:
+    """What identification takes up, by the kind of effect that was looked for; what of it would be seen to switch."""
+    switched = {e.label for effects in story.hidden_effects[:1] for e in effects if story.answer.status == HIDDEN}
+    told = [u for u in story.unseen if u.label not in switched]
+    for words in dict.fromkeys(u.driver.words for u in told):
+        own = [u.label for u in told if u.driver.words == words]
+        kind = "if it is there in every record" if any(u.driver == CONSTANT for u in told if u.label in own) else ""
+        yield (
+            f"Cannot be seen in these flights, whatever its size, {kind or f'as an effect that varies with {words}'} "
+            f"(identification takes it up): {', '.join(own)}."
+        )
+    seen = [f"{u.label} from {_size(u.switching, u.unit)}" for u in told if math.isfinite(u.switching)]
+    if seen:
+        yield f"  Of these, switched on and off within a flight, {listed(seen, 'and')} would be seen."
+
+
+def headline(x: Explanation) -> str:
+    """One explanation in a phrase: what acts where, or what changed and since when."""
+    return listed([_phrase(o, x) for o in x.options], "together with")
+
+
+def _phrase(o: Option, x: Explanation) -> str:
+    if o.hypothesis.effects:
+        e = o.hypothesis.effects[0]
+        places = listed([spelled(own.site.name) for own in each(e)], "and")
+        return f"{e.term.TITLE} at {places} ({o.label})"
+    d = o.hypothesis.discrepancies[0]
+    c = next(c for c in x.coefficients if c.name == d.name)
+    assert o.target is not None
+    return f"a fault, {change(o.target, c.value, NORMAL_95 * c.standard_error)} {d.curve}"
+
+
+def _named(story: Story) -> Iterator[str]:
+    a = story.answer
+    x = a.explanations[0]
+    fault = any(o.hypothesis.discrepancies for o in x.options)
+    effect = any(o.hypothesis.effects for o in x.options)
+    kind = "Missing"
+    if fault:
+        kind = "Missing, with a fault" if effect else "Not missing physics but a change in time"
+    if a.in_part:
+        kind = "Missing in part" if effect else "In part a change in time"
+    yield f"{kind}: {headline(x)} (probability {probability(x.probability)})."
+    for o in x.options:
+        for e in o.hypothesis.effects:
+            if o.kind == LAW_OPTION:
+                yield from law_statement(e, a.law)
+            else:
+                yield f"  {e.term.STATEMENT} It varies with {o.driver.words}."
+            yield from _coefficients(x, e)
+        if o.hypothesis.discrepancies:
+            yield "  It begins at that time and holds over all operating conditions, which no effect does."
+    if a.law is not None:
+        yield from law_sentences(a.law)
+    yield _gained(story, share_left(a))
+    yield from rest_sentences(a)
+    yield from doubt_sentence(a)
+    if len(a.explanations) > 1:
+        others = [f"{headline(other)} ({probability(other.probability)})" for other in a.explanations[1:]]
+        yield f"These flights cannot tell it from {listed(others, 'or')}."
+
+
+def _gained(story: Story, left: str = "") -> str:
+    """What the first explanation gains, on the flights together and on those left out in turn, and what is `left`."""
+    x = story.answer.explanations[0]
+    asked = x.flights == x.flights
+    share = "every flight is" if x.flights >= 1.0 else f"{100 * x.flights:.0f} % of the flights are"
+    told = f"; {share} predicted better from the others" if asked else ""
+    return (
+        f"  With it χ² falls from {_whole(x.objective + x.gain)} to {_whole(x.objective)} for "
+        f"{_whole(story.answer.readings)} readings{told}{left}."
+    )
+
+
+def _law(story: Story) -> Iterator[str]:
+    """A law that no library holds, with what is settled of it and what it leaves."""
+    a, x = story.answer, story.answer.explanations[0]
+    assert a.law is not None
+    effects = [e for o in x.options for e in o.hypothesis.effects]
+    yield f"No listed effect explains it; {'a law does' if len(effects) == 1 else 'two laws together do'}:"
+    for e in effects:
+        yield from law_statement(e, a.law)
+        yield from _coefficients(x, e)
+    yield from law_sentences(a.law)
+    yield left_sentence(a.law)
+    yield _gained(story)
+    if len(a.explanations) > 1:
+        others = [f"{equations(other.options)} ({probability(other.probability)})" for other in a.explanations[1:]]
+        yield f"These flights cannot tell it from {listed(others, 'or')}."
+
+
+def _coefficients(x: Explanation, effect: Effect) -> Iterator[str]:
+    """Those of an effect, each in a line; of a law with many its curve is told in their place."""
+    if not of_many(effect.term):
+        for c in x.coefficients:
+            if c.name in effect.amplitudes:
+                yield f"  {coefficient(c, effect)}"
+
+
+def coefficient(c: Coefficient, effect: Effect) -> str:
+    """A coefficient with its interval and unit, and whether its bounds were judged or read."""
+    declared = next((k for k in effect.term.COEFFICIENTS if effect.parameter_name(k.name) == c.name), None)
+    unit = "" if c.unit == "1" else c.unit
+    what = declared.description if declared else c.name
+    size = f"{rounded(c.value, c.standard_error)}{f' {unit}' if unit else ''}"
+    interval = f"{rounded(c.low, c.standard_error)} to {rounded(c.high, c.standard_error)}"
+    if declared and effect.tried and c.value == declared.absent:
+        most = (
+            f"; up to {rounded(c.high)}{f' {unit}' if unit else ''} it would not show"
+            if c.high < declared.upper
+            else ""
+        )
+        return f"{declared.name} = {declared.absent:g}: not seen to be anything else{most} ({what})."
+    told = as_rate(effect, declared, (c.value, c.low, c.high)) if declared else ""
+    return f"{declared.name if declared else c.name} = {size}, 95 % interval {interval}: {what}{told}."
+
+
+def as_rate(effect: Effect, declared: Declared, times: tuple[float, float, float]) -> str:
+    """A time for a full scale, with its bounds, as the rate that it stands for; empty where it is none."""
+    rates = [effect.site.rate(declared, max(t, 0.0)) for t in times]
+    if rates[0] is None:
+        return ""
+    (rate, unit), slowest, fastest = rates[0], rates[2], rates[1]
+    error = (rate - slowest[0]) / NORMAL_95 if slowest else None
+    top = rounded(fastest[0], error) if fastest else "any"
+    return f"; a rate of {rounded(rate, error)} {unit} ({rounded(slowest[0], error) if slowest else '0'} to {top})"
+
+
+def _whole(value: float) -> str:
+    return f"{value:,.0f}" if math.isfinite(value) else rounded(value)
+
+
+def _none(story: Story) -> Iterator[str]:
+    good = [c for c in story.curves if c.converged]
+    yield f"None of these: {story.answer.reason}."
+    if not good:
+        yield "  No free-form curve could be fitted either."
+        return
+    places = listed(list(dict.fromkeys(place(c) for c in good)), "or")
+    words = [
+        f"varying with {w}" for w in dict.fromkeys(c.driver.driver.words for c in good if c.driver.driver != CONSTANT)
+    ]
+    if len(words) < len({c.driver.name for c in good}):
+        words.append("the same in every record")
+    yield f"  Unlisted physics at {places}, {listed(words, 'or')}."
+    yield f"  {curve_in_words(good[0])}"
+    if story.answer.law is not None:
+        yield nearest_law(story.answer.law)
+
+
+def place(c: Curve) -> str:
+    """Where a curve acts, in words."""
+    return c.location.words
+
+
+def curve_in_words(c: Curve) -> str:
+    """The ends of a curve, or its one level."""
+    percent = c.unit in ("", "1")
+    factor, unit = (100.0, "%") if percent else (1.0, c.unit)
+    fall = f"χ² falls by {rounded(c.gain)} with {count(c.dof, 'coefficient')}"
+    if c.driver.driver == CONSTANT:
+        size = with_unit(factor * c.change[0], unit, factor * NORMAL_95 * c.standard_error[0])
+        return f"{place(c)} is off by {size} in every record ({fall})."
+    ends = []
+    for k in (0, -1):
+        size = with_unit(factor * c.change[k], unit, factor * NORMAL_95 * c.standard_error[k])
+        ends.append(f"{size} at {c.driver.short} {_driver_value(c, k)}")
+    return f"{place(c)} goes from {ends[0]} to {ends[1]}, about its mean ({fall})."
+
+
+def _driver_value(c: Curve, k: int) -> str:
+    value, driver = float(c.values[k]), c.driver.driver
+    if driver.counted_in:
+        return rounded(math.exp(value))
+    return rounded(value) if driver.unit == "1" else with_unit(value, driver.unit)
+
+
+def _rejected(story: Story) -> Iterator[str]:
+    rejected = story.answer.rejected
+    if rejected:
+        told = [f"{label} ({why_rejected(r)})" for label, r in list(rejected.items())[:SHOWN]]
+        more = f", and {len(rejected) - SHOWN} more" if len(rejected) > SHOWN else ""
+        yield f"Fitted and rejected: {'; '.join(told)}{more}."
+
+
+def _floor(story: Story) -> Iterator[str]:
+    accuracy = story.evidence.settings.map_accuracy
+    if accuracy <= 0.0:
+        yield (
+            "The maps were taken as exact (--model-error 0): an error of theirs of a few tenths of a per cent looks "
+            "like missing physics."
+        )
+        return
+    named = {o.label for x in story.answer.explanations for o in x.options}
+    for c in story.floor:
+        if c.label in named:
+            yield (
+                f"Tolerance of the maps {100 * accuracy:g} %: {c.label} would lower χ² by "
+                f"{rounded(c.score_without)} were the maps exact, and by {rounded(c.score)} as they are; these "
+                f"flights show it from a size of {_size(c.visible_without, c.unit)} and "
+                f"{_size(c.visible, c.unit)}."
+            )
+    if story.only_exact:
+        told = [
+            f"{c.label} (χ² falls by {rounded(c.score_without)} with exact maps, {rounded(c.score)} with these)"
+            for c in sorted(story.only_exact, key=lambda c: -c.score_without)[:SHOWN]
+        ]
+        more = len(story.only_exact) - SHOWN
+        yield (
+            f"Not separable from errors of the maps of {100 * accuracy:g} %: {'; '.join(told)}"
+            f"{f', and {more} more' if more > 0 else ''}."
+        )
+
+
+def _size(value: float, unit: str) -> str:
+    return "no size" if value == float("inf") else with_unit(value, "" if unit == "1" else unit, digits=2)

@@ -1,0 +1,353 @@
+"""The answer of `locate` in words and as rows.
+
+One free amplitude per record at each place in turn, in words and as rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+from enginediag_cli.drivers import CONSTANT, TIME
+from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.report.outputs.discrepancy import LOCATE
+from enginediag_cli.report.sentences import listed, p_value, rounded, with_unit
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.engine import Engine
+    from enginediag_cli.mismatch.locate.fleet import Difference
+    from enginediag_cli.mismatch.locate.locate import Located, Place
+    from enginediag_cli.mismatch.locate.presence import Test
+    from enginediag_cli.mismatch.locate.verdict_kind import Kind
+    from enginediag_cli.mismatch.unrecorded.control_law import Held, Stop
+    from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
+    from enginediag_cli.mismatch.unrecorded.per_record import PerRecord
+    from enginediag_cli.mismatch.unrecorded.per_record_effects import Alike
+    from enginediag_cli.report.pictures.mismatch_map import Scatter
+
+
+COLUMNS = LOCATE.names
+
+TESTS = {
+    "omnibus": "χ² of the fit {value}, {about}",
+    "order": "residuals in the order of a driver: von Neumann's ratio {value} where chance gives 2, {about}",
+    "directed": "best place of the map: −ln p = {value}, {about}",
+}
+
+
+def verdict_of(kind: Kind) -> str:
+    """The kinds as one cell: "effect", or "fault or sensor fault" where the flights do not tell."""
+    return " or ".join(kind.names)
+
+
+def located_rows(located: Located, kind: Kind, everything: bool) -> Iterator[dict[str, Any]]:
+    """One row per place within reach, or per place of the map; a single row where there is no place to tell.
+
+    What has no recorded driver comes first, with 2 ln of its likelihood ratio as statistic.
+    """
+    verdict = verdict_of(kind)
+    empty: dict[str, Any] = dict.fromkeys(COLUMNS)
+    told, rank = False, 0
+    hidden = kind.hidden
+    if hidden is not None:
+        for place in (hidden.location, *hidden.rivals):
+            first = place == hidden.location
+            rank, told = rank + 1, True
+            yield {
+                **empty,
+                "verdict": verdict,
+                "rank": rank,
+                "driver": "not recorded",
+                "location": place.name,
+                "component": hidden.location.component if first else None,
+                "within": True,
+                "statistic": 2.0 * hidden.lr if first else None,
+            }
+    leads = {lead.group: lead.stability for lead in located.leads}
+    for p in located.places if everything else () if hidden is not None else located.within:
+        rank, told = rank + 1, True
+        yield {
+            "verdict": verdict,
+            "rank": rank,
+            "driver": p.group,
+            "along": p.cell.driver.name,
+            "location": p.location,
+            "component": p.component,
+            "within": p.within and hidden is None,
+            "statistic": p.statistic,
+            "dof": p.cell.score.dof,
+            "p_value": p.p,
+            "share": p.share,
+            "stability": p.stability,
+            "driver_stability": leads[p.group],
+            "refit": p.refit,
+        }
+    if not told:
+        yield {**empty, "verdict": verdict}
+
+
+def sentences(located: Located, kind: Kind, engine: Engine) -> Iterator[str]:
+    """What was found, for stderr."""
+    from enginediag_cli.mismatch.locate import verdict_kind as kinds
+
+    if not located.converged or located.presence is None:
+        yield f"no verdict: the model could not be fitted to these recordings: {located.reason}"
+        return
+    presence, name = located.presence, kind.names[0]
+    tests = "; ".join(_test(t) for t in presence.tests)
+    if name == kinds.NOTHING:
+        yield f"no mismatch beyond noise and identified parameters ({tests})"
+    else:
+        yield f"model and recordings differ ({tests})"
+    if name == kinds.UNLOCATED:
+        yield (
+            "nothing that was looked at explains it: the noise may be larger than stated or correlated in time "
+            "(--noise estimate)"
+        )
+    if kind.hidden is not None:
+        yield _hidden(kind)
+    elif located.within:
+        yield from _where(located)
+        yield _kind(located, kind)
+    yield from (_worn(d, engine) for d in kind.worn)
+    if len(located.found.evidence.engines) == 1:
+        yield (
+            "one engine is recorded: what is constant on it is identified with its parameters and is no mismatch; "
+            "whether an effect is common to its type cannot be said"
+        )
+
+
+def _test(test: Test) -> str:
+    value = f"{test.statistic:.0f}" if test.name == "omnibus" else rounded(test.statistic)
+    what = TESTS[test.name].format(value=value, about=_about(test))
+    p = p_value(test.p)
+    return f"{what}, p {p if p.startswith('<') else '= ' + p}"
+
+
+def _about(test: Test) -> str:
+    """ "hpc.efficiency along mach" in words; where it is the order of residuals, of a sensor's column."""
+    return f"{test.where} along {test.along}" if test.along else test.about
+
+
+def _where(located: Located) -> Iterator[str]:
+    first = next(lead for lead in located.leads if lead.within)
+    constant = first.driver == CONSTANT.word
+    told = [lead for lead in located.leads if lead.told] or [first]
+    varying = [lead for lead in told if lead.driver != CONSTANT.word]
+    members = [name for lead in varying for name in lead.words]
+    others = [name for lead in located.leads if lead.within and lead not in (first, *varying) for name in lead.words]
+    stability = min(1.0, sum(lead.stability for lead in told))
+    if constant:
+        whether = f" (whether it varies with {listed(members, 'or')} these recordings cannot tell)" if members else ""
+        varies = f"it need not vary with anything{whether}"
+    else:
+        varies = f"it varies with {listed(members, 'or')}"
+        varies += " (which these recordings cannot tell apart)" if len(members) > 1 else ""
+    rivals = f"; {listed(others, 'or')} cannot be excluded" if others else ""
+    yield f"{varies}: first in {100 * stability:.0f} % of resamples of {located.resampled}{rivals}"
+    place = located.within[0]
+    names = list(dict.fromkeys(place_words(p) for p in located.within))
+    share = f"{100 * place.share:.0f} % of the excess"
+    acts = f"it acts at {place_words(place)} (a correction there lowers χ² by {rounded(place.statistic)}, {share})"
+    if len(names) > 1:
+        acts += f"; within reach of that: {listed(names[1:], 'or')}"
+    yield acts
+    if place.refit == "did not converge":
+        yield "the refit with the full model did not converge: places are ranked by their linear scores"
+
+
+def place_words(place: Place) -> str:
+    """A location as an engineer says it."""
+    at = place.cell.location
+    return f"the {at.words}" if at.of_sensor else at.words
+
+
+def _kind(located: Located, kind: Kind) -> str:
+    from enginediag_cli.mismatch.locate import verdict_kind as kinds
+
+    what = {
+        kinds.SENSOR_ERROR: "one sensor is wrong: its own error beats every change of the engine",
+        kinds.SENSOR_FAULT: "one sensor changed at some time and stays so: no effect",
+        kinds.FAULT: "the engine changed at some time and stays so: a fault, no missing physics",
+        kinds.EFFECT: "an effect in the engine that the model lacks",
+        kinds.COMMON_EFFECT: "an effect that the model lacks, common to all engines: one coefficient serves them all",
+        kinds.ONE_ENGINE: "an effect that the engines do not share",
+        kinds.SWITCH: "it follows a recorded switch",
+    }
+    told = listed([what[n] for n in kind.names], "or")
+    if not kind.certain:
+        told = f"these flights do not tell which: {told}"
+    if kind.engines is not None and {kinds.COMMON_EFFECT, kinds.ONE_ENGINE} & set(kind.names):
+        own = ", ".join(f"{name} {rounded(T)}" for name, T in kind.engines.statistics.items())
+        told += f" (χ² by engine: {own}; p of one coefficient for all {p_value(kind.engines.p)})"
+    if kinds.FAULT in kind.names or kinds.SENSOR_FAULT in kind.names:
+        since = next(p.cell.driver.name for p in located.within if p.cell.driver.driver == TIME)
+        told += f"; best onset: {since}"
+    return told
+
+
+def _hidden(kind: Kind) -> str:
+    f = kind.hidden
+    assert f is not None
+    where = listed([at.words for at in (f.location, *f.rivals)], "or")
+    likelier = f"log likelihood +{rounded(f.lr)}; chance alone reaches +{rounded(f.threshold)}"
+    if f.is_switch:
+        return (
+            f"it switches between two states that no column records, {len(f.switches)} times within flights, and "
+            f"acts at {where} ({likelier})"
+        )
+    return f"it varies with something that no column records and acts at {where} ({likelier})"
+
+
+def _worn(d: Difference, engine: Engine) -> str:
+    parameter = engine.parameters[d.parameter]
+    factor, shown = (1.0, parameter.shown_unit) if parameter.shown_unit else (100.0, "%")
+    size = with_unit(factor * abs(d.value), shown, factor * NORMAL_95 * d.standard_error)
+    way = "above" if d.value > 0 else "below"
+    return (
+        f"engine {d.engine} stands out of the fleet: {parameter.words} {size} {way} the others' "
+        f"(p {p_value(d.p)}); constant, so identified and no missing physics"
+    )
+
+
+def picture(located: Located, kind: Kind, title: str, notes: Sequence[str]) -> str:
+    """The SVG of a map that was judged."""
+    import math
+
+    from enginediag_cli.report.pictures.mismatch_map import mismatch_picture, rows_of
+
+    assert located.presence is not None
+    gate = math.log(located.presence.looks / (0.5 * located.presence.false_alarm))
+    told = [
+        (p.cell.location.words, _column(p.words), p.surprise, p.within and kind.hidden is None) for p in located.places
+    ]
+    heat = rows_of(told, [_column(lead.words) for lead in located.leads], gate)
+    if kind.hidden is not None:
+        return mismatch_picture(title, notes, heat, _amplitude(kind.hidden))
+    return mismatch_picture(title, notes, heat, _residuals(located) if located.within else None)
+
+
+def _column(members: Sequence[str]) -> str:
+    return " = ".join(members)
+
+
+def _residuals(located: Located) -> Scatter:
+    """Residuals of the sensor that shows the first place most, against its driver."""
+    import math
+
+    from enginediag_cli.mismatch.locate.residual_curve import shown
+    from enginediag_cli.report.pictures.mismatch_map import Scatter
+
+    assert located.projection is not None
+    cell = located.within[0].cell
+    s = shown(located.projection, cell)
+    driver = cell.driver.driver
+    label = cell.driver.short + ("" if driver.unit == "1" else f" [{driver.unit}]")
+    scale: Callable[[float], float] = float
+    if driver.counted_in:  # people read the quantity, not its logarithm
+        label, scale = f"{cell.driver.short} ({driver.counted_in})", math.exp
+    return Scatter(
+        label,
+        f"{s.sensor.rsplit('_', 1)[0]}: measured − model [{s.unit}]",
+        f"What shows it most: {s.sensor.rsplit('_', 1)[0]}. Dots: readings; black: their means with 95 % intervals; "
+        f"orange: what a free curve of {cell.location.words} makes of it",
+        [scale(x) for x in s.x.tolist()],
+        s.residual.tolist(),
+        [(scale(x), mean, error) for x, mean, error, _ in s.bins],
+        [(scale(x), curve) for x, _, _, curve in s.bins],
+    )
+
+
+def _amplitude(f: HiddenFinding) -> Scatter:
+    """Amplitude of an effect without a recorded driver, record by record, and its two states where it has them."""
+    from enginediag_cli.report.pictures.mismatch_map import Scatter
+
+    number = (f.number + 1).tolist()
+    line: list[tuple[float, float]] = []
+    if f.is_switch and f.states is not None:
+        # the amplitude is told about its mean, which identification took
+        steps = f.coefficient * ((f.states > 0.5) - f.states.mean())
+        for k, y in zip(number, steps.tolist(), strict=True):
+            line += [(k - 0.5, y), (k + 0.5, y)]
+    caption = "Dots: amplitude of each record, about its mean" + ("; orange: its two states" if line else "")
+    unit = f" [{f.unit}]" if f.unit not in ("", "1") else ""
+    label = f"{f.location.words}{unit}"
+    return Scatter("record", label, caption, number, f.amplitude.tolist(), [], line)
+
+
+SEPARATED = 5.0
+"""Times the χ² per record of the best from which a place is told apart."""
+
+
+def per_record_rows(found: Sequence[PerRecord]) -> Iterator[dict[str, Any]]:
+    """One row per place, best first; "nothing" is the model as it is."""
+    for rank, f in enumerate(found, start=1):
+        yield {
+            "rank": rank,
+            "location": f.name,
+            "component": f.location.component if f.location else None,
+            "chi2_per_record": f.per_record,
+            "times_best": f.per_record / found[0].per_record,
+            "at_bound": len(f.at_bound),
+            "failed": f.failed,
+            "converged": f.converged,
+        }
+
+
+def per_record_sentences(
+    found: Sequence[PerRecord], stop: Stop, held: Sequence[Held], alike: Sequence[Alike]
+) -> Iterator[str]:
+    """What was found, for stderr. `found` is best first, its first not "nothing"."""
+    best = found[0]
+    none = next(f for f in found if f.location is None)
+    if none.at_bound:
+        yield (
+            f"Without an amplitude {len(none.at_bound)} identified parameters end at a physical bound "
+            f"({', '.join(none.at_bound)}): physics is missing."
+        )
+    rivals = [f for f in found[1:] if f.location is not None and f.per_record < SEPARATED * best.per_record]
+    yield (
+        f"An amplitude in every record at {best.words} leaves a χ² of {rounded(best.per_record)} per "
+        f"record, of {rounded(none.per_record)} without. "
+        + (_rivals(rivals) if rivals else f"The next place leaves {rounded(_next(found))}.")
+    )
+    if stop.bands:
+        yield _end(best, stop)
+    else:
+        yield "Too few records tell whether it lies against an end, and what a control may hold away from it."
+    standing = [h for h in held if h.held]
+    for h in standing[:1]:
+        yield (
+            f"Away from it {h.sensor} stands at {rounded(h.value)} within {rounded(h.scatter)}, where it would "
+            f"scatter by {rounded(h.free_scatter)}: a control moves what acts there to hold it."
+        )
+    for h in standing[1:]:
+        yield f"So does {h.sensor}, at {rounded(h.value)} within {rounded(h.scatter)}."
+    if alike:
+        told = ", ".join(f"{x.effect.term.TITLE.lower()} ({x.effect.label}, R² {x.share:.2f})" for x in alike)
+        yield f"Listed effects that act there, by how well they follow it: {told}."
+
+
+def _end(best: PerRecord, stop: Stop) -> str:
+    """Where the amplitude ends, how often it is there, and what moves that end."""
+    end = "an upper" if stop.upper else "a lower"
+    travel = stop.level - stop.beyond
+    flat = max(b[3] for b in stop.bands) - min(b[3] for b in stop.bands)
+    return (
+        f"It lies against {end} end ({rounded(best.theta[_parameter(best)] + stop.level)}) in "
+        f"{100 * stop.at.mean():.0f} % of the records, and as far as {rounded(abs(travel))} from it; by ambient "
+        f"temperature that end moves by {rounded(flat)}."
+    )
+
+
+def _rivals(rivals: Sequence[PerRecord]) -> str:
+    return "Not told from it: " + ", ".join(f"{f.words} ({rounded(f.per_record)})" for f in rivals) + "."
+
+
+def _next(found: Sequence[PerRecord]) -> float:
+    return next(f.per_record for f in found[1:] if f.location is not None)
+
+
+def _parameter(fit: PerRecord) -> str:
+    assert fit.location is not None
+    return fit.location.parameter

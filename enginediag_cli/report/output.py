@@ -1,0 +1,370 @@
+"""Where a command's data go, and in which format.
+
+Rows of results as CSV or JSON, one row in memory at a time, and as the cells that both share.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import chain
+from typing import TYPE_CHECKING, Any, TextIO
+
+from enginediag_cli.errors import DataError
+from enginediag_cli.progress import wipe
+from enginediag_cli.report.messages import wants_color
+from enginediag_cli.safe_text import guarded, json_escaped, visible
+
+if TYPE_CHECKING:
+    from enginediag_cli.recordings.formats.table_file import RecordingWriter
+
+
+def plain(value: Any) -> Any:
+    """`value` in Python's own types: numpy scalars and arrays become numbers and lists."""
+    if hasattr(value, "tolist"):  # numpy, without importing it
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [plain(item) for item in value]
+    return value
+
+
+def cell(value: Any) -> str:
+    """Text of one CSV cell: floats that read back to the same value, empty for None and NaN."""
+    value = plain(value)
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return ""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        return repr(value)
+    if isinstance(value, dict):
+        return "; ".join(f"{key}={cell(item)}" for key, item in value.items())
+    if isinstance(value, list):
+        return "; ".join(cell(item) for item in value)
+    return str(value)
+
+
+def bare_cells(row: Mapping[str, Any], columns: Sequence[str]) -> list[Any]:
+    """Cells of a row as numbers and texts; what is neither is the text that a CSV cell has of it."""
+    values = [plain(row.get(column)) for column in columns]
+    return [cell(value) if isinstance(value, (dict, list)) else value for value in values]
+
+
+def write_csv(
+    rows: Iterable[Mapping[str, Any]],
+    columns: Sequence[str],
+    stream: TextIO,
+    *,
+    provenance: Sequence[str] = (),
+    live: bool = False,
+) -> int:
+    """Provenance lines behind `# `, the header, then the rows; a column that a row lacks is left empty."""
+    import csv
+
+    for line in provenance:
+        stream.write(line.rstrip("\n") + "\n" if line.startswith("#") else f"# {line}\n")
+    writer = csv.writer(stream, lineterminator="\n")
+    shown = stream.isatty()
+
+    def safe(value: Any) -> str:
+        """A cell that neither a spreadsheet nor a terminal obeys; numbers stay as they are."""
+        text = cell(value)
+        if isinstance(value, (float, int)):
+            return text
+        text = guarded(text) if _begins_with_text(value) else text
+        return visible(text) if shown else text
+
+    if columns:
+        writer.writerow([safe(column) for column in columns])
+    count = 0
+    for count, row in enumerate(rows, start=1):  # noqa: B007
+        writer.writerow([safe(row.get(column)) for column in columns])
+        if live:
+            stream.flush()
+    return count
+
+
+def write_json(rows: Iterable[Mapping[str, Any]], columns: Sequence[str], stream: TextIO, *, live: bool = False) -> int:
+    """One JSON array of objects, written row by row; NaN and infinity, which JSON lacks, become null."""
+    count = 0
+    for count, row in enumerate(rows, start=1):
+        record = {column: finite(plain(row.get(column))) for column in columns}
+        stream.write("[\n" if count == 1 else ",\n")
+        stream.write(json_text(record))
+        if live:
+            stream.flush()
+    stream.write("\n]\n" if count else "[]\n")
+    return count
+
+
+def write_object(document: Mapping[str, Any], stream: TextIO) -> None:
+    """One JSON object, indented, NaN and infinity as null; values that are iterators are written item by item."""
+    between = "{"
+    for key, value in document.items():
+        stream.write(f"{between}\n {json_text(str(key))}: ")
+        between = ","
+        if not isinstance(value, Iterator):
+            stream.write(_indented(value, 1))
+            continue
+        count = 0
+        for count, item in enumerate(value, start=1):
+            stream.write(("[" if count == 1 else ",") + "\n  " + _indented(item, 2))
+        stream.write("\n ]" if count else "[]")
+    stream.write("\n}\n" if document else "{}\n")
+
+
+def _indented(value: Any, depth: int) -> str:
+    """As part of an object, so many levels deep."""
+    return json_text(finite(plain(value)), indent=1).replace("\n", "\n" + " " * depth)
+
+
+def write_ndjson(rows: Iterable[Mapping[str, Any]], columns: Sequence[str], stream: TextIO) -> int:
+    """One JSON object a line, each handed on at once; NaN and infinity become null."""
+    count = 0
+    for row in rows:
+        count += 1
+        stream.write(json_text({column: finite(plain(row.get(column))) for column in columns}) + "\n")
+        stream.flush()
+    return count
+
+
+def json_text(value: Any, indent: int | None = None) -> str:
+    """JSON of plain, finite values; letters as they are, control characters as escapes, those beyond ASCII too."""
+    import json
+
+    text = json.dumps(value, ensure_ascii=False, allow_nan=False, indent=indent)
+    return json_escaped(text)
+
+
+def _begins_with_text(value: Any) -> bool:
+    """Whether a cell begins with a text and not with a number: "=1" and ["-x", 2], but not -3.5 and [-1, 2]."""
+    value = plain(value)
+    while isinstance(value, list) and value:
+        value = value[0]
+    return isinstance(value, (str, dict))
+
+
+def finite(value: Any) -> Any:
+    """`value` with every NaN and infinity replaced by None."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, dict):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [finite(item) for item in value]
+    return value
+
+
+PARQUET = "parquet"
+"""A format of files alone, chosen by their name."""
+
+SUFFIX_FORMATS = {".csv": "csv", ".json": "json", ".ndjson": "ndjson", ".jsonl": "ndjson", ".parquet": PARQUET}
+
+RECORDING_FORMATS = ("csv", PARQUET)
+"""Those in which a recording is written record by record as it would be read again."""
+
+NEUTRAL_SUFFIXES = ("", ".txt", ".dat")
+"""Names of a table that say nothing of its format; csv is written."""
+
+
+def _nobody(text: str) -> None:
+    """Nobody is told."""
+
+
+@dataclass(frozen=True)
+class Output:
+    """The user's choice of `-o`, `--format`, `--no-header`, `--color`, `--wide` and `--columns`; opens nothing before
+    data exist. `say` is told what was left out of a table."""
+
+    path: str = "-"
+    format: str = "auto"
+    header: bool = True
+    color: str = "auto"
+    wide: bool = False
+    columns: tuple[str, ...] = ()
+    say: Callable[[str], None] = _nobody
+
+    @property
+    def to_stdout(self) -> bool:
+        return self.path == "-"
+
+    def chosen_format(self) -> str:
+        """csv, json, ndjson, table, parquet; auto: by the file's suffix, else table on a terminal, csv in a pipe."""
+        if self.format != "auto":
+            return self.format
+        if not self.to_stdout:
+            return SUFFIX_FORMATS.get(table_suffix(self.path), "csv")
+        return "table" if self._on_terminal() else "csv"
+
+    def _on_terminal(self) -> bool:
+        return self.to_stdout and sys.stdout is not None and sys.stdout.isatty()
+
+    @contextmanager
+    def open(self) -> Iterator[TextIO]:
+        """The stream to write to, packed for a name in `.gz`.
+
+        A file appears under its name only when the block ends without an error. Raises OSError.
+        """
+        from enginediag_cli.recordings.write import output
+
+        with output(self.path) as stream:
+            wipe()
+            yield stream
+
+    @contextmanager
+    def open_recording(self, provenance: Sequence[str] = ()) -> Iterator[RecordingWriter]:
+        """As `open`, for recordings in one of RECORDING_FORMATS. Raises DataError, OSError."""
+        from enginediag_cli.recordings.write import recording_output
+
+        with recording_output(self.path, provenance, parquet=self.chosen_format() == PARQUET) as writer:
+            wipe()
+            yield writer
+
+    def write_text(self, text: str) -> None:
+        """Write a document (YAML, JSON schema, prose) as it is; a terminal gets control characters as escapes."""
+        with self.open() as stream:
+            stream.write(visible(text) if stream.isatty() else text)
+
+    def write_document(
+        self,
+        document: Mapping[str, Any] | Callable[[], Mapping[str, Any]],
+        rows: Iterable[Mapping[str, Any]],
+        columns: Sequence[str] | None = None,
+        *,
+        summary: Sequence[str] = (),
+        provenance: Sequence[str] = (),
+    ) -> None:
+        """Write all of a result: as json one object, `document`, whose values may be iterators of what need not be held
+        together, unless the user chose columns; else its `rows`."""
+        if self.chosen_format() != "json" or self.columns:
+            self.write_rows(rows, columns, summary=summary, provenance=provenance)
+            return
+        told = document() if callable(document) else document
+        with self.open() as stream:
+            write_object(told, stream)
+
+    def write_rows(
+        self,
+        rows: Iterable[Mapping[str, Any]],
+        columns: Sequence[str] | None = None,
+        *,
+        summary: Sequence[str] = (),
+        provenance: Sequence[str] = (),
+        live: bool = False,
+    ) -> int:
+        """Write `rows` in the chosen format as they come and return how many there were.
+
+        `columns` defaults to the keys of the first row; `summary` are those that matter most, for a terminal on which
+        not all have room. `provenance` lines go above a CSV, each behind `# `, unless the user gave --no-header.
+        `live` hands every row on at once, for input that is still growing. A table needs all rows to find its widths;
+        csv, json and ndjson hold one row at a time, parquet a group. Raises DataError when the user chose a column
+        that is not there.
+        """
+        iterator = iter(rows)
+        first = next(iterator, None)  # an error in the first row leaves no output behind, not even a header
+        if first is not None:
+            columns = tuple(columns or first)
+            iterator = chain([first], iterator)
+        columns = self._chosen(columns)
+        form = self.chosen_format()
+        if form == PARQUET:
+            return self._write_parquet(iterator, columns, provenance if self.header else ())
+        with self.open() as stream:
+            if form == "table":
+                return self._write_table(iterator, columns, stream, summary)
+            return write_rows(
+                _shown_alone(iterator) if stream.isatty() else iterator,
+                columns,
+                format=form,
+                stream=stream,
+                live=live,
+                provenance=provenance if self.header else (),
+            )
+
+    def _write_parquet(
+        self, rows: Iterable[Mapping[str, Any]], columns: Sequence[str], provenance: Sequence[str]
+    ) -> int:
+        """Rows with lists and mappings as the texts that CSV has of them."""
+        from enginediag_cli.recordings.formats.parquet_out import write_parquet
+        from enginediag_cli.recordings.write import binary_output
+
+        notes = [line.removeprefix("#").strip() if line.startswith("#") else line for line in provenance]
+        with binary_output(self.path) as stream:
+            return write_parquet((bare_cells(row, columns) for row in rows), columns, stream, self.path, notes)
+
+    def write_tables(self, parts: Iterable[Sequence[Mapping[str, Any]]], summary: Sequence[str] = ()) -> None:
+        """Write several tables for people below each other, an empty line between."""
+        with self.open() as stream:
+            for number, rows in enumerate(part for part in parts if part):
+                stream.write("\n" if number else "")
+                self._write_table(rows, self._chosen(tuple(rows[0])), stream, summary)
+
+    def _write_table(
+        self, rows: Iterable[Mapping[str, Any]], columns: Sequence[str], stream: TextIO, summary: Sequence[str]
+    ) -> int:
+        from enginediag_cli.report.tables import write_table
+
+        result = write_table(
+            rows,
+            columns,
+            stream,
+            color=wants_color(self.color, stream),
+            summary=() if self.wide or self.columns else (summary or columns),
+        )
+        if result.left_out:
+            some = f"{result.left_out} of {len(columns)} columns are left out to fit the terminal"
+            self.say(f"{some}; --wide shows all of them, --columns A,B those that you name")
+        return result.rows
+
+    def _chosen(self, columns: Sequence[str] | None) -> tuple[str, ...]:
+        """The columns that the user named, or all. Raises DataError for one that is not there."""
+        if not self.columns or not columns:  # of no rows with unknown columns, none can be wrong
+            return tuple(columns or ())
+        for name in self.columns:
+            if name not in columns:
+                from enginediag_cli.config.hints import near
+
+                raise DataError(f"--columns: there is no column {name!r} ({near(name, columns)})")
+        return self.columns
+
+
+def table_suffix(path: str) -> str:
+    """The ending that says the format of a table: ".json" of "a.json" and of "a.JSON.gz"."""
+    return os.path.splitext(path.lower().removesuffix(".gz"))[1]
+
+
+def check_parquet(path: str) -> None:
+    """Raises DataError where Parquet cannot be written to `path`, for want of the package."""
+    from enginediag_cli.recordings.formats.arrow import parquet_library
+
+    parquet_library(path, "write a .csv")
+
+
+def write_rows(
+    rows: Iterable[Mapping[str, Any]],
+    columns: Sequence[str],
+    *,
+    format: str,
+    stream: TextIO,
+    provenance: Sequence[str] = (),
+    live: bool = False,
+) -> int:
+    """Write `rows` to an open stream as "csv", "json" (one array) or "ndjson" (a line each); returns their number."""
+    if format == "csv":
+        return write_csv(rows, columns, stream, provenance=provenance, live=live)
+    if format == "json":
+        return write_json(rows, columns, stream, live=live)
+    return write_ndjson(rows, columns, stream)
+
+
+def _shown_alone(rows: Iterable[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
+    """Rows for a terminal, which may also show how far the work is: that is wiped before each of them."""
+    for row in rows:
+        wipe()
+        yield row

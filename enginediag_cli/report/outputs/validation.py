@@ -1,0 +1,182 @@
+"""Declared columns of trials and studies: `prove` and `study`.
+
+The score sheets of `prove`: as rows, and as one object, which holds the same by score.
+
+What `study` writes: rates, counts or reliability as rows, all of it as one object.
+"""
+
+from __future__ import annotations
+
+from enginediag_cli.config.fields import Field
+from enginediag_cli.report.outputs.declared import Table, column, part
+
+_RATE = (
+    column("rate", "number", "share, or mean, as the score says", empty=True),
+    column("count", "integer", "how many of them", empty=True),
+    column("of", "integer", "trials, or answers, that the rate is of"),
+    column("low", "number", "lower end of its 95 % interval", empty=True),
+    column("high", "number", "upper end of its 95 % interval", empty=True),
+    column("target", "text", "what was asked; empty where nothing was", empty=True),
+    column("met", "text", "yes or no; empty without a target", empty=True),
+)
+
+_RUN = (
+    column("trials", "integer", "trials that were run"),
+    column("failed_records", "integer", "records that could not be simulated"),
+    column("seed", "integer", "seed of everything random"),
+    column("truths", "texts", "truths that were asked for"),
+    part("versions", "of the program and its libraries"),
+)
+_SCHEMA = column("schema", "text", "name and version of this schema")
+
+PROVE = Table(
+    "prove",
+    1,
+    "one row per score, truth and kind of trials, then one per bin",
+    (
+        column("score", "text", "what is counted"),
+        column("truth", "text", "same_model, map_error or realistic"),
+        column("kind", "text", "kind of the trials; empty for the score's headline"),
+        column("bin", "text", "bin of size or of stated probability; empty for all"),
+        *_RATE,
+    ),
+    document=(
+        _SCHEMA,
+        column("scores", "texts", "names of the scores; each is a key of this object"),
+        part("bins", "rates by truth and bin"),
+        part("held_out_misfit", "χ² per reading of held-back flights, by truth"),
+        part("trials_by_kind", "trials of each kind, by truth"),
+        column("unscored", "integer", "trials that could not be scored"),
+        column("kinds", "texts", "kinds of trials that were drawn"),
+        part("model_error", "accuracy of the maps that the explainer allows for, by truth"),
+        column("false_alarm", "number", "probability of a false finding that was asked for"),
+        column("engine", "text", "engine file"),
+        *_RUN,
+    ),
+)
+
+ISOLATED = Table(
+    "prove/isolate",
+    1,
+    "prove --question isolate: the sheet, reliability of stated probabilities, and outcomes by kind",
+    (
+        column("table", "text", "sheet, reliability, outcomes or kinds"),
+        column("score", "text", "what is counted"),
+        column("kind", "text", "kind of the trials", empty=True),
+        column("bin", "text", "bin of stated probability", empty=True),
+        column("stated", "number", "mean stated probability of the bin", empty=True),
+        column("gap", "number", "rate less mean stated probability", empty=True),
+        *_RATE,
+    ),
+    document=(
+        _SCHEMA,
+        part("sheet", "scores with their intervals and targets"),
+        part("reliability", "bins of stated probability, by kind of name"),
+        part("kinds", "outcomes by kind of trial"),
+        part("engines", "outcomes by engine"),
+        column("chosen_kinds", "texts", "kinds of trials that were drawn"),
+        column("engine_files", "texts", "engine files"),
+        *_RUN,
+    ),
+)
+
+
+_PLACE = (
+    column("case", "text", "fault case of the study file"),
+    column("method", "text", "method of diagnosis"),
+)
+_REPETITIONS = column("repetitions", "integer", "diagnoses")
+_COUNT = column("count", "integer", "how often")
+_STUDY_RATE = (
+    column("rate", "number", "share"),
+    column("low", "number", "lower end of its 95 % interval", empty=True),
+    column("high", "number", "upper end of its 95 % interval", empty=True),
+)
+
+
+def _rate(name: str, help: str) -> tuple[Field, ...]:
+    return (
+        column(name, "number", f"share of diagnoses: {help}", empty=True),
+        column(f"{name}_low", "number", "lower end of its 95 % interval", empty=True),
+        column(f"{name}_high", "number", "upper end of its 95 % interval", empty=True),
+    )
+
+
+STUDY = Table(
+    "study",
+    1,
+    "one row per case and method: rates with binomial intervals",
+    (
+        *_PLACE,
+        _REPETITIONS,
+        column("no_verdict", "integer", "diagnoses without a verdict"),
+        *_rate("detected", "a change was found, where there is one"),
+        *_rate("false_alarm", "a change was found, where there is none"),
+        *_rate("exact", "exactly what changed was named"),
+        *_rate("contained", "what changed is among what was named"),
+        column("mean_size", "number", "parameters named, on the mean", empty=True),
+        column("seconds_per_diagnosis", "number", "CPU time of one diagnosis", "s"),
+    ),
+    document=(
+        column("schema", "text", "name and version of this schema"),
+        part(
+            "cases",
+            "of every case and method: counts, and rates with their intervals",
+            (
+                *_PLACE,
+                _REPETITIONS,
+                column("no_verdict", "integer", "diagnoses without a verdict"),
+                column("detected", "integer", "diagnoses that found a change"),
+                column("exact", "integer", "diagnoses that named exactly what changed", empty=True),
+                column("contained", "integer", "diagnoses among whose names is what changed", empty=True),
+                column("mean_size", "number", "parameters named, on the mean", empty=True),
+                column("unchanged", "integer", "diagnoses of engines in which nothing changed"),
+                column("false_alarms", "integer", "of these, with a finding"),
+                part("false_alarm_rate", "with its interval", _STUDY_RATE, empty=True),
+                part("detected_rate", "with its interval", _STUDY_RATE, empty=True),
+                part("exact_rate", "with its interval", _STUDY_RATE, empty=True),
+                part("contained_rate", "with its interval", _STUDY_RATE, empty=True),
+                column("failed_records", "integer", "records that could not be simulated"),
+            ),
+            many=True,
+        ),
+        column("study", "text", "the study file"),
+        column("engine", "text", "name of the engine"),
+        column("records", "integer", "records of one diagnosis"),
+        column("seed", "integer", "seed of everything random"),
+        column("parameters", "texts", "monitored parameters"),
+        part(
+            "timings",
+            "CPU times, which differ from run to run",
+            (*_PLACE, column("seconds_per_diagnosis", "number", "CPU time of one diagnosis", "s")),
+            many=True,
+        ),
+    ),
+)
+
+COUNTS = Table(
+    "study/counts",
+    1,
+    "study --show counts: how often each parameter was named, one column per parameter",
+    (*_PLACE, _REPETITIONS),
+    families=(column("<parameter>", "integer", "diagnoses that name the parameter", empty=True),),
+)
+
+RELIABILITY = Table(
+    "study/reliability",
+    1,
+    "study --show reliability: one row per bin of stated probability",
+    (
+        *_PLACE,
+        column("from", "number", "lower end of the bin of stated probabilities"),
+        column("to", "number", "upper end of the bin"),
+        column("answers", "integer", "answers in it"),
+        column("stated", "number", "their mean stated probability"),
+        column("right", "integer", "how many of them are right"),
+        column("rate", "number", "share of them that is right"),
+        column("count", "integer", "as right"),
+        column("of", "integer", "as answers"),
+        column("low", "number", "lower end of the 95 % interval of the rate", empty=True),
+        column("high", "number", "upper end of the 95 % interval of the rate", empty=True),
+    ),
+)

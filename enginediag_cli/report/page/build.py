@@ -1,0 +1,451 @@
+"""Results in, a page out.
+
+A fleet: ranking, heat map, discoveries, what all engines have in common, and the worst engines one by one.
+
+What the model lacks: answers of `locate`, `explain` and `refine` as a first screen and sections.
+
+The end of a report: what was left out, and everything that is needed to make the page again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from enginediag_cli import __version__
+from enginediag_cli.fleets.finding import Estimate
+from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.mismatch.explain.answer import FAILED, LAW, NAMED, NOTHING
+from enginediag_cli.report.charts.fleet_charts import (
+    EngineFound,
+    HealthFound,
+    engines_of,
+    evidence_course,
+    fleet_map,
+    fleet_ranking,
+)
+from enginediag_cli.report.charts.health_trend import maintenance_marks, margin
+from enginediag_cli.report.charts.model import Column, Origin, Table, Value
+from enginediag_cli.report.charts.model_charts import before_after, flight_gains, law_curve, mismatch_places
+from enginediag_cli.report.charts.rows import Row
+from enginediag_cli.report.page import results as kinds
+from enginediag_cli.report.page.evidence import EngineEvidence, Evidence
+from enginediag_cli.report.page.page import Block, Bullets, Lead, Listing, Page, Section, State, Tabled, Words
+from enginediag_cli.report.page.results import Result
+from enginediag_cli.report.page.sections import engine_section
+from enginediag_cli.report.page.verdicts import lead_of, next_step
+from enginediag_cli.report.sentences import change, count, listed, probability, rounded, with_unit
+
+STATES = {"changed": State.CHANGED, "healthy": State.NOTHING_FOUND, "no verdict": State.NO_VERDICT}
+IN_FULL = 12
+"""Engines with charts of their own, the worst: a page of more would not open at once."""
+LIKELY = 0.5
+"""Probability from which a parameter is told as changed."""
+
+
+def fleet_lead(document: Mapping[str, Any], engines: Sequence[EngineFound], key: str) -> Lead:
+    """The first screen of a fleet: how many, the bound, and where to begin."""
+    numbers = [sum(e.verdict == verdict for e in engines) for verdict in ("changed", "healthy", "no verdict")]
+    told = f"{numbers[0]} of {count(len(engines), 'engine')} changed"
+    state = State.CHANGED if numbers[0] else State.NOTHING_FOUND if numbers[1] else State.NO_VERDICT
+    rest = [f"{numbers[1]} show no change"] if numbers[1] else []
+    rest += [f"{numbers[2]} could not be judged"] if numbers[2] else []
+    listed_ = [e for e in engines if e.discovery]
+    sentence = f"{told}; {listed(rest)}." if rest else f"{told}."
+    surely = str((document.get("discoveries") or {}).get("words") or "")
+    if listed_:
+        surely = f"{count(len(listed_), 'engine')} on the list of discoveries: {surely}"
+    worst = [e for e in engines if e.verdict == "changed"][:1]
+    step = [f"Begin with {e.serial}: {_step(e)}" for e in worst]
+    return Lead(state, sentence, surely=surely, next=" ".join(step), key=key, badge="fleet")
+
+
+GLANCE = (
+    Column("engine"),
+    Column("what"),
+    Column("since"),
+    Column("how surely"),
+    Column("flights left"),
+)
+
+
+def _glance(engines: Sequence[EngineFound]) -> Iterator[Block]:
+    """Every engine that changed, could not be judged or has an instrument that is stuck or scatters, worst first."""
+    told = [e for e in engines if e.verdict != "healthy" or e.instruments]
+    rows = [(e.serial, _what(e), _since(e), _surely(e), _left(e.margin.remaining_flights)) for e in told]
+    if rows:
+        yield Tabled("Engines that need a look", Table(GLANCE, rows, [e.origin for e in told]))
+
+
+def _what(e: EngineFound) -> str:
+    if e.verdict == "no verdict":
+        told = [f"not judged: {e.reason}"]
+    elif e.verdict == "healthy":
+        told = ["healthy"]
+    else:
+        told = [_size(h) for h in _changed(e)] or ["changed; no single parameter stands out"]
+    return "; ".join([*told, *e.instruments])
+
+
+def _changed(e: EngineFound) -> list[HealthFound]:
+    return [h for h in e.health if h.probability >= LIKELY]
+
+
+def _surely(e: EngineFound) -> str:
+    changed = _changed(e)
+    told = [f"probability {probability(max(h.probability for h in changed))}"] if changed else []
+    if math.isfinite(e.log10_e):
+        told.append(f"evidence 10^{e.log10_e:.0f} over {count(e.flights, 'flight')}")
+    return "; ".join([*told, *(["listed"] if e.discovery else [])])
+
+
+def _step(e: EngineFound) -> str:
+    return next_step(STATES.get(e.verdict, State.CANNOT_TELL), [h.parameter for h in _changed(e)], (), ())
+
+
+def _left(left: Estimate) -> str:
+    """Flights to the limit with their 90 % interval."""
+    if not math.isfinite(left.value):
+        return ""
+    end = rounded(left.high, digits=2) if math.isfinite(left.high) else "no end in sight"
+    return f"{rounded(left.value, digits=2)} (90 %: {rounded(left.low, digits=2)} to {end})"
+
+
+def _size(h: HealthFound) -> str:
+    return change(h.parameter, h.change.value, (h.change.high - h.change.low) / 2)
+
+
+def _since(e: EngineFound) -> str:
+    best, low, high = e.since
+    if not best:
+        return ""
+    name = f"flight {e.since_flight}" if e.since_flight else f"flight number {best}"
+    return name if low == high else f"{name}; counted from the first, between {low} and {high}"
+
+
+def fleet_section(result: Result, engines: Sequence[EngineFound], key: str) -> Section:
+    """Everything of one fleet document."""
+    document = result.document
+    blocks: list[Block] = []
+    blocks += _glance(engines)
+    if any(math.isfinite(e.severity.value) for e in engines):
+        blocks.append(fleet_ranking(f"{key}-ranking", engines))
+    heat = fleet_map(f"{key}-map", engines)
+    blocks += [heat] if heat is not None else []
+    blocks += _common(document.get("common") or ())
+    blocks += _left_out(document.get("left_out") or ())
+    inner = [_engine(e, f"{key}-{k}") for k, e in enumerate(engines[:IN_FULL])]
+    if len(engines) > IN_FULL:
+        blocks.append(Words(f"The {IN_FULL} worst engines follow one by one; the tables have the others."))
+    return Section(key, str(document.get("description") or "The fleet"), blocks, inner)
+
+
+def _engine(e: EngineFound, key: str) -> Section:
+    marks = maintenance_marks(e)
+    charts = [margin(f"{key}-margin", e, marks), evidence_course(f"{key}-evidence", e, marks)]
+    blocks: list[Block] = [Words(e.reason)] if e.reason else []
+    blocks += [Bullets(e.instruments)] if e.instruments else []
+    blocks += [chart for chart in charts if chart is not None]
+    blocks += [*_health(e), *_events(e)]
+    return Section(key, f"Engine {e.serial}", blocks)
+
+
+def _health(e: EngineFound) -> Iterator[Block]:
+    if not e.health:
+        return
+    columns = (Column("parameter"), Column("change, 95 %"), Column("kind"), Column("probability"), Column("since"))
+    rows: list[tuple[Value, ...]] = []
+    for h in sorted(e.health, key=lambda h: -h.probability):
+        half = h.scale * (h.change.high - h.change.low) / 2
+        size = with_unit(h.scale * h.change.value, h.shown_unit, half) if math.isfinite(h.change.value) else ""
+        since = h.onset_flight or (str(h.onset) if h.onset else "")
+        rows.append((h.words, size.replace("-", "−"), h.kind, probability(h.probability), since))
+    origins = [h.origin for h in sorted(e.health, key=lambda h: -h.probability)]
+    yield Tabled(f"Health of {e.serial} now", Table(columns, rows, origins), closed=True)
+
+
+def _events(e: EngineFound) -> Iterator[Block]:
+    if not e.events:
+        return
+    columns = (Column("event"), Column("on"), Column("first flight after"), Column("margin recovered"), Column("note"))
+    rows = []
+    for x in e.events:
+        r = x.recovered_K
+        size = with_unit(r.value, "K", (r.high - r.low) / 2) if math.isfinite(r.value) else ""
+        rows.append((x.kind, x.component or "engine", x.number or None, size, x.reason))
+    yield Tabled(f"What maintenance of {e.serial} brought", Table(columns, rows, [x.origin for x in e.events]))
+
+
+def _common(common: Sequence[Any]) -> Iterator[Block]:
+    told = [c for c in common if isinstance(c, dict)]
+    shared = [f"{c.get('words') or c.get('parameter')}: {c.get('reading')}" for c in told if c.get("common")]
+    if shared:
+        yield Words("Common to most engines, so physics that the model lacks or an error of the recorder:")
+        yield Bullets(shared)
+    elif told:
+        yield Words("No parameter moved alike in most engines: what was found is each engine's own.")
+
+
+def _left_out(left: Sequence[Any]) -> Iterator[Block]:
+    rows: list[tuple[Value, ...]] = []
+    for entry in left:
+        if isinstance(entry, dict):
+            what = [str(v) for k, v in entry.items() if k != "reason"]
+            rows.append((", ".join(what), str(entry.get("reason") or "")))
+        elif isinstance(entry, list | tuple) and len(entry) == 2:
+            rows.append((str(entry[0]), str(entry[1])))
+    if rows:
+        yield Tabled(f"Left out ({len(rows)})", Table((Column("what"), Column("why")), rows), closed=True)
+
+
+BADGES = {NAMED: "missing physics, named", NOTHING: "nothing missing", LAW: "missing physics, a law"}
+"""What stands above the sentence of an answer of `explain`; its status where none is listed."""
+
+COEFFICIENTS = (
+    Column("explanation"),
+    Column("probability"),
+    Column("coefficients with 95 % intervals"),
+    Column("gain of evidence"),
+)
+
+
+def physics_leads(evidence: Evidence) -> Iterator[Lead]:
+    """One for each answer of `explain`, and of `refine`."""
+    for number, result in enumerate(evidence.documents(kinds.EXPLAINED), start=1):
+        yield _explained(result.document, f"explain-{number}")
+    for number, result in enumerate(evidence.documents(kinds.REFINED), start=1):
+        yield _refined(result.document, f"refine-{number}")
+
+
+def _explained(answer: Mapping[str, Any], key: str) -> Lead:
+    status, told = str(answer["status"]), [str(s).strip() for s in answer["sentences"]]
+    state = {NOTHING: State.NOTHING_FOUND, FAILED: State.NO_VERDICT, NAMED: State.CHANGED, LAW: State.CHANGED}.get(
+        status, State.CANNOT_TELL
+    )
+    advice = answer.get("advice") or {}
+    next_ = [str(s["in_words"]) for s in (advice.get("suggestions") or [])[:1]]
+    if status == NAMED and not next_:
+        next_ = ["Give it to `refine` with flights that were not used here; they decide whether it enters the model."]
+    surely = [
+        f"{x['in_words']}: probability {probability(float(x['probability']))}"
+        for x in answer["explanations"][:1]
+        if x.get("probability") is not None
+    ]
+    rivals = [
+        f"{x['in_words']} ({probability(float(x['probability']))})"
+        for x in answer["explanations"][1:]
+        if x.get("probability") is not None
+    ]
+    flips = [str(f.get("words", f)) if isinstance(f, Mapping) else str(f) for f in answer.get("flips") or ()]
+    return Lead(
+        state,
+        _headline(told) or str(answer.get("reason") or status),
+        surely="; ".join(surely),
+        next=f"Next recording: {next_[0]}." if advice.get("suggestions") else " ".join(next_),
+        flips=flips,
+        rivals=rivals,
+        key=key,
+        badge=BADGES.get(status, status),
+    )
+
+
+def _headline(told: Sequence[str]) -> str:
+    """The first sentence, with the next where it only announces it."""
+    return " ".join(told[:2]) if told and told[0].endswith(":") else "".join(told[:1])
+
+
+def _refined(answer: Mapping[str, Any], key: str) -> Lead:
+    accepted = answer["verdict"] == "accepted"
+    state = State.CHANGED if accepted else State.CANNOT_TELL
+    chi2 = answer.get("chi2_per_reading") or {}
+    effects = listed([f"{e['term']} at {e['at']}" for e in answer["effects"]]) or "nothing"
+    sentence = f"Put into the model, {effects} predicts flights that were not fitted better."
+    if not accepted:
+        sentence = f"{effects} is not put into the model: {answer.get('refused') or answer['verdict']}."
+    surely = ""
+    if chi2:
+        surely = f"χ² per reading {float(chi2['before']):.3f} before, {float(chi2['after']):.3f} after"
+        surely += f", over {int(chi2['of']):,} readings"
+    more = str(answer.get("still_missing") or "")
+    next_ = "Use the refined engine file with every other command." if accepted else ""
+    return Lead(
+        state,
+        sentence,
+        surely=surely,
+        next=f"{next_} {more}".strip(),
+        key=key,
+        badge=f"refinement {answer['verdict']}",
+    )
+
+
+def physics_sections(evidence: Evidence) -> Iterator[Section]:
+    """Places first, then names, then what unseen flights say."""
+    for number, result in enumerate(evidence.documents(kinds.LOCATED), start=1):
+        yield Section(f"locate-{number}", "Where it differs", list(_located(result, f"locate-{number}-map")))
+    mapped = bool(evidence.documents(kinds.LOCATED))
+    for number, result in enumerate(evidence.documents(kinds.EXPLAINED), start=1):
+        yield Section(
+            f"explain-{number}", "What the model lacks", list(_explanation(result, f"explain-{number}", mapped))
+        )
+    for number, result in enumerate(evidence.documents(kinds.REFINED), start=1):
+        yield Section(f"refine-{number}", "With it in the model", list(_refinement(result, f"refine-{number}")))
+
+
+def _located(result: Result, key: str) -> Iterator[Block]:
+    rows = [row for row in result.rows if row.text("location") and row.text("driver")]
+    if rows:
+        verdict = rows[0].text("verdict")
+        yield Words(f"Verdict: {verdict}. Best place: {rows[0].text('location')} along {rows[0].text('along')}.")
+        yield mismatch_places(key, rows)
+    else:
+        told = result.rows[0].text("verdict") if result.rows else "nothing"
+        yield Words(f"No place is told: {told}.")
+
+
+def _explanation(result: Result, key: str, mapped: bool) -> Iterator[Block]:
+    answer, name = result.document, result.name
+    yield Bullets([str(sentence).strip() for sentence in answer["sentences"]])
+    places = [Row(place, Origin(name, f"places[{k}]")) for k, place in enumerate(answer["places"])]
+    if places and not mapped:
+        gates = answer.get("gates")
+        gate = float(gates[0]) if isinstance(gates, list) and gates else math.nan
+        yield mismatch_places(f"{key}-map", places, gate)
+    law = answer.get("law") or {}
+    if law.get("band"):
+        place = str((law.get("places") or [{}])[0].get("location", "the place found"))
+        yield law_curve(f"{key}-law", law["band"], place, Origin(name, "law.band.values"))
+    rows, origins = [], []
+    for k, x in enumerate(answer["explanations"]):
+        sizes = "; ".join(_coefficient(c) for c in x.get("coefficients") or ())
+        rows.append((x["in_words"], probability(float(x["probability"])), sizes, x.get("gain")))
+        origins.append(Origin(name, f"explanations[{k}]"))
+    if rows:
+        yield Tabled("Explanations and their coefficients", Table(COEFFICIENTS, rows, origins))
+
+
+def _coefficient(c: Mapping[str, Any]) -> str:
+    value, error = float(c["value"]), c.get("standard_error")
+    within = f" ± {rounded(NORMAL_95 * error, error)}" if error else ""
+    return f"{c['name']} = {rounded(value, error)}{within}{'' if c['unit'] == '1' else ' ' + str(c['unit'])}"
+
+
+def _refinement(result: Result, key: str) -> Iterator[Block]:
+    answer, name = result.document, result.name
+    yield Bullets([str(sentence).strip() for sentence in answer["sentences"]])
+    rows = [Row(row, Origin(name, f"rows[{k}]")) for k, row in enumerate(answer.get("rows") or ())]
+    if any(row.text("what") == "chi2 per reading" for row in rows):
+        yield before_after(f"{key}-readings", rows)
+    flights = [
+        (str(f["flight"]), float(f["gain"]), Origin(name, f"flights[{k}]"))
+        for k, f in enumerate(answer.get("flights") or ())
+    ]
+    if flights:
+        yield flight_gains(f"{key}-gains", flights)
+
+
+COUNTS = (("outside", "outside what identification covered"), ("incomplete", "incomplete"), ("failed", "not computed"))
+
+
+def left_out_section(evidence: Evidence, told: Sequence[str]) -> Section:
+    """Windows without verdict and records that were not judged, of all engines; `told`: what only a run knows."""
+    cells: list[tuple[str | int, ...]] = []
+    origins: list[Origin] = []
+    for engine in evidence.engines.values():
+        for row in _windows(engine):
+            lost = {name: row.count(name) for name, _ in COUNTS}
+            silent = row.count("sensors_of") - row.count("sensors")
+            if not any(lost.values()) and not silent and not row.text("reason"):
+                continue
+            cells.append((row.window, engine.engine, row.count("records"), *lost.values(), silent, row.text("reason")))
+            origins.append(row.origin)
+    blocks: list[Block] = [Bullets(told)] if told else []
+    columns = (
+        Column("window"),
+        Column("engine"),
+        Column("records"),
+        *(Column(words) for _, words in COUNTS),
+        Column("sensors silent"),
+        Column("why no verdict"),
+    )
+    if cells:
+        blocks.append(Tabled("Records and windows not judged", Table(columns, cells, origins)))
+    elif any(_windows(engine) for engine in evidence.engines.values()):
+        blocks.append(Words("Every record of every window was judged, by all sensors of the engine."))
+    else:
+        blocks.append(Words("These results do not say how many records they rest on."))
+    if not told:
+        blocks.append(
+            Words(
+                "Readings that were masked are told on standard error by the command that read the recording; a report "
+                "made from recordings (-n NOMINAL) lists them here.",
+                quiet=True,
+            )
+        )
+    return Section("left-out", "What was left out, and why", blocks)
+
+
+def _windows(engine: EngineEvidence) -> list[Row]:
+    return engine.of(kinds.DETECTED) or [rows[0] for rows in engine.isolated] or engine.of(kinds.COMPONENTS)
+
+
+def made_section(evidence: Evidence, command: Sequence[str], versions: Sequence[str]) -> Section:
+    """The command, what it read, and what that was made by."""
+    files = Table(
+        (Column("file"), Column("is"), Column("written by"), Column("rows"), Column("SHA-256")),
+        [
+            (r.name, r.kind.name, f"enginediag {r.kind.command}", len(r.rows), r.sha256 or "of standard input")
+            for r in evidence.results
+        ],
+    )
+    blocks: list[Block] = [
+        Words("The same files and the same command give this page byte for byte:"),
+        Listing(command),
+        Listing(versions),
+        Tabled("Files", files),
+    ]
+    for result in evidence.results:
+        if result.provenance:
+            blocks.append(Listing(result.provenance, f"What {result.name} says of its making"))
+    silent = [result.name for result in evidence.results if not result.provenance]
+    if silent:
+        blocks.append(
+            Words(f"{listed(silent)}: no word of what made it; CSV written with its header says so.", quiet=True)
+        )
+    return Section("made", "How this page was made", blocks)
+
+
+TITLE = "Engine report"
+WORST_FIRST = tuple(State)
+
+
+def page_of(
+    evidence: Evidence,
+    *,
+    title: str = "",
+    command: Sequence[str] = (),
+    left_out: Sequence[str] = (),
+    versions: Sequence[str] = (),
+) -> Page:
+    """All that the results say. command: what makes the page again; left_out: what only reading the recordings told."""
+    leads: list[Lead] = []
+    sections: list[Section] = []
+    ordered = []
+    for number, engine in enumerate(evidence.engines.values(), start=1):
+        key = f"engine-{number}"
+        ordered.append((lead_of(engine, evidence, key), engine, key))
+    ordered.sort(key=lambda entry: WORST_FIRST.index(entry[0].state))
+    for lead, engine, key in ordered:
+        leads.append(lead)
+        sections.append(engine_section(engine, evidence, key))
+    leads += physics_leads(evidence)
+    for number, result in enumerate(evidence.documents(kinds.FLEET), start=1):
+        engines = engines_of(result.document, result.name)
+        leads.append(fleet_lead(result.document, engines, f"fleet-{number}"))
+        sections.append(fleet_section(result, engines, f"fleet-{number}"))
+    sections += physics_sections(evidence)
+    sections += [
+        left_out_section(evidence, left_out),
+        made_section(evidence, command, [f"enginediag {__version__}", *versions]),
+    ]
+    return Page(title or TITLE, leads, sections)

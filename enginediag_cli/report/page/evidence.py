@@ -1,0 +1,301 @@
+"""Results sorted by engine: all that is known of each, whichever files it came from.
+
+A report straight from recordings: what `detect`, `isolate`, `trend` and `residual` would write, in one run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from enginediag_cli.errors import DataError
+from enginediag_cli.fleets.margin_of_series import MarginQuestion
+from enginediag_cli.intake.intake import Intake
+from enginediag_cli.intake.source import Source
+from enginediag_cli.intake.wanted import columns_of
+from enginediag_cli.parameters import Parameter, unspecified
+from enginediag_cli.progress import each, stage
+from enginediag_cli.report.charts.model import Origin
+from enginediag_cli.report.charts.rows import Records, Row
+from enginediag_cli.report.left_out import elsewhere_lines, left_out_lines, not_judged_lines
+from enginediag_cli.report.page import results as kinds
+from enginediag_cli.report.page.results import Kind, Result, records_of
+from enginediag_cli.residuals.files import JudgedFiles, Judging
+from enginediag_cli.residuals.monitor import Monitor, agreement_with
+from enginediag_cli.residuals.records import record_residuals
+from enginediag_cli.residuals.windows import WindowStatistics
+
+
+@dataclass
+class EngineEvidence:
+    """Rows of one engine, by kind and in the order of the files, its windows of statistics with their places, its
+    residuals, and how many readings of each sensor were masked."""
+
+    engine: str
+    rows: dict[Kind, list[Row]] = field(default_factory=dict)
+    windows: list[tuple[WindowStatistics, Origin]] = field(default_factory=list)
+    records: Records | None = None
+    masked: dict[str, int] = field(default_factory=dict)
+
+    def of(self, kind: Kind) -> list[Row]:
+        return self.rows.get(kind, [])
+
+    @property
+    def isolated(self) -> list[list[Row]]:
+        """Rows of `isolate`, window by window."""
+        return windows_of(self.of(kinds.ISOLATED))
+
+
+@dataclass
+class Evidence:
+    """All of it; `known`: what parameters mean, as far as any file says."""
+
+    results: Sequence[Result]
+    engines: dict[str, EngineEvidence]
+    known: dict[str, Parameter]
+
+    _told: dict[tuple[str, ...], str] = field(default_factory=dict, repr=False)
+
+    def add(self, kind: Kind, row: Row, by: str) -> None:
+        """Take a row over; by: the file, or what else, that tells it. Raises DataError where another one tells the
+        same window or parameter, which would count twice."""
+        engine = row.text("engine")
+        place = (kind.name, engine, *(row.text(name) for name in PLACE))
+        before = self._told.setdefault(place, by)
+        if before != by:
+            of = f"engine {engine}" if engine else "an engine without a name"
+            raise DataError(f"{before} and {by} both tell {kind.name} of the same part of {of}: give one of them")
+        self.engines.setdefault(engine, EngineEvidence(engine)).rows.setdefault(kind, []).append(row)
+
+    def documents(self, kind: Kind) -> list[Result]:
+        return [result for result in self.results if result.kind is kind]
+
+
+PLACE = ("source", "flight", "first_line", "last_line", "parameter", "components", "block")
+"""Cells that say of which window or parameter a row is, as far as it has them."""
+
+
+def evidence_of(results: Sequence[Result], known: Mapping[str, Parameter] | None = None) -> Evidence:
+    """Raises DataError for damaged statistics."""
+    from enginediag_cli.residuals.statistics_file import Ledger, marginalised, read_statistics
+
+    found = Evidence(results, {}, dict(known or {}))
+    ledger = Ledger()
+    for result in results:
+        if result.kind is kinds.RECORDS:
+            _records(found, result)
+            continue
+        for row in result.rows if result.kind is not kinds.LOCATED else ():
+            found.add(result.kind, row, result.name)
+        if result.kind is kinds.STATISTICS:
+            first = next(k for k, line in enumerate(result.lines) if not line.startswith("#")) + 2
+            for number, (window, meaning) in enumerate(read_statistics(result.lines, result.name, ledger)):
+                for name, parameter in meaning.items():
+                    found.known.setdefault(name, parameter)
+                mine = found.engines.setdefault(window.engine, EngineEvidence(window.engine))
+                if window.statistics is not None:
+                    window = replace(window, statistics=marginalised(window.statistics))
+                mine.windows.append((window, Origin(result.name, str(first + number))))
+    for name, unit in _named(found):
+        found.known.setdefault(name, unspecified(name, unit))
+    return found
+
+
+def _records(found: Evidence, result: Result) -> None:
+    by_engine: dict[str, list[Row]] = {}
+    for row in result.rows:
+        by_engine.setdefault(row.text("engine"), []).append(row)
+    for engine, rows in by_engine.items():
+        mine = found.engines.setdefault(engine, EngineEvidence(engine))
+        if mine.records is not None:
+            raise DataError(f"{result.name}: residuals of these records come from another file, too: give one of them")
+        mine.records = records_of(rows)
+
+
+def _named(found: Evidence) -> Iterator[tuple[str, str]]:
+    """Parameters that rows name, with their units."""
+    for engine in found.engines.values():
+        for kind in (kinds.ISOLATED, kinds.TREND, kinds.FLIGHTS):
+            for row in engine.of(kind):
+                if name := row.text("parameter"):
+                    yield name, row.text("unit")
+                for isolated in row.list("isolated"):
+                    yield isolated, ""
+
+
+def windows_of(rows: Sequence[Row]) -> list[list[Row]]:
+    """Rows that are of one window together."""
+    found: dict[tuple[str, ...], list[Row]] = {}
+    for row in rows:
+        place = tuple(row.text(name) for name in ("source", "flight", "engine", "first_line", "last_line"))
+        found.setdefault((row.origin.file, *place), []).append(row)
+    return list(found.values())
+
+
+@dataclass(frozen=True)
+class Question:
+    """`monitor` watches the engine alone, `suspicious` every instrument, too; false_alarm: level of the tests; margins:
+    what is asked of the margin."""
+
+    source: Source
+    monitor: Monitor
+    suspicious: Monitor
+    judging: Judging
+    false_alarm: float
+    margins: MarginQuestion = field(default_factory=MarginQuestion)
+
+
+def computed(question: Question, given: Sequence[Result]) -> tuple[Evidence, list[str]]:
+    """Evidence of the recordings beside the results `given`, and what was left out of them in words. Raises
+    DataError, NoVerdictError."""
+    left_out: list[str] = []
+    windows: list[WindowStatistics] = []
+    rows = {
+        kinds.DETECTED: list(_detected(question, left_out)),
+        kinds.ISOLATED: list(_isolated(question, windows)),
+        **_series(question),
+        kinds.MARGIN: _margins(question, left_out),
+    }
+    evidence = evidence_of(given, question.suspicious.meaning)
+    for kind, found in rows.items():
+        for row in found:
+            evidence.add(kind, row, "what is judged here")
+    for window in windows:
+        mine = evidence.engines.setdefault(window.engine, EngineEvidence(window.engine))
+        mine.windows.append((window, _place(window)))
+    _add_records(question, evidence)
+    return evidence, left_out
+
+
+def _detected(question: Question, left_out: list[str]) -> Iterator[Row]:
+    from enginediag_cli.detection.verdict import judge
+    from enginediag_cli.report.detection_rows import detection_row
+    from enginediag_cli.residuals.reduced import Economy
+
+    files = _files(question, question.monitor)
+    # whether anything has changed does not depend on what wrong slopes of maps would make of the change
+    files.economy = Economy(replace(question.monitor, slopes=None))
+    for window, _ in each(files.windows(), "windows judged"):
+        row = detection_row(judge(window, question.false_alarm, monitor=question.monitor), True)
+        yield Row(row, _place(window))
+    for left in files.intake.left_out:
+        left_out += left_out_lines(left)
+    left_out += [*not_judged_lines(files.counts), *elsewhere_lines(files.elsewhere)]
+
+
+def _isolated(question: Question, windows: list[WindowStatistics]) -> Iterator[Row]:
+    from enginediag_cli.isolation.diagnosis import DiagnosisOptions
+    from enginediag_cli.isolation.methods import IsolationOptions
+    from enginediag_cli.isolation.of_windows import Isolating
+    from enginediag_cli.report.isolation_rows import isolated_rows
+    from enginediag_cli.residuals.kept_records import KeptRecords
+
+    judging, kept = question.judging, None
+    if not judging.reference and judging.linearise == "estimate":
+        kept = KeptRecords(question.suspicious, short_windows=not judging.plan.whole)
+    nonlinear = "auto" if judging.linearise == "estimate" else "never"
+    options = DiagnosisOptions(isolation=IsolationOptions(false_alarm=question.false_alarm), nonlinear=nonlinear)
+    isolating = Isolating(_files(question, question.suspicious), options, question.false_alarm, kept=kept)
+    for found in each(isolating.windows(), "windows isolated"):
+        windows.append(found.verdict.window)
+        for row in isolated_rows(found, False, advice=False):
+            yield Row(row, _place(found.verdict.window))
+
+
+@stage("following the series")
+def _series(question: Question) -> dict[kinds.Kind, list[Row]]:
+    from enginediag_cli.detection.trend import series_of
+    from enginediag_cli.isolation.over_time import stories_of
+    from enginediag_cli.report.trend_rows import flight_rows, trend_rows
+    from enginediag_cli.residuals.series_monitor import of_series
+
+    series = series_of(_series_files(question, of_series(question.suspicious)))
+    told: dict[kinds.Kind, list[Row]] = {kinds.FLIGHTS: [], kinds.TREND: []}
+    for row in flight_rows(series):
+        window = series.stretches[row["engine"]][row["number"] - 1].window
+        told[kinds.FLIGHTS].append(Row(row, _place(window)))
+    generic = question.suspicious.slopes is not None
+    for engine, story in stories_of(series, reference=question.judging.reference, generic=generic):
+        last = _place(series.stretches[engine][-1].window)
+        told[kinds.TREND] += [Row(row, last) for row in trend_rows(engine, story, series)]
+    return told
+
+
+@stage("following the margin")
+def _margins(question: Question, left_out: list[str]) -> list[Row]:
+    from enginediag_cli.fleets.margin_of_series import margins_of
+    from enginediag_cli.report.trend_rows import margin_rows, odd_events
+    from enginediag_cli.residuals.series_monitor import for_comparison, of_series
+
+    monitor = of_series(question.suspicious)
+    margins = margins_of(_series_files(question, for_comparison(monitor)), monitor, question.margins)
+    left_out += odd_events(margins)
+    told = []
+    for row in margin_rows(margins):
+        stretches = margins.series.stretches[row["engine"]]
+        told.append(Row(row, _place(stretches[(row["number"] or len(stretches)) - 1].window)))
+    return told
+
+
+def _add_records(question: Question, evidence: Evidence) -> None:
+    """Residuals of every record, with the inputs."""
+    monitor = question.suspicious
+    inputs = [c for c in monitor.engine.inputs]
+    found: dict[str, list[tuple[dict[str, Any], dict[str, float]]]] = {}
+    intake = _intake(question, monitor)
+    for chunk in each(intake.chunks(), "chunks of residuals"):
+        values = {c: chunk.columns[c] for c in inputs if c in chunk.columns}
+        for k, row in enumerate(record_residuals(monitor, chunk)):
+            found.setdefault(str(row.get("engine", "")), []).append((row, {c: float(v[k]) for c, v in values.items()}))
+    for engine, rows in found.items():
+        mine = evidence.engines.setdefault(engine, EngineEvidence(engine))
+        mine.records = _computed_records(monitor, rows)
+        for left in intake.left_out:
+            if left.engine in ("", engine):
+                for column, reasons in left.columns.items():
+                    mine.masked[column] = mine.masked.get(column, 0) + sum(reasons.values())
+
+
+def _computed_records(monitor: Monitor, rows: Sequence[tuple[dict[str, Any], dict[str, float]]]) -> Records:
+    def column(name: str, of: Callable[[tuple[dict[str, Any], dict[str, float]]], Any]) -> np.ndarray:
+        return np.array([float(of(entry).get(name, np.nan)) for entry in rows])
+
+    power = getattr(monitor.engine, "power_setting", "")
+    return Records(
+        [row["source"] for row, _ in rows],
+        [row["line"] for row, _ in rows],
+        [str(row.get("flight", "")) for row, _ in rows],
+        column("time_s", lambda entry: entry[0]),
+        {s: column(s + kinds.SIGMAS, lambda entry: entry[0]) for s in monitor.sensors},
+        {s: column(s + kinds.RESIDUAL, lambda entry: entry[0]) for s in monitor.sensors},
+        {c: column(c, lambda entry: entry[1]) for c in rows[0][1]},
+        ALTITUDE if ALTITUDE in rows[0][1] else "",
+        power if power in rows[0][1] else "",
+    )
+
+
+ALTITUDE = "altitude_m"
+"""The input of every engine that flies."""
+
+
+def _files(question: Question, monitor: Monitor) -> JudgedFiles:
+    return JudgedFiles(_intake(question, monitor), monitor, question.judging)
+
+
+def _series_files(question: Question, monitor: Monitor) -> JudgedFiles:
+    """Windows that are compared with each other; a reference is of the series, not of a window."""
+    plan = question.judging.plan
+    judging = replace(question.judging, plan=plan.of_series, reference=0)
+    return JudgedFiles(_intake(question, monitor), monitor, judging, summed=plan.whole, series=True)
+
+
+def _intake(question: Question, monitor: Monitor) -> Intake:
+    wanted = columns_of(monitor.engine, monitor.sensors)
+    return Intake(question.source, wanted, agreement=agreement_with(monitor), keep_going=True)
+
+
+def _place(window: Any) -> Origin:
+    return Origin(window.source, f"{window.first_line}–{window.last_line}")

@@ -1,0 +1,370 @@
+"""A page as HTML. Every text that came from a file is escaped here and nowhere else; scripts are named by their
+hashes, so that no other one runs, and nothing may be fetched.
+
+How a report looks: light and dark as the reader's system asks, on a phone, on paper. No font and no picture is
+fetched from anywhere.
+
+The page's own script: charts that have come into view are drawn by the library in place of their pictures, in the
+colours of light or dark, and a long table can be filtered. Without it the page reads as well.
+
+A page as the bytes of its file: with plots that move where the library is there and wanted, else with pictures.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from html import escape
+from typing import Any
+
+from enginediag_cli.report.charts.interactive import available, plot, script, version
+from enginediag_cli.report.charts.model import Chart, Column, Origin, Table, Value, pairs, shown
+from enginediag_cli.report.charts.static import picture
+from enginediag_cli.report.page.page import Block, Bullets, Lead, Listing, Page, Section, State, Tabled, Words
+from enginediag_cli.safe_text import visible
+
+_BASE = """
+:root{color-scheme:light dark;--paper:#ffffff;--ink:#1f2933;--quiet:#52606d;--line:#d5dbe1;--soft:#f5f7fa;
+--link:#1c5aa0;--changed:#b23c00;--cannot:#7a5b00;--silent:#52606d;--fine:#0b6b34}
+@media (prefers-color-scheme:dark){:root{--paper:#1b222b;--ink:#e4e7eb;--quiet:#a6b1bd;--line:#3e4c59;--soft:#232c37;
+--link:#7db4ee;--changed:#ff9a5c;--cannot:#e6c34a;--silent:#a6b1bd;--fine:#63c98a}}
+*{box-sizing:border-box}
+body{margin:0;background:var(--paper);color:var(--ink);font:16px/1.5 system-ui,-apple-system,"Segoe UI",Roboto,
+"Helvetica Neue",Arial,sans-serif}
+main,header,footer{max-width:1060px;margin:0 auto;padding:0 20px}
+header{padding-top:26px}
+h1{font-size:1.55rem;line-height:1.25;margin:0 0 .3rem}
+h2{font-size:1.25rem;margin:2.6rem 0 .6rem;padding-top:.6rem;border-top:1px solid var(--line)}
+h3{font-size:1.05rem;margin:1.8rem 0 .4rem}
+p{margin:.5rem 0;max-width:75ch}
+a{color:var(--link)}
+.quiet{color:var(--quiet);font-size:.92rem}
+.skip{position:absolute;left:-999px}.skip:focus{left:8px;top:8px;background:var(--paper);padding:6px 10px;z-index:9}
+:focus-visible{outline:3px solid var(--link);outline-offset:2px}
+.lead{border:1px solid var(--line);border-left:6px solid var(--silent);border-radius:6px;background:var(--soft);
+padding:16px 20px;margin:14px 0}
+.lead.changed{border-left-color:var(--changed)}.lead.cannot{border-left-color:var(--cannot)}
+.lead.fine{border-left-color:var(--fine)}
+.lead .state{font-weight:700;font-size:.86rem;color:var(--silent)}
+.lead.changed .state{color:var(--changed)}.lead.cannot .state{color:var(--cannot)}.lead.fine .state{color:var(--fine)}
+.lead .verdict{font-size:1.25rem;line-height:1.35;font-weight:600;margin:.15rem 0 .7rem;max-width:60ch}
+.lead dl{display:grid;grid-template-columns:max-content 1fr;gap:.3rem 1.1rem;margin:0}
+.lead dt{color:var(--quiet);font-size:.95rem}.lead dd{margin:0;max-width:72ch}
+nav ul{display:flex;flex-wrap:wrap;gap:.2rem 1.2rem;padding:0;margin:.8rem 0;list-style:none}
+figure{margin:1.2rem 0 1.8rem}
+figcaption{margin-bottom:.4rem}figcaption strong{font-size:1.05rem}
+figcaption span{display:block;color:var(--quiet);font-size:.92rem;max-width:90ch}
+.drawn{overflow-x:auto}
+.drawn svg{display:block;width:100%;min-width:560px;height:auto;max-width:900px}
+.live{max-width:900px}
+.legend{display:flex;flex-wrap:wrap;gap:.2rem .4rem;margin:.2rem 0 .3rem}
+.legend button{font:inherit;font-size:.88rem;color:var(--ink);background:none;border:1px solid transparent;
+border-radius:4px;padding:.1rem .45rem;cursor:pointer;text-align:left}
+.legend button:hover{border-color:var(--line)}
+.legend button[aria-pressed=false]{opacity:.45;text-decoration:line-through}
+.swatch{display:inline-block;width:.75em;height:.75em;border-radius:50%;margin-right:.45em}.drawn.instead{display:none}
+caption{text-align:left;padding:.2rem .7rem}
+details{margin:.4rem 0}summary{cursor:pointer;color:var(--link)}
+.scroll{overflow:auto;max-height:26rem;border:1px solid var(--line);margin:.4rem 0}
+.scroll.open{max-height:none}
+table{border-collapse:collapse;font-size:.88rem;font-variant-numeric:tabular-nums}
+th,td{padding:.22rem .7rem;text-align:left;border-bottom:1px solid var(--line);white-space:nowrap;vertical-align:top}
+td.w{white-space:normal;min-width:16rem}
+th{position:sticky;top:0;background:var(--soft)}
+.n{text-align:right}
+pre{background:var(--soft);border:1px solid var(--line);padding:.7rem .9rem;overflow-x:auto;font-size:.84rem;
+white-space:pre-wrap;overflow-wrap:anywhere}
+.find{margin:.3rem 0}.find input{font:inherit;padding:.2rem .5rem;max-width:100%}
+@media (max-width:600px){main,header,footer{padding:0 12px}.lead{padding:12px 14px}
+.lead dl{grid-template-columns:1fr;gap:.1rem}.lead dd{margin-bottom:.5rem}.lead .verdict{font-size:1.1rem}
+h1{font-size:1.3rem}}
+@media print{:root{--paper:#fff;--ink:#000;--quiet:#444;--line:#bbb;--soft:#fff;--link:#000}
+body{font-size:10.5pt}nav,.skip,.find,.live{display:none!important}.drawn{display:block!important;overflow:visible}
+figure,.lead{break-inside:avoid}h2,h3{break-after:avoid}details:not([open]){display:none}
+.drawn svg{min-width:0;max-width:100%}.scroll{max-height:none;overflow:visible;border:0}
+th{position:static}td,th{white-space:normal}td.w{min-width:0}.lead>a{display:none}a{text-decoration:none}}
+"""
+
+
+def style() -> str:
+    """The sheet of a page, with the colours of its pictures in the dark."""
+    rules = "".join(
+        f'.drawn svg[{what}="{light}"],.drawn svg [{what}="{light}"]{{{what}:{dark}}}'
+        for light, dark in pairs()
+        for what in ("fill", "stroke")
+    )
+    return f"{_BASE.strip()}\n@media screen and (prefers-color-scheme:dark){{{rules}}}\n"
+
+
+CLASSES = {
+    State.CHANGED: "changed",
+    State.CANNOT_TELL: "cannot",
+    State.NO_VERDICT: "silent",
+    State.NOTHING_FOUND: "fine",
+}
+MOST_CARDS = 12
+"""Engines with a first screen of their own; of more the table of all comes first."""
+MOST_OPEN = 20
+"""Rows of a table that are all shown; more are scrolled."""
+LONG = 60
+"""Letters from which a cell may be broken into lines."""
+
+
+def html(page: Page, scripts: Sequence[str] = (), plots: Mapping[str, Any] | None = None) -> str:
+    """The whole file. scripts: run in this order; plots: by a chart's key, what a script draws it from."""
+    return "".join(_page(page, scripts, plots or {}))
+
+
+def said(text: str) -> str:
+    """Text as HTML, with control characters as escapes that can be read."""
+    return escape(visible(text), quote=True)
+
+
+def _page(page: Page, scripts: Sequence[str], plots: Mapping[str, Any]) -> Iterator[str]:
+    hashes = " ".join(f"'sha256-{_hash(script)}'" for script in scripts) or "'none'"
+    policy = f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src {hashes}; base-uri 'none'"
+    yield (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{said(page.title)}</title>\n<style>\n{style()}</style>\n</head>\n<body>\n"
+        '<a class="skip" href="#content">Skip to the charts</a>\n<header>\n'
+        f"<h1>{said(page.title)}</h1>\n"
+    )
+    for lead in page.leads[:MOST_CARDS]:
+        yield _lead(lead)
+    if len(page.leads) > MOST_CARDS:
+        yield f'<p class="quiet">The {MOST_CARDS} worst of {len(page.leads)} engines; the others stand below.</p>\n'
+    links = "".join(f'<li><a href="#{said(s.key)}">{said(s.title)}</a></li>' for s in page.sections)
+    yield f'<nav aria-label="Contents"><ul>{links}</ul></nav>\n</header>\n<main id="content">\n'
+    for section in page.sections:
+        yield from _section(section, 2, plots)
+    yield "</main>\n"
+    for text in scripts:
+        yield f"<script>{text}</script>\n"
+    yield "</body>\n</html>\n"
+
+
+def _lead(lead: Lead) -> str:
+    facts = [
+        ("How surely", lead.surely),
+        ("Since", lead.since),
+        ("Margin", lead.margin),
+        ("What to do next", lead.next),
+    ]
+    rows = "".join(f"<dt>{name}</dt><dd>{said(text)}</dd>" for name, text in facts if text)
+    for word, lines in (("What would flip it", lead.flips), ("Not excluded either", lead.rivals)):
+        if lines:
+            rows += f"<dt>{word}</dt><dd>{'<br>'.join(map(said, lines))}</dd>"
+    name = f"Engine {said(lead.engine)}: " if lead.engine else ""
+    link = f' <a href="#{said(lead.key)}">Charts</a>' if lead.key else ""
+    label = f"Verdict{' on engine ' + said(lead.engine) if name else ''}"
+    return (
+        f'<section class="lead {CLASSES[lead.state]}" aria-label="{label}">'
+        f'<div class="state">{name}{said(lead.badge or lead.state.value)}</div>\n'
+        f'<p class="verdict">{said(lead.sentence)}</p>\n<dl>{rows}</dl>{link}</section>\n'
+    )
+
+
+def _section(section: Section, level: int, plots: Mapping[str, Any]) -> Iterator[str]:
+    key = said(section.key)
+    yield f'<section aria-labelledby="{key}">\n<h{level} id="{key}">{said(section.title)}</h{level}>\n'
+    for block in section.blocks:
+        yield from _block(block, plots)
+    for inner in section.sections:
+        yield from _section(inner, min(level + 1, 4), plots)
+    yield "</section>\n"
+
+
+def _block(block: Block, plots: Mapping[str, Any]) -> Iterator[str]:
+    if isinstance(block, Words):
+        quiet = ' class="quiet"' if block.quiet else ""
+        yield f"<p{quiet}>{said(block.text)}</p>\n"
+    elif isinstance(block, Bullets):
+        yield f"<ul>{''.join(f'<li>{said(item)}</li>' for item in block.items)}</ul>\n"
+    elif isinstance(block, Listing):
+        lines = "\n".join(map(said, block.lines))
+        text = f'<pre tabindex="0">{lines}</pre>\n'
+        yield f"<details><summary>{said(block.title)}</summary>{text}</details>\n" if block.title else text
+    elif isinstance(block, Tabled):
+        yield from _tabled(block)
+    else:
+        yield from _chart(block, plots.get(block.key))
+
+
+def _tabled(block: Tabled) -> Iterator[str]:
+    if block.closed:
+        yield f"<details><summary>{said(block.title)}</summary>"
+        yield from _table(block.table, block.title, open_=False)
+        yield "</details>\n"
+    else:
+        yield from _table(block.table, block.title, open_=len(block.table.rows) <= MOST_OPEN)
+
+
+def _chart(chart: Chart, plot: Any) -> Iterator[str]:
+    key = said(chart.key)
+    told = f"<span>{said(chart.caption)}</span>" if chart.caption else ""
+    thinned = f"<span>{said(chart.thinned)}</span>" if chart.thinned else ""
+    yield f'<figure id="{key}" aria-labelledby="{key}-t">\n'
+    yield f'<figcaption id="{key}-t"><strong>{said(chart.title)}</strong>{told}{thinned}</figcaption>\n'
+    svg = visible(picture(chart, titled=False).text()).strip()
+    yield f'<div class="drawn" tabindex="0" role="group" aria-label="{said(chart.title)}: picture">{svg}</div>\n'
+    if plot is not None:
+        text = json.dumps(plot, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+        yield f'<div class="live" hidden></div>\n<script type="application/json" class="plot">{_inert(text)}</script>\n'
+    count = len(chart.table.rows)
+    yield f"<details><summary>Table: {said(chart.title)} ({count:,} row{'' if count == 1 else 's'})</summary>"
+    yield from _table(chart.table, chart.title, open_=False)
+    yield "</details>\n</figure>\n"
+
+
+def _inert(text: str) -> str:
+    """JSON inside a page: nothing in it ends the element or begins a comment."""
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _table(table: Table, title: str, *, open_: bool) -> Iterator[str]:
+    """With the line of each row's origin; the file is said once where there is one."""
+    table = _without_empty(table)
+    files = list(dict.fromkeys(origin.file for origin in table.origins))
+    numeric = [_is_numeric(column, [row[k] for row in table.rows]) for k, column in enumerate(table.columns)]
+    head = "".join(
+        f"<th scope=col{' class=n' if n else ''}>{said(column.words)}"
+        for column, n in zip(table.columns, numeric, strict=True)
+    )
+    place = "line" if all(o.row.isdigit() for o in table.origins) else "place"
+    if table.origins:
+        head += ("<th scope=col>file" if len(files) > 1 else "") + f"<th scope=col>{place}"
+    name = f"{said(title)}{f', from {said(files[0])}' if len(files) == 1 and files[0] else ''}"
+    kind = "scroll open" if open_ else "scroll"
+    yield f'<div class="{kind}" tabindex="0" role="region" aria-label="{name}">'
+    yield f"<table><caption class=quiet>{name}</caption><thead><tr>{head}</thead><tbody>\n"
+    origins: Sequence[Origin | None] = table.origins or [None] * len(table.rows)
+    for row, origin in zip(table.rows, origins, strict=True):
+        cells = "".join(_cell(value, n) for value, n in zip(row, numeric, strict=True))
+        if origin is not None:
+            cells += (f"<td>{said(origin.file)}" if len(files) > 1 else "") + f"<td>{said(origin.row)}"
+        yield f"<tr>{cells}\n"
+    yield "</tbody></table></div>"
+
+
+def _without_empty(table: Table) -> Table:
+    """Without the columns in which no row has anything."""
+    kept = [k for k in range(len(table.columns)) if not table.rows or any(shown(row[k]) for row in table.rows)]
+    if len(kept) == len(table.columns):
+        return table
+    return Table([table.columns[k] for k in kept], [[row[k] for k in kept] for row in table.rows], table.origins)
+
+
+def _cell(value: Value, numeric: bool) -> str:
+    text = said(shown(value))
+    kind = " class=n" if numeric else " class=w" if len(text) > LONG else ""
+    return f"<td{kind}>{text}"
+
+
+def _is_numeric(column: Column, values: Sequence[Value]) -> bool:
+    return any(isinstance(v, int | float) for v in values) and not any(isinstance(v, str) for v in values)
+
+
+def _hash(script: str) -> str:
+    return base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+
+
+_SCRIPT = """
+"use strict";
+(function () {
+  var colours = COLOURS, dark = matchMedia("(prefers-color-scheme: dark)"), drawn = new Map();
+  function draw(figure) {
+    var live = figure.querySelector(".live"), still = figure.querySelector(".drawn");
+    var text = figure.querySelector("script.plot").textContent;
+    if (dark.matches) colours.forEach(function (pair) { text = text.split(pair[0]).join(pair[1]); });
+    live.hidden = false;
+    var plot = JSON.parse(text), place = document.createElement("div");
+    plot.item.target_id = place.id = figure.id + "-live";
+    live.replaceChildren(place);
+    return Bokeh.embed.embed_item(plot.item).then(function () {
+      var shown = Bokeh.documents[Bokeh.documents.length - 1].roots()[0];
+      live.prepend(legend(plot.legend, shown));
+      drawn.set(figure, true);
+      still.classList.add("instead");
+      figure.dataset.drawn = "yes";
+    }).catch(function (error) { live.hidden = true; console.error(String(error)); });
+  }
+  function legend(series, shown) {
+    var box = document.createElement("div");
+    box.className = "legend";
+    series.forEach(function (pair) {
+      var button = document.createElement("button"), swatch = document.createElement("span");
+      button.type = "button";
+      button.title = "show or hide";
+      button.setAttribute("aria-pressed", "true");
+      swatch.className = "swatch";
+      swatch.style.background = pair[1];
+      button.append(swatch, pair[0]);
+      button.addEventListener("click", function () {
+        var on = button.getAttribute("aria-pressed") !== "true";
+        button.setAttribute("aria-pressed", String(on));
+        shown.renderers.forEach(function (r) { if (r.name === pair[0]) r.visible = on; });
+      });
+      box.append(button);
+    });
+    return box;
+  }
+  function again() { drawn.forEach(function (_, figure) { draw(figure); }); }
+  var figures = typeof Bokeh === "undefined" ? [] : Array.from(document.querySelectorAll("figure")).filter(
+    function (figure) { return figure.querySelector("script.plot"); });
+  if (figures.length) {
+    Bokeh.set_log_level("error");
+    var seen = new IntersectionObserver(function (entries) {
+      entries.forEach(function (entry) {
+        if (!entry.isIntersecting) return;
+        seen.unobserve(entry.target);
+        draw(entry.target);
+      });
+    }, {rootMargin: "300px"});
+    figures.forEach(function (figure) { seen.observe(figure); });
+    dark.addEventListener("change", again);
+  }
+  document.querySelectorAll(".scroll").forEach(function (box) {
+    var rows = box.querySelectorAll("tbody tr");
+    if (rows.length < LONG) return;
+    var label = document.createElement("label"), input = document.createElement("input");
+    label.className = "find";
+    label.textContent = "Show rows with ";
+    input.type = "search";
+    label.append(input);
+    box.before(label);
+    input.addEventListener("input", function () {
+      var wanted = input.value.toLowerCase();
+      rows.forEach(function (row) { row.hidden = !row.textContent.toLowerCase().includes(wanted); });
+    });
+  });
+})();
+"""
+
+MOVING_LONG = 15
+"""Rows from which a table has a filter."""
+
+
+def page_script() -> str:
+    """The same for every page."""
+    return _SCRIPT.replace("COLOURS", json.dumps(pairs())).replace("LONG", str(MOVING_LONG)).strip() + "\n"
+
+
+def moves() -> bool:
+    """Whether plots can move here."""
+    return available()
+
+
+def versions(static: bool) -> list[str]:
+    """Of what else decides the bytes."""
+    return [] if static or not available() else [version()]
+
+
+def rendered(page: Page, static: bool = False) -> str:
+    """The text of the file."""
+    if static or not available():
+        return html(page, [page_script()])
+    return html(page, [script(), page_script()], {chart.key: plot(chart) for chart in page.charts() if chart.layers})

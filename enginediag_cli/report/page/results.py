@@ -1,0 +1,268 @@
+"""The kinds of results that a report reads, each told by what it holds and never by the name of its file.
+
+A file of results, whole: what it is, where it comes from, its rows or its document.
+
+What parameters mean, as far as the results say: an identified engine travels in its nominal file.
+
+Residuals of records as columns, from the rows that `residual --what records` writes.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from enginediag_cli.errors import DataError
+from enginediag_cli.parameters import Parameter
+from enginediag_cli.recordings.provenance import sha256_of
+from enginediag_cli.report.charts.model import Origin
+from enginediag_cli.report.charts.rows import Records, Row
+from enginediag_cli.residuals.flat import is_flat
+from enginediag_cli.safe_text import shortened
+
+
+@dataclass(frozen=True)
+class Kind:
+    """`name`: what an error and a list of files call it; `columns`: those of a table that make it this kind; `keys`:
+    of a JSON document; `also`: a further condition on its columns."""
+
+    name: str
+    command: str
+    columns: frozenset[str] = frozenset()
+    keys: frozenset[str] = frozenset()
+    also: Callable[[Collection[str]], bool] | None = None
+
+    def is_table(self, columns: Collection[str]) -> bool:
+        return bool(self.columns) and self.columns <= set(columns) and (self.also is None or self.also(columns))
+
+    def is_document(self, document: Mapping[str, Any]) -> bool:
+        return bool(self.keys) and self.keys <= set(document)
+
+
+def _kind(name: str, command: str, columns: str, also: Callable[[Collection[str]], bool] | None = None) -> Kind:
+    return Kind(name, command, frozenset(columns.split()), also=also)
+
+
+def _of_records(columns: Collection[str]) -> bool:
+    return any(column.endswith(SIGMAS) for column in columns)
+
+
+SIGMAS, RESIDUAL = ":sigmas", ":residual"
+"""What `residual --what records` puts behind a sensor's column."""
+
+STATISTICS = _kind("statistics", "residual", "source n chi2 dof", is_flat)
+RECORDS = _kind("residuals of records", "residual --what records", "source line state", _of_records)
+ISOLATED = _kind("isolated parameters", "isolate", "verdict isolated parameter inclusion change lower upper rivals")
+COMPONENTS = _kind("isolated components", "isolate --by component", "verdict components inclusion fit_before records")
+TREND = _kind("trend", "trend", "parameter kind onset change change_low change_high verdict")
+EVENTS = _kind("trend by component", "trend --by component", "components kind onset onset_flight flights")
+FLIGHTS = _kind("health of each flight", "trend --what flights", "parameter number change low high unit")
+MARGIN = _kind("margin", "trend --what margin", "row limit_K used_K margin_K remaining_flights recovered_K")
+FOLLOWED = _kind("evidence as records came", "detect --follow", "log10_e block alarm")
+DETECTED = _kind("verdicts", "detect", "verdict statistic threshold p_value alarm")
+LOCATED = _kind("places of a mismatch", "locate", "driver location statistic share stability")
+EXPLAINED = Kind("explanation", "explain", keys=frozenset({"explanations", "rejected", "places", "sentences"}))
+REFINED = Kind("refinement", "refine --report", keys=frozenset({"verdict", "criteria", "chi2_per_reading", "effects"}))
+FLEET = Kind("fleet", "fleet", keys=frozenset({"engines", "discoveries", "left_out"}))
+NOMINAL = Kind("nominal engine", "identify")
+RECORDING = Kind("recording", "simulate")
+
+TABLES = (STATISTICS, RECORDS, ISOLATED, COMPONENTS, TREND, EVENTS, FLIGHTS, MARGIN, FOLLOWED, DETECTED, LOCATED)
+DOCUMENTS = (FLEET, EXPLAINED, REFINED)
+
+
+def of_table(columns: Collection[str]) -> Kind | None:
+    """The kind of a table with these columns; None for none that is known."""
+    return next((kind for kind in TABLES if kind.is_table(columns)), None)
+
+
+def of_document(document: Mapping[str, Any]) -> Kind | None:
+    return next((kind for kind in DOCUMENTS if kind.is_document(document)), None)
+
+
+KNOWN = (
+    "a report reads what detect, isolate, trend, identify, residual, locate, explain, refine --report and fleet write "
+    "with all columns, as CSV or JSON"
+)
+NOMINAL_HEAD = "kind: nominal"
+"""The first line of a nominal file that is no comment."""
+PARTS = ("rows", "windows")
+"""Keys under which a document may hold the rows of a table."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """One file. `name`: as the report calls it; `rows` of a table, `document` of JSON; `lines`: of a file of
+    statistics, which its own reader checks; `sha256` of its bytes."""
+
+    kind: Kind
+    name: str
+    provenance: Sequence[str] = ()
+    rows: Sequence[Row] = ()
+    document: Mapping[str, Any] = field(default_factory=dict)
+    lines: Sequence[str] = ()
+    sha256: str = ""
+    path: str = ""
+
+
+def read_result(path: str, name: str, *, recordings: bool = False) -> Result:
+    """What a file holds; recordings: what is no result is one. Raises DataError where nothing that a report reads is
+    recognised, or it is damaged."""
+    from enginediag_cli.recordings.read import table_file
+
+    with table_file(path) as table:
+        if recordings and _is_recording(table.columns):
+            return Result(RECORDING, name, sha256="" if path == "-" else sha256_of(path), path=path)
+        lines = [line if line.endswith("\n") else line + "\n" for line in _decoded(table.lines, name)]
+    digest = "" if path == "-" else sha256_of(path)
+    provenance = [line[1:].removeprefix(" ").rstrip() for line in _head(lines)]
+    body = next((line for line in lines if line.strip() and not line.startswith("#")), "")
+    if not body:
+        raise DataError(f"{name}: the file is empty; {KNOWN}")
+    if body.lstrip()[0] in "[{":
+        return _of_json("".join(lines), name, path, digest)
+    if body.strip() == NOMINAL_HEAD:
+        return Result(NOMINAL, name, (), sha256=digest, path=path)
+    return _of_csv(lines, name, path, digest, provenance)
+
+
+def _is_recording(columns: Sequence[str]) -> bool:
+    """Whether it is a table, and none that a command of this program has written as its answer."""
+    first = columns[0].lstrip() if columns else ""
+    return bool(first) and first[0] not in "[{" and first != NOMINAL_HEAD and of_table(columns) is None
+
+
+def _decoded(lines: Iterable[str], name: str) -> Iterator[str]:
+    try:
+        yield from lines
+    except UnicodeDecodeError as error:
+        raise DataError(f"{name}: not UTF-8 text ({error.reason}); {KNOWN}") from None
+
+
+def _head(lines: Sequence[str]) -> Iterator[str]:
+    for line in lines:
+        if not line.startswith("#"):
+            return
+        yield line
+
+
+def _of_csv(lines: Sequence[str], name: str, path: str, digest: str, provenance: Sequence[str]) -> Result:
+    head = len(provenance)
+    reader = csv.reader(iter(lines[head:]), strict=True)
+    rows: list[Row] = []
+    try:
+        header = next(reader, [])
+        kind = of_table(header)
+        if kind is None:
+            raise DataError(_unknown(name, header))
+        if kind is STATISTICS:
+            return Result(kind, name, provenance, lines=lines, sha256=digest, path=path)
+        before = reader.line_num
+        for cells in reader:
+            line, before = head + before + 1, reader.line_num
+            if not any(cells):
+                continue
+            if len(cells) != len(header):
+                raise DataError(f"{name}:{line}: {len(cells)} fields where the header has {len(header)}")
+            rows.append(Row(dict(zip(header, cells, strict=True)), Origin(name, str(line))))
+    except csv.Error as error:
+        raise DataError(f"{name}:{head + reader.line_num}: {error}") from None
+    return Result(kind, name, provenance, rows, sha256=digest, path=path)
+
+
+def _of_json(text: str, name: str, path: str, digest: str) -> Result:
+    document = _parsed(text, name)
+    provenance = _provenance(document)
+    if isinstance(document, Mapping):
+        kind = of_document(document)
+        if kind is not None:
+            return Result(kind, name, provenance, document=document, sha256=digest, path=path)
+        part = next((p for p in PARTS if isinstance(document.get(p), list)), "")
+        if not part:
+            raise DataError(_unknown(name, list(document)))
+        items, place = document[part], f"{part}[{{}}]"
+    else:
+        items, place = document, "[{}]"
+    if not all(isinstance(item, Mapping) for item in items):
+        raise DataError(f"{name}: not a list of rows; {KNOWN}")
+    columns = list(items[0]) if items else []
+    kind = of_table(columns)
+    if kind is None:
+        raise DataError(_unknown(name, columns))
+    if kind is STATISTICS:
+        raise DataError(
+            f"{name}: statistics are read as CSV, which keeps their checksums: `enginediag residual -o x.csv`"
+        )
+    rows = [Row(item, Origin(name, place.format(k))) for k, item in enumerate(items)]
+    return Result(kind, name, provenance, rows, sha256=digest, path=path)
+
+
+def _parsed(text: str, name: str) -> Any:
+    """JSON, or one object a line."""
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        first = error
+    try:
+        return [json.loads(line) for line in text.splitlines() if line.strip()]
+    except json.JSONDecodeError:
+        raise DataError(f"{name}:{first.lineno}:{first.colno}: not JSON: {first.msg}") from None
+
+
+def _provenance(document: Any) -> list[str]:
+    found = document.get("provenance") if isinstance(document, Mapping) else None
+    if isinstance(found, Mapping):
+        return [f"{key}: {value}" for key, value in found.items()]
+    return [str(line) for line in found] if isinstance(found, list) else []
+
+
+def _unknown(name: str, columns: Sequence[str]) -> str:
+    from enginediag_cli.units import is_numeric_column
+
+    if any(is_numeric_column(column) for column in columns):
+        return f"{name}: this is a recording, not a result: give -n NOMINAL, and all of them are judged, or {KNOWN}"
+    has = ", ".join(shortened(column, 30) for column in columns[:8]) or "nothing"
+    return f"{name}: not recognised (it has {has}{' …' if len(columns) > 8 else ''}); {KNOWN}"
+
+
+def known_of(results: Sequence[Result]) -> dict[str, Parameter]:
+    """By name, of every nominal file among the results. Raises ConfigError for a damaged one."""
+    from enginediag_cli.intake.baseline import open_baseline
+    from enginediag_cli.residuals.monitor import monitor_of
+
+    known: dict[str, Parameter] = {}
+    for result in results:
+        if result.kind is NOMINAL:
+            known.update(monitor_of(open_baseline(result.path), sensors=True).meaning)
+    return known
+
+
+def nominal_result(path: str) -> Result:
+    """The nominal file with which recordings were judged, as one of the files of a report."""
+    import os
+
+    from enginediag_cli.recordings.provenance import sha256_of
+
+    return Result(NOMINAL, os.path.basename(path), sha256=sha256_of(path), path=path)
+
+
+def records_of(rows: Sequence[Row]) -> Records:
+    """Raises DataError for a cell that is no number. At least one row."""
+    sensors = [name.removesuffix(SIGMAS) for name in rows[0].cells if name.endswith(SIGMAS)]
+
+    def column(name: str) -> np.ndarray:
+        return np.array([row.number(name) for row in rows])
+
+    return Records(
+        [row.origin.file for row in rows],
+        [int(row.origin.row) if row.origin.row.isdigit() else k for k, row in enumerate(rows)],
+        [row.text("flight") for row in rows],
+        column("time_s"),
+        {sensor: column(sensor + SIGMAS) for sensor in sensors},
+        {sensor: column(sensor + RESIDUAL) for sensor in sensors},
+    )

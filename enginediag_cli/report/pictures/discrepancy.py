@@ -1,0 +1,244 @@
+"""Pictures of `explain` and `refine`.
+
+What no listed effect explains, as a curve with its band in one SVG: a law along its variable, or a free curve.
+
+Before and after in one SVG: misfit of every sensor on unseen flights, and what each flight gains.
+
+Before and after a control in one SVG: misfit of every sensor on unseen flights.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from enginediag_cli.drivers import CONSTANT
+from enginediag_cli.identification.quality import EVERYTHING
+from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.report.controls import fall_in_words, headline
+from enginediag_cli.report.laws import equation
+from enginediag_cli.report.pictures.svg import (
+    BLUE,
+    FAINT,
+    HEADING,
+    INK,
+    ORANGE,
+    SMALL,
+    TITLE,
+    Drawing,
+    Panel,
+    padded,
+    ticks,
+)
+from enginediag_cli.report.refinements import alarms_in_words, named_effect, unseen_in_words
+
+if TYPE_CHECKING:
+    from enginediag_cli.identification.quality import SensorQuality
+    from enginediag_cli.mismatch.explain.story import Story
+    from enginediag_cli.mismatch.refine.controlled import ControlRefinement
+    from enginediag_cli.mismatch.refine.refine import Refinement
+
+
+WIDTH, MARGIN, LEFT, RIGHT = 844.0, 16.0, 180.0, 220.0
+"""Pixels of the whole, of its margin, and of the names and numbers on either side of the bars."""
+ROW, BAR, LETTER = 22.0, 12.0, 6.6
+"""Pixels of a row, of the bar in it, and of a letter of the notes, generously."""
+HEAD, LINE, BESIDE_ROWS = 60.0, 17.0, 92.0
+"""Pixels of the title, of a line of the notes, and of what stands above and below the rows of the sensors."""
+SPAN = WIDTH - LEFT - RIGHT
+MOST_FLIGHTS, MOST_LETTERS = 15, 25
+"""What fits on a page: flights, and letters of a flight's name."""
+
+
+def picture(r: Refinement) -> str:
+    """SVG text; ValueError when there is nothing to show."""
+    u = r.unseen
+    if u is None:
+        raise ValueError("a refinement without unseen flights has no picture")
+    title = f"{' and '.join(e.label for e in r.effects)}: before and after, on flights that were not fitted"
+    told = [f"In the model now: {named_effect(e)}" for e in r.effects] + [unseen_in_words(r), alarms_in_words(r)]
+    lines = lines_of(told)
+    gains = list(zip(u.labels, u.flight_gains.tolist(), strict=True))
+    shown = gains if len(gains) <= MOST_FLIGHTS else gains[: MOST_FLIGHTS - 1]
+    top = HEAD + LINE * len(lines)
+    below = top + BESIDE_ROWS + ROW * len(u.quality_before)
+    left_out = gains[len(shown) :]
+    on = headed(title, lines, below + 24 + ROW * (len(shown) + bool(left_out)))
+    draw_sensors(on, list(zip(u.quality_before, u.quality_after, strict=True)), top)
+    _gains(on, shown, left_out, below)
+    return on.text()
+
+
+def lines_of(told: Sequence[str]) -> list[str]:
+    """Notes as lines of the picture's width."""
+    together = [re.sub(r" (?=%|= )|(?<=[=<]) ", "\u00a0", text) for text in told]  # number and unit stay together
+    return [line for text in together for line in textwrap.wrap(text, int((WIDTH - 2 * MARGIN) / LETTER))]
+
+
+def headed(title: str, lines: Sequence[str], height: float) -> Drawing:
+    """A page with its title and notes."""
+    on = Drawing(WIDTH, height, title)
+    on.words(MARGIN, 28, title, letters=TITLE)
+    for number, line in enumerate(lines):
+        on.words(MARGIN, 52 + LINE * number, line)
+    return on
+
+
+def draw_sensors(on: Drawing, pairs: Sequence[tuple[SensorQuality, SensorQuality]], top: float) -> None:
+    """RMS of every sensor's residual before and after, in its standard deviations and in its unit."""
+    values = [q.chi2**0.5 for pair in pairs for q in pair if q.n]
+    low, high = padded([*values, 1.0], 0.08)
+
+    def at(value: float) -> float:
+        return LEFT + SPAN * (value - low) / (high - low)
+
+    on.words(MARGIN, top + 8, "RMS of the residual in standard deviations of the sensor's noise", letters=HEADING)
+    for left, colour, what in ((WIDTH - 148, ORANGE, "before"), (WIDTH - 68, BLUE, "after")):
+        on.dots([(left, top + 4)], colour, radius=5)
+        on.words(left + 10, top + 8, what)
+    on.words(at(1.0), top + 28, "noise alone", anchor="middle")
+    on.words(WIDTH - MARGIN, top + 28, "RMS before → after", anchor="end")
+    first, bottom = top + 36, top + 36 + ROW * len(pairs)
+    for tick in ticks(low, high):
+        on.line(at(tick), first, at(tick), bottom, FAINT)
+        on.words(at(tick), bottom + 15, f"{tick:g}", anchor="middle")
+    on.line(at(1.0), first, at(1.0), bottom, INK)
+    for number, (one, other) in enumerate(pairs):
+        y = first + ROW * (number + 0.5)
+        on.words(LEFT - 10, y + 4, one.sensor, anchor="end")
+        if not one.n:
+            continue
+        before, after = at(one.chi2**0.5), at(other.chi2**0.5)
+        on.line(before, y, after, y, FAINT, width=4)
+        on.dots([(before, y)], ORANGE, radius=5)
+        on.dots([(after, y)], BLUE, radius=5)
+        places = max(0, 2 - math.floor(math.log10(one.rms))) if one.rms > 0 else 0
+        told = f"{one.rms:.{places}f} → {other.rms:.{places}f} {one.unit}".removesuffix(" 1")
+        on.words(WIDTH - MARGIN, y + 4, told, anchor="end")
+
+
+def _gains(on: Drawing, shown: list[tuple[str, float]], left_out: list[tuple[str, float]], top: float) -> None:
+    """What each flight's log likelihood gains; losses in the colour of "before"."""
+    on.words(MARGIN, top - 8, "Gain of log likelihood, flight by flight", letters=HEADING)
+    most = max([1.0, *(abs(g) for _, g in shown)])
+    for number, (name, gain) in enumerate(shown):
+        y = top + ROW * (number + 0.5)
+        on.words(LEFT - 10, y + 4, textwrap.shorten(name, MOST_LETTERS, placeholder=" …"), anchor="end")
+        on.rectangle(LEFT, y - BAR / 2, SPAN * abs(gain) / most, BAR, BLUE if gain > 0 else ORANGE)
+        on.words(LEFT + SPAN * abs(gain) / most + 6, y + 4, f"{gain:+.1f}".replace("-", "−"))
+    if left_out:
+        lost = sum(g <= 0 for _, g in left_out)
+        total = f"{sum(g for _, g in left_out):+.1f}".replace("-", "−")
+        on.words(
+            LEFT,
+            top + ROW * (len(shown) + 0.5) + 4,
+            f"{len(left_out)} further flights: {total} in all, {lost or 'none'} of them without gain",
+        )
+
+
+CURVE_LEFT, HEIGHT, BELOW = 90.0, 300.0, 60.0
+"""Room for the vertical axis, height of the panel, and room for the horizontal one, in pixels."""
+PERCENT = 100.0
+"""Of a share."""
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """A curve (G,) with its standard error, words for its axes, and lines about it."""
+
+    x: np.ndarray
+    change: np.ndarray
+    error: np.ndarray
+    along: str
+    what: str
+    told: Sequence[str]
+
+
+def explanation_picture(story: Story) -> str:
+    """SVG text; ValueError where nothing that was found is a curve of one variable."""
+    drawn = _of_law(story) or _of_free_curve(story)
+    if drawn is None:
+        raise ValueError("nothing that was found is a curve of one variable")
+    lines = lines_of(drawn.told)
+    top = HEAD + LINE * len(lines)
+    on = headed(f"{drawn.what} along {drawn.along}", lines, top + HEIGHT + BELOW)
+    low, high = drawn.change - NORMAL_95 * drawn.error, drawn.change + NORMAL_95 * drawn.error
+    panel = Panel(
+        CURVE_LEFT,
+        top,
+        WIDTH - CURVE_LEFT - MARGIN,
+        HEIGHT,
+        padded(drawn.x.tolist(), 0.02),
+        padded([*low.tolist(), *high.tolist()]),
+    )
+    panel.draw(on, drawn.along, "change about the mean")
+    for values, colour, width in ((low, ORANGE, 1.0), (high, ORANGE, 1.0), (drawn.change, BLUE, 2.0)):
+        on.path([panel.at(x, y) for x, y in zip(drawn.x, values, strict=True)], colour, width=width)
+    on.dots([panel.at(x, y) for x, y in zip(drawn.x, drawn.change, strict=True)], INK, radius=1.5)
+    on.words(WIDTH - MARGIN, top - 6, "likeliest forms together (blue), 95 % (orange)", letters=SMALL, anchor="end")
+    return on.text()
+
+
+def _of_law(story: Story) -> _Drawn | None:
+    law = story.answer.law
+    if law is None or law.band is None:
+        return None
+    band, first = law.band, law.laws[0]
+    factor = PERCENT if band.unit in ("", "1") else 1.0
+    words = first.location.words or first.location.name
+    unit = "%" if factor == PERCENT else band.unit
+    over = "" if band.of.variable.recorded else " (1: at the design point)"
+    effect = first.option.hypothesis.effects[0]
+    told = [
+        effect.term.STATEMENT,
+        equation(effect.term),
+        f"Vertical: {words}, {unit}, over the records that were flown.",
+    ]
+    return _Drawn(
+        band.at,
+        factor * band.change,
+        factor * band.standard_error,
+        f"{band.of.variable.words}{over}",
+        f"{words}, {unit},",
+        told,
+    )
+
+
+def _of_free_curve(story: Story) -> _Drawn | None:
+    curve = next((c for c in story.curves if c.converged and c.driver.driver != CONSTANT), None)
+    if curve is None:
+        return None
+    factor = PERCENT if curve.unit in ("", "1") else 1.0
+    unit = "%" if factor == PERCENT else curve.unit
+    told = ["No listed effect and no law explains it: a free curve of second degree."]
+    words = curve.location.words
+    return _Drawn(
+        curve.values,
+        factor * curve.change,
+        factor * curve.standard_error,
+        f"{curve.driver.driver.words} ({curve.driver.unit})",
+        f"{words}, {unit},",
+        told,
+    )
+
+
+def control_picture(r: ControlRefinement) -> str:
+    """SVG text; ValueError when nothing was judged."""
+    after = {(q.sensor, q.regime): q for q in r.after}
+    pairs = [
+        (q, after[q.sensor, q.regime]) for q in r.before if q.regime == EVERYTHING and (q.sensor, q.regime) in after
+    ]
+    if not pairs:
+        raise ValueError("a control that no unseen flight has judged has no picture")
+    lines = lines_of([f"In the model now: {headline(r.law)}", *fall_in_words(r)])
+    top = HEAD + LINE * len(lines)
+    title = f"{r.law.label}: before and after, on flights that were not fitted"
+    on = headed(title, lines, top + BESIDE_ROWS + ROW * len(pairs))
+    draw_sensors(on, pairs, top)
+    return on.text()

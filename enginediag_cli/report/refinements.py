@@ -1,0 +1,252 @@
+"""A refinement in rows, sentences and one JSON object: what unseen flights say before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.mismatch.refine.criteria import BETTER, LEVEL, Criterion, Records, Significance, Verdict
+from enginediag_cli.report.explanations import as_rate
+from enginediag_cli.report.outputs.discrepancy import REFINE
+from enginediag_cli.report.sentences import count, p_value, rounded, spelled, with_unit
+from enginediag_cli.report.tables import short_cell
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.term import Coefficient, Effect
+    from enginediag_cli.identification.quality import SensorQuality
+    from enginediag_cli.mismatch.refine.alarms import Alarms
+    from enginediag_cli.mismatch.refine.refine import Refinement
+
+COLUMNS = REFINE.names
+ABOUT = {Records.ALL: "", Records.ON: ", where it is on", Records.CONTRAST: ", on against off"}
+"""Behind "Unseen flights"."""
+NOTHING_TO_TELL = {
+    Records.ALL: "no record is predicted otherwise",
+    Records.ON: "it is not on in any of them",
+    Records.CONTRAST: "none of them holds both states, and instruments' zeros may do what a whole flight's state does",
+}
+
+
+def rows(r: Refinement) -> Iterator[dict[str, Any]]:
+    """RMS and χ²/N by sensor, then totals, gains by flight, and what `detect` does."""
+    u = r.unseen
+    if u is None:
+        return
+    for one, other in zip(u.quality_before, u.quality_after, strict=True):
+        yield _row("rms", one.sensor, one.unit, one.rms, other.rms, one.n)
+    for one, other in zip(u.quality_before, u.quality_after, strict=True):
+        yield _row("chi2 per reading", one.sensor, "1", one.chi2, other.chi2, one.n)
+    yield _row("chi2 per reading", "all", "1", u.chi2_before, u.chi2_after, u.readings)
+    for label, one_l, other_l in zip(u.labels, u.flights_before, u.flights_after, strict=True):
+        yield _row("log likelihood", label, "1", float(one_l), float(other_l), None)
+    for name, (before, after) in (u.states or {}).items():
+        for one, other in zip(before, after, strict=True):
+            yield _row("rms", f"{one.sensor} {name}", one.unit, one.rms, other.rms, one.n)
+            yield _row("chi2 per reading", f"{one.sensor} {name}", "1", one.chi2, other.chi2, one.n)
+    if r.alarms_before is not None and r.alarms_after is not None:
+        one_a, other_a = r.alarms_before, r.alarms_after
+        yield _row("false-alarm rate of detect", "nominal 1 %", "1", one_a.rate, other_a.rate, one_a.judged)
+        yield _row("windows that do not fit", "at 1 %", "1", _share(one_a), _share(other_a), one_a.judged)
+        yield _row("fit of detect", "median", "1", one_a.fit, other_a.fit, one_a.judged)
+
+
+def before_and_after(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """The rows as lines of a table."""
+    width = max((len(f"{r['what']}, {r['of']}") for r in rows), default=0)
+    if rows:
+        yield f"{'on unseen flights':{width}}  {'before':>10}  {'after':>10}"
+    for r in rows:
+        unit = "" if r["unit"] == "1" else f" {r['unit']}"
+        what = f"{r['what']}, {r['of']}"
+        yield f"{what:{width}}  {short_cell(r['before']):>10}  {short_cell(r['after']):>10}{unit}"
+
+
+def sentences(r: Refinement) -> Iterator[str]:
+    """Coefficients, gains and alarms, or why nothing is written."""
+    for e in r.effects:
+        yield f"{named_effect(e)}:"
+        for c in e.term.COEFFICIENTS:
+            if c.name in e.values:
+                error = r.standard_errors.get(e.parameter_name(c.name))
+                half, value = NORMAL_95 * (error or 0.0), e.values[c.name]
+                yield f"  {_coefficient(c, value, error)}{as_rate(e, c, (value, value - half, value + half))}"
+    yield from map(criterion_in_words, r.criteria)
+    if r.unseen is not None:
+        yield f"{unseen_in_words(r)}."
+        if r.unseen.lost:
+            yield f"{count(r.unseen.lost, 'unseen record')} could not be computed by both models."
+        for name, (before, after) in (r.unseen.states or {}).items():
+            told = (f"{x.sensor} {_size(x)} → {_size(y)}" for x, y in zip(before, after, strict=True))
+            yield f"RMS where it is {name}, by the states that other sensors show: {', '.join(told)}."
+    if r.alarms_before is not None and r.alarms_after is not None:
+        yield f"{alarms_in_words(r)}."
+        one, other = r.alarms_before, r.alarms_after
+        yield (
+            f"Windows that the model does not fit, at a level of 1 %: {one.misfits} of {one.judged} before, "
+            f"{other.misfits} of {other.judged} after."
+        )
+    if r.still_missing:
+        yield f"The fitted flights show more than that: {r.still_missing}."
+
+
+def named_effect(e: Effect) -> str:
+    """ "Reynolds number, compressor efficiency at HPC (reynolds_efficiency@hpc)"."""
+    return f"{e.term.TITLE} at {spelled(e.site.name)} ({e.label})"
+
+
+def _coefficient(declared: Coefficient, value: float, error: float | None) -> str:
+    """A coefficient with what it is, its unit and its 95 % interval."""
+    unit = "" if declared.unit == "1" else declared.unit
+    size = with_unit(value, unit, NORMAL_95 * error if error else None)
+    return f"{declared.name} = {size}{' (95 %)' if error else ''}: {declared.description}"
+
+
+def criterion_in_words(c: Criterion) -> str:
+    """What was asked, what was found, and whether it is enough."""
+    if isinstance(c, Significance):
+        differs = "differs" if c.met else "does not differ"
+        asked = f"Wald's test, p {_equal(c.p)}; below {LEVEL:g} is asked"
+        return f"Fitted flights: {c.label} {differs} from nothing ({asked})."
+    about = ABOUT[c.of]
+    if not c.information > 0.0:
+        return f"Unseen flights{about}: cannot be judged, {NOTHING_TO_TELL[c.of]}."
+    share = f"{rounded(c.share, c.standard_error)} ± {rounded(c.standard_error, c.standard_error)}"
+    found = (
+        f"Unseen flights{about}: the readings ask for {share} of the change that is predicted, where χ² falls above "
+        f"{BETTER:g} (p {_equal(c.p)}; below {LEVEL:g} is asked)"
+    )
+    if c.met is None:
+        return f"{found}: too few records tell of it to judge."
+    return f"{found}: predicted better." if c.met else f"{found}: not predicted better."
+
+
+def refusal(r: Refinement) -> str:
+    """Why nothing may be written, or nothing."""
+    if r.failed:
+        return r.failed
+    if r.verdict is Verdict.ACCEPTED:
+        return ""
+    refused = r.verdict is Verdict.REFUSED
+    wrong = [criterion_in_words(c) for c in r.criteria if (c.met is False if refused else c.met is None)]
+    text = " ".join(wrong) or "no unseen record could be computed by both models."
+    return text.removesuffix(".") if refused else f"cannot be judged on these flights. {text.removesuffix('.')}"
+
+
+def unseen_in_words(r: Refinement) -> str:
+    """What the unseen flights say of the fit, or nothing."""
+    u = r.unseen
+    if u is None:
+        return ""
+    return (
+        f"Unseen flights: χ² per reading {u.chi2_before:.3f} before, {u.chi2_after:.3f} after; log likelihood "
+        f"{u.gain:+.1f}"
+    )
+
+
+def alarms_in_words(r: Refinement) -> str:
+    """False alarms on the unseen flights, or nothing."""
+    if r.alarms_before is None or r.alarms_after is None:
+        return ""
+    return (
+        f"False alarms of detect on them at nominal 1 %: {_rate(r.alarms_before)} before, {_rate(r.alarms_after)} after"
+    )
+
+
+def state_rows(r: Refinement) -> Iterator[dict[str, Any]]:
+    """States of a switched effect in every record of every flight, in the order of the flights."""
+    column = next((e.switch for e in r.effects if e.switch), "")
+    for f in r.flights if column else ():
+        time = f.columns.get("time_s")
+        for k, state in enumerate(f.columns[column].tolist()):
+            yield {
+                "engine": f.engine,
+                "flight": f.label,
+                "record": k + 1,
+                "time_s": None if time is None else float(time[k]),
+                column: int(state),
+            }
+
+
+def document(r: Refinement, provenance: tuple[str, ...]) -> dict[str, Any]:
+    """Everything as one object."""
+    u = r.unseen
+    return {
+        "schema": REFINE.id,
+        "verdict": r.verdict.value,
+        "refused": refusal(r) or None,
+        "still_missing": r.still_missing or None,
+        "sentences": list(sentences(r)),
+        "effects": [{"term": e.term.NAME, "at": e.site.name, "coefficients": dict(e.values)} for e in r.effects],
+        "standard_errors": r.standard_errors,
+        "criteria": [_criterion(c) for c in r.criteria],
+        "log_likelihood_gain": None if u is None else u.gain,
+        "flights": []
+        if u is None
+        else [
+            {"flight": label, "before": a, "after": b, "gain": b - a}
+            for label, a, b in zip(u.labels, u.flights_before, u.flights_after, strict=True)
+        ],
+        "chi2_per_reading": None if u is None else {"before": u.chi2_before, "after": u.chi2_after, "of": u.readings},
+        "detect": None
+        if r.alarms_before is None or r.alarms_after is None
+        else {"before": _alarms(r.alarms_before), "after": _alarms(r.alarms_after)},
+        "rows": list(rows(r)),
+        "provenance": list(provenance),
+    }
+
+
+def _row(what: str, of: str, unit: str, before: float, after: float, n: int | None) -> dict[str, Any]:
+    return {"what": what, "of": of, "unit": unit, "before": before, "after": after, "n": n}
+
+
+def _alarms(a: Alarms) -> dict[str, Any]:
+    low, high = a.interval
+    return {
+        "rate": a.rate,
+        "count": a.alarms,
+        "of": a.judged,
+        "low": low,
+        "high": high,
+        "misfits": a.misfits,
+        "fit": a.fit,
+        "without_verdict": a.without_verdict,
+        "reason": a.reason,
+    }
+
+
+def _share(a: Alarms) -> float:
+    return a.misfits / a.judged if a.judged else float("nan")
+
+
+def _rate(a: Alarms) -> str:
+    if not a.judged:
+        return f"none judged ({a.reason or 'no window'})"
+    low, high = a.interval
+    interval = f"95 % interval {100 * low:.0f} to {100 * high:.0f} %"
+    return f"{a.alarms} of {a.judged} windows ({100 * a.rate:.0f} %, {interval})"
+
+
+def _criterion(c: Criterion) -> dict[str, Any]:
+    asked = {"p": c.p, "met": c.met, "effective_stretches": c.effective}
+    if isinstance(c, Significance):
+        return {"criterion": "significance", "of": c.label, "coefficients": c.coefficients, **asked}
+    known = c.information > 0.0
+    return {
+        "criterion": "prediction",
+        "of": c.of.value,
+        "share": c.share if known else None,
+        "standard_error": c.standard_error if known else None,
+        "chi2_fall": c.fall if known else None,
+        "records": c.records,
+        **asked,
+    }
+
+
+def _size(q: SensorQuality) -> str:
+    return f"{rounded(q.rms)} {q.unit}".removesuffix(" 1")
+
+
+def _equal(p: float) -> str:
+    text = p_value(p)
+    return text if text.startswith("<") else f"= {text}"

@@ -1,0 +1,145 @@
+"""The log of a run as JSON lines: what it said, with what it is about, how it ended and what it wrote.
+
+Lines are appended, each by one call of the system, so that several runs may share a file: a line is never torn by
+another (POSIX: with O_APPEND nothing comes between finding the end of a file and writing there). `run` tells whose a
+line is. The first line of a run has `event` "begin", the last "end"; one without its end was killed or is at work.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from typing import Any
+
+from enginediag_cli import __version__
+from enginediag_cli.errors import DataError, ExitCode
+from enginediag_cli.progress import Listener, Stage
+from enginediag_cli.recordings.provenance import sha256_of
+from enginediag_cli.report.output import finite, json_text, plain
+
+OPENING = b'{"time": "'
+"""How every line begins; a file that begins otherwise is no log, and nothing is added to it."""
+
+LEVELS = {ExitCode.DONE: "note", ExitCode.FINDING: "note", ExitCode.NO_VERDICT: "warning", ExitCode.LOCKED: "warning"}
+"""Of the last line, by exit code; any other is an error."""
+
+ENDINGS = {
+    ExitCode.DONE: "done",
+    ExitCode.FINDING: "done, with a finding",
+    ExitCode.TROUBLE: "bad usage, configuration or data",
+    ExitCode.NO_VERDICT: "no verdict",
+    ExitCode.INTERNAL: "internal error",
+    ExitCode.LOCKED: "another run holds the lock",
+    ExitCode.INTERRUPTED: "interrupted",
+    ExitCode.BROKEN_PIPE: "the reader of the output went away",
+}
+"""What the last line says; 128 and more is the number of a signal."""
+
+MILLION = 1_000_000
+"""Nanoseconds of a millisecond."""
+
+
+class RunLog:
+    """The lines of one run. Raises DataError when the file cannot be opened or is no log."""
+
+    def __init__(self, path: str, command: str):
+        self.path, self.heard = path, False
+        self._fixed = {"version": __version__, "command": command, "run": os.urandom(6).hex()}
+        self._since = time.monotonic()
+        self._outputs: dict[str, dict[str, Any]] = {}
+        self._handle: int | None = _opened(path)
+
+    def begin(self, arguments: list[str]) -> None:
+        """The first line: the command line, where it was given, and by which process."""
+        self.write("note", "begins", event="begin", arguments=arguments, folder=os.getcwd(), process=os.getpid())
+
+    def write(self, level: str, message: str, **fields: Any) -> None:
+        """One line; `level` is note, warning or error. A log that has no room any more does not end the run."""
+        if self._handle is None:
+            return
+        line = {"time": _now(), **self._fixed, "level": level, "message": message, **fields}
+        text = json_text(finite(plain(line))) + "\n"
+        try:
+            # a name that is no UTF-8 has lone surrogates, whose escape is JSON, too
+            os.write(self._handle, text.encode("utf-8", "backslashreplace"))
+        except OSError as error:
+            from enginediag_cli.report.messages import Messages
+
+            self._close()
+            Messages().warning(f"{self.path}: the log ends here: {error.strerror or error}")
+
+    def wrote(self, path: str) -> None:
+        """A file now stands complete under its name."""
+        name = os.path.abspath(path)
+        try:
+            self._outputs[name] = {"file": name, "sha256": sha256_of(name), "bytes": os.path.getsize(name)}
+        except OSError as error:  # taken away as soon as it was there
+            self._outputs[name] = {"file": name, "sha256": None, "bytes": None, "lost": error.strerror}
+
+    def end(self, code: int) -> None:
+        """The last line: exit code, seconds, and every file written with its SHA-256."""
+        ending = ENDINGS.get(ExitCode(code)) if code in ENDINGS else None
+        self.write(
+            LEVELS.get(ExitCode(code), "error") if code in LEVELS else "error",
+            ending or (f"ended by signal {code - 128}" if code > 128 else f"ended with {code}"),
+            event="end",
+            exit_code=int(code),
+            seconds=round(time.monotonic() - self._since, 3),
+            outputs=list(self._outputs.values()),
+        )
+        self._close()
+
+    def _close(self) -> None:
+        handle, self._handle = self._handle, None
+        if handle is not None:
+            os.close(handle)
+
+
+class Logged:
+    """Hears of files for a log, and passes on everything to whoever shows progress."""
+
+    def __init__(self, log: RunLog, shown: Listener | None = None):
+        self._log, self._shown = log, shown
+
+    def begun(self, stage: Stage) -> None:
+        if self._shown:
+            self._shown.begun(stage)
+
+    def stepped(self, stage: Stage) -> None:
+        if self._shown:
+            self._shown.stepped(stage)
+
+    def ended(self, stage: Stage) -> None:
+        if self._shown:
+            self._shown.ended(stage)
+
+    def touched(self, action: str, path: str) -> None:
+        if action == "written:":
+            self._log.wrote(path)
+        if self._shown:
+            self._shown.touched(action, path)
+
+    def wipe(self) -> None:
+        if self._shown:
+            self._shown.wipe()
+
+
+def _opened(path: str) -> int:
+    try:
+        # a pipe without a reader is refused and not waited for
+        handle = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK, 0o666)
+    except OSError as error:
+        raise DataError(f"--log {path}: cannot be written to: {error.strerror}") from None
+    head = b"" if not os.path.isfile(path) else os.pread(handle, len(OPENING), 0)
+    if head and head != OPENING:
+        os.close(handle)
+        raise DataError(f"--log {path}: is there and is no log, nothing is added to it; name another file")
+    return handle
+
+
+def _now() -> str:
+    """UTC, ISO 8601, to the millisecond."""
+    since = time.time_ns()
+    return time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(since // (1000 * MILLION))) + (
+        f".{since // MILLION % 1000:03d}Z"
+    )
