@@ -71,7 +71,9 @@ FOR_COMMANDS = (
 )
 """What a command may import: the library, what is shown, and what speaks of no engine."""
 
-VALIDATION = {name: ("validation",) for name in ("study", "prove", "proving", "demo", "demo_missing", "demo_steps")}
+VALIDATION = {
+    name: ("validation", "worker_pool") for name in ("study", "prove", "proving", "demo", "demo_missing", "demo_steps")
+}
 """Commands that run trials and demonstrations, which are no part of the library."""
 
 LARGEST_FILE = 600

@@ -44,9 +44,7 @@ COMMANDS: dict[str, Entry] = {
     "isolate": Entry(
         "enginediag_cli.cli.isolate", "isolate", "Say which parameters changed, by how much and how surely."
     ),
-    "locate": Entry(
-        "enginediag_cli.cli.locate", "locate", "Say where model and recordings differ, and with what."
-    ),
+    "locate": Entry("enginediag_cli.cli.locate", "locate", "Say where model and recordings differ, and with what."),
     "explain": Entry("enginediag_cli.cli.explain", "explain", "Say what physics the model lacks."),
     "refine": Entry(
         "enginediag_cli.cli.refine", "refine", "Put a missing effect into the model, if unseen flights gain by it."
@@ -70,16 +68,12 @@ COMMANDS: dict[str, Entry] = {
     "schema": Entry(
         "enginediag_cli.cli.schema", "schema", "Print the JSON schema of a kind of YAML file, or of an output."
     ),
-    "physics": Entry(
-        "enginediag_cli.cli.physics", "physics", "Say which physical effects a model may carry or lack."
-    ),
+    "physics": Entry("enginediag_cli.cli.physics", "physics", "Say which physical effects a model may carry or lack."),
     "components": Entry(
         "enginediag_cli.cli.components", "components", "Say of which components an engine file is made."
     ),
     "man": Entry("enginediag_cli.cli.man", "man", "Print the manual page of the program or of a command."),
-    "report": Entry(
-        "enginediag_cli.cli.report", "report", "Write results as one page with charts that opens offline."
-    ),
+    "report": Entry("enginediag_cli.cli.report", "report", "Write results as one page with charts that opens offline."),
     "demo": Entry(
         "enginediag_cli.cli.demo", "demo", "Run the whole chain on simulated flights and explain it in words."
     ),

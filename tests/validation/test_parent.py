@@ -96,7 +96,7 @@ def test_a_child_ends_in_either_way(way, tmp_path):
     no_system = "parent._system_tells = lambda: False\n" if way == "watch" else ""
     child = tmp_path / "child.py"
     child.write_text(
-        "import sys, time\nfrom enginediag_cli.validation import parent\n"
+        "import sys, time\nfrom enginediag_cli import parent_process as parent\n"
         f"{no_system}parent.end_with_parent(int(sys.argv[1]))\nprint('ready', flush=True)\ntime.sleep(60)\n"
     )
     start = (
