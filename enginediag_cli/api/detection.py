@@ -8,9 +8,17 @@ from dataclasses import replace
 from math import inf
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
-from enginediag_cli.api.inputs import NominalLike, RecordingsLike, as_recordings
+from enginediag_cli.api.inputs import (
+    SENTENCES,
+    Comparison,
+    NominalLike,
+    RecordingsLike,
+    as_recordings,
+    compare,
+    open_intake,
+    tell_files,
+)
 from enginediag_cli.api.results import Picture, Result, Row
-from enginediag_cli.api.windows import SENTENCES, Comparison, compare, open_intake, tell_files
 from enginediag_cli.errors import UsageError
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.summaries import DETECT, STATISTICS
@@ -21,6 +29,17 @@ if TYPE_CHECKING:
     from enginediag_cli.methods.base import FittedMethod, Method
     from enginediag_cli.methods.on_recordings import WindowVerdict
     from enginediag_cli.residuals.files import JudgedFiles
+
+__all__ = [
+    "DetectionResult",
+    "FollowResult",
+    "MethodResult",
+    "ResidualResult",
+    "detect",
+    "detect_by_method",
+    "follow",
+    "residual",
+]
 
 
 class HasVerdict(Protocol):

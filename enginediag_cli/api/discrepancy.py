@@ -21,6 +21,17 @@ if TYPE_CHECKING:
     from enginediag_cli.mismatch.locate.locate import Located, Place
     from enginediag_cli.mismatch.unrecorded.per_record import PerRecord
 
+__all__ = [
+    "ExplainResult",
+    "LocateResult",
+    "PerRecordResult",
+    "SearchOptions",
+    "effect_names",
+    "explain",
+    "locate",
+    "locate_per_record",
+]
+
 
 @dataclass(frozen=True)
 class SearchOptions:
@@ -494,7 +505,7 @@ class ExplainResult(DocumentResult):
         OSError
             Where the file cannot be written.
         """
-        from enginediag_cli.config.edit import dump
+        from enginediag_cli.config.document import dump
         from enginediag_cli.recordings.write import output
 
         advice = self.story.advice

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from enginediag_cli.fleets.recordings import Recorded
     from enginediag_cli.fleets.run import FleetRun
 
+__all__ = ["FleetResult", "StoreResult", "fleet", "fleet_status", "merge_stores", "prune_store"]
+
 WHAT = ("engines", "health", "flights")
 STATUS_COLUMNS = ("recording", "build", "engine", "state")
 

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from enginediag_cli.intake.baseline import Baseline
     from enginediag_cli.intake.source import Source
 
+__all__ = ["IdentificationResult", "identify"]
+
 NOMINAL_FILE = "nominal.yaml"
 """Name under which results call a nominal state that was not read from a file."""
 

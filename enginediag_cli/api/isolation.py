@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.api.inputs import NominalLike, RecordingsLike
+from enginediag_cli.api.inputs import SENTENCES, Comparison, NominalLike, RecordingsLike, compare, tell_files
 from enginediag_cli.api.results import Picture, Result, Row
-from enginediag_cli.api.windows import SENTENCES, Comparison, compare, tell_files
 from enginediag_cli.errors import UsageError
 from enginediag_cli.faults.chances import INSTRUMENT, PARAMETER
 from enginediag_cli.progress import each
@@ -25,6 +24,8 @@ if TYPE_CHECKING:
     from enginediag_cli.parameters import Parameter
     from enginediag_cli.residuals.kept_records import KeptRecords
     from enginediag_cli.residuals.monitor import Monitor
+
+__all__ = ["IsolationResult", "isolate"]
 
 METHODS = ("posterior", "incremental", "sensitivity", "minmax")
 FORMS = ("nested", "cell", "sentences", "")

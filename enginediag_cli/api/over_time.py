@@ -8,9 +8,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.api.inputs import NominalLike, RecordingsLike
+from enginediag_cli.api.inputs import Comparison, NominalLike, RecordingsLike, compare, tell_files
 from enginediag_cli.api.results import Picture, Result, Row
-from enginediag_cli.api.windows import Comparison, compare, tell_files
 from enginediag_cli.errors import UsageError
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.summaries import FLIGHTS, MARGIN, TREND, TREND_COMPONENTS
@@ -20,6 +19,8 @@ if TYPE_CHECKING:
     from enginediag_cli.fleets.margin_of_series import MarginQuestion, Margins
     from enginediag_cli.fleets.work_scope import Scoping
     from enginediag_cli.residuals.files import JudgedFiles
+
+__all__ = ["MarginOptions", "TrendResult", "forecast", "trend"]
 
 WHAT = ("trend", "flights", "margin")
 

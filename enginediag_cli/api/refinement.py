@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from enginediag_cli.mismatch.refine.refine import Refinement
     from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
 
+__all__ = ["RefineResult", "refine"]
+
 SHORTEST_WINDOW = 5
 """Records: of fewer, a window's statistic hardly tells whether detect would cry wolf."""
 

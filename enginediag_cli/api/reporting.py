@@ -1,4 +1,4 @@
-"""`report`: results, or recordings, as one page that opens offline."""
+"""`make_report`: results, or recordings, as one page that opens offline."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.api.inputs import NominalLike, RecordingsLike
+from enginediag_cli.api.inputs import Comparison, NominalLike, RecordingsLike, compare
 from enginediag_cli.api.over_time import MarginOptions
 from enginediag_cli.api.results import MessageLog
-from enginediag_cli.api.windows import Comparison, compare
 from enginediag_cli.errors import DataError, UsageError
 from enginediag_cli.report.messages import Messages
 
@@ -18,6 +17,8 @@ if TYPE_CHECKING:
     from enginediag_cli.intake.source import Source
     from enginediag_cli.report.page.evidence import Evidence
     from enginediag_cli.report.page.results import Result
+
+__all__ = ["ReportPage", "make_report"]
 
 
 class ReportPage:
@@ -45,7 +46,7 @@ class ReportPage:
         return self.html
 
 
-def report(
+def make_report(
     files: RecordingsLike,
     *,
     nominal: NominalLike = None,

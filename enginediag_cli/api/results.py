@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from enginediag_cli.errors import EngineDiagError, NoVerdictError
+from enginediag_cli.recordings.provenance import header_lines, provenance_notes
 from enginediag_cli.report.messages import Messages
 
 if TYPE_CHECKING:
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
     from enginediag_cli.report.output import Output
     from enginediag_cli.report.outputs.declared import Table
+
+__all__ = ["DocumentResult", "MessageLog", "Picture", "Result", "header_lines", "provenance_notes"]
 
 Row = dict[str, Any]
 Kind = TypeVar("Kind", bound="Result")

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from enginediag_cli.simulation.noise import ColumnNoise
     from enginediag_cli.simulation.simulate import Simulated
 
+__all__ = ["SimulationResult", "simulate"]
+
 NOISES = ("none", "gaussian", "uniform", "correlated", "quantised")
 REASONS_SHOWN = 5
 """Reasons that are told one by one; there are rarely more kinds, the rest are counted."""

@@ -18,7 +18,7 @@ LIST_COLUMNS = ("component", "title", "unknowns")
 def _complete(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
     from click.shell_completion import CompletionItem
 
-    from enginediag_cli.api.building_blocks import component_names
+    from enginediag_cli.api.files import component_names
 
     return [CompletionItem(name) for name in component_names() if name.startswith(incomplete)]
 
@@ -39,7 +39,7 @@ def components(name: str | None, output: Output) -> None:
     """
     import json
 
-    from enginediag_cli.api.building_blocks import describe_component, list_components
+    from enginediag_cli.api.files import describe_component, list_components
 
     form = output.chosen_format()
     if name is None:

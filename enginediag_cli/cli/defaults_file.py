@@ -159,7 +159,7 @@ def _without(document: Node, names: list[str]) -> Node:
 def printed(command: click.Command, name: str, context: click.Context, typed: Mapping[str, Any]) -> str:
     """Every option of a command with its value and, as a comment, where it comes from: as a file that gives the same.
     What has no value is a comment. Raises click.UsageError for a value that is wrong."""
-    from enginediag_cli.config.edit import dump
+    from enginediag_cli.config.document import dump
 
     lines = [f"# the options of enginediag {name}, and where each comes from", f"kind: {KIND}", f"{name}:"]
     for parameter in command.get_params(context):

@@ -183,7 +183,7 @@ def check_length(context: click.Context, parameter: click.Parameter, value: str 
 
 def _check_plan(window: str | None, step: str | None) -> None:
     """Click's own message when the options do not fit together."""
-    from enginediag_cli.api.windows import WindowOptions
+    from enginediag_cli.api.inputs import WindowOptions
     from enginediag_cli.errors import UsageError
 
     try:

@@ -37,7 +37,7 @@ def physics(name: str | None, engine_path: str | None, variables: bool, output: 
     law of the engine's own. As csv, NAME is one row for each coefficient, and with --engine one for each place; json
     holds everything.
     """
-    from enginediag_cli.api.building_blocks import describe_effect, list_effects, list_law_variables
+    from enginediag_cli.api.files import describe_effect, list_effects, list_law_variables
 
     whole = output.chosen_format() != "table" or output.wide or bool(output.columns)
     if variables:

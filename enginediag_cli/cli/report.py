@@ -76,7 +76,7 @@ def report(
     stands in its place, and --events tells of maintenance. The page asks nothing of any network. Plots move where bokeh
     is installed (pip install 'enginediag[report]'); the same files give the same bytes.
     """
-    from enginediag_cli.api.reporting import report as run
+    from enginediag_cli.api.reporting import make_report as run
 
     page = run(
         source,

@@ -1,17 +1,15 @@
-"""Reads a YAML file into nodes that remember their place, so that every later problem can name it.
+"""YAML in and out: files read into nodes that remember their place, values written, and texts edited in place.
 
-YAML 1.2 scalars on top of PyYAML, which resolves plain scalars by the rules of YAML 1.1.
-
-By the 1.1 rules `1e5` is a text, `12:30` is 750, `014` is 12 and `no` is false, while every editor with a
-YAML plug-in reads them as a number, a text, 14 and a text. Here the editor and the program agree:
-YAML 1.2.2, section 10.3.2 (core schema).
+Plain scalars follow YAML 1.2 (section 10.3.2, core schema) on top of PyYAML, which follows YAML 1.1. By the 1.1 rules
+`1e5` is a text, `12:30` is 750, `014` is 12 and `no` is false; editors with a YAML plug-in read a number, a text, 14
+and a text. Here the editor and the program agree.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +17,7 @@ from typing import Any
 import yaml
 
 from enginediag_cli.config.reading import read_regular
-from enginediag_cli.errors import ConfigError, Mark, Problem
+from enginediag_cli.errors import ConfigError, DataError, Mark, Problem
 from enginediag_cli.safe_text import shortened
 
 TAG = "tag:yaml.org,2002:"
@@ -373,3 +371,85 @@ def _syntax_problem(error: yaml.MarkedYAMLError, text: str, name: str) -> Proble
         hint = "the indentation differs from that of the lines above"
     context = f"{error.context}: " if error.context and not hint else ""
     return Problem(mark, f"not valid YAML: {context}{what}", hint)
+
+
+def appended(text: str, name: str, key: str, entries: Sequence[Sequence[str]]) -> str:
+    """The text with entries, lines of list items indented by two, at the end of the list under a top-level key, which
+    is made where there is none. `name`: of the file, for messages. Raises ConfigError for text that is not YAML,
+    DataError for a list in brackets."""
+    lines, root = text.splitlines(), parse_document(text, name)
+    block = root.value.get(key)
+    if block is None or not block.is_list or not block.value:
+        if block is not None:  # `key: []`, or nothing behind it
+            start, end = extent(root, key, len(lines))
+            del lines[start:end]
+        while lines and not lines[-1].strip():
+            lines.pop()
+        return "\n".join([*lines, "", f"{key}:", *(line for e in entries for line in e)]) + "\n"
+    start, end = extent(root, key, len(lines))
+    if "[" in lines[start].partition("#")[0]:
+        raise DataError(f"{name}:{start + 1}: write the list under `{key}:` with a `- ` for each entry, and try again")
+    while end > start + 1 and (not lines[end - 1].strip() or lines[end - 1].startswith("#")):
+        end -= 1  # what stands above the next key belongs to it
+    indent = " " * (block.value[0].mark.column - 1 - 2)
+    added = [indent + line[2:] for e in entries for line in e]
+    return "\n".join([*lines[:end], *added, *lines[end:]]) + "\n"
+
+
+def with_item(text: str, place: Node, item: str) -> str:
+    """The text with one more scalar behind the last one of a list."""
+    last = place.value[-1]
+    lines = text.splitlines()
+    k, column = last.mark.line - 1, last.mark.column - 1
+    before = lines[k][:column]
+    if before.strip() == "-":
+        lines.insert(k + 1, before + item)
+    else:
+        end = column + len(last.text)
+        lines[k] = f"{lines[k][:end]}, {item}{lines[k][end:]}"
+    return "\n".join(lines) + "\n"
+
+
+def with_key(text: str, mapping: Node, behind: str, entry: str) -> str:
+    """The text with one more `key: value` in a mapping, behind its key `behind`, whose value is a scalar."""
+    value, mark = mapping.value[behind], mapping.key_marks[behind]
+    lines = text.splitlines()
+    k = value.mark.line - 1
+    end = value.mark.column - 1 + len(value.text)
+    line = lines[k]
+    if line[end : end + 1] in ('"', "'"):
+        end += 1
+    rest = line[end:].lstrip()
+    if rest.startswith((",", "}")):
+        lines[k] = f"{line[:end]}, {entry}{line[end:]}"
+    else:
+        lines.insert(k + 1, " " * (mark.column - 1) + entry)
+    return "\n".join(lines) + "\n"
+
+
+def extent(root: Node, key: str, total: int) -> tuple[int, int]:
+    """Lines [start, end) of a key of the file and all that stands below it, counted from 0."""
+    starts = sorted(mark.line - 1 for mark in root.key_marks.values())
+    start = root.key_marks[key].line - 1
+    return start, next((s for s in starts if s > start), total)
+
+
+class Dumper(yaml.SafeDumper):
+    """Quotes every text that YAML 1.1 or 1.2 would read as something else: `no`, `1e5`, `0o14`."""
+
+
+for _resolvers in Loader.yaml_implicit_resolvers.values():
+    for _tag, _resolver in _resolvers:
+        Dumper.add_implicit_resolver(_tag, _resolver, None)
+
+
+def dump(values: Mapping[str, Any], width: int = 110) -> str:
+    """YAML text of plain values, keys in their order, lists of scalars on one line.
+
+    Floats have the shortest digits that give the same float back. The text is loaded by `load_document`.
+    """
+    return str(
+        yaml.dump(
+            dict(values), Dumper=Dumper, sort_keys=False, allow_unicode=True, width=width, default_flow_style=None
+        )
+    )

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import yaml
 
-from enginediag_cli.config.document import Node, parse_document
-from enginediag_cli.config.edit import dump
+from enginediag_cli.config.document import Node, dump, parse_document
 
 TEXTS = [
     "1e5",

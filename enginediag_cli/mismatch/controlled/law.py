@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.config.document import Node, parse_document
-from enginediag_cli.config.edit import appended, dump, with_item, with_key
+from enginediag_cli.config.document import Node, appended, dump, parse_document, with_item, with_key
 from enginediag_cli.engine.components.base import Actuator
 from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine

@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.config.document import Node, load_document
-from enginediag_cli.config.edit import appended, dump
+from enginediag_cli.config.document import Node, appended, dump, load_document
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.errors import DataError

@@ -21,8 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.config.document import Node, load_document
-from enginediag_cli.config.edit import dump
+from enginediag_cli.config.document import Node, dump, load_document
 from enginediag_cli.engine.atmosphere import P_ISA, T_ISA
 from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.turbine import Turbine
