@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import re
+from collections import defaultdict
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -78,6 +79,28 @@ VALIDATION = {
 
 LARGEST_FILE = 600
 """Lines of a file: a topic that a reader can name usually takes 150 to 600."""
+
+MOST_FILES, MOST_FILES_IN_ALL = 40, 230
+"""Files of a package, and of all packages: what a newcomer can survey."""
+
+LARGEST_SHARE_OF_IMPORTS = 0.04
+"""Share of lines that only connect other lines; well-kept packages of this kind have 1 to 3 %."""
+
+LONGEST_FUNCTION = 60
+"""Lines of a function without its docstring; ruff holds its cyclomatic complexity (C901)."""
+
+PLUG_INS: frozenset[tuple[str, ...]] = frozenset()
+"""Modules that a registry finds, so that nothing need import them."""
+
+BANNED_NAME = re.compile(
+    r"(?i:told|said|says?|tells?|heard|handed|handing|begun|along|held|of|at|found|brought|owed|settled|beside|foreseen"
+    r"|unseen|weighed|needed|unmet|few|within|elsewhere|alike|carried|doubtful|lawful|on_all|in_part|worth_fitting|among_all"
+    r"|among|(?:told|said|handed|owed|foreseen|among|begun|of|at|beside)_\w+|\w+_(?:told|said|of|at|owed|foreseen|handed))"
+)
+"""Names that say nothing to a reader: particles, participles and the private words of earlier years."""
+
+
+OPEN = pytest.mark.xfail(reason="the house is being rebuilt to this rule", strict=False)
 
 
 @cache
@@ -163,6 +186,147 @@ def test_every_room_has_a_place_in_the_order() -> None:
 def test_no_file_is_larger_than_a_room_should_be() -> None:
     large = {name_of(f): n for f in files() if (n := f.read_text(encoding="utf-8").count("\n")) > LARGEST_FILE}
     assert large == {}
+
+
+def modules() -> dict[tuple[str, ...], Path]:
+    """Every module by its dotted path within the package; a package goes by the name of its folder."""
+    found = {}
+    for file in files():
+        parts = file.relative_to(PACKAGE).with_suffix("").parts
+        found[parts[:-1] if parts[-1] == "__init__" else parts] = file
+    return found
+
+
+def target(parts: tuple[str, ...], known: dict[tuple[str, ...], Path]) -> tuple[str, ...]:
+    """The module that an import leads to: `from room.module import name` leads to room.module."""
+    return parts if parts in known else parts[:-1]
+
+
+def rebuilt_later(file: Path) -> bool:
+    """The search for missing physics is rebuilt as a whole; until then only its place in the order is checked."""
+    return file.relative_to(PACKAGE).parts[0] == "mismatch"
+
+
+def test_no_circle_of_imports_at_the_top_of_files() -> None:
+    known = modules()
+    arrows = {
+        name: {
+            target(tuple(f"{node.module}.{alias.name}".split(".")[1:]), known)
+            for node in tree(file).body
+            if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == PACKAGE.name
+            for alias in node.names
+        }
+        - {name}
+        for name, file in known.items()
+        if name  # the front door opens what stands highest
+    }
+    while free := [name for name in arrows if not arrows[name] & arrows.keys()]:
+        for name in free:
+            del arrows[name]
+    assert sorted(map(".".join, arrows)) == []
+
+
+@OPEN
+def test_the_number_of_files_stays_in_bounds() -> None:
+    by_package: dict[str, int] = defaultdict(int)
+    for file in files():
+        if not rebuilt_later(file):
+            by_package[file.relative_to(PACKAGE).parts[0] if file.parent != PACKAGE else "."] += 1
+    assert {name: n for name, n in by_package.items() if n > MOST_FILES} == {}
+    assert sum(by_package.values()) <= MOST_FILES_IN_ALL
+
+
+@OPEN
+def test_no_module_is_imported_by_a_single_neighbour_alone() -> None:
+    known = modules()
+    importers: dict[tuple[str, ...], set[tuple[str, ...]]] = defaultdict(set)
+    for name, file in known.items():
+        for _, parts in imported(file):
+            importers[target(parts, known)].add(name)
+    alone = [
+        f"{'.'.join(name)} belongs inside {'.'.join(*by)}"
+        for name, by in importers.items()
+        if len(by) == 1
+        and name
+        and not rebuilt_later(known[name])
+        and known[name].parent == known[next(iter(by))].parent
+        and name not in PLUG_INS
+    ]
+    assert alone == []
+
+
+@OPEN
+def test_few_lines_are_imports() -> None:
+    lines = imports = 0
+    for file in files():
+        if not rebuilt_later(file):
+            lines += file.read_text(encoding="utf-8").count("\n")
+            nodes = [n for n in ast.walk(tree(file)) if isinstance(n, ast.Import | ast.ImportFrom)]
+            imports += sum((n.end_lineno or n.lineno) - n.lineno + 1 for n in nodes)
+    assert imports / lines <= LARGEST_SHARE_OF_IMPORTS
+
+
+def test_validation_is_imported_by_the_commands_alone() -> None:
+    assert [
+        f"{name_of(file)}:{line}"
+        for file in files()
+        for line, parts in imported(file)
+        if room(parts) == "validation" and file.relative_to(PACKAGE).parts[0] not in ("validation", "cli")
+    ] == []
+
+
+def functions(file: Path) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
+    for node in ast.walk(tree(file)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            yield node
+
+
+def code_lines(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """Lines of a function without its docstring."""
+    first = function.body[0]
+    documented = isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant)
+    docstring = (first.end_lineno or first.lineno) - first.lineno + 1 if documented else 0
+    return (function.end_lineno or function.lineno) - function.lineno + 1 - docstring
+
+
+@OPEN
+def test_functions_are_short() -> None:
+    assert [
+        f"{name_of(file)}:{f.lineno}: {f.name} has {code_lines(f)} lines"
+        for file in files()
+        if not rebuilt_later(file)
+        for f in functions(file)
+        if code_lines(f) > LONGEST_FUNCTION
+    ] == []
+
+
+def definitions(file: Path) -> Iterator[tuple[int, str]]:
+    """Line and name of every class and function."""
+    for node in ast.walk(tree(file)):
+        if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            yield node.lineno, node.name
+
+
+@OPEN
+def test_names_are_the_fields() -> None:
+    assert [
+        f"{name_of(file)}:{line}: {name}"
+        for file in files()
+        if not rebuilt_later(file)
+        for line, name in definitions(file)
+        if not name.startswith("__") and BANNED_NAME.fullmatch(name.strip("_"))
+    ] == []
+
+
+@OPEN
+def test_a_class_has_a_name_of_its_own() -> None:
+    places: dict[str, list[str]] = defaultdict(list)
+    for file in files():
+        if not rebuilt_later(file):
+            for node in ast.walk(tree(file)):
+                if isinstance(node, ast.ClassDef):
+                    places[node.name].append(f"{name_of(file)}:{node.lineno}")
+    assert {name: where for name, where in places.items() if len(where) > 1} == {}
 
 
 CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]*")
