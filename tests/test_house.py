@@ -401,7 +401,7 @@ MATCHED_PATTERNS = (
     "identification/problem.py",
     "mismatch/fit/load.py",
     "residuals/monitor.py",
-    "validation/studies/cases.py",
+    "validation/studies.py",
 )
 """Files that match the patterns which a user gives against names."""
 

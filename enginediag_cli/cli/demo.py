@@ -13,8 +13,7 @@ from enginediag_cli.cli.options import exit_codes, message_options, pass_message
 from enginediag_cli.report.messages import Messages
 
 if TYPE_CHECKING:
-    from enginediag_cli.validation.demonstration.flights import Flight
-    from enginediag_cli.validation.demonstration.script import Case
+    from enginediag_cli.validation.demonstration import Case, Flight
 
 
 def _new_folder(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
@@ -87,7 +86,8 @@ def demo(messages: Messages, seed: int, keep: str | None, missing_physics: bool,
 
 def _play(messages: Messages, seed: int) -> None:
     from enginediag_cli.api.inputs import load_nominal
-    from enginediag_cli.validation.demonstration import script, story
+    from enginediag_cli.validation import demonstration as script
+    from enginediag_cli.validation import demonstration as story
 
     copy_shipped(script.INGREDIENTS)
     head(1, f"Record {script.HEALTHY_FLIGHTS} flights of an engine believed healthy")
@@ -110,8 +110,9 @@ def _play(messages: Messages, seed: int) -> None:
 def _fly(messages: Messages, case: Case, seed: int) -> list[Flight]:
     """Simulate the flights of a case and judge them; a case with a fault is also isolated."""
     from enginediag_cli.api.inputs import load_engine
-    from enginediag_cli.validation.demonstration import script, story
-    from enginediag_cli.validation.demonstration.flights import read_flights
+    from enginediag_cli.validation import demonstration as script
+    from enginediag_cli.validation import demonstration as story
+    from enginediag_cli.validation.demonstration import read_flights
 
     truth, detected, isolated = Path(case.truth), Path(case.detected), Path(case.isolated)
     run(messages, script.fly(case, seed))
@@ -129,7 +130,8 @@ def _fly(messages: Messages, case: Case, seed: int) -> list[Flight]:
 
 def _report(messages: Messages, missing_physics: bool) -> None:
     """Write what was found as one page, as the last step."""
-    from enginediag_cli.validation.demonstration import concealed, script
+    from enginediag_cli.validation import demonstration as script
+    from enginediag_cli.validation import demonstration_missing as concealed
 
     click.echo("\nThe same as a page, for whoever was not here")
     run(messages, concealed.report() if missing_physics else script.report())

@@ -14,7 +14,7 @@ from enginediag_cli.errors import NoVerdictError
 from enginediag_cli.report.messages import Messages
 
 if TYPE_CHECKING:
-    from enginediag_cli.validation.demonstration.concealed_story import Found
+    from enginediag_cli.validation.demonstration_missing import Found
 
 COLUMNS = 110
 """Letters of a line of the story: what a terminal of usual width shows without breaking it."""
@@ -33,8 +33,8 @@ class Heard(Messages):
 
 def play(messages: Messages, seed: int) -> None:
     """All steps, in the folder in which the program runs; NoVerdictError where one ends without its result."""
-    from enginediag_cli.validation.demonstration import concealed as script
-    from enginediag_cli.validation.demonstration import concealed_story as story
+    from enginediag_cli.validation import demonstration_missing as script
+    from enginediag_cli.validation import demonstration_missing as story
 
     copy_shipped(script.INGREDIENTS)
     head(1, "Conceal an effect: fly an engine that has it")
@@ -66,8 +66,8 @@ def play(messages: Messages, seed: int) -> None:
 
 
 def _close(found: Found) -> None:
-    from enginediag_cli.validation.demonstration import concealed as script
-    from enginediag_cli.validation.demonstration import concealed_story as story
+    from enginediag_cli.validation import demonstration_missing as script
+    from enginediag_cli.validation import demonstration_missing as story
 
     click.echo("\nWhat was concealed, and what was found")
     tell(story.comparison(found))

@@ -29,12 +29,10 @@ from enginediag_cli.cli.proving import (
 )
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.output import Output
-from enginediag_cli.validation.blind.kinds import APART, CHOICES, KINDS, TRUTHS
-from enginediag_cli.validation.isolated import kinds as isolated
+from enginediag_cli.validation.kinds import APART, CHOICES, FIELD, ISOLATION_CHOICES, ISOLATION_KINDS, KINDS, TRUTHS
 
 if TYPE_CHECKING:
-    from enginediag_cli.validation.blind.journal import Record
-    from enginediag_cli.validation.blind.trial import Plan
+    from enginediag_cli.validation.explain_trials import Plan, Record
 
 
 @click.command(
@@ -68,13 +66,13 @@ if TYPE_CHECKING:
     "--kind",
     "chosen",
     multiple=True,
-    type=click.Choice(tuple(dict.fromkeys((*CHOICES, *isolated.CHOICES)))),
+    type=click.Choice(tuple(dict.fromkeys((*CHOICES, *ISOLATION_CHOICES)))),
     metavar="KIND",
     help=f"Only trials of this kind; may be given several times. To explain, one of {', '.join(KINDS)}, or, "
     "never drawn unasked, dynamic: recordings that move and effects that remember; law: effects that no library holds; "
     "planned: effects with rivals, what to fly next, and whether that tells; "
     f"several: two to four causes ({', '.join(k for own in APART.values() for k in own)}); to isolate, one of "
-    f"{', '.join(isolated.KINDS)}, or, never drawn unasked, {isolated.FIELD}: whole flights with everything at once, a "
+    f"{', '.join(ISOLATION_KINDS)}, or, never drawn unasked, {FIELD}: whole flights with everything at once, a "
     "quarter of them healthy.",
 )
 @click.option(
@@ -138,10 +136,8 @@ def prove(
     if question == ISOLATE:
         prove_isolation(messages, engines, seed, asked, kept).write(output)
         return
-    from enginediag_cli.validation.blind.check import check_engine
-    from enginediag_cli.validation.blind.journal import plan_key
-    from enginediag_cli.validation.blind.pool import run_trials
-    from enginediag_cli.validation.blind.trial import Plan
+    from enginediag_cli.validation.causes import check_engine
+    from enginediag_cli.validation.explain_trials import Plan, plan_key, run_trials
 
     plan = Plan(engines[0], seed, asked.truths, asked.kinds, engines=engines)
     for path in engines:

@@ -12,11 +12,10 @@ import click
 
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.output import Output
-from enginediag_cli.validation.blind import kinds as explained
-from enginediag_cli.validation.isolated import kinds as isolated
+from enginediag_cli.validation import kinds as explained
 
 if TYPE_CHECKING:
-    from enginediag_cli.validation.isolated.trial import Plan
+    from enginediag_cli.validation.isolation_trials import Plan
 
 EXPLAIN, ISOLATE = "explain", "isolate"
 """What may be asked of the recordings."""
@@ -50,16 +49,16 @@ class Asked:
     def check(self) -> None:
         """Raises click.UsageError for choices that do not go together."""
         isolating = self.question == ISOLATE
-        kinds = isolated.CHOICES if isolating else explained.CHOICES
-        truths = isolated.TRUTHS if isolating else explained.TRUTHS
+        kinds = explained.ISOLATION_CHOICES if isolating else explained.CHOICES
+        truths = explained.ISOLATION_TRUTHS if isolating else explained.TRUTHS
         for option, values, own in (("--kind", self.chosen, kinds), ("--truth", self.truths, truths)):
             odd = [v for v in values if v not in own]
             if odd:
                 raise click.UsageError(
                     f"{option} {odd[0]} does not go with --question {self.question}; one of {', '.join(own)} does"
                 )
-        if isolating and isolated.FIELD in self.chosen and len(self.chosen) > 1:
-            raise click.UsageError(f"--kind {isolated.FIELD} holds the other kinds in fixed shares; give it alone")
+        if isolating and explained.FIELD in self.chosen and len(self.chosen) > 1:
+            raise click.UsageError(f"--kind {explained.FIELD} holds the other kinds in fixed shares; give it alone")
         if self.moving and explained.REALISTIC in self.truths:
             raise click.UsageError(
                 f"--kind {explained.DYNAMIC} does not go with --truth {explained.REALISTIC}, whose clocks and probes "
@@ -83,13 +82,13 @@ class Asked:
         if self.truth in (None, BOTH) and self.question == EXPLAIN:
             return explained.SAME_MODEL, explained.MAP_ERROR
         if self.truth == BOTH:
-            return isolated.TRUTHS
-        return (self.truth or isolated.REALISTIC,)
+            return explained.ISOLATION_TRUTHS
+        return (self.truth or explained.REALISTIC,)
 
     @property
     def kinds(self) -> tuple[str, ...]:
         if self.question == ISOLATE:
-            return self.chosen or isolated.KINDS
+            return self.chosen or explained.ISOLATION_KINDS
         return explained.all_of(self.chosen) or explained.KINDS
 
     @property
@@ -110,7 +109,7 @@ class Asked:
             return (given,)
         if self.moving:
             return tuple(str(shipped(name)) for name in MOVING_ENGINES)
-        if self.question == ISOLATE and self.kinds == (isolated.FIELD,):
+        if self.question == ISOLATE and self.kinds == (explained.FIELD,):
             return (str(shipped(AIRLINER)),)
         several = explained.REALISTIC in self.truths or bool(self.choices & {explained.LAW, explained.SEVERAL})
         return tuple(str(shipped(name)) for name in (SEVERAL_ENGINES if several else SEVERAL_ENGINES[:1]))
@@ -129,7 +128,7 @@ class Kept:
 def finished_trials(messages: Messages, key: str, running: Running, kept: Kept) -> list[Record]:
     """Run the trials that the journal does not hold; all of them in their order. Raises DataError."""
     from enginediag_cli.errors import DataError
-    from enginediag_cli.validation.blind.journal import trials_journal
+    from enginediag_cli.validation.explain_trials import trials_journal
     from enginediag_cli.worker_pool import WorkerDiedError
 
     journal = trials_journal(Path(kept.path), key) if kept.path else None
@@ -165,10 +164,8 @@ def finished_trials(messages: Messages, key: str, running: Running, kept: Kept) 
 
 def prove_isolation(messages: Messages, engines: tuple[str, ...], seed: int, asked: Asked, kept: Kept) -> Isolation:
     """Run the trials of isolation; what came of them. Raises DataError."""
-    from enginediag_cli.validation.blind.check import check_engine
-    from enginediag_cli.validation.isolated.journal import plan_key
-    from enginediag_cli.validation.isolated.pool import run_trials
-    from enginediag_cli.validation.isolated.trial import Plan
+    from enginediag_cli.validation.causes import check_engine
+    from enginediag_cli.validation.isolation_trials import Plan, plan_key, run_trials
 
     plan = Plan(engines, seed, asked.truths, asked.kinds)
     for path in engines:

@@ -22,11 +22,10 @@ from enginediag_cli.report.output import Output
 from enginediag_cli.report.summaries import STUDY
 
 if TYPE_CHECKING:
-    from enginediag_cli.validation.journal import Journal
     from enginediag_cli.validation.rows import Results
-    from enginediag_cli.validation.studies.batches import Batch
-    from enginediag_cli.validation.studies.journal import Tallies
-    from enginediag_cli.validation.studies.study_file import Study
+    from enginediag_cli.validation.studies import Study
+    from enginediag_cli.validation.study_runs import Batch, Tallies
+    from enginediag_cli.validation.trials import Journal
 
 SHOW = ("rates", "counts", "reliability")
 
@@ -84,8 +83,8 @@ def study(
     Data come from the full nonlinear engine. The same seed gives the same counts, on any number of processes. A
     study that was interrupted goes on where it stopped when the same command is given again with -o or --journal.
     """
-    from enginediag_cli.validation.studies.journal import study_journal, study_key
-    from enginediag_cli.validation.studies.study_file import load_study
+    from enginediag_cli.validation.studies import load_study
+    from enginediag_cli.validation.study_runs import study_journal, study_key
 
     described = load_study(file)
     seed = described.seed if seed is None else seed
@@ -106,7 +105,7 @@ def _run(
     notes: Journal[Batch, Tallies] | None,
 ) -> Results:
     from enginediag_cli.validation.rows import totals
-    from enginediag_cli.validation.studies.batches import batches, run_batch
+    from enginediag_cli.validation.study_runs import batches, run_batch
     from enginediag_cli.worker_pool import WorkerDiedError, run_pieces
 
     every = batches(described, repetitions)

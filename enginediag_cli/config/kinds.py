@@ -67,8 +67,8 @@ FILE_KINDS: dict[str, FileKind] = {
         FileKind(
             "study",
             "a Monte-Carlo study: fault cases, methods of diagnosis and repetitions",
-            "enginediag_cli.validation.studies.study_file:STUDY_FILE",
-            "enginediag_cli.validation.studies.study_file:load_study",
+            "enginediag_cli.validation.studies:STUDY_FILE",
+            "enginediag_cli.validation.studies:load_study",
         ),
         FileKind(
             "fleet",

@@ -22,18 +22,14 @@ import scipy
 from enginediag_cli import __version__
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.report.outputs.validation import ISOLATED, PROVE, STUDY
-from enginediag_cli.validation.blind import kinds
-from enginediag_cli.validation.blind.power import detectable_sizes
-from enginediag_cli.validation.blind.sheet import bins, truths_of
-from enginediag_cli.validation.blind.sheet import sheet as trials_sheet
-from enginediag_cli.validation.blind.trial import Plan as TrialPlan
-from enginediag_cli.validation.isolated.reliability import by_kind, reliability, sheet
-from enginediag_cli.validation.isolated.score import OUTCOMES
-from enginediag_cli.validation.isolated.trial import Plan
-from enginediag_cli.validation.rates import counted, design_effect
-from enginediag_cli.validation.studies.journal import Finished
-from enginediag_cli.validation.studies.study_file import Study
-from enginediag_cli.validation.studies.tally import BLOCK, EDGES, Tally
+from enginediag_cli.validation import kinds
+from enginediag_cli.validation.explain_trials import Plan as TrialPlan
+from enginediag_cli.validation.isolation_trials import OUTCOMES, Plan, by_kind, reliability, sheet
+from enginediag_cli.validation.score_sheet import bins, detectable_sizes, truths_of
+from enginediag_cli.validation.score_sheet import sheet as trials_sheet
+from enginediag_cli.validation.studies import Study
+from enginediag_cli.validation.study_runs import BLOCK, EDGES, Finished, Tally
+from enginediag_cli.validation.trials import counted, design_effect
 
 
 def rows(sheet: Mapping[str, Any], bins: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -27,7 +27,7 @@ from enginediag_cli.isolation.posterior import set_posterior
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.simulation.noise import ColumnNoise
-from enginediag_cli.validation.studies.known import known_nominal
+from enginediag_cli.validation.studies import known_nominal
 
 RECORDS = 20
 

@@ -34,12 +34,11 @@ from enginediag_cli.mismatch.laws.scan import Formula, formulas, number_of_group
 from enginediag_cli.mismatch.laws.steps import prior_of, prior_of_all
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
-from enginediag_cli.validation.blind.flights import draw_flights
-from enginediag_cli.validation.blind.laws.drawn import Ground, Sort, shaped_law
-from enginediag_cli.validation.blind.laws.marks import same_driver
-from enginediag_cli.validation.blind.laws.truth import LawTruth, curve
-from enginediag_cli.validation.blind.separability import ALIAS
-from enginediag_cli.validation.rates import wilson
+from enginediag_cli.validation.concealed_formulas import Ground, LawTruth, Sort, curve, shaped_law
+from enginediag_cli.validation.formula_marks import same_driver
+from enginediag_cli.validation.separability import ALIAS
+from enginediag_cli.validation.trial_flights import draw_flights
+from enginediag_cli.validation.trials import wilson
 
 PER_ENGINE, TRIES = 3, 60
 """Sets of flights of each engine; laws that are drawn of one sort."""

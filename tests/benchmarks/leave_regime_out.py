@@ -33,7 +33,7 @@ from enginediag_cli.recordings.write import CsvWriter, output
 from enginediag_cli.simulation.flights import Conditions, default_plan, generate_flights
 from enginediag_cli.simulation.noise import KINDS, column_noise
 from enginediag_cli.simulation.simulate import recording_of, simulate
-from enginediag_cli.validation.blind.truths.tables import tabulated
+from enginediag_cli.validation.truth_engines import tabulated
 
 ENGINE = Path(__file__).resolve().parents[2] / "configs" / "turbofan.yaml"
 PHASES = ("climb", "cruise", "ground", "descent")

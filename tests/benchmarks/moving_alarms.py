@@ -32,7 +32,7 @@ from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import CsvWriter, output
-from enginediag_cli.validation.blind.moving_flights import draw_moving_flights
+from enginediag_cli.validation.trial_flights import draw_moving_flights
 
 Terms = Sequence[tuple[str, str, Mapping[str, float]]]
 RATES = (0.05, 0.01)

@@ -21,7 +21,7 @@ from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
-from enginediag_cli.validation.blind.moving_flights import draw_moving_flights
+from enginediag_cli.validation.trial_flights import draw_moving_flights
 
 ROOT = Path(__file__).resolve().parents[2]
 Terms = Sequence[tuple[str, str, Mapping[str, float]]]

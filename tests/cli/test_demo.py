@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from enginediag_cli.__main__ import main
-from enginediag_cli.validation.demonstration import script
+from enginediag_cli.validation import demonstration as script
 
 pytestmark = pytest.mark.slow
 

@@ -8,7 +8,7 @@ import pytest
 
 from enginediag_cli.__main__ import main
 from enginediag_cli.shipped import shipped
-from enginediag_cli.validation.blind.sheet import SCORES
+from enginediag_cli.validation.score_sheet import SCORES
 
 TARGETS = (
     "exact",

@@ -18,7 +18,7 @@ from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.report.sentences import one_of
 from enginediag_cli.residuals.noise import white_noise
 from enginediag_cli.simulation.noise import ColumnNoise
-from enginediag_cli.validation.studies.known import known_nominal
+from enginediag_cli.validation.studies import known_nominal
 
 NAMES = ("a", "b", "c", "d")
 FEW = ("N1_rpm", "N2_rpm", "T45_K")

@@ -13,7 +13,7 @@ from enginediag_cli.residuals.relinearise import relinearise
 from enginediag_cli.residuals.score import Score, fisher_score
 from enginediag_cli.residuals.statistics import local_statistics
 from enginediag_cli.simulation.noise import ColumnNoise
-from enginediag_cli.validation.studies.known import known_nominal
+from enginediag_cli.validation.studies import known_nominal
 
 ENGINE = Path(__file__).parents[2] / "configs" / "turbofan.yaml"
 

@@ -15,7 +15,7 @@ from enginediag_cli.mismatch.fit.load import Asked, build_evidence
 from enginediag_cli.mismatch.fit.nuisance import read_wrong
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.validation.blind.flights import draw_flights
+from enginediag_cli.validation.trial_flights import draw_flights
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 WRONG = {"sensor.T3.scale": 1.002, "sensor.T35.scale": 0.999, "sensor.T6.scale": 1.001}

@@ -22,7 +22,7 @@ from enginediag_cli.residuals.monitor import monitor_from_nominal
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.reduced import reduced, with_lagging
 from enginediag_cli.residuals.windows import plan_windows
-from enginediag_cli.validation.blind.moving_flights import draw_moving_flights
+from enginediag_cli.validation.trial_flights import draw_moving_flights
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 LAG_S = 6.0

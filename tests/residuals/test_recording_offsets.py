@@ -19,8 +19,8 @@ from enginediag_cli.residuals.monitor import monitor_from_nominal
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.reduced import ReducedMonitor, reduced
 from enginediag_cli.residuals.windows import WindowPlan
-from enginediag_cli.validation.blind.flights import draw_flights
-from enginediag_cli.validation.blind.truths.instruments import draw_instruments
+from enginediag_cli.validation.trial_flights import draw_flights
+from enginediag_cli.validation.truth_instruments import draw_instruments
 
 ENGINE = Path(__file__).parents[2] / "configs" / "turbojet.yaml"
 JUDGED = 4

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.validation.blind.power import detectable_sizes
+from enginediag_cli.validation.score_sheet import detectable_sizes
 
 ENGINE = Path(__file__).resolve().parents[2] / "configs" / "turbofan.yaml"
 SEED = 41

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
-from enginediag_cli.validation.isolated.score import OUTCOMES
+from enginediag_cli.validation.isolation_trials import OUTCOMES
 
 DIFFERENCE, GAP = "right_less_stated_when_probable", "largest_gap"
 ROWS = {

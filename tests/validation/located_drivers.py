@@ -22,14 +22,12 @@ from enginediag_cli.mismatch.fit.load import Asked, Case, load_case
 from enginediag_cli.mismatch.locate.locate import Located, locate
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
-from enginediag_cli.validation.blind import kinds
-from enginediag_cli.validation.blind.causes import components
-from enginediag_cli.validation.blind.flights import hour_columns
-from enginediag_cli.validation.blind.opened import evidence_of
-from enginediag_cli.validation.blind.recorded import Recorded, record, write_open
-from enginediag_cli.validation.blind.score import LOCATABLE
-from enginediag_cli.validation.blind.sealed import Sealed, draw
-from enginediag_cli.validation.blind.true_driver import UNDRIVEN, driver_is_right
+from enginediag_cli.validation import kinds
+from enginediag_cli.validation.causes import components
+from enginediag_cli.validation.concealed_effects import Recorded, Sealed, draw, record, write_open
+from enginediag_cli.validation.marks import LOCATABLE, evidence_of
+from enginediag_cli.validation.separability import UNDRIVEN, driver_is_right
+from enginediag_cli.validation.trial_flights import hour_columns
 
 ENGINE = shipped("turbofan.yaml")
 

@@ -14,7 +14,7 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
-from enginediag_cli.validation.blind import kinds
+from enginediag_cli.validation import kinds
 
 ROWS = {
     "exact": "right name first, λ_sep ≥ 22",

@@ -12,14 +12,13 @@ from enginediag_cli.cli.prove import prove
 from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import term_names
-from enginediag_cli.validation.blind import explainer, kinds, moving_flights
-from enginediag_cli.validation.blind.causes import Cause, hypothesis
-from enginediag_cli.validation.blind.memories import SIZES, draw_memories, drawable_memories
-from enginediag_cli.validation.blind.moving_flights import LEAST_CHANGE, POWER, draw_moving_flights, power_profile
-from enginediag_cli.validation.blind.recorded import readings, record, write_open
-from enginediag_cli.validation.blind.sealed import draw
-from enginediag_cli.validation.blind.sheet import sheet
-from enginediag_cli.validation.blind.trial import Plan, run_trial
+from enginediag_cli.validation import explainer, kinds
+from enginediag_cli.validation import trial_flights as moving_flights
+from enginediag_cli.validation.causes import SIZES, Cause, draw_memories, drawable_memories, hypothesis
+from enginediag_cli.validation.concealed_effects import draw, readings, record, write_open
+from enginediag_cli.validation.explain_trials import Plan, run_trial
+from enginediag_cli.validation.score_sheet import sheet
+from enginediag_cli.validation.trial_flights import LEAST_CHANGE, POWER, draw_moving_flights, power_profile
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 NULL, SINGLE, PAIR = kinds.DYNAMIC_KINDS

@@ -11,9 +11,8 @@ from enginediag_cli.methods.evidence import evidence_of
 from enginediag_cli.methods.families.local import window_scores
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.simulation.noise import KINDS, column_noise
-from enginediag_cli.validation.studies.cases import build_case
-from enginediag_cli.validation.studies.flown import make_trials
-from enginediag_cli.validation.studies.known import known_nominal
+from enginediag_cli.validation.studies import build_case, known_nominal
+from enginediag_cli.validation.study_runs import make_trials
 
 ENGINE = load_engine(Path(__file__).parents[2] / "configs" / "turbofan.yaml")
 NOISE = column_noise(KINDS["uniform"], ENGINE)

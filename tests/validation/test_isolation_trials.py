@@ -11,20 +11,21 @@ import pytest
 
 from enginediag_cli.__main__ import main
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.validation.isolated import kinds
-from enginediag_cli.validation.isolated.isolator import answer
-from enginediag_cli.validation.isolated.recorded import record
-from enginediag_cli.validation.isolated.reliability import by_kind, reliability, sheet
-from enginediag_cli.validation.isolated.score import (
+from enginediag_cli.validation import kinds
+from enginediag_cli.validation.isolation_trials import (
     CANNOT_TELL,
     NAMED,
     NO_VERDICT,
     NOT_IDENTIFIED,
     NOTHING,
+    by_kind,
     marks,
     outcome,
+    reliability,
+    sheet,
 )
-from enginediag_cli.validation.isolated.sealed import Change, draw, group_of, reading
+from enginediag_cli.validation.isolation_truths import Change, draw, group_of, reading, record
+from enginediag_cli.validation.isolator import answer
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -173,7 +174,7 @@ def test_a_class_that_stands_is_cannot_tell_with_a_probability_of_its_own(turboj
 
 def test_of_physics_a_name_is_right_where_the_effect_acts(turbojet):
     sealed = drawn(turbojet, kinds.PHYSICS)
-    from enginediag_cli.validation.blind.visible import drawable
+    from enginediag_cli.validation.causes import drawable
 
     effect = next(e for e in drawable(turbojet) if e.label == "reynolds_efficiency@compressor")
     sealed = replace(sealed, effects=(effect,), changes=(Change(effect.label, 0.0),))

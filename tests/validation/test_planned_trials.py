@@ -13,25 +13,26 @@ from enginediag_cli.cli.prove import prove
 from enginediag_cli.mismatch.explain.answer import NAMED, NOTHING
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.planning.flights import AIRLINER, RECORDS, SWEEP, WEATHER, flights
-from enginediag_cli.validation.blind import kinds
-from enginediag_cli.validation.blind.ambiguous import RECORDED, draw_ambiguous
-from enginediag_cli.validation.blind.correspondent import Correspondent
-from enginediag_cli.validation.blind.planned import (
+from enginediag_cli.validation import kinds
+from enginediag_cli.validation.concealed_effects import draw, readings, record
+from enginediag_cli.validation.explain_trials import (
     ANOTHER,
     ARMS,
     HINDSIGHT,
     PLANNED,
+    RECORDED,
     SWEPT,
+    Plan,
     chosen_flights,
     columns_of,
+    draw_ambiguous,
     flight_of,
     is_resolved,
+    run_trial,
 )
-from enginediag_cli.validation.blind.recorded import readings, record
-from enginediag_cli.validation.blind.score import Said
-from enginediag_cli.validation.blind.sealed import draw
-from enginediag_cli.validation.blind.sheet import PLANNED_SCORES, sheet
-from enginediag_cli.validation.blind.trial import Plan, run_trial
+from enginediag_cli.validation.marks import Said
+from enginediag_cli.validation.score_sheet import PLANNED_SCORES, sheet
+from enginediag_cli.validation.trials import Correspondent
 
 ENGINE = str(Path(__file__).parents[2] / "configs" / "turbojet.yaml")
 

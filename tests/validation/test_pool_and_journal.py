@@ -8,7 +8,7 @@ from functools import partial
 import pytest
 
 from enginediag_cli.errors import DataError, ExitCode
-from enginediag_cli.validation.journal import Form, Journal
+from enginediag_cli.validation.trials import Form, Journal
 from enginediag_cli.worker_pool import THREADS, WorkerDiedError, run_pieces
 
 FORM = Form(

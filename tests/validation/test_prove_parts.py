@@ -12,21 +12,17 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, NAMED, NONE, NOTHING
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import term_names
-from enginediag_cli.validation.blind import kinds
-from enginediag_cli.validation.blind.causes import Cause, hypothesis, key
-from enginediag_cli.validation.blind.check import check_engine
-from enginediag_cli.validation.blind.flights import draw_flights, stack
-from enginediag_cli.validation.blind.journal import trials_journal
-from enginediag_cli.validation.blind.map_error import draw_map_errors
-from enginediag_cli.validation.blind.opened import evidence_of
-from enginediag_cli.validation.blind.recorded import readings, record, write_open
-from enginediag_cli.validation.blind.score import Said, hidden_marks, interval_marks, marks
-from enginediag_cli.validation.blind.sealed import draw
-from enginediag_cli.validation.blind.separability import Separability, separability
-from enginediag_cli.validation.blind.sheet import sheet
-from enginediag_cli.validation.blind.visible import SELDOM, drawable, weights
-from enginediag_cli.validation.rates import rate, wilson
+from enginediag_cli.validation import kinds
+from enginediag_cli.validation.causes import SELDOM, Cause, check_engine, drawable, hypothesis, key, weights
+from enginediag_cli.validation.concealed_effects import draw, readings, record, write_open
+from enginediag_cli.validation.explain_trials import trials_journal
+from enginediag_cli.validation.marks import Said, evidence_of, hidden_marks, interval_marks, marks
 from enginediag_cli.validation.rows import met
+from enginediag_cli.validation.score_sheet import sheet
+from enginediag_cli.validation.separability import Separability, separability
+from enginediag_cli.validation.trial_flights import draw_flights, stack
+from enginediag_cli.validation.trials import rate, wilson
+from enginediag_cli.validation.truth_engines import draw_map_errors
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from enginediag_cli.__main__ import main
-from enginediag_cli.validation.studies.batches import Laboratory, batches
-from enginediag_cli.validation.studies.study_file import load_study
+from enginediag_cli.validation.studies import load_study
+from enginediag_cli.validation.study_runs import Laboratory, batches
 
 ENGINE = Path(__file__).parents[2] / "configs" / "turbofan.yaml"
 

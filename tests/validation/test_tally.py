@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from enginediag_cli.validation.rates import clopper_pearson, counted, design_effect, rate
-from enginediag_cli.validation.studies.answers import Answers
-from enginediag_cli.validation.studies.tally import EDGES, Tally, tally
+from enginediag_cli.validation.study_runs import EDGES, Answers, Tally, tally
+from enginediag_cli.validation.trials import clopper_pearson, counted, design_effect, rate
 
 CHANGES = np.array([[0.0, -0.01, 0.0], [0.0, 0.0, 0.0], [0.02, 0.0, 0.01], [0.01, 0.0, 0.0]])
 ANSWERS = Answers(

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from enginediag_cli.mismatch.explain.answer import NAMED
-from enginediag_cli.validation.blind.causes import Cause
-from enginediag_cli.validation.blind.laws.told import ToldLaw
-from enginediag_cli.validation.blind.score import Said
-from enginediag_cli.validation.blind.several.named import Named
-from enginediag_cli.validation.blind.several.opened import KnownLaw
+from enginediag_cli.validation.causes import Cause
+from enginediag_cli.validation.formula_marks import ToldLaw
+from enginediag_cli.validation.marks import Said
+from enginediag_cli.validation.several_marks import KnownLaw, Named
 
 STEP, EFFECT, LAW = "sensor.T3.scale", "fouling@hpc", "bump@hpc.efficiency"
 

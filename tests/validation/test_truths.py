@@ -8,19 +8,24 @@ import numpy as np
 import pytest
 
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.validation.blind import kinds
-from enginediag_cli.validation.blind.flights import draw_flights, stack
-from enginediag_cli.validation.blind.recorded import record, write_open
-from enginediag_cli.validation.blind.sealed import draw
-from enginediag_cli.validation.blind.truths.airline import airline_sensors
-from enginediag_cli.validation.blind.truths.clocks import Clocks, draw_clocks
-from enginediag_cli.validation.blind.truths.distortion import Range, draw_distortion
-from enginediag_cli.validation.blind.truths.heat_soak import HeatSoak
-from enginediag_cli.validation.blind.truths.instruments import draw_instruments
-from enginediag_cli.validation.blind.truths.realistic import SHAPE, draw_realistic, noisy, remembering
-from enginediag_cli.validation.blind.truths.recorder import Recorder, draw_recorder
-from enginediag_cli.validation.blind.truths.tables import ENGINE_FILE, tabulated
-from enginediag_cli.validation.blind.visible import drawable
+from enginediag_cli.validation import kinds
+from enginediag_cli.validation.causes import drawable
+from enginediag_cli.validation.concealed_effects import draw, record, write_open
+from enginediag_cli.validation.trial_flights import draw_flights, stack
+from enginediag_cli.validation.truth_engines import ENGINE_FILE, Range, draw_distortion, tabulated
+from enginediag_cli.validation.truth_instruments import (
+    SHAPE,
+    Clocks,
+    HeatSoak,
+    Recorder,
+    airline_sensors,
+    draw_clocks,
+    draw_instruments,
+    draw_realistic,
+    draw_recorder,
+    noisy,
+    remembering,
+)
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 ENGINES = ("turbofan", "turbojet", "power_plant", "turboshaft")

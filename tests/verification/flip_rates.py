@@ -3,7 +3,7 @@
     python tests/verification/flip_rates.py --engines 4 --recordings 30
 
 Each engine is trained on recordings whose instruments differ by the spread that its engine file states, and whose
-maps are wrong in other shapes than the tool's curves (`validation/blind/map_error.py`, 0.3 and 0.15 %). Each judged
+maps are wrong in other shapes than the tool's curves (`validation/truth_engines.py`, 0.3 and 0.15 %). Each judged
 recording has a drawn change (or none) and an answer with its flips. Then the same recording, the same noise, is judged
 again with an error put in:
 
@@ -44,8 +44,8 @@ from enginediag_cli.residuals.kept_records import KeptRecords
 from enginediag_cli.residuals.monitor import Monitor, monitor_of
 from enginediag_cli.residuals.windows import WindowPlan
 from enginediag_cli.shipped import shipped
-from enginediag_cli.validation.blind.map_error import draw_map_errors
-from enginediag_cli.validation.rates import wilson
+from enginediag_cli.validation.trials import wilson
+from enginediag_cli.validation.truth_engines import draw_map_errors
 
 SPREADS = {
     "N1_rpm": 2.0,

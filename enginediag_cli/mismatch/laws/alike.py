@@ -21,7 +21,7 @@ from enginediag_cli.mismatch.fit.trial import Trial
 
 ALIKE = 11.0
 """λ_sep from which two accounts are told apart: 3.3 standard errors along the one direction in which they differ, as
-blind trials count it (`ALIAS` of `validation/blind/separability.py`)."""
+blind trials count it (`ALIAS` of `validation/separability.py`)."""
 SMALLEST = 1e-10
 """Eigenvalue of CᵀC, over the largest, below which a direction is what identification has taken."""
 

@@ -17,8 +17,8 @@ from enginediag_cli.errors import NoVerdictError
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import term
 from enginediag_cli.report.messages import Messages
-from enginediag_cli.validation.demonstration import concealed as script
-from enginediag_cli.validation.demonstration.concealed_story import Found, closing, comparison, judged, mistakes
+from enginediag_cli.validation import demonstration_missing as script
+from enginediag_cli.validation.demonstration_missing import Found, closing, comparison, judged, mistakes
 
 SAMPLES = Path(__file__).parents[3] / "sample_data"
 NAME = "reynolds_efficiency@hpc"

@@ -7,9 +7,18 @@ from parameter_makers import described
 
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
-from enginediag_cli.validation.demonstration.flights import Flight, PutIn, Size, read_flights, true_changes
-from enginediag_cli.validation.demonstration.script import Case
-from enginediag_cli.validation.demonstration.story import closing, comparison, isolated, mistakes
+from enginediag_cli.validation.demonstration import (
+    Case,
+    Flight,
+    PutIn,
+    Size,
+    closing,
+    comparison,
+    isolated,
+    mistakes,
+    read_flights,
+    true_changes,
+)
 
 HPC = described("hpc.efficiency")
 FOULED = {"hpc.efficiency": PutIn(HPC, -0.02)}

@@ -1,1 +1,0 @@
-"""Blind trials of laws: effects that no library holds."""

@@ -1,0 +1,345 @@
+"""What a study counts of a method's verdicts.
+
+A batch of trials: engines with known faults, flown by the full nonlinear model, recorded with noise.
+
+Counts of one case and method. Tallies of two batches add up, so batches may run anywhere and in any order.
+
+A study cut into batches that do not depend on each other: what a process works on.
+
+The journal of a study: its finished batches.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from pathlib import Path
+from time import process_time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from enginediag_cli import __version__
+from enginediag_cli.methods.base import PARAMETERS, FittedMethod, Verdicts, Windows
+from enginediag_cli.methods.evidence import Evidence
+from enginediag_cli.simulation.flights import engine_inputs, generate_flights
+from enginediag_cli.simulation.noise import ColumnNoise, noise_sources
+from enginediag_cli.validation.studies import Study, load_study
+from enginediag_cli.validation.trials import Form, Journal
+
+if TYPE_CHECKING:
+    from enginediag_cli.residuals.monitor import Monitor
+    from enginediag_cli.validation.studies import FaultCase
+
+
+@dataclass(frozen=True)
+class Answers:
+    """On W windows: judged (W,): there is a verdict; detected (W,); isolated (W, p) bool, None for a method that
+    names no parameters; probability (W,) that the answer is right, NaN for a method that states none."""
+
+    judged: np.ndarray
+    detected: np.ndarray
+    isolated: np.ndarray | None
+    probability: np.ndarray
+
+
+def answers_of(verdicts: Verdicts, parameters: Sequence[str]) -> Answers:
+    """Methods that name sensors, not parameters, or nothing, are judged on detection only.
+
+    A method that can say what is likeliest without an alarm is asked for that on every window.
+    """
+    named = verdicts.isolated if verdicts.likeliest is None else verdicts.likeliest
+    W = len(verdicts.converged)
+    isolated = None
+    if named is not None and verdicts.kind == PARAMETERS:
+        isolated = np.zeros((W, len(parameters)), bool)
+        isolated[:, [list(parameters).index(name) for name in verdicts.names]] = named
+    probability = np.full(W, np.nan) if verdicts.probability is None else verdicts.probability
+    return Answers(verdicts.judged, verdicts.alarm, isolated, probability)
+
+
+@dataclass(frozen=True)
+class Trials:
+    """W windows of n records with the changes (W, p) that made them; failed: records that the engine could not
+    compute, which have no reading."""
+
+    windows: Windows
+    changes: np.ndarray
+    failed: int
+
+
+def make_trials(
+    monitor: Monitor,
+    case: FaultCase,
+    count: int,
+    records: int,
+    plan: Mapping[str, Any],
+    noise: Mapping[str, ColumnNoise],
+    rng: np.random.Generator,
+) -> Trials:
+    """`count` trials of one case, all in one call of the engine."""
+    engine = monitor.engine
+    changes = case.changes_of(monitor, count, rng)
+    changes = np.clip(monitor.theta0 + changes, monitor.lower, monitor.upper) - monitor.theta0
+    inputs = _conditions(engine, count, records, plan, rng)
+    values = {
+        name: np.repeat(monitor.theta0[i] + changes[:, i], records)
+        for i, name in enumerate(monitor.names)
+        if np.any(changes[:, i])
+    }
+    prediction = engine.predict(inputs, values, sensors=monitor.sensors)
+    true = np.asarray(prediction.y).reshape(count, records, -1)
+    readings = {column: true[:, :, j] for j, column in enumerate(monitor.sensors)}
+    readings.update({c: v.reshape(count, records) for c, v in inputs.items()})
+    read = _with_noise(readings, noise, count, rng)
+    y = np.stack([read[column] for column in monitor.sensors], axis=2)
+    return Trials(Windows({c: read[c] for c in inputs}, y), changes, int(np.sum(~np.asarray(prediction.ok))))
+
+
+def _conditions(
+    engine: Any, count: int, records: int, plan: Mapping[str, Any], rng: np.random.Generator
+) -> dict[str, np.ndarray]:
+    """Engine inputs (count · records,). Missions whose points are independent are drawn at once."""
+    if plan["mission"]["type"] in ("sweep", "snapshots"):
+        return engine_inputs(engine, generate_flights(plan, engine, rng, records=count * records))
+    parts = [engine_inputs(engine, generate_flights(plan, engine, rng, records=records)) for _ in range(count)]
+    return {column: np.concatenate([part[column] for part in parts]) for column in parts[0]}
+
+
+def _with_noise(
+    true: Mapping[str, np.ndarray], noise: Mapping[str, ColumnNoise], count: int, rng: np.random.Generator
+) -> dict[str, np.ndarray]:
+    """Readings (count, n) by column; every window has noise of its own, also where noise remembers its past."""
+    read = {column: np.array(values) for column, values in true.items()}
+    for k in range(count):
+        for column, source in noise_sources(noise, rng).items():
+            read[column][k] = source.apply(true[column][k])
+    return read
+
+
+EDGES = np.array([0.0, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95, 1.0 + 1e-9])
+"""Bins of stated probability, centred at 0.2, 0.3 … 0.9, with one below and one above."""
+
+BLOCK = ("repetitions", "unchanged", "detected", "false_alarms", "exact", "contained")
+"""Counts that every batch keeps of its own."""
+
+
+@dataclass(frozen=True)
+class Tally:
+    """What became of `repetitions` diagnoses.
+
+    judged: had a verdict; unchanged: nothing was wrong; false_alarms: of these, detected; exact: exactly the
+    changed parameters isolated; contained: all of them and perhaps more; right_size: as many isolated as changed;
+    isolated: parameters isolated in total; counts (p,): in how many answers each parameter is; counts_contained
+    (p,): the same among the answers that contain all changed parameters; failed_records: not computed by the
+    engine; seconds: CPU time of diagnosis; bins (bins, 3): answers, right answers and sum of stated probabilities;
+    blocks (B, 6): counts of each batch that was added, as BLOCK names them, whose operating points were drawn together.
+    `isolates`: the method names parameters.
+    """
+
+    repetitions: int
+    judged: int
+    unchanged: int
+    detected: int
+    false_alarms: int
+    exact: int
+    contained: int
+    right_size: int
+    isolated: int
+    counts: np.ndarray
+    counts_contained: np.ndarray
+    failed_records: int
+    seconds: float
+    bins: np.ndarray
+    isolates: bool
+    blocks: np.ndarray
+
+    def __add__(self, other: Tally) -> Tally:
+        both: dict[str, Any] = {f.name: getattr(self, f.name) + getattr(other, f.name) for f in fields(self)[:-1]}
+        both["isolates"] = self.isolates and other.isolates
+        return Tally(**both, blocks=np.concatenate([self.blocks, other.blocks]))
+
+    def of_blocks(self, name: str) -> np.ndarray:
+        """Counts (B,) of each batch."""
+        return np.asarray(self.blocks[:, BLOCK.index(name)])
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain numbers and lists."""
+        return {
+            f.name: getattr(self, f.name).tolist()
+            if isinstance(getattr(self, f.name), np.ndarray)
+            else getattr(self, f.name)
+            for f in fields(self)
+        }
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> Tally:
+        """Inverse of `as_json`; raises TypeError or KeyError for something else."""
+        arrays = ("counts", "counts_contained", "bins", "blocks")
+        given: dict[str, Any] = {f.name: values[f.name] for f in fields(cls)}
+        given.update({name: np.array(given[name]) for name in arrays})
+        return cls(**given)
+
+
+def tally(changes: np.ndarray, answers: Answers, seconds: float, failed_records: int) -> Tally:
+    """Count the answers on windows with true `changes` (W, p)."""
+    truth = changes != 0
+    W, p = truth.shape
+    found = np.zeros((W, p), bool) if answers.isolated is None else answers.isolated
+    named = np.full(W, answers.isolated is not None) & answers.judged
+    exact = named & np.all(found == truth, axis=1)
+    contained = named & np.all(found | ~truth, axis=1)
+    unchanged = ~truth.any(axis=1)
+    detected = answers.judged & answers.detected
+    bins = np.zeros((len(EDGES) - 1, 3))
+    stated = named & np.isfinite(answers.probability)
+    place = np.digitize(answers.probability[stated], EDGES) - 1
+    np.add.at(bins, place, np.column_stack([np.ones(stated.sum()), exact[stated], answers.probability[stated]]))
+    false_alarms = detected & unchanged
+    block = [W, *(int(x.sum()) for x in (unchanged, detected, false_alarms, exact, contained))]
+    return Tally(
+        W,
+        int(answers.judged.sum()),
+        int(unchanged.sum()),
+        int(detected.sum()),
+        int(false_alarms.sum()),
+        int(exact.sum()),
+        int(contained.sum()),
+        int((named & (found.sum(axis=1) == truth.sum(axis=1))).sum()),
+        int(found[named].sum()),
+        found[named].sum(axis=0),
+        found[contained].sum(axis=0),
+        failed_records,
+        seconds,
+        bins,
+        answers.isolated is not None,
+        np.array([block]),
+    )
+
+
+BATCH_RECORDS = 10_000
+"""Records of a batch: one call of the engine for all of them hides the overhead of calls."""
+TRAINING_RECORDS = 6_000
+"""Healthy records that methods learn from."""
+TRAINING_KEY = 2**31
+"""Key of the random stream of these records, apart from those of all cases."""
+
+
+@dataclass(frozen=True, order=True)
+class Batch:
+    """Repetitions `first` … `first + count − 1` of case number `case`."""
+
+    case: int
+    first: int
+    count: int
+
+
+def batches(study: Study, repetitions: int | None = None) -> tuple[Batch, ...]:
+    """The whole study; `repetitions` replaces those of every case. Does not depend on who does the work."""
+    size = max(BATCH_RECORDS // study.records, 1)
+    found = []
+    for k, case in enumerate(study.cases):
+        total = repetitions or case.repetitions
+        found += [Batch(k, first, min(size, total - first)) for first in range(0, total, size)]
+    return tuple(found)
+
+
+class Laboratory:
+    """A study with its engine, and its methods once they are trained."""
+
+    def __init__(self, study: Study, seed: int):
+        self.study, self._seed = study, seed
+        self._trained: dict[str, FittedMethod] = {}
+
+    def run(self, batch: Batch) -> dict[str, Tally]:
+        """Tally of every method, by its name."""
+        study, case = self.study, self.study.cases[batch.case]
+        trained = self.trained()  # learning is not part of a diagnosis
+        self._forget()
+        rng = np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=(batch.case, batch.first)))
+        trials = make_trials(study.monitor, case, batch.count, study.records, study.plan, study.noise, rng)
+        faults = np.count_nonzero(trials.changes, axis=1)
+        evidence = Evidence(trials.windows.inputs, trials.windows.y, study.monitor, faults)
+        result = {}
+        for name, method in trained.items():
+            evidence.used.clear()
+            before, begun = sum(evidence.cost.values()), process_time()
+            verdicts = method.diagnose(evidence, study.false_alarm)
+            own = process_time() - begun - (sum(evidence.cost.values()) - before)
+            seconds = own + sum(evidence.cost[what] for what in evidence.used)
+            answers = answers_of(verdicts, study.monitor.names)
+            result[name] = tally(trials.changes, answers, seconds, trials.failed)
+        return result
+
+    def trained(self) -> dict[str, FittedMethod]:
+        """Every method by its name in the study, trained once on healthy windows of the study."""
+        if not self._trained:
+            methods = self.study.methods
+            healthy = self._healthy() if any(method.learns for method in methods.values()) else None
+            self._trained = {name: method.train(self.study.monitor, healthy) for name, method in methods.items()}
+        return self._trained
+
+    def _healthy(self) -> Windows:
+        from enginediag_cli.validation.studies import healthy_case
+
+        study = self.study
+        count = max(TRAINING_RECORDS // study.records, 2)
+        rng = np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=(TRAINING_KEY,)))
+        case = healthy_case(study.monitor, count)
+        return make_trials(study.monitor, case, count, study.records, study.plan, study.noise, rng).windows
+
+    def _forget(self) -> None:
+        """The engine begins every batch as if newly loaded, so that no result depends on what was done before."""
+        self.study.monitor.engine.forget_start()  # type: ignore[attr-defined]
+
+
+@lru_cache(maxsize=1)
+def laboratory(path: Path, seed: int) -> Laboratory:
+    """The laboratory of this process."""
+    return Laboratory(load_study(path), seed)
+
+
+def run_batch(path: Path, seed: int, batch: Batch) -> dict[str, Tally]:
+    """One batch of the study at `path`; what a worker process is asked for."""
+    return laboratory(path, seed).run(batch)
+
+
+Tallies = dict[str, Tally]
+"""Tally of every method, by its name."""
+Finished = dict[Batch, Tallies]
+
+
+def study_key(study: Study, seed: int, repetitions: int | None) -> str:
+    """Hash of all that the result depends on: program version, study file, engine file, seed and repetitions."""
+    digest = hashlib.sha256(f"{__version__} {seed} {repetitions}".encode())
+    for path in (study.path, Path(study.monitor.engine.path)):  # type: ignore[attr-defined]
+        digest.update(b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+def study_journal(path: Path, key: str) -> Journal[Batch, Tallies]:
+    """The journal at `path` of the study with this key."""
+    return Journal(path, key, _FORM)
+
+
+def _line(batch: Batch, tallies: Tallies) -> Mapping[str, Any]:
+    return {
+        "batch": [batch.case, batch.first, batch.count],
+        "methods": {name: one.as_json() for name, one in tallies.items()},
+    }
+
+
+def _entry(line: Mapping[str, Any]) -> tuple[Batch, Tallies]:
+    return Batch(*line["batch"]), {name: Tally.from_json(one) for name, one in line["methods"].items()}
+
+
+_FORM = Form(
+    "study",
+    "the journal of a study",
+    "the journal of another study, or of this one before it was changed",
+    "--journal",
+    _line,
+    _entry,
+)

@@ -1,0 +1,365 @@
+"""Short flights for blind trials: climb, cruise and descent within the engine's envelope; of a machine that stays where
+it is, some days.
+
+Days of a machine that stays where it is, for blind trials: weather, base load by day and part load at night.
+
+Recordings that move, for blind trials of kind dynamic: steps, ramps, slams and staircases of power, once a second.
+
+What the engine is told is drawn, not how it gets there: the truth is the quasi-steady network with what it conceals
+on the tape of each recording.
+
+Flights four kilometres above those that were searched: where a law must hold that nobody has flown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from enginediag_cli.engine.engine import Engine
+from enginediag_cli.errors import DataError
+from enginediag_cli.physics.registry import term, term_names
+from enginediag_cli.units import split_column
+
+CONDITIONS = ("altitude_m", "mach", "dT_isa_K")
+STEP_S = 30.0
+"""Between records: snapshots, as an airline's reports are made of."""
+TRAINING, HELD_BACK = (4, 6), 2  # flights
+RECORDS = (50, 70)
+"""Of a flight, from and to: half an hour of them."""
+MACH_SCATTER, DAY_SIGMA_K = 0.02, 8.0
+"""Scatter of Mach within a flight, and of the temperature from day to day. Judgement: routes differ by as much."""
+HOURS, BETWEEN_FLIGHTS_H = (0.0, 400.0), (20.0, 200.0)
+"""Hours since a wash at the first flight, and between flights, from and to: some weeks of service."""
+
+
+GOVERNED = 0.004
+"""Scatter of a speed or another input that a governor holds, over its value."""
+
+
+def draw_flights(engine: Engine, rng: np.random.Generator) -> tuple[list[dict[str, np.ndarray]], int]:
+    """Columns (N,) of every flight: time, the engine's inputs, hours; and how many flights are not held back.
+
+    Raises DataError for an engine that has inputs which nothing is known of, or whose power range is not stated.
+    """
+    check_engine(engine)
+    stays = "altitude_m" not in engine.inputs
+    draw, step = (ground_days, GROUND_STEP_S) if stays else (_flight, STEP_S)
+    training = int(rng.integers(TRAINING[0], TRAINING[1] + 1))
+    count = training + HELD_BACK
+    hours = {c: hours_at_flights(count, rng) for c in hour_columns()}
+    flights = []
+    for k in range(count):
+        n = int(rng.integers(RECORDS[0], RECORDS[1] + 1))
+        told = draw(engine, n, rng)
+        told = {c: told[c] if c in told else _governed(engine, c, n, rng) for c in engine.inputs}
+        columns = {"time_s": step * np.arange(n), **told}
+        for c, start in hours.items():
+            columns[c] = start[k] + columns["time_s"] / 3600.0
+        flights.append(columns)
+    return flights, training
+
+
+def hours_at_flights(count: int, rng: np.random.Generator) -> np.ndarray:
+    """Hours since a wash or a change of filter at the begin of every flight; it is done again before one of them."""
+    clock = rng.uniform(*HOURS) + np.cumsum(rng.uniform(*BETWEEN_FLIGHTS_H, count))
+    again = int(rng.integers(1, count))
+    return np.where(np.arange(count) < again, clock, clock - clock[again] + rng.uniform(0.0, BETWEEN_FLIGHTS_H[0]))
+
+
+def check_engine(engine: Engine) -> None:
+    """Raises DataError for an engine that has inputs which nothing is known of, or whose power range is not stated."""
+    known = (*CONDITIONS, *GROUND_CONDITIONS, *engine.envelope, engine.power_setting)
+    odd = [c for c in engine.inputs if c not in known]
+    lacking = [c for c in (CONDITIONS[:2] if "altitude_m" in engine.inputs else GROUND_CONDITIONS)]
+    if odd or any(c not in engine.inputs for c in lacking):
+        raise DataError(
+            f"{engine.name}: blind trials fly an engine by {', '.join(CONDITIONS)}, or run it by "
+            f"{', '.join(GROUND_CONDITIONS)}, and by one power setting; other inputs need a range in the engine file's "
+            f"`envelope:`; its inputs are {', '.join(engine.inputs)}"
+        )
+    if engine.power_range is None:
+        raise DataError(f"{engine.name}: blind trials need the engine file's `power_range:`")
+
+
+def hour_columns() -> tuple[str, ...]:
+    """Columns of hours that terms of the library read."""
+    return tuple(dict.fromkeys(c for n in term_names() for c in term(n).INPUTS if split_column(c)[1] == "h"))
+
+
+def _flight(engine: Engine, n: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Climb to a cruise level with one step, and descent; Mach rises with altitude, with scatter."""
+    ceiling = _limit(engine, "altitude_m", (0.0, 12500.0))[1]
+    fastest = _limit(engine, "mach", (0.0, 0.88))[1]
+    level = ceiling * rng.uniform(0.6, 0.93)
+    step = min(600.0, 0.97 * ceiling - level) * rng.integers(0, 2)
+    low = level * rng.uniform(0.1, 0.3)
+    up, down = int(0.3 * n), int(0.25 * n)
+    cruise = n - up - down
+    later = np.arange(cruise) >= rng.integers(cruise // 4, 3 * cruise // 4)
+    altitude = np.concatenate(
+        [
+            np.linspace(low, level, up, endpoint=False),
+            level + step * later,
+            np.linspace(level + step, low, down),
+        ]
+    )
+    slow, fast = fastest * rng.uniform(0.35, 0.5), fastest * rng.uniform(0.8, 0.93)
+    mach = slow + (fast - slow) * (altitude / altitude.max()) ** 0.8 + MACH_SCATTER * rng.standard_normal(n)
+    levels = rng.uniform(0.5, 0.85, 3)
+    part = np.minimum(3 * np.arange(cruise) // max(cruise, 1), 2)
+    fraction = np.concatenate(
+        [
+            np.linspace(rng.uniform(0.9, 1.0), rng.uniform(0.8, 0.9), up),
+            levels[part],
+            np.linspace(rng.uniform(0.3, 0.5), rng.uniform(0.25, 0.4), down),
+        ]
+    ) + 0.01 * rng.standard_normal(n)
+    columns = {"altitude_m": altitude, "mach": np.clip(mach, 0.05, fastest)}
+    dT = _limit(engine, "dT_isa_K", (-25.0, 25.0))
+    columns["dT_isa_K"] = np.full(n, np.clip(DAY_SIGMA_K * rng.standard_normal(), 0.9 * dT[0], 0.9 * dT[1]))
+    columns = {c: v for c, v in columns.items() if c in engine.inputs}
+    power = engine.power_from_fraction(np.clip(fraction, 0.0, 1.0), columns)
+    columns[engine.power_setting] = np.clip(power, *_limit(engine, engine.power_setting, (-np.inf, np.inf)))
+    return columns
+
+
+def _governed(engine: Engine, column: str, n: int, rng: np.random.Generator) -> np.ndarray:
+    """An input that is held in the middle of its range."""
+    low, high = engine.envelope[column]
+    middle = 0.5 * (low + high)
+    return np.clip(middle * (1.0 + GOVERNED * rng.standard_normal(n)), low, high)
+
+
+def _limit(engine: Engine, column: str, default: tuple[float, float]) -> tuple[float, float]:
+    return engine.envelope.get(column, default)
+
+
+def stack(flights: Sequence[Mapping[str, np.ndarray]]) -> Mapping[str, np.ndarray]:
+    """Columns over all flights."""
+    return {c: np.concatenate([f[c] for f in flights]) for c in flights[0]}
+
+
+GROUND_CONDITIONS = ("ambient_pressure_Pa", "ambient_temperature_K")
+GROUND_STEP_S = 3600.0
+"""Between records: hourly averages, as public recordings of such machines are."""
+GROUND_DAY_SIGMA_K, SWING_K, WEATHER_K = 5.0, (3.0, 7.0), 1.0
+"""Temperature: from one recording to the next, half of the difference from day to night, and steps from hour to hour.
+Judgement: a temperate site over a season."""
+PRESSURE_SIGMA_PA, PRESSURE_STEP_PA = 500.0, 100.0
+"""Pressure: from one recording to the next, and steps from hour to hour, as weather goes."""
+BASE, NIGHT, PEAK = (0.92, 1.0), (0.5, 0.8), 0.6
+"""Power fractions at base load and at night; chance that a machine runs down at night at all."""
+SCATTER = 0.01
+"""Of the power fraction from hour to hour."""
+INSIDE = 0.02
+"""Of the width of the envelope, kept from its ends."""
+
+
+def ground_days(engine: Engine, n: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Inputs (n,) of some days in one season; a recorded inlet loss grows with the flow, so with power."""
+    hour = np.arange(n) + rng.uniform(0.0, 24.0)
+    day = np.cos(2.0 * np.pi * (hour - 15.0) / 24.0)  # warmest at three in the afternoon
+    low, high = engine.envelope.get("ambient_temperature_K", (263.0, 313.0))
+    mean = np.clip(0.5 * (low + high) + GROUND_DAY_SIGMA_K * rng.standard_normal(), low + 8.0, high - 8.0)
+    columns = {"ambient_temperature_K": mean + rng.uniform(*SWING_K) * day + _wander(WEATHER_K, n, rng)}
+    low, high = engine.envelope.get("ambient_pressure_Pa", (97000.0, 104000.0))
+    level = 0.5 * (low + high) + PRESSURE_SIGMA_PA * rng.standard_normal()
+    columns["ambient_pressure_Pa"] = level + _wander(PRESSURE_STEP_PA, n, rng)
+    levels = rng.uniform(*BASE), rng.uniform(*NIGHT)
+    night = (rng.random() < PEAK) * np.clip(0.5 - day, 0.0, 1.0)
+    fraction = levels[0] + (levels[1] - levels[0]) * night + SCATTER * rng.standard_normal(n)
+    fraction = np.clip(fraction, 0.0, 1.0)
+    if "dP_inlet_Pa" in engine.inputs:
+        low, high = engine.envelope.get("dP_inlet_Pa", (300.0, 600.0))
+        clean = low + rng.uniform(0.3, 0.7) * (high - low)
+        columns["dP_inlet_Pa"] = clean * (0.8 + 0.2 * fraction) + 5.0 * rng.standard_normal(n)
+    columns = {c: _inside(engine, c, v) for c, v in columns.items() if c in engine.inputs}
+    columns[engine.power_setting] = _inside(engine, engine.power_setting, _power(engine, fraction, columns))
+    return columns
+
+
+def _wander(step: float, n: int, rng: np.random.Generator) -> np.ndarray:
+    """A random walk (n,) about 0."""
+    walk = np.cumsum(step * rng.standard_normal(n))
+    return np.asarray(walk - walk.mean())
+
+
+def _power(engine: Engine, fraction: np.ndarray, columns: dict[str, np.ndarray]) -> np.ndarray:
+    return np.asarray(engine.power_from_fraction(fraction, columns))
+
+
+def _inside(engine: Engine, column: str, values: np.ndarray) -> np.ndarray:
+    low, high = engine.envelope.get(column, (-np.inf, np.inf))
+    room = INSIDE * (high - low) if np.isfinite(high - low) else 0.0
+    return np.clip(values, low + room, high - room)
+
+
+MOVING_STEP_S = 1.0
+"""Between records: what a continuous recorder keeps."""
+MOVING_TRAINING, MOVING_HELD_BACK = (3, 5), 2  # flights
+MOVING_RECORDS = (120, 300)
+"""Of a flight, from and to: some minutes. Judgement: as many as show what passes in seconds and in a minute or two, and
+no more than a trial can afford."""
+POWER = (0.25, 1.0)
+"""Fractions of the power range that levels lie between."""
+LEAST_CHANGE = 0.2
+"""Of the power range, between one level and the next: less than that moves nothing that could be told."""
+HOLD_S, RAMP_S, SLAM_S, STAIR_S = (10.0, 60.0), (10.0, 60.0), (6.0, 20.0), (6.0, 20.0)
+"""A level's length, a ramp's, how long a slam stays up, a stair's, from and to. Judgement: test beds and circuits."""
+STAIRS = (3, 5)
+"""Of a staircase, from and to: with fewer it is a step, with more a flight is over."""
+AT_ONCE_S, SPEED_S = 1.0, 8.0
+"""In which a change at once is over: of what is commanded from one record to the next; of a rotor's speed over the
+whole range in what a spool takes to accelerate, since no rotor steps."""
+DRIFT_S = (60.0, 400.0)
+"""Periods of what drifts beside the power: altitude, Mach, weather, the speed that a governor holds."""
+ALTITUDE_M, MACH, MOVING_WEATHER_K, WEATHER_PA = 150.0, 0.015, 0.7, 60.0
+"""Amplitudes of these drifts within a flight."""
+LEVELS, SPEEDS = (0.05, 0.85), (0.4, 0.85)
+"""Share of the ceiling, and of the fastest Mach of the envelope, at which an aircraft flies its flight."""
+
+
+def draw_moving_flights(engine: Engine, rng: np.random.Generator) -> tuple[list[dict[str, np.ndarray]], int]:
+    """Columns (N,) of every flight: time, the engine's inputs, hours; and how many flights are not held back. No
+    record fails for what is drawn here: levels keep within the range of power and of the envelope.
+
+    Raises DataError as `draw_flights` does.
+    """
+    check_engine(engine)
+    training = int(rng.integers(MOVING_TRAINING[0], MOVING_TRAINING[1] + 1))
+    count = training + MOVING_HELD_BACK
+    hours = {c: hours_at_flights(count, rng) for c in hour_columns()}
+    flights = []
+    for k in range(count):
+        time = MOVING_STEP_S * np.arange(int(rng.integers(MOVING_RECORDS[0], MOVING_RECORDS[1] + 1)))
+        columns = {"time_s": time, **_inputs(engine, time, rng)}
+        for c, start in hours.items():
+            columns[c] = start[k] + time / 3600.0
+        flights.append(columns)
+    return flights, training
+
+
+def power_profile(time: np.ndarray, at_once_s: float, rng: np.random.Generator) -> np.ndarray:
+    """Fraction of the power range (N,) at times in s: levels, joined by manoeuvres of all kinds, until the time is
+    over. `at_once_s`: in which the whole range is passed at once."""
+    t, level = 0.0, float(rng.uniform(*POWER))
+    corners = [(t, level)]
+
+    def hold(seconds: float) -> None:
+        nonlocal t
+        t += seconds
+        corners.append((t, level))
+
+    def to(new: float, seconds: float) -> None:
+        nonlocal t, level
+        t, level = t + max(seconds, at_once_s * abs(new - level), AT_ONCE_S), new
+        corners.append((t, level))
+
+    hold(rng.uniform(*HOLD_S))
+    manoeuvres: Sequence[Callable[[], None]] = (
+        lambda: to(_other(level, rng), 0.0),
+        lambda: to(_other(level, rng), rng.uniform(*RAMP_S)),
+        lambda: _slam(level, to, hold, rng),
+        lambda: _staircase(level, to, hold, rng),
+    )
+    while t < time[-1]:
+        manoeuvres[int(rng.integers(len(manoeuvres)))]()
+        hold(rng.uniform(*HOLD_S))
+    at, values = np.array(corners).T
+    return np.interp(time, at, values)
+
+
+def _slam(
+    level: float, to: Callable[[float, float], None], hold: Callable[[float], None], rng: np.random.Generator
+) -> None:
+    """To another level at once, and back before everything has settled."""
+    to(_other(level, rng), 0.0)
+    hold(rng.uniform(*SLAM_S))
+    to(level, 0.0)
+
+
+def _staircase(
+    level: float, to: Callable[[float, float], None], hold: Callable[[float], None], rng: np.random.Generator
+) -> None:
+    stairs = int(rng.integers(STAIRS[0], STAIRS[1] + 1))
+    for step in np.linspace(level, _other(level, rng), stairs + 1)[1:]:
+        to(float(step), 0.0)
+        hold(rng.uniform(*STAIR_S))
+
+
+def _other(level: float, rng: np.random.Generator) -> float:
+    """Another level, at least LEAST_CHANGE away."""
+    low, high = POWER
+    below, above = max(level - LEAST_CHANGE - low, 0.0), max(high - level - LEAST_CHANGE, 0.0)
+    drawn = rng.uniform(0.0, below + above)
+    return float(low + drawn if drawn < below else level + LEAST_CHANGE + drawn - below)
+
+
+def _inputs(engine: Engine, time: np.ndarray, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """The engine's inputs (N,) of one flight."""
+    columns = _air(engine, time, rng) if "altitude_m" in engine.inputs else _weather(engine, time, rng)
+    for c in engine.inputs:
+        if c not in columns and c != engine.power_setting:
+            low, high = engine.envelope[c]
+            columns[c] = 0.5 * (low + high) * (1.0 + _drift(time, GOVERNED, rng))
+    columns = {c: np.clip(v, *_limits(engine, c)) for c, v in columns.items() if c in engine.inputs}
+    at_once_s = SPEED_S if engine.power_setting in engine.network.speed_columns else AT_ONCE_S
+    power = engine.power_from_fraction(power_profile(time, at_once_s, rng), columns)
+    columns[engine.power_setting] = np.clip(power, *_limits(engine, engine.power_setting))
+    return {c: columns[c] for c in engine.inputs}
+
+
+def _air(engine: Engine, time: np.ndarray, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    ceiling, fastest = engine.envelope.get("altitude_m", (0.0, 12500.0))[1], engine.envelope.get("mach", (0.0, 0.88))[1]
+    dT = engine.envelope.get("dT_isa_K", (-25.0, 25.0))
+    share = rng.uniform(*LEVELS)
+    return {
+        "altitude_m": share * ceiling + _drift(time, ALTITUDE_M, rng),
+        "mach": fastest * (SPEEDS[0] + (SPEEDS[1] - SPEEDS[0]) * share) + _drift(time, MACH, rng),
+        "dT_isa_K": np.full(len(time), np.clip(DAY_SIGMA_K * rng.standard_normal(), 0.9 * dT[0], 0.9 * dT[1])),
+    }
+
+
+def _weather(engine: Engine, time: np.ndarray, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    found = {}
+    for c, amplitude in (("ambient_temperature_K", MOVING_WEATHER_K), ("ambient_pressure_Pa", WEATHER_PA)):
+        low, high = engine.envelope.get(c, {"ambient_temperature_K": (263.0, 313.0)}.get(c, (97000.0, 104000.0)))
+        found[c] = rng.uniform(0.75 * low + 0.25 * high, 0.25 * low + 0.75 * high) + _drift(time, amplitude, rng)
+    return found
+
+
+def _drift(time: np.ndarray, amplitude: float, rng: np.random.Generator) -> np.ndarray:
+    """A slow wave (N,) of an amplitude."""
+    return amplitude * np.sin(2.0 * np.pi * (time / rng.uniform(*DRIFT_S) + rng.random()))
+
+
+def _limits(engine: Engine, column: str) -> tuple[float, float]:
+    return engine.envelope.get(column, (-np.inf, np.inf))
+
+
+ABOVE_M = 4000.0
+"""From flights of the middle of the atmosphere to where ambient pressure is little more than half."""
+HIGHEST_M = 12500.0
+"""Where an engine file states no ceiling."""
+ALTITUDE = "altitude_m"
+
+
+def draw_higher(engine: Engine, rng: np.random.Generator) -> tuple[tuple[Mapping[str, np.ndarray], ...], float]:
+    """Inputs of so many flights as are held back, at the same share of the power that there is, and the share of their
+    records that stay at the envelope's ceiling; none for an engine that does not fly."""
+    if ALTITUDE not in engine.inputs:
+        return (), 0.0
+    drawn, _ = draw_flights(engine, rng)
+    ceiling = engine.envelope.get(ALTITUDE, (0.0, HIGHEST_M))[1]
+    low, high = engine.envelope.get(engine.power_setting, (-np.inf, np.inf))
+    found, beyond = [], []
+    for flight in drawn[:HELD_BACK]:
+        raised = {**flight, ALTITUDE: np.minimum(flight[ALTITUDE] + ABOVE_M, ceiling)}
+        beyond.append(flight[ALTITUDE] + ABOVE_M > ceiling)
+        idle, rating = (engine.power_from_fraction(np.full(len(flight[ALTITUDE]), f), flight) for f in (0.0, 1.0))
+        fraction = (flight[engine.power_setting] - idle) / (rating - idle)
+        raised[engine.power_setting] = np.clip(engine.power_from_fraction(fraction, raised), low, high)
+        found.append(raised)
+    return tuple(found), float(np.mean(np.concatenate(beyond)))
