@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enginediag_cli.progress import Stage, each, listening, stage
-from enginediag_cli.report.progress_line import EVIDENCE_S, ProgressLine, told
+from enginediag_cli.report.run_log import EVIDENCE_S, ProgressLine, told
 
 
 class Heard:

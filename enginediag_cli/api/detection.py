@@ -194,7 +194,7 @@ class DetectionResult(VerdictResult):
 
     def plot(self) -> Picture:
         """The statistic of every window over its threshold. Raises NoVerdictError where nothing was judged."""
-        from enginediag_cli.report.charts.pictured import of_detection, svg_of
+        from enginediag_cli.report.plotting.models import of_detection, svg_of
 
         return Picture(svg_of(of_detection(self.rows)))
 
@@ -279,7 +279,7 @@ class FollowResult(Result):
 
     def _compute(self) -> Iterator[Row]:
         from enginediag_cli.report.detection_rows import block_row, tell_new_instruments
-        from enginediag_cli.report.left_out import tell_left_out, tell_mismatches
+        from enginediag_cli.report.recordings import tell_left_out, tell_mismatches
 
         alarms: dict[tuple[str, str, str], bool] = {}
         wrong: dict[tuple[str, str, str], set[str]] = {}
@@ -362,7 +362,7 @@ class MethodResult(VerdictResult):
 
     def _learnt(self, healthy: Source | None) -> FittedMethod:
         from enginediag_cli.methods.on_recordings import learnt_windows
-        from enginediag_cli.report.left_out import tell_left_out
+        from enginediag_cli.report.recordings import tell_left_out
         from enginediag_cli.residuals.gross_gate import GrossErrorGate
 
         if healthy is None:

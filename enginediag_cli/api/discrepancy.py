@@ -72,7 +72,7 @@ class Inquiry:
 
     def tell(self, loaded: Loaded) -> None:
         """What should be known of the nominal state, and what was left out of the recordings."""
-        from enginediag_cli.report.left_out import tell_baseline, tell_left_out, tell_mismatches, tell_thinning
+        from enginediag_cli.report.recordings import tell_baseline, tell_left_out, tell_mismatches, tell_thinning
 
         if loaded.baseline is not None:
             tell_baseline(self.messages, loaded.baseline, self.case.source.engine_instance)
@@ -522,7 +522,7 @@ class ExplainResult(DocumentResult):
     def plot(self) -> Picture:
         """What no listed effect explains, as a law along its variable or a free curve, with its band. Raises
         NoVerdictError where there is nothing of the kind."""
-        from enginediag_cli.report.pictures.discrepancy import explanation_picture
+        from enginediag_cli.report.plotting.discrepancy import explanation_picture
 
         try:
             return Picture(explanation_picture(self.story))

@@ -72,7 +72,7 @@ class CheckResult(Result):
     """What is known of files; see `check`. `found` counts files that cannot be used, `judged` those that can."""
 
     def __init__(self, files: Sequence[str], against: Against, messages: Messages):
-        from enginediag_cli.report.acceptance_rows import ACCEPTANCE_COLUMNS, ACCEPTANCE_SUMMARY
+        from enginediag_cli.report.recordings import ACCEPTANCE_COLUMNS, ACCEPTANCE_SUMMARY
 
         self._paths, self._against = files, against
         self._checks: list[FileCheck] = []
@@ -200,14 +200,14 @@ def _held_against(
     mapped = None
     if recorder is not None:
         from enginediag_cli.recordings.recorder import load_recorder
-        from enginediag_cli.report.left_out import undecided_lines
+        from enginediag_cli.report.recordings import undecided_lines
 
         mapped = load_recorder(str(own_or_shipped(recorder)))
         for text in undecided_lines(mapped.undecided):
             messages.warning(text)
     baseline = as_baseline(nominal, accept_changed_engine=accept_changed_engine)
     if baseline is not None:
-        from enginediag_cli.report.left_out import tell_baseline
+        from enginediag_cli.report.recordings import tell_baseline
 
         tell_baseline(messages, baseline, instance)
         return Against(baseline.engine, baseline.nominal, mapped, instance)
@@ -221,7 +221,7 @@ def _shown(file: str) -> str:
 def _recording(file: str, against: Against) -> FileCheck:
     """What is known of a recording, of each engine in it. Raises DataError."""
     from enginediag_cli.intake.accepted import accepted
-    from enginediag_cli.report.acceptance_rows import acceptance_rows
+    from enginediag_cli.report.recordings import acceptance_rows
 
     rows: list[Row] = []
     lines: list[tuple[str, str]] = []
@@ -233,7 +233,7 @@ def _recording(file: str, against: Against) -> FileCheck:
 
 def _page(report: Accepted) -> Iterator[tuple[str, str]]:
     """All that is known of a recording, in words; what keeps it from being judged is an error."""
-    from enginediag_cli.report.acceptance_rows import PROBLEM, headline, remarks
+    from enginediag_cli.report.recordings import PROBLEM, headline, remarks
 
     yield "note", headline(report)
     for remark in remarks(report):
@@ -255,7 +255,7 @@ def _yaml(file: str) -> FileCheck:
         undecided = load_recorder(file).undecided
     if kind == "engine":
         from enginediag_cli.physics.engine_file import load_engine
-        from enginediag_cli.report.acceptance_rows import overview_rows
+        from enginediag_cli.report.recordings import overview_rows
 
         remarks = list(overview_rows(load_engine(file)))
     more = "".join(f"\n  open: {text}" for text in undecided)

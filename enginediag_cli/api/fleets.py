@@ -91,8 +91,8 @@ class FleetResult(DocumentResult):
     def plot(self) -> Picture:
         """Engines by severity with 95 % intervals, as on the page of `report`. Raises NoVerdictError where no engine
         has a severity."""
-        from enginediag_cli.report.charts.fleet_charts import engines_of, fleet_ranking
-        from enginediag_cli.report.charts.pictured import svg_of
+        from enginediag_cli.report.plotting.fleet import engines_of, fleet_ranking
+        from enginediag_cli.report.plotting.models import svg_of
 
         chart = fleet_ranking("fleet", engines_of(self.to_dict(), "fleet"))
         if not chart.layers:

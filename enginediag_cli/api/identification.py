@@ -228,7 +228,7 @@ class IdentificationResult(Result):
         -------
         Picture
         """
-        from enginediag_cli.report.charts.pictured import of_identification, svg_of
+        from enginediag_cli.report.plotting.models import of_identification, svg_of
 
         return Picture(svg_of(of_identification(self.fit)))
 
@@ -324,7 +324,7 @@ def _training(
     from enginediag_cli.intake.intake import Intake
     from enginediag_cli.intake.wanted import columns_of
     from enginediag_cli.report.identification_report import probe_lines, repeat_lines
-    from enginediag_cli.report.left_out import tell_left_out, tell_mismatches, tell_thinning
+    from enginediag_cli.report.recordings import tell_left_out, tell_mismatches, tell_thinning
 
     agreement = agreement_with_engine(engine)
     intake = Intake(source, columns_of(engine, past=True), agreement=agreement)

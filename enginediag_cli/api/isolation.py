@@ -207,7 +207,7 @@ class IsolationResult(Result):
     def plot(self) -> Picture:
         """The fingerprint of the last window in which something was isolated. Raises NoVerdictError where no window
         was judged, and by component."""
-        from enginediag_cli.report.charts.pictured import of_isolation, svg_of
+        from enginediag_cli.report.plotting.models import of_isolation, svg_of
 
         _ = self.rows
         return Picture(svg_of(of_isolation(self._drawn)))

@@ -243,7 +243,7 @@ class TrendResult(Result):
     def plot(self) -> Picture:
         """The health of the engine that changed, or the margin, over flights. Raises NoVerdictError where there is
         nothing to draw."""
-        from enginediag_cli.report.charts.pictured import of_margin, of_trend, svg_of
+        from enginediag_cli.report.plotting.models import of_margin, of_trend, svg_of
 
         rows = self.rows
         return Picture(svg_of(of_margin(rows) if self._choices.what == "margin" else of_trend(self._series, rows)))

@@ -328,11 +328,11 @@ class RefineResult(DocumentResult):
     def plot(self) -> Picture:
         """How unseen flights are predicted before and after. Raises NoVerdictError where that was not judged."""
         if self._control is not None and self._control.after:
-            from enginediag_cli.report.pictures.discrepancy import control_picture as picture_of_control
+            from enginediag_cli.report.plotting.discrepancy import control_picture as picture_of_control
 
             return Picture(picture_of_control(self._control))
         if self._refinement is not None and self._refinement.unseen is not None:
-            from enginediag_cli.report.pictures.discrepancy import picture
+            from enginediag_cli.report.plotting.discrepancy import picture
 
             return Picture(picture(self._refinement))
         raise NoVerdictError("no unseen flight was predicted before and after")

@@ -15,8 +15,8 @@ from enginediag_cli.report.messages import Messages
 
 if TYPE_CHECKING:
     from enginediag_cli.intake.source import Source
-    from enginediag_cli.report.page.evidence import Evidence
-    from enginediag_cli.report.page.results import Result
+    from enginediag_cli.report.evidence import Evidence
+    from enginediag_cli.report.result_files import Result
 
 __all__ = ["ReportPage", "make_report"]
 
@@ -89,10 +89,9 @@ def make_report(
     ------
     UsageError, ConfigError, DataError, NoVerdictError
     """
-    from enginediag_cli.report.charts.interactive import WITHOUT
-    from enginediag_cli.report.page.build import page_of
-    from enginediag_cli.report.page.html import moves, rendered, versions
-    from enginediag_cli.report.page.page import State
+    from enginediag_cli.report.html import State, moves, rendered, versions
+    from enginediag_cli.report.page import page_of
+    from enginediag_cli.report.plotting.interactive import WITHOUT
 
     comparison = compare(nominal, files, windows, messages if messages is not None else MessageLog())
     if margin and comparison.given is None:
@@ -110,7 +109,7 @@ def make_report(
 
 def _results(comparison: Comparison) -> tuple[list[Result], list[str]]:
     """What can be read of the files, and why others cannot, which ends nothing as long as one can. Raises DataError."""
-    from enginediag_cli.report.page.results import read_result
+    from enginediag_cli.report.result_files import read_result
 
     source: Source = comparison.source
     results, unreadable = [], []
@@ -132,9 +131,9 @@ def _evidence(
     comparison: Comparison, results: list[Result], false_alarm: float, margin: MarginOptions
 ) -> tuple[Evidence, list[str]]:
     """What the results say, with what recordings say that are judged here."""
-    from enginediag_cli.report.page import results as kinds
-    from enginediag_cli.report.page.evidence import Question, computed, evidence_of
-    from enginediag_cli.report.page.results import known_of, nominal_result
+    from enginediag_cli.report import result_files as kinds
+    from enginediag_cli.report.evidence import Question, computed, evidence_of
+    from enginediag_cli.report.result_files import known_of, nominal_result
 
     recordings = tuple(result.path for result in results if result.kind is kinds.RECORDING)
     if not recordings:

@@ -82,7 +82,7 @@ class Picture:
         OSError
             Where the file cannot be written.
         """
-        from enginediag_cli.report.pictures.svg import write_drawing
+        from enginediag_cli.report.plotting.svg import write_drawing
 
         write_drawing(self.svg, str(path))
 

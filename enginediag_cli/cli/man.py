@@ -31,7 +31,7 @@ def man(command: str | None) -> None:
     enginediag man > ~/.local/share/man/man1/enginediag.1
     """
     from enginediag_cli.cli.main import COMMANDS, enginediag
-    from enginediag_cli.report.manual import command_page, program_page
+    from enginediag_cli.report.reference import command_page, program_page
 
     group = click.Context(enginediag, info_name="enginediag")
     if command is None:

@@ -101,8 +101,8 @@ class OutputFile(click.Path):
                 self.fail(f"{path}: a Parquet file is packed inside; leave out .gz (.csv, .json, .ndjson)", param, ctx)
             check_parquet(path)
         if suffix == ".png" and suffix in self.suffixes:
-            from enginediag_cli.report.pictures.png import check_pillow
+            from enginediag_cli.report.plotting.svg import png_library
 
             if path.lower().endswith(".gz"):
                 self.fail(f"{path}: a PNG file is packed inside; leave out .gz", param, ctx)
-            check_pillow(path)
+            png_library(path)

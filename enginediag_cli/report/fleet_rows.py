@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.report.left_out import elsewhere_lines, not_judged_lines
 from enginediag_cli.report.messages import Messages
+from enginediag_cli.report.recordings import elsewhere_lines, not_judged_lines
 from enginediag_cli.report.sentences import count, instrument_in_flights
 from enginediag_cli.report.trend_rows import taken_off_words
 

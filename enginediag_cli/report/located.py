@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
     from enginediag_cli.mismatch.unrecorded.per_record import PerRecord
     from enginediag_cli.mismatch.unrecorded.per_record_effects import Alike
-    from enginediag_cli.report.pictures.mismatch_map import Scatter
+    from enginediag_cli.report.plotting.discrepancy import Scatter
 
 
 COLUMNS = LOCATE.names
@@ -214,7 +214,7 @@ def picture(located: Located, kind: Kind, title: str, notes: Sequence[str]) -> s
     """The SVG of a map that was judged."""
     import math
 
-    from enginediag_cli.report.pictures.mismatch_map import mismatch_picture, rows_of
+    from enginediag_cli.report.plotting.discrepancy import mismatch_picture, rows_of
 
     assert located.presence is not None
     gate = math.log(located.presence.looks / (0.5 * located.presence.false_alarm))
@@ -236,7 +236,7 @@ def _residuals(located: Located) -> Scatter:
     import math
 
     from enginediag_cli.mismatch.locate.residual_curve import shown
-    from enginediag_cli.report.pictures.mismatch_map import Scatter
+    from enginediag_cli.report.plotting.discrepancy import Scatter
 
     assert located.projection is not None
     cell = located.within[0].cell
@@ -260,7 +260,7 @@ def _residuals(located: Located) -> Scatter:
 
 def _amplitude(f: HiddenFinding) -> Scatter:
     """Amplitude of an effect without a recorded driver, record by record, and its two states where it has them."""
-    from enginediag_cli.report.pictures.mismatch_map import Scatter
+    from enginediag_cli.report.plotting.discrepancy import Scatter
 
     number = (f.number + 1).tolist()
     line: list[tuple[float, float]] = []

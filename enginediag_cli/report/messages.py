@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
 if TYPE_CHECKING:
     from enginediag_cli.errors import ConfigError
-    from enginediag_cli.report.progress_line import ProgressLine, Told
-    from enginediag_cli.report.run_log import RunLog
+    from enginediag_cli.report.run_log import ProgressLine, RunLog, Told
 
 Item = TypeVar("Item")
 
@@ -86,7 +85,7 @@ class Messages:
         shown = not self.quiet and sys.stderr is not None and sys.stderr.isatty()
         if not (shown or self.verbose):
             return None
-        from enginediag_cli.report.progress_line import ProgressLine, Told
+        from enginediag_cli.report.run_log import ProgressLine, Told
 
         line = ProgressLine(sys.stderr) if shown else None
         return Told(self._say, line) if self.verbose else line

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.refine.criteria import BETTER, LEVEL, Criterion, Records, Significance, Verdict
 from enginediag_cli.report.explanations import as_rate
+from enginediag_cli.report.output import short_cell
 from enginediag_cli.report.outputs.discrepancy import REFINE
 from enginediag_cli.report.sentences import count, p_value, rounded, spelled, with_unit
-from enginediag_cli.report.tables import short_cell
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.term import Coefficient, Effect

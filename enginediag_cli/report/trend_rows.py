@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from enginediag_cli.fleets.work_scope import Gain, Reference
     from enginediag_cli.isolation.story import Event, Member, Story
     from enginediag_cli.parameters import Parameter
-    from enginediag_cli.report.charts.fleet_charts import MarginFound
+    from enginediag_cli.report.plotting.fleet import MarginFound
 
 
 def flight_rows(series: Series) -> Iterator[dict[str, Any]]:

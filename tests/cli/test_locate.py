@@ -51,7 +51,7 @@ def folder(tmp_path_factory):
 
 @pytest.mark.slow
 def test_the_map_is_drawn_as_png_the_same_each_time(folder, run):
-    pytest.importorskip("PIL", reason="no Pillow here: pip install 'enginediag[report]'")
+    pytest.importorskip("resvg_py", reason="no resvg-py here: pip install 'enginediag[report]'")
     maps = [folder / "map.png", folder / "again.png"]
     for path in maps:
         assert run("locate", ENGINE, folder / "reynolds.csv", "--picture", path, "-q").exit_code == 0

@@ -17,7 +17,7 @@ from enginediag_cli.mismatch.controlled.find import Found, find_law
 from enginediag_cli.mismatch.controlled.still import still_readings
 from enginediag_cli.mismatch.refine.controlled import refine_control
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.report.pictures.discrepancy import control_picture as picture
+from enginediag_cli.report.plotting.discrepancy import control_picture as picture
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 PLANT = CONFIGS / "power_plant.yaml"

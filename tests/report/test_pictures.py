@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from xml.dom import minidom
 
-from enginediag_cli.report.pictures.mismatch_map import Scatter, mismatch_picture, rows_of
-from enginediag_cli.report.pictures.svg import Drawing, Panel, padded, shade, ticks
+from enginediag_cli.report.plotting.chart import padded
+from enginediag_cli.report.plotting.discrepancy import Scatter, mismatch_picture, rows_of
+from enginediag_cli.report.plotting.svg import Drawing, Panel, shade, ticks
 
 
 def test_text_is_escaped():

@@ -6,7 +6,7 @@ import io
 
 import pytest
 
-from enginediag_cli.report.tables import short_cell, write_table
+from enginediag_cli.report.output import short_cell, write_table
 
 
 class Terminal(io.StringIO):

@@ -12,7 +12,7 @@ from results_of_commands import engine_files, fleet, records
 from washed_engine import make
 
 from enginediag_cli.__main__ import main
-from enginediag_cli.report.charts.interactive import available
+from enginediag_cli.report.plotting.interactive import available
 
 pytestmark = [
     pytest.mark.browser,

@@ -26,7 +26,7 @@ import numpy as np
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.isolation.fingerprint import fingerprint as isolation_fingerprint
 from enginediag_cli.parameters import Parameter, meanings
-from enginediag_cli.report.charts.model import (
+from enginediag_cli.report.plotting.chart import (
     Axis,
     Bars,
     Chart,
@@ -39,22 +39,15 @@ from enginediag_cli.report.charts.model import (
     Points,
     Table,
     Value,
+    columns_of,
     every,
 )
-from enginediag_cli.report.charts.rows import Records, Row, mean_of, order_of
+from enginediag_cli.report.result_files import Records, Row, mean_of, order_of
 from enginediag_cli.report.sentences import listed
 from enginediag_cli.residuals.windows import WindowStatistics
 from enginediag_cli.units import split_column
 
-COLUMNS = (
-    Column("flight"),
-    Column("verdict"),
-    Column("statistic"),
-    Column("threshold"),
-    Column("p value"),
-    Column("fit"),
-    Column("records judged"),
-)
+COLUMNS = columns_of("flight", "verdict", "statistic", "threshold", "p value", "fit", "records judged")
 
 SMALLEST = 1e-3
 """Multiple of the threshold at which smaller ones are drawn: far below, nothing is to be told apart."""
@@ -62,7 +55,7 @@ SMALLEST = 1e-3
 
 def detection_course(key: str, rows: Sequence[Row], marks: Sequence[Mark] = ()) -> Chart:
     """Rows of `detect`, in order."""
-    from enginediag_cli.report.charts.model import Axis
+    from enginediag_cli.report.plotting.chart import Axis
 
     order = order_of(rows)
     height = [math.log10(max(r.number("statistic") / r.number("threshold"), SMALLEST)) for r in rows]
@@ -301,13 +294,8 @@ def _chart(key: str, records: Records, driver: str, which: str) -> Chart:
             high.append(three)
             cells.append((words, middle, int(mine.sum()), median, quarter, three))
         layers.append(Intervals(words, x, y, low, high, colour))
-    columns = (
-        Column("reading"),
-        Column(f"{quantity}, middle", unit),
-        Column("records"),
-        Column("median"),
-        Column("a quarter lies below"),
-        Column("a quarter lies above"),
+    columns = columns_of(
+        "reading", (f"{quantity}, middle", unit), "records", "median", "a quarter lies below", "a quarter lies above"
     )
     return Chart(
         key,
@@ -344,15 +332,15 @@ def sensors_health(
                 (masked or {}).get(name, 0),
             )
         )
-    columns = (
-        Column("reading"),
-        Column("scatter over identified noise"),
-        Column("mean residual of the last stretch, standard deviations"),
-        Column("mean residual"),
-        Column("unit"),
-        Column("probability that it reads wrong"),
-        Column("records without residual"),
-        Column("readings masked"),
+    columns = columns_of(
+        "reading",
+        "scatter over identified noise",
+        "mean residual of the last stretch, standard deviations",
+        "mean residual",
+        "unit",
+        "probability that it reads wrong",
+        "records without residual",
+        "readings masked",
     )
     return Chart(
         key,
@@ -443,13 +431,8 @@ def _snapshots_chart(key: str, name: str, records: Records, kept: list[tuple[str
             cells.append((stretch, quantity, int(known.sum()), middle, told, unit))
             origins.append(row.origin)
         layers.append(Intervals(quantity, [x + 0.05 * (colour - 1.5) for x in order.x], mean, low, high, colour))
-    columns = (
-        Column("flight"),
-        Column("reading"),
-        Column("records"),
-        Column("median residual, standard deviations"),
-        Column("median residual"),
-        Column("unit"),
+    columns = columns_of(
+        "flight", "reading", "records", "median residual, standard deviations", "median residual", "unit"
     )
     rules = {
         "take-off": f"within {LOW_M:g} m of the lowest record, at {FULL:.0%} of the most power or above",

@@ -20,17 +20,17 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.fleets.finding import Estimate
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.parameters import Parameter, spelled, unspecified
-from enginediag_cli.report.charts.model import (
+from enginediag_cli.report.plotting.chart import (
     Axis,
     Cells,
     Chart,
-    Column,
     Intervals,
     Layer,
     Line,
     Mark,
     Origin,
     Table,
+    columns_of,
     scale_of,
 )
 from enginediag_cli.report.sentences import maintained
@@ -236,7 +236,7 @@ def evidence_course(key: str, engine: EngineFound, marks: Sequence[Mark] = ()) -
     if not told:
         return None
     x, y = [float(f.number) for f in told], [f.log10_e for f in told]
-    columns = (Column("flight"), Column("log10 of evidence"), Column("p value"), Column("verdict"))
+    columns = columns_of("flight", "log10 of evidence", "p value", "verdict")
     rows = [(f.flight or str(f.number), f.log10_e, f.p_value, f.verdict) for f in told]
     return Chart(
         key,
@@ -268,17 +268,17 @@ def fleet_ranking(key: str, engines: Sequence[EngineFound]) -> Chart:
             origins = [shown[k].origin for k in mine]
             points = [v.value for v in values]
             layers.append(Intervals(words, points, [float(k) for k in mine], low, high, colour, True, origins))
-    columns = (
-        Column("rank"),
-        Column("engine"),
-        Column("build"),
-        Column("verdict"),
-        Column("severity", unit),
-        Column("95 % from", unit),
-        Column("to", unit),
-        Column("on the fleet's list"),
-        Column("log10 of evidence"),
-        Column("flights"),
+    columns = columns_of(
+        "rank",
+        "engine",
+        "build",
+        "verdict",
+        ("severity", unit),
+        ("95 % from", unit),
+        ("to", unit),
+        "on the fleet's list",
+        "log10 of evidence",
+        "flights",
     )
     rows = [
         (
@@ -334,15 +334,15 @@ def fleet_map(key: str, engines: Sequence[EngineFound]) -> Chart | None:
             cells = (factor * c.value, factor * c.low, factor * c.high, health.shown_unit)
             rows.append((engine.serial, health.words, score, *cells, health.probability))
             origins.append(health.origin)
-    columns = (
-        Column("engine"),
-        Column("parameter"),
-        Column("change in standard errors"),
-        Column("change"),
-        Column("95 % from"),
-        Column("to"),
-        Column("unit"),
-        Column("probability that it changed"),
+    columns = columns_of(
+        "engine",
+        "parameter",
+        "change in standard errors",
+        "change",
+        "95 % from",
+        "to",
+        "unit",
+        "probability that it changed",
     )
     left = len(engines) - len(shown)
     return Chart(

@@ -7,8 +7,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from enginediag_cli.report.charts.interactive import available, plot
-from enginediag_cli.report.charts.model import (
+from enginediag_cli.report.plotting.chart import (
     Axis,
     Band,
     Bars,
@@ -24,8 +23,8 @@ from enginediag_cli.report.charts.model import (
     Table,
     shown,
 )
-from enginediag_cli.report.charts.static import picture
-from enginediag_cli.report.pictures.png import png
+from enginediag_cli.report.plotting.interactive import available, plot
+from enginediag_cli.report.plotting.svg import picture, png
 
 PLACE = [Origin("a.csv", "7"), Origin("a.csv", "8")]
 UPRIGHT = Chart(
@@ -96,7 +95,7 @@ def test_rows_of_a_lying_chart_stand_in_their_order_from_the_top() -> None:
 
 @ALL
 def test_a_picture_becomes_a_png(chart) -> None:
-    pytest.importorskip("PIL", reason="no Pillow here: pip install 'enginediag[report]'")
+    pytest.importorskip("resvg_py", reason="no resvg-py here: pip install 'enginediag[report]'")
     assert png(picture(chart).text(), "x.png").startswith(b"\x89PNG")
 
 

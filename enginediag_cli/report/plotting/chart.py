@@ -21,8 +21,10 @@ from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.report.pictures.svg import BLUE, FAINT, INK, ORANGE, PAPER, padded
 from enginediag_cli.report.sentences import rounded
+
+INK, FAINT, PAPER = "#1f2933", "#d5dbe1", "#ffffff"
+BLUE, ORANGE = "#2166ac", "#d95f02"
 
 Value: TypeAlias = str | float | int | None
 """A cell of a table: words, a number, or nothing."""
@@ -52,6 +54,11 @@ class Column:
     @property
     def words(self) -> str:
         return f"{self.name} ({self.unit})" if self.unit else self.name
+
+
+def columns_of(*names: str | tuple[str, str]) -> tuple[Column, ...]:
+    """Columns by their names, or by (name, unit)."""
+    return tuple(Column(name) if isinstance(name, str) else Column(*name) for name in names)
 
 
 @dataclass(frozen=True)
@@ -305,3 +312,10 @@ def scale_of(parameter: Parameter) -> tuple[float, str]:
     unit = parameter.shown_unit
     added = bool(unit) or (parameter.of_instrument and parameter.quantity == "bias")
     return (1.0, unit) if added else (PERCENT, "%")
+
+
+def padded(values: Sequence[float], share: float = 0.05) -> tuple[float, float]:
+    """Range of values with a margin on both sides; never empty."""
+    low, high = min(values), max(values)
+    margin = share * (high - low) or max(abs(high), 1.0) * share
+    return low - margin, high + margin

@@ -17,7 +17,12 @@ from enginediag_cli import __version__
 from enginediag_cli.fleets.finding import Estimate
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.answer import FAILED, LAW, NAMED, NOTHING
-from enginediag_cli.report.charts.fleet_charts import (
+from enginediag_cli.report import result_files as kinds
+from enginediag_cli.report.engine_page import engine_section, lead_of, next_step
+from enginediag_cli.report.evidence import EngineEvidence, Evidence
+from enginediag_cli.report.html import Block, Bullets, Lead, Listing, Page, Section, State, Tabled, Words
+from enginediag_cli.report.plotting.chart import Column, Origin, Table, Value, columns_of
+from enginediag_cli.report.plotting.fleet import (
     EngineFound,
     HealthFound,
     engines_of,
@@ -25,16 +30,9 @@ from enginediag_cli.report.charts.fleet_charts import (
     fleet_map,
     fleet_ranking,
 )
-from enginediag_cli.report.charts.health_trend import maintenance_marks, margin
-from enginediag_cli.report.charts.model import Column, Origin, Table, Value
-from enginediag_cli.report.charts.model_charts import before_after, flight_gains, law_curve, mismatch_places
-from enginediag_cli.report.charts.rows import Row
-from enginediag_cli.report.page import results as kinds
-from enginediag_cli.report.page.evidence import EngineEvidence, Evidence
-from enginediag_cli.report.page.page import Block, Bullets, Lead, Listing, Page, Section, State, Tabled, Words
-from enginediag_cli.report.page.results import Result
-from enginediag_cli.report.page.sections import engine_section
-from enginediag_cli.report.page.verdicts import lead_of, next_step
+from enginediag_cli.report.plotting.health import maintenance_marks, margin
+from enginediag_cli.report.plotting.models import before_after, flight_gains, law_curve, mismatch_places
+from enginediag_cli.report.result_files import Result, Row
 from enginediag_cli.report.sentences import change, count, listed, probability, rounded, with_unit
 
 STATES = {"changed": State.CHANGED, "healthy": State.NOTHING_FOUND, "no verdict": State.NO_VERDICT}
@@ -61,13 +59,7 @@ def fleet_lead(document: Mapping[str, Any], engines: Sequence[EngineFound], key:
     return Lead(state, sentence, surely=surely, next=" ".join(step), key=key, badge="fleet")
 
 
-GLANCE = (
-    Column("engine"),
-    Column("what"),
-    Column("since"),
-    Column("how surely"),
-    Column("flights left"),
-)
+GLANCE = columns_of("engine", "what", "since", "how surely", "flights left")
 
 
 def _glance(engines: Sequence[EngineFound]) -> Iterator[Block]:
@@ -154,7 +146,7 @@ def _engine(e: EngineFound, key: str) -> Section:
 def _health(e: EngineFound) -> Iterator[Block]:
     if not e.health:
         return
-    columns = (Column("parameter"), Column("change, 95 %"), Column("kind"), Column("probability"), Column("since"))
+    columns = columns_of("parameter", "change, 95 %", "kind", "probability", "since")
     rows: list[tuple[Value, ...]] = []
     for h in sorted(e.health, key=lambda h: -h.probability):
         half = h.scale * (h.change.high - h.change.low) / 2
@@ -168,7 +160,7 @@ def _health(e: EngineFound) -> Iterator[Block]:
 def _events(e: EngineFound) -> Iterator[Block]:
     if not e.events:
         return
-    columns = (Column("event"), Column("on"), Column("first flight after"), Column("margin recovered"), Column("note"))
+    columns = columns_of("event", "on", "first flight after", "margin recovered", "note")
     rows = []
     for x in e.events:
         r = x.recovered_K
@@ -196,18 +188,13 @@ def _left_out(left: Sequence[Any]) -> Iterator[Block]:
         elif isinstance(entry, list | tuple) and len(entry) == 2:
             rows.append((str(entry[0]), str(entry[1])))
     if rows:
-        yield Tabled(f"Left out ({len(rows)})", Table((Column("what"), Column("why")), rows), closed=True)
+        yield Tabled(f"Left out ({len(rows)})", Table(columns_of("what", "why"), rows), closed=True)
 
 
 BADGES = {NAMED: "missing physics, named", NOTHING: "nothing missing", LAW: "missing physics, a law"}
 """What stands above the sentence of an answer of `explain`; its status where none is listed."""
 
-COEFFICIENTS = (
-    Column("explanation"),
-    Column("probability"),
-    Column("coefficients with 95 % intervals"),
-    Column("gain of evidence"),
-)
+COEFFICIENTS = columns_of("explanation", "probability", "coefficients with 95 % intervals", "gain of evidence")
 
 
 def physics_leads(evidence: Evidence) -> Iterator[Lead]:
@@ -392,7 +379,7 @@ def _windows(engine: EngineEvidence) -> list[Row]:
 def made_section(evidence: Evidence, command: Sequence[str], versions: Sequence[str]) -> Section:
     """The command, what it read, and what that was made by."""
     files = Table(
-        (Column("file"), Column("is"), Column("written by"), Column("rows"), Column("SHA-256")),
+        columns_of("file", "is", "written by", "rows", "SHA-256"),
         [
             (r.name, r.kind.name, f"enginediag {r.kind.command}", len(r.rows), r.sha256 or "of standard input")
             for r in evidence.results

@@ -16,13 +16,12 @@ from typing import Protocol
 from enginediag_cli.fleets.finding import Estimate
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.report.charts.fleet_charts import NAN, EventFound, FlightFound, MarginFound
-from enginediag_cli.report.charts.model import (
+from enginediag_cli.report.outputs.judgements import with_ends
+from enginediag_cli.report.plotting.chart import (
     Axis,
     Band,
     Cells,
     Chart,
-    Column,
     Intervals,
     Layer,
     Level,
@@ -30,10 +29,11 @@ from enginediag_cli.report.charts.model import (
     Mark,
     Origin,
     Table,
+    columns_of,
     scale_of,
 )
-from enginediag_cli.report.charts.rows import Order, Row, order_of
-from enginediag_cli.report.outputs.judgements import with_ends
+from enginediag_cli.report.plotting.fleet import NAN, EventFound, FlightFound, MarginFound
+from enginediag_cli.report.result_files import Order, Row, order_of
 from enginediag_cli.report.trend_rows import FLIGHT, MAINTENANCE, WHOLE
 from enginediag_cli.units import split_column
 
@@ -105,13 +105,7 @@ def health_trend(
         rows_of_it = zip(mine, change, low, high, strict=True)
         cells += [(r.text("flight") or r.count("number"), known[name].words, c, a, b) for r, c, a, b in rows_of_it]
         origins += places
-    columns = (
-        Column("flight"),
-        Column("parameter"),
-        Column("change from nominal", unit),
-        Column("95 % from", unit),
-        Column("to", unit),
-    )
+    columns = columns_of("flight", "parameter", ("change from nominal", unit), ("95 % from", unit), ("to", unit))
     return Chart(
         key,
         "Health over flights",
@@ -157,13 +151,7 @@ def health_map(key: str, rows: Sequence[Row], known: Known) -> Chart:
             cells.append((labels[column], known[name].words, score, factor * row.number("change"), unit))
             origins.append(row.origin)
     words = [f"{v:.0f}".replace("-", "−") if abs(v) >= 2 else "" for v in value]
-    columns = (
-        Column("flight"),
-        Column("parameter"),
-        Column("change in standard errors"),
-        Column("change"),
-        Column("unit"),
-    )
+    columns = columns_of("flight", "parameter", "change in standard errors", "change", "unit")
     before = f" Of {len(order.x)} flights, the last {len(labels)}." if shown else ""
     return Chart(
         key,
@@ -218,7 +206,7 @@ def margin(key: str, engine: WithMargin, marks: Sequence[Mark] = ()) -> Chart | 
         )
     quantity = split_column(m.column)[0] or "temperature"
     words = f"{quantity} margin" if of_limit else f"{quantity} margin used"
-    columns = (Column("flight"), Column(words, "K"), Column("95 % from", "K"), Column("to", "K"))
+    columns = columns_of("flight", (words, "K"), ("95 % from", "K"), ("to", "K"))
     names = [f.flight or str(f.number) for f in told]
     return Chart(
         key,

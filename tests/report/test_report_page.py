@@ -10,7 +10,7 @@ import pytest
 from results_of_commands import detected, engine_files, explained, fleet, isolated, records, refined, trend
 
 from enginediag_cli.__main__ import main
-from enginediag_cli.report.charts.interactive import available
+from enginediag_cli.report.plotting.interactive import available
 
 FETCHES = re.compile(
     r"""(?:src|href|action|data|poster)\s*=\s*["']?\s*(?:https?:|//)|@import|url\(\s*["']?(?:https?:|//)"""

@@ -12,7 +12,9 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from enginediag_cli.report.charts.model import (
+from enginediag_cli.report.plotting.chart import (
+    FAINT,
+    INK,
     QUIET,
     Axis,
     Band,
@@ -29,7 +31,6 @@ from enginediag_cli.report.charts.model import (
     x_range,
     y_range,
 )
-from enginediag_cli.report.pictures.svg import FAINT, INK
 
 HEIGHT, ROW, CELL, BESIDE = 300, 24, 21, 66
 """Pixels of a plot, of a row of a lying one, of a row of a heat map, and of what stands above and below rows."""

@@ -1,1 +1,0 @@
-"""Charts as data: what is drawn, in which units, and the rows it came from; one file per kind, two renderers."""

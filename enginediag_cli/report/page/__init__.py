@@ -1,1 +1,0 @@
-"""Reports: results of commands as one page that opens offline, can be printed, and be made again byte for byte."""

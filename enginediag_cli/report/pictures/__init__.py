@@ -1,1 +1,0 @@
-"""Pictures as SVG files, written without a plotting library: the same numbers give the same bytes."""
