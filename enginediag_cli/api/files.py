@@ -442,7 +442,7 @@ def list_effects(engine: EngineLike | None = None) -> Listing:
     ConfigError, DataError
     """
     from enginediag_cli.physics.registry import term, term_names
-    from enginediag_cli.report.reference_pages import carried_blocks, site_row, term_row
+    from enginediag_cli.report.reference import carried_blocks, site_row, term_row
 
     terms = [term(name) for name in term_names()]
     if engine is None:
@@ -475,7 +475,7 @@ def describe_effect(name: str, engine: EngineLike | None = None) -> Description:
     ConfigError, DataError
     """
     from enginediag_cli.physics.registry import term, term_names
-    from enginediag_cli.report.reference_pages import (
+    from enginediag_cli.report.reference import (
         carried_blocks,
         coefficient_rows,
         physics_page,
@@ -516,7 +516,7 @@ def list_law_variables(engine: EngineLike) -> Listing:
     ------
     ConfigError, DataError
     """
-    from enginediag_cli.report.reference_pages import variable_rows
+    from enginediag_cli.report.reference import variable_rows
 
     model = as_engine(engine)
     return Listing(list(variable_rows(model.network)), _head("physics", model))
@@ -538,7 +538,7 @@ def list_components() -> Listing:
     """
     from enginediag_cli.engine.components import COMPONENTS
     from enginediag_cli.engine.example import shown
-    from enginediag_cli.report.reference_pages import component_row
+    from enginediag_cli.report.reference import component_row
 
     rows = [component_row(kind, shown(name)) for name, kind in COMPONENTS.items()]
     return Listing(rows, _head("components"))
@@ -563,7 +563,7 @@ def describe_component(name: str) -> Description:
     """
     from enginediag_cli.engine.components import COMPONENTS
     from enginediag_cli.engine.example import shown
-    from enginediag_cli.report.reference_pages import component_row, key_rows, page, parameter_rows
+    from enginediag_cli.report.reference import component_row, key_rows, page, parameter_rows
 
     if name not in COMPONENTS:
         from enginediag_cli.config.hints import near

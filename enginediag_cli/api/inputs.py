@@ -355,7 +355,7 @@ class Comparison:
         if baseline is None:
             return None
         from enginediag_cli.identification.nominal_checks import with_accuracy
-        from enginediag_cli.report.left_out import tell_baseline
+        from enginediag_cli.report.recordings import tell_baseline
         from enginediag_cli.residuals.monitor import monitor_of
 
         accuracy = self.options.model_error
@@ -425,7 +425,7 @@ def open_intake(source: Source, monitor: Monitor | None) -> Intake:
 
 def tell_files(messages: Messages, files: JudgedFiles) -> None:
     """What was left out of the files."""
-    from enginediag_cli.report.left_out import tell_left_out, tell_mismatches
+    from enginediag_cli.report.recordings import tell_left_out, tell_mismatches
     from enginediag_cli.report.sentences import count
 
     tell_mismatches(messages, files.intake.mismatches)
