@@ -397,7 +397,7 @@ READS_MEANING = re.compile(
 
 MATCHED_PATTERNS = (
     "config/patterns.py",
-    "detection/glr.py",
+    "detection/verdict.py",
     "identification/problem.py",
     "mismatch/fit/load.py",
     "residuals/monitor.py",

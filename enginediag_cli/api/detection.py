@@ -24,7 +24,7 @@ from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.summaries import DETECT, STATISTICS
 
 if TYPE_CHECKING:
-    from enginediag_cli.detection.glr import RequiredPower
+    from enginediag_cli.detection.verdict import RequiredPower
     from enginediag_cli.intake.source import Source
     from enginediag_cli.methods.base import FittedMethod, Method
     from enginediag_cli.methods.on_recordings import WindowVerdict
@@ -244,9 +244,9 @@ def detect(
 
     References
     ----------
-    Generalised likelihood ratio test of the local approach; see `enginediag_cli.detection.glr`.
+    Generalised likelihood ratio test of the local approach; see `enginediag_cli.detection.verdict`.
     """
-    from enginediag_cli.detection.glr import RequiredPower
+    from enginediag_cli.detection.verdict import RequiredPower
 
     if detectable and power <= false_alarm:
         raise UsageError("--power must be larger than --false-alarm")

@@ -51,7 +51,7 @@ class TrainingChoices:
 
     def divided(self, training: list[TrainingRecording]) -> tuple[list[TrainingRecording], list[TrainingRecording]]:
         """What is fitted, and what is held out. Raises UsageError where too few recordings are there."""
-        from enginediag_cli.identification.training import first_records, hold_out_end
+        from enginediag_cli.identification.problem import first_records, hold_out_end
 
         if self.first is not None:
             training = first_records(training, self.first)
@@ -318,7 +318,7 @@ def _training(
 ) -> tuple[list[TrainingRecording], tuple[str, ...]]:
     """Recordings as they are fitted, and columns of probes that are not."""
     from enginediag_cli.identification.probes import without_probes, wrong_probes
-    from enginediag_cli.identification.training import without_repeats
+    from enginediag_cli.identification.problem import without_repeats
     from enginediag_cli.intake.agreement import agreement_with_engine
     from enginediag_cli.intake.flights import MOST, Thinning, whole_flights
     from enginediag_cli.intake.intake import Intake

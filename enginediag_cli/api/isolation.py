@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from enginediag_cli.isolation.methods import IsolationOptions
     from enginediag_cli.isolation.of_windows import IsolatedWindow, Isolating
     from enginediag_cli.parameters import Parameter
-    from enginediag_cli.residuals.kept_records import KeptRecords
+    from enginediag_cli.residuals.long_windows import KeptRecords
     from enginediag_cli.residuals.monitor import Monitor
 
 __all__ = ["IsolationResult", "isolate"]
@@ -214,7 +214,7 @@ class IsolationResult(Result):
 
 
 def _kept_records(comparison: Comparison, choices: IsolationChoices, monitor: Monitor | None) -> KeptRecords | None:
-    from enginediag_cli.residuals.kept_records import KeptRecords
+    from enginediag_cli.residuals.long_windows import KeptRecords
 
     judging = comparison.judging
     plain = not judging.reference  # otherwise the score knows more than the records tell

@@ -15,7 +15,7 @@ from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.summaries import FLIGHTS, MARGIN, TREND, TREND_COMPONENTS
 
 if TYPE_CHECKING:
-    from enginediag_cli.detection.trend import Series
+    from enginediag_cli.detection.series import Series
     from enginediag_cli.fleets.margin_of_series import MarginQuestion, Margins
     from enginediag_cli.fleets.work_scope import Scoping
     from enginediag_cli.residuals.files import JudgedFiles
@@ -126,7 +126,7 @@ class TrendResult(Result):
     """Rows of health over flights; see `trend`."""
 
     def __init__(self, comparison: Comparison, choices: TrendChoices):
-        from enginediag_cli.residuals.series_monitor import of_series
+        from enginediag_cli.residuals.reduced import of_series
 
         choices.check(comparison)
         self._choices, self.messages = choices, comparison.messages
@@ -157,10 +157,10 @@ class TrendResult(Result):
 
     def _read(self) -> tuple[Series, Margins | None, JudgedFiles]:
         """The series of flights, its margins where they are followed, and the files that it was read from."""
-        from enginediag_cli.detection.trend import series_of
+        from enginediag_cli.detection.series import series_of
         from enginediag_cli.fleets.margin_of_series import margins_of
         from enginediag_cli.report.trend_rows import tell_instruments_in_flights, tell_margins
-        from enginediag_cli.residuals.series_monitor import for_comparison
+        from enginediag_cli.residuals.reduced import for_comparison
 
         choices, monitor, margins = self._choices, self._monitor, None
         question = choices.margin.question(healthy=self._healthy, sensors=choices.sensors)
@@ -197,7 +197,7 @@ class TrendResult(Result):
 
     def _changes(self) -> Iterator[Row]:
         """Rows of what changed in each engine, and of what maintenance did."""
-        from enginediag_cli.detection.trend import FEWEST
+        from enginediag_cli.detection.series import FEWEST
         from enginediag_cli.fleets.work_scope import Scoping
         from enginediag_cli.isolation.over_time import stories_of
         from enginediag_cli.report.trend_rows import tell_too_few

@@ -28,7 +28,6 @@ from itertools import combinations
 
 import numpy as np
 
-from enginediag_cli.detection.glr import LackOfFit
 from enginediag_cli.detection.sequential import (
     LAWS,
     Coordinates,
@@ -41,7 +40,7 @@ from enginediag_cli.detection.sequential import (
     log_single,
     tails,
 )
-from enginediag_cli.detection.verdict import LEAST_SENSORS, lifeless, one_channel_decides, too_few, too_still
+from enginediag_cli.detection.verdict import LEAST_SENSORS, LackOfFit, lifeless, one_channel_decides, too_few, too_still
 from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intake.left_out import GrossCounts, LeftOut
 from enginediag_cli.intake.live import live_chunks
@@ -49,13 +48,11 @@ from enginediag_cli.recordings.repeated import StuckRun
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.distributions import chdtrc
 from enginediag_cli.residuals.gross_errors import FEWEST, UNRELATED, brief_departures
-from enginediag_cli.residuals.gross_gate import input_effects
-from enginediag_cli.residuals.groups import Key, Timeline, group_rows
+from enginediag_cli.residuals.gross_gate import CleanBlocks, LiveGate, LiveRecords, input_effects
 from enginediag_cli.residuals.instruments import InstrumentFault
-from enginediag_cli.residuals.live_gate import CleanBlocks, LiveGate, LiveRecords
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.records import Innovations
-from enginediag_cli.residuals.windows import Elsewhere, judged_inputs
+from enginediag_cli.residuals.windows import Elsewhere, Key, Timeline, group_rows, judged_inputs
 from enginediag_cli.units import split_column
 
 KINDS = {

@@ -25,7 +25,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from enginediag_cli.detection.readings import Readings
+from enginediag_cli.detection.series import Readings
 
 DISTANCES = 12
 """Classes of distance, each twice as long as the one before: from neighbours to a tenth of the longest series."""

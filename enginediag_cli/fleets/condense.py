@@ -1,6 +1,6 @@
 """From recordings to statistics, one batch of recordings after the other: the work that is done in many places.
 
-Statistics have the form of a series (`residuals/series_monitor.py`): windows of an engine are compared with each other,
+Statistics have the form of a series (`residuals/reduced.py`): windows of an engine are compared with each other,
 so that what is uncertain about nominal, the same in all of them, has no part in it and need not be computed.
 """
 
@@ -25,7 +25,7 @@ from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.gross_gate import GrossErrorGate
 from enginediag_cli.residuals.monitor import Monitor, agreement_with
 from enginediag_cli.residuals.pipeline import window_statistics
-from enginediag_cli.residuals.series_monitor import for_comparison, monitored_as_read, of_series
+from enginediag_cli.residuals.reduced import for_comparison, monitored_as_read, of_series
 from enginediag_cli.residuals.windows import WindowStatistics
 
 PART = 2000

@@ -11,7 +11,7 @@ from math import nan
 
 import numpy as np
 
-from enginediag_cli.detection.trend import Stretch
+from enginediag_cli.detection.series import Stretch
 from enginediag_cli.residuals.instruments import FaultInFlights
 
 KINDS = ("wash", "overhaul", "exchange")

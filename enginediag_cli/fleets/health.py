@@ -17,8 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.detection.e_values import Rows, Suspects
-from enginediag_cli.detection.readings import Readings
-from enginediag_cli.detection.trend import Series
+from enginediag_cli.detection.series import Readings, Series
 from enginediag_cli.engine.wrapped import WrappedModel
 from enginediag_cli.fleets.finding import EngineHistory, Event
 from enginediag_cli.parameters import Parameter

@@ -31,7 +31,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.config.hints import near
-from enginediag_cli.detection.trend import Series, Stretch
+from enginediag_cli.detection.series import Series, Stretch
 from enginediag_cli.errors import DataError
 from enginediag_cli.fleets.work_scope import Gain, Moments, Scoping
 from enginediag_cli.isolation.adequacy import tempered
@@ -40,9 +40,8 @@ from enginediag_cli.isolation.flips.errors import SPREAD, stated_errors
 from enginediag_cli.isolation.methods import in_usual_forms
 from enginediag_cli.isolation.posterior import set_posterior
 from enginediag_cli.isolation.prior import SetPrior
-from enginediag_cli.residuals.excitation import range_space
 from enginediag_cli.residuals.score import Score, fisher_score
-from enginediag_cli.residuals.statistics import LocalStatistics
+from enginediag_cli.residuals.statistics import LocalStatistics, range_space
 
 NEAR = 10
 """Flights on each side of an event that are compared: over more of them wear is no straight line."""

@@ -22,7 +22,7 @@ import numpy as np
 from enginediag_cli.config.hints import near
 from enginediag_cli.detection.forecast import Course as ForecastCourse
 from enginediag_cli.detection.forecast import Fitted, Population, fitted, forecast, learnt
-from enginediag_cli.detection.trend import Series
+from enginediag_cli.detection.series import Series
 from enginediag_cli.engine.wiring import hot_columns
 from enginediag_cli.engine.wrapped import WrappedModel
 from enginediag_cli.errors import DataError

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from enginediag_cli.config.hints import near
-from enginediag_cli.detection.trend import Series, Windows, series_of
+from enginediag_cli.detection.series import Series, Windows, series_of
 from enginediag_cli.errors import DataError
 from enginediag_cli.fleets.engine_judgement import judged_engine, moved_by
 from enginediag_cli.fleets.finding import EngineFinding, EngineHistory, Event, FleetSettings, Moved

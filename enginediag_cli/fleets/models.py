@@ -22,16 +22,14 @@ from enginediag_cli.fleets.condensed_file import FORMAT
 from enginediag_cli.fleets.fleet import Baseline, Build, Fleet
 from enginediag_cli.fleets.recordings import Recorded, natural
 from enginediag_cli.fleets.store import Store
-from enginediag_cli.identification.problem import TrainingRecording
-from enginediag_cli.identification.training import training_recordings
+from enginediag_cli.identification.problem import TrainingRecording, training_recordings
 from enginediag_cli.intake.agreement import Agreement, agreement_with_engine
 from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intake.source import Source
 from enginediag_cli.intake.wanted import Wanted, columns_of
 from enginediag_cli.recordings.provenance import sha256_of
 from enginediag_cli.recordings.table import Recording, concat
-from enginediag_cli.residuals.groups import group_rows
-from enginediag_cli.residuals.windows import WindowPlan
+from enginediag_cli.residuals.windows import WindowPlan, group_rows
 
 if TYPE_CHECKING:
     from enginediag_cli.identification.identify import Identification
@@ -68,7 +66,7 @@ def identify_common(fleet: Fleet, build: Build, recordings: Sequence[Recorded], 
     from enginediag_cli.identification.identify import identify
     from enginediag_cli.identification.nominal_file import write_nominal
     from enginediag_cli.identification.probes import without_probes, wrong_probes
-    from enginediag_cli.identification.training import without_repeats
+    from enginediag_cli.identification.problem import without_repeats
     from enginediag_cli.physics.engine_file import load_engine
     from enginediag_cli.residuals.compact import is_smooth
     from enginediag_cli.residuals.monitor import monitor_from_nominal

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Generic, Protocol, TypeVar
 
-from enginediag_cli.detection.trend import Series, series_of
+from enginediag_cli.detection.series import Series, series_of
 from enginediag_cli.errors import DataError, EngineDiagError, NoVerdictError
 from enginediag_cli.fleets.condense import CondenseTask, Outcome, condense, whole_monitor
 from enginediag_cli.fleets.condensed_file import CondensedReader

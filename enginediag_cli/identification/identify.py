@@ -20,8 +20,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.engine.warm import apart, warm
-from enginediag_cli.error_model.modelled import FAMILY, ErrorModel, MapErrorModel, map_accuracy_of
-from enginediag_cli.error_model.points import POINT_FAMILY, PointErrorModel
+from enginediag_cli.error_model.maps import (
+    FAMILY,
+    POINT_FAMILY,
+    ErrorModel,
+    MapErrorModel,
+    PointErrorModel,
+    map_accuracy_of,
+)
 from enginediag_cli.identification.covariance import (
     AtBound,
     Combination,
@@ -30,12 +36,22 @@ from enginediag_cli.identification.covariance import (
     unidentified_combinations,
 )
 from enginediag_cli.identification.gauss_newton import Fit, solve, ways
-from enginediag_cli.identification.lagging import LaggingReading, lagged, lagging_readings, together
+from enginediag_cli.identification.instruments import LaggingReading, lagged, lagging_readings, together, with_offsets
 from enginediag_cli.identification.map_error import MapErrorSize, map_error_sizes, with_range_of
 from enginediag_cli.identification.noise import NoiseEstimate, noise_on_unseen
-from enginediag_cli.identification.nominal import Envelope, Estimate, Nominal, SensorNoise, learn_envelope, status_of
+from enginediag_cli.identification.nominal import (
+    Envelope,
+    Estimate,
+    Nominal,
+    SensorNoise,
+    SensorQuality,
+    learn_envelope,
+    on_unseen,
+    sensor_quality,
+    status_of,
+    with_regimes,
+)
 from enginediag_cli.identification.normal_equations import NormalEquations, normal_equations
-from enginediag_cli.identification.offsets import with_offsets
 from enginediag_cli.identification.passes import GivenUp, best_attempt
 from enginediag_cli.identification.problem import (
     IdentificationSettings,
@@ -45,7 +61,6 @@ from enginediag_cli.identification.problem import (
     build_problem,
     settings_from_mapping,
 )
-from enginediag_cli.identification.quality import SensorQuality, on_unseen, sensor_quality, with_regimes
 from enginediag_cli.progress import each
 from enginediag_cli.side_by_side import in_turn
 

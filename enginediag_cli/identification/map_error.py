@@ -30,9 +30,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from enginediag_cli.error_model.curves import BEYOND, QUANTITIES, learn_curves, machines_of, map_coordinates
-from enginediag_cli.error_model.modelled import FAMILY, MapErrorModel
-from enginediag_cli.error_model.points import POINT_FAMILY, OperatingPoints, PointErrorModel, sized
+from enginediag_cli.error_model.maps import (
+    BEYOND,
+    FAMILY,
+    POINT_FAMILY,
+    QUANTITIES,
+    MapErrorModel,
+    OperatingPoints,
+    PointErrorModel,
+    learn_curves,
+    machines_of,
+    map_coordinates,
+    sized,
+)
 from enginediag_cli.error_model.sizes import LARGEST, expected_factors, likeliest_factors
 from enginediag_cli.identification.nominal import MARGIN_RANGE, MINIMUM_SPREAD, RELATIVE_SPREAD
 from enginediag_cli.identification.normal_equations import NormalEquations, eliminate, predict

@@ -26,7 +26,7 @@ from enginediag_cli.config.reading import refuse_other_kind
 from enginediag_cli.config.validate import Checked
 from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.wrapped import MonitoredModel
-from enginediag_cli.error_model.modelled import FAMILY
+from enginediag_cli.error_model.maps import FAMILY
 from enginediag_cli.errors import ConfigError, Mark, Problem
 from enginediag_cli.identification.nominal import Nominal, status_of
 

@@ -24,14 +24,12 @@ from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.config.reading import refuse_other_kind
 from enginediag_cli.config.validate import Checked
 from enginediag_cli.engine.description import EngineDescription
-from enginediag_cli.error_model.curves import MapCurves
-from enginediag_cli.error_model.modelled import ErrorModel
-from enginediag_cli.error_model.points import OperatingPoints
+from enginediag_cli.error_model.maps import ErrorModel, MapCurves, OperatingPoints
 from enginediag_cli.errors import ConfigError, Mark, NoVerdictError, Problem
 from enginediag_cli.identification.covariance import Combination
-from enginediag_cli.identification.lagging import LaggingReading
+from enginediag_cli.identification.instruments import LaggingReading
 from enginediag_cli.identification.noise import SIGMA_FROM
-from enginediag_cli.identification.nominal import STATUSES, Envelope, Estimate, Nominal, SensorNoise
+from enginediag_cli.identification.nominal import STATUSES, Envelope, Estimate, Nominal, SensorNoise, SensorQuality
 from enginediag_cli.identification.nominal_checks import (
     CHECKSUM,
     checksum_of,
@@ -40,7 +38,6 @@ from enginediag_cli.identification.nominal_checks import (
     value_problems,
 )
 from enginediag_cli.identification.problem import OffsetPrior
-from enginediag_cli.identification.quality import SensorQuality
 
 ESTIMATE = Section(
     "estimate",

@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from enginediag_cli.error_model.modelled import MapErrorModel
+from enginediag_cli.error_model.maps import MapErrorModel
 from enginediag_cli.identification.problem import Problem
 
 SUMMED_RECORDS = 512

@@ -21,10 +21,12 @@ from functools import partial
 
 import numpy as np
 
-from enginediag_cli.error_model.curves import FREEDOMS, machines_of
-from enginediag_cli.error_model.slopes import GENERIC
+from enginediag_cli.error_model.maps import FREEDOMS, machines_of
+from enginediag_cli.error_model.sizes import GENERIC
 from enginediag_cli.identification.covariance import ROUNDS, Uncertainty, at_bounds, given_back, uncertainty
 from enginediag_cli.identification.gauss_newton import Fit, exact, resumed, solve, ways
+from enginediag_cli.identification.instruments import SETTLED as OFFSETS_SETTLED
+from enginediag_cli.identification.instruments import first_offsets, resized_offsets, with_spreads
 from enginediag_cli.identification.map_error import SETTLED as SIZES_SETTLED
 from enginediag_cli.identification.map_error import (
     cells_of,
@@ -43,8 +45,6 @@ from enginediag_cli.identification.noise import (
     starting_noise,
 )
 from enginediag_cli.identification.normal_equations import normal_equations, predict
-from enginediag_cli.identification.offsets import SETTLED as OFFSETS_SETTLED
-from enginediag_cli.identification.offsets import first_offsets, resized_offsets, with_spreads
 from enginediag_cli.identification.problem import IdentificationSettings, Problem
 from enginediag_cli.progress import each
 

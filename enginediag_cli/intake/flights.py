@@ -9,8 +9,7 @@ from itertools import groupby
 import numpy as np
 
 from enginediag_cli.errors import NoVerdictError
-from enginediag_cli.identification.problem import TrainingRecording
-from enginediag_cli.identification.training import part_of, training_recordings
+from enginediag_cli.identification.problem import TrainingRecording, part_of, training_recordings
 from enginediag_cli.intake.intake import File, Intake
 from enginediag_cli.recordings.table import Recording, concat
 

@@ -23,11 +23,10 @@ import numpy as np
 
 from enginediag_cli.planning.flights import flights
 from enginediag_cli.planning.separation import BEYOND, Outlook, Separation, Suggestion, best_first, fewest
-from enginediag_cli.residuals.excitation import root_of
+from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.noise import NoiseModel
 from enginediag_cli.residuals.score import Score
-from enginediag_cli.residuals.statistics import whiten
+from enginediag_cli.residuals.statistics import root_of, whiten
 
 ODDS = 20.0
 """Odds to one from which explanations count as told apart: those of a 95 % test."""

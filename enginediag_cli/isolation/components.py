@@ -37,7 +37,7 @@ from enginediag_cli.isolation.methods import IsolationOptions
 from enginediag_cli.isolation.posterior import plan, size_limit
 from enginediag_cli.isolation.prior import Instruments, SetPrior, log_wear
 from enginediag_cli.isolation.result import Explanation
-from enginediag_cli.residuals.noise import NoiseLevel
+from enginediag_cli.residuals.instruments import NoiseLevel
 from enginediag_cli.residuals.score import Score
 from enginediag_cli.residuals.statistics import LocalStatistics
 

@@ -33,7 +33,7 @@ from enginediag_cli.isolation.posterior import set_posterior
 from enginediag_cli.isolation.prior import are_sensors
 from enginediag_cli.isolation.result import Explanation, IsolationResult
 from enginediag_cli.isolation.signs import known_signs, one_sided_posterior
-from enginediag_cli.residuals.noise import NoiseLevel
+from enginediag_cli.residuals.instruments import NoiseLevel
 from enginediag_cli.residuals.score import Score
 from enginediag_cli.residuals.statistics import LocalStatistics
 

@@ -39,11 +39,10 @@ import numpy as np
 from enginediag_cli.isolation.posterior import SetPosterior, set_posterior
 from enginediag_cli.isolation.prior import Instruments, SetPrior, log_factors
 from enginediag_cli.isolation.signs import reweighed
-from enginediag_cli.residuals.excitation import root_of
 from enginediag_cli.residuals.instruments import weighed
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.score import Score
-from enginediag_cli.residuals.statistics import whiten
+from enginediag_cli.residuals.statistics import root_of, whiten
 
 MAX_POINTS = 20_000
 """Records times sets computed in one call of the engine."""

@@ -44,7 +44,7 @@ from math import comb
 
 import numpy as np
 
-from enginediag_cli.detection.glr import threshold
+from enginediag_cli.detection.verdict import threshold
 from enginediag_cli.isolation.classes import class_of
 from enginediag_cli.isolation.posterior import (
     SetPosterior,
@@ -55,8 +55,8 @@ from enginediag_cli.isolation.posterior import (
 )
 from enginediag_cli.isolation.prior import Instruments, SetPrior
 from enginediag_cli.isolation.result import Explanation, IsolationResult, estimate_sizes
-from enginediag_cli.residuals.excitation import RANK_TOLERANCE, range_space
 from enginediag_cli.residuals.score import Score
+from enginediag_cli.residuals.statistics import RANK_TOLERANCE, range_space
 
 
 def quadratic_form(b: np.ndarray, information: np.ndarray, floor: float = 0.0) -> tuple[float, int]:

@@ -40,7 +40,7 @@ from enginediag_cli.planning.flights import conditions_grid
 from enginediag_cli.planning.separation import Suggestion, best_of_each_kind
 from enginediag_cli.residuals.files import JudgedFiles, Window
 from enginediag_cli.residuals.instruments import InstrumentFault
-from enginediag_cli.residuals.kept_records import KeptRecords
+from enginediag_cli.residuals.long_windows import KeptRecords
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.score import Score, fisher_score
 from enginediag_cli.residuals.statistics import LocalStatistics

@@ -29,9 +29,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from enginediag_cli.detection.glr import glr_test
-from enginediag_cli.detection.readings import Readings
-from enginediag_cli.detection.trend import FEWEST, Series, Stretch
+from enginediag_cli.detection.series import FEWEST, Readings, Series, Stretch
+from enginediag_cli.detection.verdict import glr_test
 from enginediag_cli.detection.wander import DETERIORATION, STEP, Courses, Scatter, Wander, courses, places, table
 from enginediag_cli.isolation.adequacy import probability_of_unlisted
 from enginediag_cli.isolation.prior import SEPARATED, SetPrior
@@ -48,7 +47,7 @@ from enginediag_cli.isolation.series_search import (
 from enginediag_cli.isolation.story import HALF, UNRECORDED, Event, Fit, Member, Story
 from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.progress import each, stage
-from enginediag_cli.residuals.noise import level_of_ratio
+from enginediag_cli.residuals.instruments import level_of_ratio
 from enginediag_cli.residuals.score import fisher_score
 from enginediag_cli.side_by_side import in_turn
 

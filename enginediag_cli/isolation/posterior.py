@@ -50,7 +50,7 @@ from math import comb
 
 import numpy as np
 
-from enginediag_cli.detection.glr import must_show
+from enginediag_cli.detection.verdict import must_show
 from enginediag_cli.isolation.prior import Instruments, SetPrior, are_sensors, log_mass, log_wear, wear_signs
 from enginediag_cli.isolation.result import ParameterChange
 from enginediag_cli.parameters import Parameter

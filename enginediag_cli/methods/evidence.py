@@ -13,8 +13,7 @@ from typing import ClassVar
 import numpy as np
 
 from enginediag_cli.config.fields import Field
-from enginediag_cli.detection.glr import glr_test
-from enginediag_cli.detection.verdict import NOISE_UNKNOWN, unknown_noise
+from enginediag_cli.detection.verdict import NOISE_UNKNOWN, glr_test, unknown_noise
 from enginediag_cli.isolation.methods import single_sensitivities
 from enginediag_cli.methods.base import PARAMETERS, DetectionTest, FittedMethod, Method, Verdicts, Windows
 from enginediag_cli.residuals.monitor import Monitor

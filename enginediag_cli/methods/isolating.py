@@ -19,7 +19,7 @@ from typing import ClassVar
 import numpy as np
 
 from enginediag_cli.config.fields import Field
-from enginediag_cli.detection.glr import threshold
+from enginediag_cli.detection.verdict import threshold
 from enginediag_cli.isolation.methods import (
     IsolationOptions,
     best_of_size,

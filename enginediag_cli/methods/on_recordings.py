@@ -15,10 +15,18 @@ from enginediag_cli.detection.verdict import FAULT, HEALTHY, NO_VERDICT
 from enginediag_cli.errors import DataError
 from enginediag_cli.methods.base import FittedMethod, Verdicts, Windows, filled
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.groups import Key, runs
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import place
-from enginediag_cli.residuals.windows import JudgedInputs, WindowPlan, WindowStatistics, cut, joined, nothing_judged
+from enginediag_cli.residuals.windows import (
+    JudgedInputs,
+    Key,
+    WindowPlan,
+    WindowStatistics,
+    cut,
+    joined,
+    nothing_judged,
+    runs,
+)
 
 TOGETHER = 5_000
 """Records, filled up ones included, that methods are given at once: one call of the engine costs less than many."""

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.identification.quality import EVERYTHING
+from enginediag_cli.identification.nominal import EVERYTHING
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.controlled.fitted import BLOCKS
 from enginediag_cli.report.outputs.discrepancy import CONTROL

@@ -190,7 +190,7 @@ def _isolated(question: Question, windows: list[WindowStatistics]) -> Iterator[R
     from enginediag_cli.isolation.methods import IsolationOptions
     from enginediag_cli.isolation.of_windows import Isolating
     from enginediag_cli.report.isolation_rows import isolated_rows
-    from enginediag_cli.residuals.kept_records import KeptRecords
+    from enginediag_cli.residuals.long_windows import KeptRecords
 
     judging, kept = question.judging, None
     if not judging.reference and judging.linearise == "estimate":
@@ -206,10 +206,10 @@ def _isolated(question: Question, windows: list[WindowStatistics]) -> Iterator[R
 
 @stage("following the series")
 def _series(question: Question) -> dict[kinds.Kind, list[Row]]:
-    from enginediag_cli.detection.trend import series_of
+    from enginediag_cli.detection.series import series_of
     from enginediag_cli.isolation.over_time import stories_of
     from enginediag_cli.report.trend_rows import flight_rows, trend_rows
-    from enginediag_cli.residuals.series_monitor import of_series
+    from enginediag_cli.residuals.reduced import of_series
 
     series = series_of(_series_files(question, of_series(question.suspicious)))
     told: dict[kinds.Kind, list[Row]] = {kinds.FLIGHTS: [], kinds.TREND: []}
@@ -227,7 +227,7 @@ def _series(question: Question) -> dict[kinds.Kind, list[Row]]:
 def _margins(question: Question, left_out: list[str]) -> list[Row]:
     from enginediag_cli.fleets.margin_of_series import margins_of
     from enginediag_cli.report.trend_rows import margin_rows, odd_events
-    from enginediag_cli.residuals.series_monitor import for_comparison, of_series
+    from enginediag_cli.residuals.reduced import for_comparison, of_series
 
     monitor = of_series(question.suspicious)
     margins = margins_of(_series_files(question, for_comparison(monitor)), monitor, question.margins)

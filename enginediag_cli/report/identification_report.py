@@ -9,15 +9,13 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from enginediag_cli.error_model.modelled import FAMILY
-from enginediag_cli.error_model.points import POINT_FAMILY, PointErrorModel
+from enginediag_cli.error_model.maps import FAMILY, POINT_FAMILY, PointErrorModel
 from enginediag_cli.identification.covariance import AtBound
 from enginediag_cli.identification.identify import OUTSIDE_MAPS, Identification
-from enginediag_cli.identification.nominal import Estimate
+from enginediag_cli.identification.nominal import EVERYTHING, Estimate, SensorQuality
 from enginediag_cli.identification.passes import GivenUp
 from enginediag_cli.identification.probes import WrongProbe
-from enginediag_cli.identification.quality import EVERYTHING, SensorQuality
-from enginediag_cli.identification.training import Repeat
+from enginediag_cli.identification.problem import Repeat
 from enginediag_cli.report.sentences import rounded
 from enginediag_cli.units import split_column
 

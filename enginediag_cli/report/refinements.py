@@ -14,7 +14,7 @@ from enginediag_cli.report.sentences import count, p_value, rounded, spelled, wi
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.term import Coefficient, Effect
-    from enginediag_cli.identification.quality import SensorQuality
+    from enginediag_cli.identification.nominal import SensorQuality
     from enginediag_cli.mismatch.refine.alarms import Alarms
     from enginediag_cli.mismatch.refine.refine import Refinement
 

@@ -21,7 +21,7 @@ from enginediag_cli.report.work_scope_rows import gain_cells, gain_words
 from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
-    from enginediag_cli.detection.trend import Series, Stretch
+    from enginediag_cli.detection.series import Series, Stretch
     from enginediag_cli.fleets.finding import EventRow, Margin
     from enginediag_cli.fleets.margin_of_series import Brought, Followed, Margins
     from enginediag_cli.fleets.work_scope import Gain, Reference
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 def flight_rows(series: Series) -> Iterator[dict[str, Any]]:
     """Changes from nominal, in the parameter's unit, with 95 % intervals."""
-    from enginediag_cli.detection.trend import flight_change
+    from enginediag_cli.detection.series import flight_change
 
     counts: Counter[str] = Counter()
     for engine, stretches in series.stretches.items():
@@ -134,7 +134,7 @@ def _rivals(event: Event, member: Member) -> list[str]:
 
 
 def _onset(event: Event, stretches: Sequence[Stretch]) -> dict[str, Any]:
-    from enginediag_cli.detection.trend import has_times
+    from enginediag_cli.detection.series import has_times
 
     window = stretches[event.onset - 1].window
     return {
@@ -236,7 +236,7 @@ def tell_story(messages: Messages, engine: str, story: Story, series: Series) ->
 
 def _since(event: Event, stretches: Sequence[Stretch]) -> str:
     """When it began: flights by their labels, else seconds, else lines, with the interval."""
-    from enginediag_cli.detection.trend import has_times
+    from enginediag_cli.detection.series import has_times
 
     at, low, high = (stretches[k - 1].window for k in (event.onset, event.low, event.high))
     word = "at once, from" if event.kind == "step" else "growing, from"

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from enginediag_cli.detection.trend import Series
+from enginediag_cli.detection.series import Series
 from enginediag_cli.fleets.maintenance import Maintenance
 from enginediag_cli.fleets.work_scope import POWER, Gain, Quantity, Reference, Scoping, WorkScope
 from enginediag_cli.intervals import NORMAL_95

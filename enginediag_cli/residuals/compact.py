@@ -18,7 +18,7 @@ import numpy as np
 
 from enginediag_cli.engine.start import StartFit, coordinates
 from enginediag_cli.engine.wrapped import MonitoredModel
-from enginediag_cli.error_model.modelled import MapErrorModel
+from enginediag_cli.error_model.maps import MapErrorModel
 from enginediag_cli.residuals.distributions import median
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.reduced import (

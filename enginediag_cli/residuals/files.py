@@ -26,15 +26,12 @@ from enginediag_cli.errors import DataError, NoVerdictError
 from enginediag_cli.intake.intake import File, Intake
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.recordings.table import Recording, concat
-from enginediag_cli.residuals.excitation import root_of
 from enginediag_cli.residuals.flat import DIGITS, MadeWith, is_flat, plan_cells
 from enginediag_cli.residuals.gross_gate import GrossErrorGate
-from enginediag_cli.residuals.groups import FlightHours, Key, group_rows
 from enginediag_cli.residuals.monitor import Monitor, Offset
 from enginediag_cli.residuals.pipeline import condensed, window_statistics
-from enginediag_cli.residuals.reduced import Economy, reduced, with_lagging
-from enginediag_cli.residuals.series_monitor import monitored_as_read
-from enginediag_cli.residuals.statistics import LocalStatistics
+from enginediag_cli.residuals.reduced import Economy, monitored_as_read, reduced, with_lagging
+from enginediag_cli.residuals.statistics import LocalStatistics, root_of
 from enginediag_cli.residuals.statistics_file import (
     Ledger,
     as_read,
@@ -44,7 +41,15 @@ from enginediag_cli.residuals.statistics_file import (
     refuse_ignored_options,
     unmarginalised,
 )
-from enginediag_cli.residuals.windows import Elsewhere, WindowPlan, WindowStatistics, not_read
+from enginediag_cli.residuals.windows import (
+    Elsewhere,
+    FlightHours,
+    Key,
+    WindowPlan,
+    WindowStatistics,
+    group_rows,
+    not_read,
+)
 
 PLAUSIBLE_SCALE = 0.01
 """Unit in which an added scale offset is measured; it only has to be of the right order."""

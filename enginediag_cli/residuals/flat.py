@@ -29,8 +29,7 @@ import numpy as np
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.parameters import Parameter, meanings
-from enginediag_cli.residuals.excitation import range_space
-from enginediag_cli.residuals.statistics import LocalStatistics
+from enginediag_cli.residuals.statistics import LocalStatistics, range_space
 from enginediag_cli.residuals.windows import Elsewhere, WindowPlan, WindowStatistics
 from enginediag_cli.safe_text import UNSPEAKABLE
 

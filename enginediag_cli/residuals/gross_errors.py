@@ -30,7 +30,7 @@ from itertools import groupby
 import numpy as np
 
 from enginediag_cli.residuals.distributions import chdtri, median
-from enginediag_cli.residuals.noise import NoiseModel
+from enginediag_cli.residuals.instruments import NoiseModel
 
 GROSS = 4.5
 """Standard deviations beyond which a reading is a gross error: 7 in a million Gaussian readings are, and the variance

@@ -18,14 +18,14 @@ import numpy as np
 from enginediag_cli.engine.instrument_errors import DRIFT, InputErrors, InstrumentDrifts
 from enginediag_cli.engine.moving.tape import Lagging
 from enginediag_cli.engine.wrapped import MonitoredModel
-from enginediag_cli.error_model.slopes import MapSlopes, map_slopes
+from enginediag_cli.error_model.sizes import MapSlopes, map_slopes
 from enginediag_cli.errors import DataError
-from enginediag_cli.identification.lagging import LaggingReading
+from enginediag_cli.identification.instruments import LaggingReading
 from enginediag_cli.identification.problem import OffsetPrior
 from enginediag_cli.intake.agreement import Agreement
 from enginediag_cli.intake.comparison import yardstick_of_nominal
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.residuals.noise import NoiseModel
+from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.relinearise import Hold
 from enginediag_cli.residuals.statistics import Frame
 from enginediag_cli.units import split_column

@@ -15,21 +15,26 @@ from itertools import pairwise
 import numpy as np
 
 from enginediag_cli.engine.instrument_errors import ELAPSED, suspected
-from enginediag_cli.error_model.slopes import COMMON
+from enginediag_cli.error_model.sizes import SLOPES_COMMON as COMMON
 from enginediag_cli.progress import each
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.groups import Key, runs
-from enginediag_cli.residuals.instruments import NOISE, InstrumentFault, scattering, weighed, weights
-from enginediag_cli.residuals.judged_records import JudgedRecords, Keeping, RecordsOfWindow, StoredRecords
-from enginediag_cli.residuals.long_windows import RUN, long_statistics
+from enginediag_cli.residuals.instruments import NOISE, InstrumentFault, NoiseModel, scattering, weighed, weights
+from enginediag_cli.residuals.long_windows import (
+    RUN,
+    JudgedRecords,
+    Keeping,
+    RecordsOfWindow,
+    StoredRecords,
+    long_statistics,
+)
 from enginediag_cli.residuals.monitor import HELD, Monitor
-from enginediag_cli.residuals.noise import NoiseModel
 from enginediag_cli.residuals.reduced import ReducedMonitor
 from enginediag_cli.residuals.relinearise import Stop, covariance_of_change, relinearise, sums_by_point
 from enginediag_cli.residuals.score import marginalise
 from enginediag_cli.residuals.statistics import Block, LocalStatistics, block_statistics
 from enginediag_cli.residuals.windows import (
     JudgedInputs,
+    Key,
     NominalResiduals,
     WindowPlan,
     WindowStatistics,
@@ -37,6 +42,7 @@ from enginediag_cli.residuals.windows import (
     joined,
     nominal_residuals,
     nothing_judged,
+    runs,
 )
 from enginediag_cli.side_by_side import in_turn, jobs
 

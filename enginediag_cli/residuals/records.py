@@ -19,11 +19,10 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.groups import KEYS
+from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.noise import NoiseModel
 from enginediag_cli.residuals.statistics import whiten
-from enginediag_cli.residuals.windows import check_inputs, judged_inputs
+from enginediag_cli.residuals.windows import KEYS, check_inputs, judged_inputs
 
 STATES = ("ok", "outside the maps", "did not converge", "invalid input")
 

@@ -37,9 +37,8 @@ from typing import Protocol
 import numpy as np
 
 from enginediag_cli.identification.map_error import Cells
-from enginediag_cli.residuals.excitation import range_space, root_of
-from enginediag_cli.residuals.noise import NoiseModel
-from enginediag_cli.residuals.statistics import LocalStatistics, whiten, whitened
+from enginediag_cli.residuals.instruments import NoiseModel
+from enginediag_cli.residuals.statistics import LocalStatistics, range_space, root_of, whiten, whitened
 
 Predict = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 """predict(theta (n, p), rows (n,)) -> y (n, m), J (n, m, p), ok (n,): one parameter vector per record. Except

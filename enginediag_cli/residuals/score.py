@@ -15,8 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from enginediag_cli.parameters import Parameter, meanings
-from enginediag_cli.residuals.excitation import RANK_TOLERANCE, RangeSpace, range_space, root_of
-from enginediag_cli.residuals.statistics import LocalStatistics
+from enginediag_cli.residuals.statistics import RANK_TOLERANCE, LocalStatistics, RangeSpace, range_space, root_of
 
 
 @dataclass(frozen=True)

@@ -30,13 +30,12 @@ import numpy as np
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.residuals.excitation import root_of
 from enginediag_cli.residuals.flat import CHECKSUM, MadeWith, checksum, is_flat, made_with, read_flat
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import Condense, condensed
 from enginediag_cli.residuals.reduced import ReducedMonitor
 from enginediag_cli.residuals.score import marginalise
-from enginediag_cli.residuals.statistics import LocalStatistics
+from enginediag_cli.residuals.statistics import LocalStatistics, root_of
 from enginediag_cli.residuals.windows import WindowStatistics
 
 MAKE_ANEW = "make them anew with `enginediag residual` from the recordings"

@@ -20,7 +20,7 @@ from typing import Any
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.nominal_file import write_nominal
-from enginediag_cli.identification.training import without_repeats
+from enginediag_cli.identification.problem import without_repeats
 from enginediag_cli.intake.baseline import open_baseline
 from enginediag_cli.intake.flights import whole_flights
 from enginediag_cli.intake.intake import Intake
@@ -32,7 +32,7 @@ from enginediag_cli.parameters import Parameter
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.provenance import sha256_of
 from enginediag_cli.residuals.files import JudgedFiles
-from enginediag_cli.residuals.kept_records import KeptRecords
+from enginediag_cli.residuals.long_windows import KeptRecords
 from enginediag_cli.residuals.monitor import monitor_of
 from enginediag_cli.units import split_column
 from enginediag_cli.validation.isolation_truths import reading

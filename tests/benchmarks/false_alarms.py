@@ -24,11 +24,10 @@ sys.path.insert(0, str(Path(__file__).parent))
 from end_to_end import end_to_end
 from linear_twin import Flown, draw_noise, fly, identified
 
-from enginediag_cli.detection.glr import critical_value
-from enginediag_cli.detection.verdict import unknown_noise
+from enginediag_cli.detection.verdict import critical_value, unknown_noise
 from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.monitor import noise_of
-from enginediag_cli.residuals.noise import NoiseModel
 from enginediag_cli.residuals.score import fisher_score, marginalise, score_map
 from enginediag_cli.residuals.statistics import Frame, local_statistics, whiten
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from enginediag_cli.detection.trend import series_of
+from enginediag_cli.detection.series import series_of
 from enginediag_cli.fleets.engine_judgement import judged_engine
 from enginediag_cli.fleets.finding import EngineHistory, FleetSettings
 from enginediag_cli.fleets.in_common import judged_fleet
@@ -26,7 +26,7 @@ from enginediag_cli.intake.source import Source
 from enginediag_cli.intake.wanted import columns_of
 from enginediag_cli.residuals.files import JudgedFiles, Judging
 from enginediag_cli.residuals.monitor import monitor_of
-from enginediag_cli.residuals.series_monitor import of_series
+from enginediag_cli.residuals.reduced import of_series
 from enginediag_cli.residuals.windows import WindowPlan
 
 ENGINE = Path(__file__).resolve().parents[2] / "configs" / "turbofan.yaml"

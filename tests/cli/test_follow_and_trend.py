@@ -18,7 +18,7 @@ from enginediag_cli.engine.instrument_errors import InputErrors
 from enginediag_cli.intake.baseline import open_baseline
 from enginediag_cli.recordings.recorder import load_recorder
 from enginediag_cli.residuals.monitor import monitor_of
-from enginediag_cli.residuals.series_monitor import effects_of_inputs
+from enginediag_cli.residuals.reduced import effects_of_inputs
 from enginediag_cli.units import split_column
 
 ENGINE = str(Path(__file__).parents[2] / "configs" / "turbofan.yaml")
@@ -253,6 +253,6 @@ def test_a_trend_of_some_parameters_alone_needs_no_direction_that_single_flights
 
 
 def test_more_flights_than_memory_should_hold_are_refused_with_what_to_do(files, monkeypatch, capsys):
-    monkeypatch.setattr("enginediag_cli.detection.trend.MOST_BYTES", 50e3)
+    monkeypatch.setattr("enginediag_cli.detection.series.MOST_BYTES", 50e3)
     assert run("trend", "-n", files["nominal.yaml"], files["flown.csv"])[0] == 2
     assert "MB of memory; give fewer files at once" in capsys.readouterr().err

@@ -11,17 +11,20 @@ import pytest
 from scipy.stats import binom
 from scipy.stats import f as f_law
 
-from enginediag_cli.detection.glr import (
+from enginediag_cli.detection.verdict import (
+    HEALTHY,
+    NO_VERDICT,
     NOTHING_REQUIRED,
     critical_value,
     glr_test,
+    judge,
     noise_correction,
     numerator,
     p_value,
     threshold,
+    unknown_noise,
 )
-from enginediag_cli.detection.verdict import HEALTHY, NO_VERDICT, judge, unknown_noise
-from enginediag_cli.residuals.noise import NoiseModel
+from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.score import fisher_score
 from enginediag_cli.residuals.statistics import Frame, local_statistics
 from enginediag_cli.residuals.windows import WindowStatistics

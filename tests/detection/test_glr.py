@@ -7,8 +7,8 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import binom, ncx2
 
-from enginediag_cli.detection.glr import glr_test, power, threshold
-from enginediag_cli.residuals.noise import NoiseModel, white_noise
+from enginediag_cli.detection.verdict import glr_test, power, threshold
+from enginediag_cli.residuals.instruments import NoiseModel, white_noise
 from enginediag_cli.residuals.score import fisher_score
 from enginediag_cli.residuals.statistics import Frame, local_statistics
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from enginediag_cli.detection.glr import glr_test, lack_of_fit
-from enginediag_cli.residuals.noise import white_noise
+from enginediag_cli.detection.verdict import glr_test, lack_of_fit
+from enginediag_cli.residuals.instruments import white_noise
 from enginediag_cli.residuals.score import fisher_score
 from enginediag_cli.residuals.statistics import Frame, local_statistics
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from enginediag_cli.detection.glr import (
+from enginediag_cli.detection.verdict import (
     minimum_change,
     must_show,
     power,

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.detection.readings import EpochStatistics, InputReadings, jump, readings_of
-from enginediag_cli.detection.trend import flight_change
+from enginediag_cli.detection.series import EpochStatistics, InputReadings, flight_change, jump, readings_of
 from enginediag_cli.detection.wander import LOCAL, Scatter, structure
 from enginediag_cli.isolation.over_time import TrendOptions, judge_series
 from enginediag_cli.isolation.story import UNRECORDED

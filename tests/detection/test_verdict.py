@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from toy_engine import SENSORS, SIGMA, ToyEngine, toy_monitor, toy_recording
 
-from enginediag_cli.detection.glr import LackOfFit
-from enginediag_cli.detection.verdict import FAULT, HEALTHY, NO_VERDICT, judge, lifeless
+from enginediag_cli.detection.verdict import FAULT, HEALTHY, NO_VERDICT, LackOfFit, judge, lifeless
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.gross_gate import GrossErrorGate
 from enginediag_cli.residuals.pipeline import window_statistics

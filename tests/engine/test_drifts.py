@@ -8,7 +8,7 @@ import pytest
 from enginediag_cli.engine.instrument_errors import ELAPSED, InputErrors, InstrumentDrifts
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.groups import FlightHours
+from enginediag_cli.residuals.windows import FlightHours
 from enginediag_cli.shipped import shipped
 
 HOURS = np.array([0.0, 0.5, 2.0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.error_model.curves import (
+from enginediag_cli.error_model.maps import (
     BEYOND,
     CURVES,
     EDGE,

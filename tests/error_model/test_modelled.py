@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from engine_makers import fourth_order, operating_points, turbofan
 
-from enginediag_cli.error_model.curves import CURVES, QUANTITIES, learn_curves, machines_of
-from enginediag_cli.error_model.modelled import FAMILY, MapErrorModel
+from enginediag_cli.error_model.maps import CURVES, FAMILY, QUANTITIES, MapErrorModel, learn_curves, machines_of
 
 AMOUNTS = {
     "map_error.hpc.efficiency.1": 0.01,

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from enginediag_cli.error_model.modelled import MapErrorModel
-from enginediag_cli.error_model.points import OperatingPoints, PointErrorModel, sized
+from enginediag_cli.error_model.maps import MapErrorModel, OperatingPoints, PointErrorModel, sized
 from enginediag_cli.physics.engine_file import load_engine
 
 CONFIGS = Path(__file__).parents[2] / "configs"

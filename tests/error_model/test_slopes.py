@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from engine_makers import operating_points, turbofan
 
-from enginediag_cli.error_model.curves import QUANTITIES, machines_of
-from enginediag_cli.error_model.modelled import ErrorModel, map_accuracy_of
-from enginediag_cli.error_model.slopes import GENERIC, SLOPES, MapSlopes, map_slopes
+from enginediag_cli.error_model.maps import QUANTITIES, ErrorModel, machines_of, map_accuracy_of
+from enginediag_cli.error_model.sizes import GENERIC, SLOPES, MapSlopes, map_slopes
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import small_fleet
 
-from enginediag_cli.detection.trend import series_of
+from enginediag_cli.detection.series import series_of
 from enginediag_cli.fleets import condense as module
 from enginediag_cli.fleets.condense import CondenseTask, condense, whole_monitor
 from enginediag_cli.fleets.condensed_file import CondensedReader

@@ -15,7 +15,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from enginediag_cli.detection.trend import Series, Stretch
+from enginediag_cli.detection.series import Series, Stretch
 from enginediag_cli.fleets.engine_judgement import judged_engine
 from enginediag_cli.fleets.finding import EngineFinding, EngineHistory, Event, FleetSettings
 from enginediag_cli.fleets.margin import MarginScale, margin_scale

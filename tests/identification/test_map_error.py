@@ -8,8 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from enginediag_cli.error_model.curves import QUANTITIES, learn_curves, machines_of
-from enginediag_cli.error_model.modelled import FAMILY, MapErrorModel
+from enginediag_cli.error_model.maps import FAMILY, QUANTITIES, MapErrorModel, learn_curves, machines_of
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.map_error import EXCITED
 from enginediag_cli.identification.nominal_checks import NONE, with_accuracy

@@ -11,8 +11,7 @@ import pytest
 from engine_makers import turbofan
 from identification_toy import ToyEngine, fly
 
-from enginediag_cli.error_model.curves import MapCurves
-from enginediag_cli.error_model.modelled import ErrorModel
+from enginediag_cli.error_model.maps import ErrorModel, MapCurves
 from enginediag_cli.errors import ConfigError
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.nominal import Estimate

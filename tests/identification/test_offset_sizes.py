@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.identification.offsets import ArrowData, likeliest_offsets, log_likelihood
+from enginediag_cli.identification.instruments import ArrowData, likeliest_offsets, log_likelihood
 
 
 def drawn(rng, recordings, size, information=400.0, parameters=1):

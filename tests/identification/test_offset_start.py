@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from identification_toy import ToyEngine, fly
 
+from enginediag_cli.identification.instruments import first_offsets
 from enginediag_cli.identification.normal_equations import predict
-from enginediag_cli.identification.offsets import first_offsets
 from enginediag_cli.identification.problem import IdentificationSettings, build_problem
 
 

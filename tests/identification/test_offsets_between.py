@@ -12,9 +12,7 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.identification.covariance import uncertainty
 from enginediag_cli.identification.gauss_newton import solve
 from enginediag_cli.identification.identify import identify
-from enginediag_cli.identification.noise import NEIGHBOURS
-from enginediag_cli.identification.normal_equations import blocks, normal_equations
-from enginediag_cli.identification.offsets import (
+from enginediag_cli.identification.instruments import (
     COMMON,
     LEAST,
     OWN,
@@ -25,6 +23,8 @@ from enginediag_cli.identification.offsets import (
     spread_of_sizes,
     with_offsets,
 )
+from enginediag_cli.identification.noise import NEIGHBOURS
+from enginediag_cli.identification.normal_equations import blocks, normal_equations
 from enginediag_cli.identification.problem import IdentificationSettings, OffsetPrior, build_problem
 
 

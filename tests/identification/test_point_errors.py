@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from enginediag_cli.error_model.points import POINT_FAMILY, PointErrorModel
+from enginediag_cli.error_model.maps import POINT_FAMILY, PointErrorModel
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.map_error import with_point_errors
 from enginediag_cli.identification.nominal_file import read_nominal, write_nominal

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.identification.quality import assign_regimes, sensor_quality, shown_unit
+from enginediag_cli.identification.nominal import assign_regimes, sensor_quality, shown_unit
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from enginediag_cli.identification.quality import assign_regimes
+from enginediag_cli.identification.nominal import assign_regimes
 
 N = 90
 RNG = np.random.default_rng(5)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from enginediag_cli.identification.problem import TrainingRecording
-from enginediag_cli.identification.training import Repeat, without_repeats
+from enginediag_cli.identification.problem import Repeat, TrainingRecording, without_repeats
 
 COLUMNS = ("Wf_kg_s", "T3_K")
 

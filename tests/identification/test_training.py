@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.identification.problem import TrainingRecording
-from enginediag_cli.identification.training import first_records, hold_out_end, training_recordings
+from enginediag_cli.identification.problem import TrainingRecording, first_records, hold_out_end, training_recordings
 from enginediag_cli.recordings.table import Recording
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from enginediag_cli.residuals.noise import white_noise
+from enginediag_cli.residuals.instruments import white_noise
 from enginediag_cli.residuals.score import Score, fisher_score
 from enginediag_cli.residuals.statistics import Frame, local_statistics
 

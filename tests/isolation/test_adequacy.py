@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import norm
 from turbofan_trials import turbofan_monitor
 
-from enginediag_cli.detection.glr import lack_of_fit
+from enginediag_cli.detection.verdict import lack_of_fit
 from enginediag_cli.isolation.adequacy import (
     beyond_bounds,
     fit_after,
@@ -22,7 +22,7 @@ from enginediag_cli.isolation.diagnosis import DiagnosisOptions, diagnose
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.isolation.result import estimate_sizes
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.noise import KNOWN
+from enginediag_cli.residuals.instruments import KNOWN
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.score import fisher_score
 from enginediag_cli.residuals.windows import WindowPlan

@@ -16,7 +16,7 @@ from enginediag_cli.isolation.large_faults import WindowModel
 from enginediag_cli.isolation.of_windows import telling_sensors
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.report.sentences import one_of
-from enginediag_cli.residuals.noise import white_noise
+from enginediag_cli.residuals.instruments import white_noise
 from enginediag_cli.simulation.noise import ColumnNoise
 from enginediag_cli.validation.studies import known_nominal
 

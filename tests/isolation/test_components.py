@@ -14,7 +14,7 @@ from enginediag_cli.isolation.components import component_posterior, isolate_com
 from enginediag_cli.isolation.methods import IsolationOptions
 from enginediag_cli.isolation.posterior import set_posterior
 from enginediag_cli.isolation.prior import Instruments, SetPrior
-from enginediag_cli.residuals.noise import white_noise
+from enginediag_cli.residuals.instruments import white_noise
 from enginediag_cli.residuals.score import fisher_score
 from enginediag_cli.residuals.statistics import Frame, local_statistics
 

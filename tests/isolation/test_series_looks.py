@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.detection.readings import readings_of
+from enginediag_cli.detection.series import readings_of
 from enginediag_cli.detection.wander import courses, places
 from enginediag_cli.isolation.over_time import SETTLED, Looks
 from enginediag_cli.isolation.prior import SetPrior

@@ -11,8 +11,8 @@ from toy_engine import SIGMA, toy_monitor
 
 from enginediag_cli.methods.base import Windows
 from enginediag_cli.parameters import Parameter
+from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.noise import NoiseModel
 
 NAMES = ("a", "b", "c")
 SENSORS = ("y1", "y2", "y3", "y4")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ground_recordings import CONFIGS
 
-from enginediag_cli.detection.trend import Series, series_of
+from enginediag_cli.detection.series import Series, series_of
 from enginediag_cli.fleets.finding import EngineHistory
 from enginediag_cli.intake.baseline import open_baseline
 from enginediag_cli.intake.intake import Intake
@@ -14,7 +14,7 @@ from enginediag_cli.intake.source import Source
 from enginediag_cli.intake.wanted import columns_of
 from enginediag_cli.residuals.files import JudgedFiles, Judging
 from enginediag_cli.residuals.monitor import monitor_of
-from enginediag_cli.residuals.series_monitor import of_series
+from enginediag_cli.residuals.reduced import of_series
 from enginediag_cli.residuals.windows import WindowPlan
 
 RECORDER = CONFIGS / "recorders" / "cmapss.yaml"

@@ -21,7 +21,7 @@ from fleet_histories import fleet_series, histories
 from scipy.stats import spearmanr
 
 from enginediag_cli.detection.forecast import Forecast, fitted, forecast, learnt
-from enginediag_cli.detection.trend import Series
+from enginediag_cli.detection.series import Series
 from enginediag_cli.fleets.engine_judgement import judged_engine
 from enginediag_cli.fleets.finding import EngineHistory, FleetSettings
 from enginediag_cli.fleets.in_common import judged_fleet

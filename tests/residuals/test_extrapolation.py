@@ -8,7 +8,7 @@ import numpy as np
 
 from enginediag_cli.detection.verdict import FAULT, judge
 from enginediag_cli.identification.identify import identify
-from enginediag_cli.identification.training import TrainingRecording
+from enginediag_cli.identification.problem import TrainingRecording
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.report.recordings import elsewhere_lines

@@ -16,9 +16,8 @@ from enginediag_cli.residuals.gross_errors import (
     find_gross_errors,
     running_median,
 )
-from enginediag_cli.residuals.gross_gate import GrossErrorGate
-from enginediag_cli.residuals.live_gate import LiveGate, LiveRecords
-from enginediag_cli.residuals.noise import NoiseModel
+from enginediag_cli.residuals.gross_gate import GrossErrorGate, LiveGate, LiveRecords
+from enginediag_cli.residuals.instruments import NoiseModel
 
 N, M, P, Q = 130, 7, 5, 3
 

@@ -7,6 +7,7 @@ import pytest
 
 from enginediag_cli.recordings.repeated import StuckRun, joined_runs, stuck_runs
 from enginediag_cli.residuals.instruments import (
+    NoiseModel,
     Scatter,
     identical,
     scattering,
@@ -15,8 +16,8 @@ from enginediag_cli.residuals.instruments import (
     stuck_outputs,
     weighed,
     weights,
+    white_noise,
 )
-from enginediag_cli.residuals.noise import NoiseModel, white_noise
 
 SIGMA = np.array([2.0, 0.5, 30.0, 1.0])
 M = len(SIGMA)

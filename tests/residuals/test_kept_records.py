@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from toy_engine import toy_monitor, toy_recording
 
-from enginediag_cli.residuals.kept_records import KeptRecords
+from enginediag_cli.residuals.long_windows import KeptRecords
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.windows import plan_windows
 

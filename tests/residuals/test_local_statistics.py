@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.residuals.noise import NoiseModel, white_noise
+from enginediag_cli.residuals.instruments import NoiseModel, white_noise
 from enginediag_cli.residuals.score import fisher_score, marginalise
 from enginediag_cli.residuals.statistics import Frame, LocalStatistics, block_statistics, local_statistics
 

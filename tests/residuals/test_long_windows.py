@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from toy_engine import toy_monitor, toy_recording
 
-from enginediag_cli.residuals import judged_records, long_windows, pipeline
+from enginediag_cli.residuals import long_windows, pipeline
+from enginediag_cli.residuals import long_windows as judged_records
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.windows import plan_windows
 

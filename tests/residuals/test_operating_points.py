@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from enginediag_cli.residuals.noise import white_noise
+from enginediag_cli.residuals.instruments import white_noise
 from enginediag_cli.residuals.relinearise import covariance_of_change, sums_by_point
 from enginediag_cli.residuals.score import marginalise
 from enginediag_cli.residuals.statistics import Frame, local_statistics

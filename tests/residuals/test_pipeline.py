@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from toy_engine import HEALTH, SENSORS, SIGMA, toy_monitor, toy_recording
 
-from enginediag_cli.detection.glr import lack_of_fit
-from enginediag_cli.detection.verdict import judge
+from enginediag_cli.detection.verdict import judge, lack_of_fit
 from enginediag_cli.errors import DataError
 from enginediag_cli.isolation.methods import isolate
 from enginediag_cli.residuals.pipeline import window_statistics

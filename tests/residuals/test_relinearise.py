@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.residuals.noise import white_noise
+from enginediag_cli.residuals.instruments import white_noise
 from enginediag_cli.residuals.relinearise import Hold, Stop, relinearise, within
 from enginediag_cli.residuals.score import fisher_score
 from enginediag_cli.residuals.statistics import Frame, local_statistics

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from enginediag_cli.residuals.excitation import root_of
+from enginediag_cli.residuals.statistics import root_of
 
 SCALE = np.array([3e-3, 2e-2, 3e5])
 """Error of a map, of an efficiency, and of a heating value in J/kg."""

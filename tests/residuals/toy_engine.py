@@ -11,8 +11,8 @@ from parameter_makers import meaning_of
 from enginediag_cli.identification.nominal import Envelope
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.recordings.table import Recording
+from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.monitor import Monitor, Offset
-from enginediag_cli.residuals.noise import NoiseModel
 
 SENSORS = ("T3_K", "P3_Pa", "T5_K", "N1_rpm", "N2_rpm")
 SIGMA = np.array([1.0, 2e3, 2.0, 5.0, 10.0])

@@ -40,7 +40,7 @@ from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv
 from enginediag_cli.residuals.files import JudgedFiles, Judging
-from enginediag_cli.residuals.kept_records import KeptRecords
+from enginediag_cli.residuals.long_windows import KeptRecords
 from enginediag_cli.residuals.monitor import Monitor, monitor_of
 from enginediag_cli.residuals.windows import WindowPlan
 from enginediag_cli.shipped import shipped

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from score_makers import linear_score, sensitivities
 
 from enginediag_cli.__main__ import main
-from enginediag_cli.detection.trend import series_of
+from enginediag_cli.detection.series import series_of
 from enginediag_cli.fleets.maintenance import difference, maintenance_of
 from enginediag_cli.fleets.work_scope import (
     Moments,

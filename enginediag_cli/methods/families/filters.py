@@ -59,8 +59,8 @@ from enginediag_cli.methods.base import (
     chi_square_test,
 )
 from enginediag_cli.methods.families.local import holm
-from enginediag_cli.residuals.excitation import RANK_TOLERANCE
 from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.statistics import RANK_TOLERANCE
 
 NO_VARIANCE = 1e-300
 """Least variance that is divided by: of a state that is known for certain, which then counts as unmoved."""

@@ -41,13 +41,12 @@ from enginediag_cli.config.fields import Field
 from enginediag_cli.isolation.methods import METHODS, NAMING, IsolationOptions, single_sensitivities
 from enginediag_cli.methods.base import PARAMETERS, FittedMethod, Method, Verdicts, Windows, chi_square_test
 from enginediag_cli.methods.evidence import LINEARISE_FIELD
-from enginediag_cli.residuals.excitation import RANK_TOLERANCE, root_of
+from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.noise import NoiseModel
 from enginediag_cli.residuals.pipeline import LINEARISE
 from enginediag_cli.residuals.relinearise import relinearise
 from enginediag_cli.residuals.score import Score, fisher_score
-from enginediag_cli.residuals.statistics import block_statistics, whiten
+from enginediag_cli.residuals.statistics import RANK_TOLERANCE, block_statistics, root_of, whiten
 
 
 def white_residuals(e: np.ndarray, J: np.ndarray, noise: NoiseModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

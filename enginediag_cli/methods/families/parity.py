@@ -32,8 +32,8 @@ import numpy as np
 from enginediag_cli.config.fields import Field
 from enginediag_cli.methods.base import NOTHING, PARAMETERS, FittedMethod, Method, Verdicts, Windows, chi_square_test
 from enginediag_cli.methods.families.local import WindowSums, nominal_residuals, white_residuals, window_sums
-from enginediag_cli.residuals.excitation import RANK_TOLERANCE
 from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.statistics import RANK_TOLERANCE
 
 REDUCTIONS = ("mean", "records")
 

@@ -10,8 +10,8 @@ import numpy as np
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.errors import EngineDiagError
 from enginediag_cli.identification.identify import Identification, identify
+from enginediag_cli.identification.nominal import on_unseen
 from enginediag_cli.identification.problem import TrainingRecording, settings_from_mapping
-from enginediag_cli.identification.quality import on_unseen
 
 BLOCKS = 16
 """Runs of records, of which each says for itself which engine fits better: hours of a day say the same."""

@@ -24,7 +24,7 @@ import numpy as np
 from scipy import special
 
 from enginediag_cli.engine.instrument_errors import suspected
-from enginediag_cli.error_model.curves import QUANTITIES
+from enginediag_cli.error_model.maps import QUANTITIES
 from enginediag_cli.isolation.flips.errors import INPUT, MAP, PERCENT, PLAUSIBLE, PRIOR, SENSOR, STATED, SingleError
 from enginediag_cli.isolation.flips.flips import MOST, Flip, Flips
 from enginediag_cli.mismatch.explain.answer import LAW, NAMED, Answer

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.error_model.modelled import ErrorModel
+from enginediag_cli.error_model.maps import ErrorModel
 from enginediag_cli.identification.problem import OffsetPrior, TrainingRecording
 
 

@@ -11,8 +11,8 @@ from enginediag_cli.drivers import drivers
 from enginediag_cli.engine.term import DriverValues, Effect
 from enginediag_cli.errors import NoVerdictError
 from enginediag_cli.identification.gauss_newton import HOPE, Fit, solve
+from enginediag_cli.identification.nominal import with_regimes
 from enginediag_cli.identification.problem import IdentificationSettings, Problem, TrainingRecording, build_problem
-from enginediag_cli.identification.quality import with_regimes
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.extended import NUMBER, Discrepancy, ExtendedModel
 from enginediag_cli.mismatch.fit.nuisance import constants, floor, found_floor, read_wrong

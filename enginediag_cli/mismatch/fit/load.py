@@ -28,7 +28,7 @@ from enginediag_cli.config.hints import near
 from enginediag_cli.engine.blocks import MISMATCH
 from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.error_model.modelled import map_accuracy_of
+from enginediag_cli.error_model.maps import map_accuracy_of
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.nominal import Nominal
 from enginediag_cli.identification.nominal_checks import with_accuracy
@@ -48,7 +48,7 @@ from enginediag_cli.mismatch.fit.self_identified import SelfIdentified, left_by_
 from enginediag_cli.mismatch.fit.share import share_of
 from enginediag_cli.mismatch.fit.stated_priors import with_stated_priors
 from enginediag_cli.residuals.gross_gate import gross_of_flight
-from enginediag_cli.residuals.noise import NoiseModel
+from enginediag_cli.residuals.instruments import NoiseModel
 
 MOST_SEARCHED = 160_000
 """Records that are searched at most, some 4 kB of each: 200 flights of an airliner once in ten seconds, of which a

@@ -16,8 +16,7 @@ import numpy as np
 
 from enginediag_cli.drivers import polynomials
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.error_model.curves import CURVES, QUANTITIES, machines_of, map_coordinates
-from enginediag_cli.error_model.modelled import ErrorModel, map_error_name
+from enginediag_cli.error_model.maps import CURVES, QUANTITIES, ErrorModel, machines_of, map_coordinates, map_error_name
 from enginediag_cli.identification.nominal import Nominal
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.parameters import Parameter

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.error_model.modelled import ErrorModel
+from enginediag_cli.error_model.maps import ErrorModel
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.nominal import Nominal
 from enginediag_cli.identification.problem import Problem

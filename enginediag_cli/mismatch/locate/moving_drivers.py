@@ -13,7 +13,7 @@ from enginediag_cli.drivers import LAGGING, RATE
 from enginediag_cli.engine.moving.filters import Lag, RateOfChange
 from enginediag_cli.engine.moving.tape import MOMENT, NO_MOMENT, Tape
 from enginediag_cli.engine.term import DriverValues
-from enginediag_cli.identification.lagging import stretches
+from enginediag_cli.identification.instruments import stretches
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.identified import stacked
 

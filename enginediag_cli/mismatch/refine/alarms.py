@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from enginediag_cli.detection.glr import NOTHING_REQUIRED
-from enginediag_cli.detection.verdict import FAULT, NO_VERDICT, judge
+from enginediag_cli.detection.verdict import FAULT, NO_VERDICT, NOTHING_REQUIRED, judge
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.problem import TrainingRecording, settings_from_mapping

@@ -10,8 +10,8 @@ from scipy import stats
 
 from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
+from enginediag_cli.identification.nominal import SensorQuality, sensor_quality
 from enginediag_cli.identification.problem import TrainingRecording
-from enginediag_cli.identification.quality import SensorQuality, sensor_quality
 from enginediag_cli.mismatch.controlled.find import MOST_BLOCKS, Found
 from enginediag_cli.mismatch.controlled.fitted import Errors, Fitted, fitted, gain
 from enginediag_cli.mismatch.controlled.law import ControlLaw

@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.identification.gauss_newton import Fit
+from enginediag_cli.identification.nominal import EVERYTHING, SensorQuality, sensor_quality
 from enginediag_cli.identification.normal_equations import normal_equations
-from enginediag_cli.identification.quality import EVERYTHING, SensorQuality, sensor_quality
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
 from enginediag_cli.mismatch.fit.identified import Identified, Nuisance, problem_with
 from enginediag_cli.mismatch.fit.projection import Frame, nuisance_columns

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from enginediag_cli.drivers import CONSTANT
-from enginediag_cli.identification.quality import EVERYTHING
+from enginediag_cli.identification.nominal import EVERYTHING
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.report.controls import fall_in_words, headline
 from enginediag_cli.report.laws import equation
@@ -28,7 +28,7 @@ from enginediag_cli.report.refinements import alarms_in_words, named_effect, uns
 from enginediag_cli.report.sentences import count
 
 if TYPE_CHECKING:
-    from enginediag_cli.identification.quality import SensorQuality
+    from enginediag_cli.identification.nominal import SensorQuality
     from enginediag_cli.mismatch.explain.story import Story
     from enginediag_cli.mismatch.refine.controlled import ControlRefinement
     from enginediag_cli.mismatch.refine.refine import Refinement

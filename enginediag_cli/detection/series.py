@@ -1,4 +1,17 @@
-"""Health in one flight of many: the changes of each parameter from nominal, from the sums of its windows.
+"""The series of one engine as its readings: what each epoch's readings are off by, and what every suspect does to them.
+
+Where the error of each output sensor is among the parameters, the statistics of an epoch hold its readings:
+
+    s_S = R⁻¹ e,   F_SS = R⁻¹,   F_Sa = R⁻¹ J_a      ⇒      e = F_SS⁻¹ s_S,   J = F_SS⁻¹ F_S·
+
+whatever R is, summed over records or with everything uncertain about nominal counted as noise. Statistics without
+sensors have directions of the parameters in their place, as far as every epoch tells them.
+
+An instrument that gives the model an input stands in the series with what it read, too: an error of it is in its own
+readings by as much as it moves the prediction, and at the same time. Weather and a governor move them, which is
+learnt as any wandering is; what no weather does, such as two kilopascals between two hours, no barometer did unseen.
+
+Health in one flight of many: the changes of each parameter from nominal, from the sums of its windows.
 
 The series of files: windows of a flight are added up, flights of an engine follow each other, across files.
 """
@@ -12,16 +25,271 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from enginediag_cli.detection.readings import EpochStatistics, InputReadings, Readings, jump, readings_of
 from enginediag_cli.engine.instrument_errors import InputError
 from enginediag_cli.errors import DataError
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.files import Window
 from enginediag_cli.residuals.instruments import FaultInFlights, InstrumentFault, faults_in_flights
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.series_monitor import effects_of_inputs
+from enginediag_cli.residuals.reduced import effects_of_inputs
 from enginediag_cli.residuals.statistics import LocalStatistics
 from enginediag_cli.residuals.windows import WindowStatistics, joined
+
+TOLD = 1e-6
+"""Share of the information of the best told direction below which a direction is not told at all."""
+
+
+OVER_GAPS = 0.25
+"""Share of the epochs of a joined series that begin after the longest times without any."""
+
+
+@dataclass(frozen=True)
+class Readings:
+    """n epochs in order of time, m readings, p parameters that may change.
+
+    z (n, m): readings minus prediction in units of their noise; J (n, m, p): what one prior standard deviation D (p,)
+    of each parameter adds to them; noise (m, m): covariance of z by the stated noise; clock (n,): mean time, in any
+    unit that runs forward; flights (n,): how many flights or windows an epoch holds; first (n,): number of its first
+    one, from 0; weather (n, c): functions of the conditions flown, of mean 0 and unit size. The last `inputs` of the m
+    are what instruments of inputs read, in units of what they differ by from one epoch to the next.
+    """
+
+    parameters: tuple[str, ...]
+    D: np.ndarray
+    z: np.ndarray
+    J: np.ndarray
+    noise: np.ndarray
+    clock: np.ndarray
+    flights: np.ndarray
+    first: np.ndarray
+    weather: np.ndarray
+    inputs: int = 0
+
+    def __len__(self) -> int:
+        return len(self.z)
+
+    def joined(self, most: int) -> Readings:
+        """The same series in `most` epochs at most, none of which reaches over one of the longest times without any:
+        what changed in such a time would be half in its epoch."""
+        n = len(self)
+        if n <= most:
+            return self
+        gap = np.diff(self.clock)
+        longest = np.argsort(-gap, kind="stable")[: int(OVER_GAPS * most)]
+        longest = longest[gap[longest] > np.median(gap)]
+        even = np.linspace(0, n, most - len(longest), endpoint=False).round().astype(int)
+        at = np.unique(np.concatenate([even, longest + 1]))
+        total = np.add.reduceat(self.flights, at)
+
+        def mean(values: np.ndarray) -> np.ndarray:
+            weight = self.flights.reshape(-1, *[1] * (values.ndim - 1))
+            return np.add.reduceat(values * weight, at, axis=0) / total.reshape(-1, *[1] * (values.ndim - 1))
+
+        return replace(
+            self,
+            z=mean(self.z),
+            J=mean(self.J),
+            clock=mean(self.clock),
+            weather=mean(self.weather),
+            noise=self.noise * len(at) / n,
+            flights=total,
+            first=self.first[at],
+        )
+
+
+@dataclass(frozen=True)
+class EpochStatistics:
+    """What readings take of the statistics of one epoch of n records: s (p,), and of F the rows (r, p) of the
+    parameters at `rows` (r,), those of biases of sensors, all where there are none. They add as statistics do."""
+
+    parameters: tuple[str, ...]
+    prior_sigma: np.ndarray
+    s: np.ndarray
+    information: np.ndarray
+    rows: np.ndarray
+    n: int
+
+    @staticmethod
+    def from_statistics(statistics: LocalStatistics, biases: Collection[str]) -> EpochStatistics:
+        """biases: names of those among the parameters."""
+        names = statistics.parameters
+        rows = np.array([i for i, name in enumerate(names) if name in biases] or range(len(names)), int)
+        information = statistics.F[rows]
+        return EpochStatistics(names, statistics.prior_sigma, statistics.s, information, rows, statistics.n)
+
+    def __add__(self, other: EpochStatistics) -> EpochStatistics:
+        if self.parameters != other.parameters:
+            raise ValueError("statistics of different parameters cannot be added")
+        information = self.information + other.information
+        return replace(self, s=self.s + other.s, information=information, n=self.n + other.n)
+
+    @property
+    def F(self) -> np.ndarray:
+        """(p, p), rows that are not kept being unknown, NaN."""
+        found = np.full((len(self.parameters),) * 2, np.nan)
+        found[self.rows] = self.information
+        return found
+
+
+def readings_of(
+    statistics: Sequence[LocalStatistics | EpochStatistics],
+    described: Sequence[Parameter],
+    clock: np.ndarray,
+    conditions: np.ndarray | None = None,
+    read: Mapping[str, InputReadings] | None = None,
+    effects: Mapping[str, Mapping[str, np.ndarray]] | None = None,
+) -> Readings:
+    """One epoch per element, in order; described (p,): their parameters that may change; conditions (n, c): means of
+    what was flown; read: what the instruments of inputs read, by column; effects: of errors of inputs, what one prior
+    standard deviation does to the reading (n,) of each sensor, by the name of its bias, where that is not what the
+    statistics say. ValueError when the statistics are of different parameters."""
+    first = statistics[0]
+    if any(x.parameters != first.parameters for x in statistics):
+        raise ValueError("statistics of different parameters have no common trend")
+    position = {name: i for i, name in enumerate(first.parameters)}
+    at = np.array([position[p.name] for p in described], int)
+    D = first.prior_sigma[at]
+    s = np.stack([x.s[at] for x in statistics]) * D
+    sensors = [i for i, p in enumerate(described) if p.of_sensor and p.quantity == "bias"]
+    own = np.median([np.diag(x.F)[at[sensors]] for x in statistics], axis=0) * D[sensors] ** 2
+    told = [i for i, information in zip(sensors, own, strict=True) if information > TOLD]
+    directions = np.eye(len(at))[:, told]
+    if not told:
+        if not np.all(np.isfinite(first.F)):
+            raise ValueError("no sensor is read in half of the flights or more")
+        directions = _directions(np.stack([x.F[np.ix_(at, at)] for x in statistics]) * D * D[:, None])
+    seen = D[:, None] * directions
+    FJ = np.empty((len(statistics), directions.shape[1], len(at)))  # not (n, p, p), and nothing of its size beside it
+    for x, of_epoch in zip(statistics, FJ, strict=True):
+        of_epoch[:] = D[told, None] * x.F[np.ix_(at[told], at)] if told else seen.T @ x.F[np.ix_(at, at)]
+    FJ *= D
+    inner = FJ @ directions
+    rank = np.linalg.eigvalsh(inner)
+    kept = rank[:, 0] > TOLD * np.median(rank[:, -1])
+    inverse = np.linalg.inv(inner[kept])
+    z = np.einsum("nab,nb->na", inverse, s[kept] @ directions)
+    J = FJ if np.all(kept) else FJ[kept]
+    for epoch, of_epoch in zip(inverse, J, strict=True):
+        of_epoch[:] = epoch @ of_epoch
+    place = {p.name: i for i, p in enumerate(described)}
+    for name, on in (effects or {}).items():
+        # a bias of one prior standard deviation is the unit of its reading
+        if name in place and told and all(described[i].name in on for i in told):
+            J[:, :, place[name]] = np.stack([on[described[i].name] / D[i] for i in told], axis=1)[kept]
+    noise = np.median(inverse, axis=0)
+    scale = np.sqrt(np.diag(noise))
+    J /= scale[:, None]
+    n = int(kept.sum())
+    found = Readings(
+        tuple(p.name for p in described),
+        D,
+        z / scale,
+        J,
+        noise / scale / scale[:, None],
+        np.asarray(clock, float)[kept],
+        np.ones(n),
+        np.flatnonzero(kept),
+        _weather(conditions[kept]) if conditions is not None else np.zeros((n, 0)),
+    )
+    return _with_inputs(found, [each.at(kept) for each in (read or {}).values()])
+
+
+def _directions(F: np.ndarray) -> np.ndarray:
+    """Directions (p, r) of the parameters, as many as the epochs' information F (n, p, p) determines in nine of ten:
+    among many parameters one direction that single epochs do not show would take these out of the series."""
+    value, vector = np.linalg.eigh(F.sum(axis=0))
+    for r in range(int(np.sum(value > TOLD * value[-1])), 1, -1):
+        rank = np.linalg.eigvalsh(vector[:, -r:].T @ F @ vector[:, -r:])
+        if np.mean(rank[:, 0] > TOLD * np.median(rank[:, -1])) >= MOST_EPOCHS:
+            return np.asarray(vector[:, -r:])
+    return np.asarray(vector[:, -1:])
+
+
+MOST_EPOCHS = 0.9
+"""Share of the epochs that must determine a direction: the others are left out."""
+FEWEST_READ = 12
+"""Epochs below which what an input does by itself is not known."""
+
+
+@dataclass(frozen=True)
+class InputReadings:
+    """What the instrument of an input read in each of n epochs, `values` (n,), and what one unit of each of its errors
+    adds to that, `errors`: name → (n,)."""
+
+    values: np.ndarray
+    errors: Mapping[str, np.ndarray]
+
+    def at(self, kept: np.ndarray) -> InputReadings:
+        """In the epochs `kept` (n,) bool."""
+        return InputReadings(self.values[kept], {name: added[kept] for name, added in self.errors.items()})
+
+
+def _with_inputs(readings: Readings, read: Sequence[InputReadings]) -> Readings:
+    """The series with what the instruments of inputs `read`; one that reads the same all the time is none."""
+    rows, effects = [], []
+    for instrument in read:
+        values, known = instrument.values, [n for n in instrument.errors if n in readings.parameters]
+        between = np.abs(np.diff(values))
+        moved = between[between > VARIES * np.abs(values).max()]
+        if not known or len(readings) < FEWEST_READ or not len(moved):
+            continue
+        unit = float(np.median(moved))
+        effect = np.zeros((len(readings), len(readings.D)))
+        for name in known:
+            k = readings.parameters.index(name)
+            effect[:, k] = instrument.errors[name] * readings.D[k] / unit
+        rows.append((values - np.median(values)) / unit)
+        effects.append(effect)
+    if not rows:
+        return readings
+    m, more = readings.z.shape[1], len(rows)
+    noise = np.eye(m + more)
+    noise[:m, :m] = readings.noise
+    return replace(
+        readings,
+        z=np.concatenate([readings.z, np.array(rows).T], axis=1),
+        J=np.concatenate([readings.J, np.stack(effects, axis=1)], axis=1),
+        noise=noise,
+        inputs=more,
+    )
+
+
+def jump(values: np.ndarray) -> float:
+    """By how much values (n,) differ before and after the epoch that parts them best into two levels, 0 where there is
+    none of the sort: medians, which single epochs do not move."""
+    n = len(values)
+    if n < FEWEST_READ:
+        return 0.0
+    total, at = np.cumsum(values - values.mean()), np.arange(1, n)
+    k = int(np.argmax(total[:-1] ** 2 / (at * (n - at)))) + 1
+    before, after = values[:k], values[k:]
+    size = float(np.median(after) - np.median(before))
+    spread = max(np.median(np.abs(part - np.median(part))) for part in (before, after))
+    return size if abs(size) > JUMPS * spread else 0.0
+
+
+JUMPS = 8.0
+"""Median deviations by which two levels of an input differ at least where it stepped: no overlap, but for outliers."""
+EPOCHS_PER_COLUMN = 10
+"""Epochs for each function of the conditions: with fewer, these would explain what they have nothing to do with."""
+VARIES = 1e-6
+"""Relative spread of a condition below which it is the same all the time."""
+
+
+def _weather(conditions: np.ndarray) -> np.ndarray:
+    """Conditions (n, c) themselves, their squares and products, as far as there are epochs for them, of mean 0 and
+    variance 1."""
+    n = len(conditions)
+    spread = conditions.std(axis=0)
+    u = conditions[:, spread > VARIES * np.abs(conditions).max(axis=0, initial=0.0)]
+    u = (u - u.mean(axis=0)) / u.std(axis=0)
+    if u.shape[1] * EPOCHS_PER_COLUMN > n:
+        return np.zeros((n, 0))
+    i, j = np.triu_indices(u.shape[1])
+    both = u[:, i] * u[:, j]
+    both = both[:, both.std(axis=0) > VARIES]
+    both = (both - both.mean(axis=0)) / both.std(axis=0)
+    return np.concatenate([u, both], axis=1) if (u.shape[1] + both.shape[1]) * EPOCHS_PER_COLUMN <= n else u
 
 
 @dataclass(frozen=True)
