@@ -93,7 +93,7 @@ class ResidualResult(Result):
             yield sealed(flat_row(window), made)
 
     def _records(self) -> Iterator[Row]:
-        from enginediag_cli.residuals.records import record_residuals
+        from enginediag_cli.residuals.files import record_residuals
 
         for chunk in self._files.intake.chunks():
             for row in record_residuals(self._monitor, chunk):

@@ -143,8 +143,8 @@ class IdentificationResult(Result):
     def nominal(self) -> Nominal:
         """Nominal state: estimates with their covariance, noise, envelope. Raises NoVerdictError where there is none,
         with the reason."""
-        from enginediag_cli.residuals.compact import is_smooth
         from enginediag_cli.residuals.monitor import monitor_from_nominal
+        from enginediag_cli.residuals.reduced import is_smooth
 
         if self.refusal:
             raise NoVerdictError(self.refusal)

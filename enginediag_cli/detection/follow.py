@@ -33,6 +33,7 @@ from enginediag_cli.detection.sequential import (
     Coordinates,
     Effect,
     EProcess,
+    Innovations,
     Segment,
     effect,
     log_full,
@@ -46,12 +47,11 @@ from enginediag_cli.intake.left_out import GrossCounts, LeftOut
 from enginediag_cli.intake.live import live_chunks
 from enginediag_cli.recordings.repeated import StuckRun
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.distributions import chdtrc
 from enginediag_cli.residuals.gross_errors import FEWEST, UNRELATED, brief_departures
 from enginediag_cli.residuals.gross_gate import CleanBlocks, LiveGate, LiveRecords, input_effects
 from enginediag_cli.residuals.instruments import InstrumentFault
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.records import Innovations
+from enginediag_cli.residuals.score import chdtrc
 from enginediag_cli.residuals.windows import Elsewhere, Key, Timeline, group_rows, judged_inputs
 from enginediag_cli.units import split_column
 

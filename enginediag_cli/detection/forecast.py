@@ -210,12 +210,7 @@ def forecast(fit: Fitted, population: Population, limit: float, deviation: float
         return Forecast(np.zeros(1), np.ones(1), level, float(np.sqrt(second + fit.variance)), rate, rate_error)
     order = np.argsort(times[ahead])
     return Forecast(
-        times[ahead][order],
-        each[ahead][order] / alive,
-        level,
-        float(np.sqrt(second + fit.variance)),
-        rate,
-        rate_error,
+        times[ahead][order], each[ahead][order] / alive, level, float(np.sqrt(second + fit.variance)), rate, rate_error
     )
 
 

@@ -17,14 +17,25 @@ Gaussian noise, and with certain nominal for uniform noise too, whose moments E 
 The past of a flight in constant memory: recent blocks one by one, older ones in ever longer pieces.
 
 Sums of a block are kept in coordinates in which everything unknown is N(0, 1) beforehand, see `Coordinates`.
+
+Innovations are residuals with the memory of the noise taken out, independent from record to record. For AR(1) noise the
+innovation of a sensor is what its past reading does not predict,
+
+    z_k = (e_k − c_k e_l) / (σ √(1 − c_k²))        G_k = (J_k − c_k J_l) / (σ √(1 − c_k²))        c_k = ρ^(k−l)
+
+with l the sensor's last reading before k (G. E. P. Box and G. M. Jenkins, Time Series Analysis, 1976, ch. 7). Their
+likelihood is that of the readings, so that likelihood ratios are exact and not only right in the long run.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+
+from enginediag_cli.residuals.instruments import NoiseModel
+from enginediag_cli.residuals.statistics import whiten
 
 RECENT = 48
 """Pieces of one length that are kept before two of them become one of twice that length."""
@@ -239,3 +250,43 @@ class EProcess:
         # onsets that have been forgotten count as ratio 0, those to come as ratio 1
         to_come = (1 - FROM_THE_START) * HORIZON / (pieces[-1].last + HORIZON - 1)
         return float(np.logaddexp.reduce([*(np.log(weights) + log_ratio(found, self.coordinates)), np.log(to_come)]))
+
+
+@dataclass
+class Innovations:
+    """Innovations of a stream that comes in chunks; remembers the last reading of every sensor."""
+
+    noise: NoiseModel
+    _last: dict[int, tuple[float, float, np.ndarray]] = field(default_factory=dict)  # time, e/σ, J/σ of a sensor
+    _elapsed: float = 0.0
+
+    def fork(self) -> Innovations:
+        """One that goes on from here by itself."""
+        return replace(self, _last=dict(self._last))
+
+    def of(self, e: np.ndarray, J: np.ndarray, lags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """z (N, m) and G (N, m, p) of the next records, zero where a sensor is missing.
+
+        e (N, m) in sensor units, NaN where missing; J (N, m, p); lags (N,) in records since the record before,
+        inf for the first of a recording.
+        """
+        if self.noise.white:
+            return whiten(e, J, self.noise)
+        present = np.isfinite(e) & np.all(np.isfinite(J), axis=2)
+        steps = np.where(np.isfinite(lags), lags, 1e9)
+        time = self._elapsed + np.cumsum(steps)
+        if len(time):
+            self._elapsed = float(time[-1])
+        z, G = np.zeros_like(e), np.zeros_like(J)
+        for j, (sigma, rho) in enumerate(zip(self.noise.sigma, self.noise.rho, strict=True)):
+            rows = np.flatnonzero(present[:, j])
+            if not rows.size:
+                continue
+            t, x, g = time[rows], e[rows, j] / sigma, J[rows, j] / sigma
+            before = self._last.get(j, (-np.inf, 0.0, np.zeros(J.shape[2])))
+            c = rho ** np.diff(t, prepend=before[0])
+            scale = 1 / np.sqrt(1 - c**2)
+            z[rows, j] = scale * (x - c * np.concatenate([[before[1]], x[:-1]]))
+            G[rows, j] = scale[:, None] * (g - c[:, None] * np.concatenate([before[2][None], g[:-1]]))
+            self._last[j] = float(t[-1]), float(x[-1]), g[-1]
+        return z, G

@@ -45,11 +45,10 @@ from enginediag_cli.config.hints import near
 from enginediag_cli.errors import DataError
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.distributions import chdtrc, noncentrality_of
 from enginediag_cli.residuals.gross_gate import input_effects
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import window_statistics
-from enginediag_cli.residuals.score import Score, fisher_score, separable_information
+from enginediag_cli.residuals.score import Score, chdtrc, fisher_score, noncentrality_of, separable_information
 from enginediag_cli.residuals.statistics import LocalStatistics, range_space
 from enginediag_cli.residuals.windows import WindowPlan, WindowStatistics
 
@@ -67,7 +66,7 @@ class GlrTest:
 
 def threshold(dof: int, false_alarm: float) -> float:
     """Value that χ²(dof) exceeds with probability `false_alarm`."""
-    from enginediag_cli.residuals.distributions import chdtri
+    from enginediag_cli.residuals.score import chdtri
 
     if not 0 < false_alarm < 1:
         raise ValueError("`false_alarm` must lie between 0 and 1")
@@ -106,7 +105,7 @@ def numerator(rank: int, doubt: tuple[float, float, float]) -> float:
 
 def p_value(statistic: float, score: Score) -> float:
     """Probability of a larger statistic when nothing has changed."""
-    from enginediag_cli.residuals.distributions import chdtrc, fdtrc
+    from enginediag_cli.residuals.score import chdtrc, fdtrc
 
     scale, nu = noise_correction(score.rank, score.doubt)
     r = numerator(score.rank, score.doubt)
@@ -117,7 +116,7 @@ def p_value(statistic: float, score: Score) -> float:
 
 def critical_value(score: Score, false_alarm: float) -> float:
     """The statistic that is exceeded with probability `false_alarm` when nothing has changed."""
-    from enginediag_cli.residuals.distributions import chdtri, fdtri
+    from enginediag_cli.residuals.score import chdtri, fdtri
 
     limit = threshold(score.rank, false_alarm)
     if score.rank == 0:
@@ -168,7 +167,7 @@ class LackOfFit:
 
 def lack_of_fit(statistics: LocalStatistics) -> LackOfFit:
     """Test of what no change of the parameters explains; NaN where nothing is left over to test."""
-    from enginediag_cli.residuals.distributions import chdtrc
+    from enginediag_cli.residuals.score import chdtrc
 
     space = range_space(statistics.F, statistics.prior_sigma)
     v = (statistics.prior_sigma * statistics.s) @ space.basis

@@ -68,8 +68,8 @@ def identify_common(fleet: Fleet, build: Build, recordings: Sequence[Recorded], 
     from enginediag_cli.identification.probes import without_probes, wrong_probes
     from enginediag_cli.identification.problem import without_repeats
     from enginediag_cli.physics.engine_file import load_engine
-    from enginediag_cli.residuals.compact import is_smooth
     from enginediag_cli.residuals.monitor import monitor_from_nominal
+    from enginediag_cli.residuals.reduced import is_smooth
 
     assert build.engine is not None
     engine = load_engine(build.engine)

@@ -64,11 +64,7 @@ def shown_unit(column: str) -> str:
 
 
 def sensor_quality(
-    sensors: Sequence[str],
-    residual: np.ndarray,
-    predicted: np.ndarray,
-    sigma: np.ndarray,
-    regimes: np.ndarray,
+    sensors: Sequence[str], residual: np.ndarray, predicted: np.ndarray, sigma: np.ndarray, regimes: np.ndarray
 ) -> tuple[SensorQuality, ...]:
     """Quality of m sensors over everything and in each regime.
 

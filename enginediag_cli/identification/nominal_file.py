@@ -49,13 +49,7 @@ ESTIMATE = Section(
         Field("standard_error", "number", "standard error of the value", minimum=0.0),
         Field("prior_mean", "number", "what was assumed before"),
         Field("prior_sigma", "number", "how firmly it was assumed", minimum=0.0),
-        Field(
-            "from_data",
-            "number",
-            "share of the prior variance that the data removed",
-            minimum=0.0,
-            maximum=1.0,
-        ),
+        Field("from_data", "number", "share of the prior variance that the data removed", minimum=0.0, maximum=1.0),
         Field("status", "choice", "whether the data say anything about it", choices=STATUSES),
     ),
 )
@@ -108,10 +102,7 @@ LAGGING = Section(
 OFFSETS_FOUND = Section(
     "offsets of a recording",
     "Offsets found in one recording.",
-    (
-        Field("label", "text", "recording"),
-        Field("values", "number_map", "'column bias' or 'column scale': value"),
-    ),
+    (Field("label", "text", "recording"), Field("values", "number_map", "'column bias' or 'column scale': value")),
 )
 QUALITY = Section(
     "quality",
@@ -131,13 +122,7 @@ COMBINATION = Section(
     (
         Field("parameters", "texts", "names, the leading one first"),
         Field("coefficients", "numbers", "factors, 1 for the leading one"),
-        Field(
-            "from_data",
-            "number",
-            "share of the prior variance that the data removed",
-            minimum=0.0,
-            maximum=1.0,
-        ),
+        Field("from_data", "number", "share of the prior variance that the data removed", minimum=0.0, maximum=1.0),
     ),
 )
 MACHINE = Section(
@@ -152,10 +137,7 @@ MACHINE = Section(
 POINTS = Section(
     "input at operating points",
     "Range of one input at each operating point that was flown again and again.",
-    (
-        Field("low", "numbers", "least value at each point"),
-        Field("high", "numbers", "largest value at each point"),
-    ),
+    (Field("low", "numbers", "least value at each point"), Field("high", "numbers", "largest value at each point")),
 )
 ERROR_MODEL = Section(
     "error model",
@@ -207,27 +189,12 @@ NOMINAL_FILE = Section(
         Field("estimates", "section_map", "parameter: its nominal value", section=ESTIMATE),
         Field("covariance", "numbers", "lower triangle of the covariance of the estimates, row by row", ()),
         Field(
-            "covariance_packed",
-            "text",
-            "the same of many estimates: base64 of little-endian 64-bit floats",
-            default="",
+            "covariance_packed", "text", "the same of many estimates: base64 of little-endian 64-bit floats", default=""
         ),
         Field("noise", "section_map", "column: its noise", section=NOISE),
         Field("noise_correlation", "numbers", "lower triangle of the correlation between sensors, row by row"),
-        Field(
-            "offsets",
-            "sections",
-            "sensor offsets that differ between recordings",
-            default=(),
-            section=OFFSET,
-        ),
-        Field(
-            "recording_offsets",
-            "sections",
-            "what they were in these recordings",
-            default=(),
-            section=OFFSETS_FOUND,
-        ),
+        Field("offsets", "sections", "sensor offsets that differ between recordings", default=(), section=OFFSET),
+        Field("recording_offsets", "sections", "what they were in these recordings", default=(), section=OFFSETS_FOUND),
         Field("lagging", "sections", "readings that lag where the engine moves", default=(), section=LAGGING),
         Field("in_sample", "sections", "fit on the records used", default=(), section=QUALITY),
         Field("cross_validated", "sections", "fit on left-out blocks of them", default=(), section=QUALITY),
@@ -374,12 +341,7 @@ def format_nominal(nominal: Nominal) -> str:
 
     Dumper.add_representer(str, text)
     body = yaml.dump(
-        _as_values(nominal),
-        Dumper=Dumper,
-        sort_keys=False,
-        allow_unicode=True,
-        width=110,
-        default_flow_style=None,
+        _as_values(nominal), Dumper=Dumper, sort_keys=False, allow_unicode=True, width=110, default_flow_style=None
     )
     return f"{HEADER}{body}{CHECKSUM}: {checksum_of(body)}\n"
 

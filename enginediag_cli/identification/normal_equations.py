@@ -418,13 +418,7 @@ def accumulate(problem: Problem, block: Block, w: np.ndarray, pull: np.ndarray) 
 
 
 def eliminate(
-    H_xx: np.ndarray,
-    H_xz: np.ndarray,
-    H_zz: np.ndarray,
-    g_x: np.ndarray,
-    g_z: np.ndarray,
-    x: np.ndarray,
-    z: np.ndarray,
+    H_xx: np.ndarray, H_xz: np.ndarray, H_zz: np.ndarray, g_x: np.ndarray, g_z: np.ndarray, x: np.ndarray, z: np.ndarray
 ) -> Arrow:
     """Add the unit priors at (x, z) and eliminate the offsets of every recording."""
     q = z.shape[1]

@@ -15,6 +15,7 @@ from enginediag_cli.detection.verdict import FAULT, HEALTHY, NO_VERDICT
 from enginediag_cli.errors import DataError
 from enginediag_cli.methods.base import FittedMethod, Verdicts, Windows, filled
 from enginediag_cli.recordings.table import Recording
+from enginediag_cli.residuals.instruments import runs
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import place
 from enginediag_cli.residuals.windows import (
@@ -25,7 +26,6 @@ from enginediag_cli.residuals.windows import (
     cut,
     joined,
     nothing_judged,
-    runs,
 )
 
 TOGETHER = 5_000

@@ -9,6 +9,8 @@ differ by, x ~ N(0, C) with C the uncertainty of nominal and of sensor offsets, 
 healthy, s₀ ~ N(F₀ x, F₀), and taken out of every later window of the same engine:
 
     x̂ = C₁ s₀        C₁ = (F₀ + C⁻¹)⁻¹        s ← s − F x̂        C ← C₁
+
+Residuals record by record: measured minus predicted, in the sensor's unit and in standard deviations.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, islice
+from typing import Any
 
 import numpy as np
 
@@ -31,23 +34,25 @@ from enginediag_cli.residuals.gross_gate import GrossErrorGate
 from enginediag_cli.residuals.monitor import Monitor, Offset
 from enginediag_cli.residuals.pipeline import condensed, window_statistics
 from enginediag_cli.residuals.reduced import Economy, monitored_as_read, reduced, with_lagging
+from enginediag_cli.residuals.score import as_read, marginalised
 from enginediag_cli.residuals.statistics import LocalStatistics, root_of
 from enginediag_cli.residuals.statistics_file import (
     Ledger,
-    as_read,
-    marginalised,
     nuisance_of,
     read_statistics,
     refuse_ignored_options,
     unmarginalised,
 )
 from enginediag_cli.residuals.windows import (
+    KEYS,
     Elsewhere,
     FlightHours,
     Key,
     WindowPlan,
     WindowStatistics,
+    check_inputs,
     group_rows,
+    judged_inputs,
     not_read,
 )
 
@@ -60,19 +65,8 @@ def with_scale_offsets(monitor: Monitor, sigma: float = 0.0) -> Monitor:
     have = {o.sensor for o in monitor.offsets if o.kind == "scale"}
     added = tuple(Offset(j, "scale") for j in range(len(monitor.sensors)) if j not in have)
     k = len(added)
-    uncertainty = np.zeros((len(monitor.names) + k,) * 2)
-    uncertainty[: len(monitor.names), : len(monitor.names)] = monitor.uncertainty
-    uncertainty[range(len(monitor.names), len(uncertainty)), range(len(monitor.names), len(uncertainty))] = sigma**2
-    return replace(
-        monitor,
-        offsets=(*monitor.offsets, *added),
-        uncertainty=uncertainty,
-        names=(*monitor.names, *(f"offset.{monitor.sensors[o.sensor]}.scale" for o in added)),
-        theta0=np.append(monitor.theta0, np.zeros(k)),
-        prior_sigma=np.append(monitor.prior_sigma, np.full(k, PLAUSIBLE_SCALE)),
-        lower=np.append(monitor.lower, np.full(k, -np.inf)),
-        upper=np.append(monitor.upper, np.full(k, np.inf)),
-    )
+    names = [f"offset.{monitor.sensors[o.sensor]}.scale" for o in added]
+    return monitor.with_nuisance(names, np.full(k, PLAUSIBLE_SCALE), sigma**2 * np.eye(k), added)
 
 
 OWN_SCALE = 0.01
@@ -332,12 +326,7 @@ class JudgedFiles:
             yield from window_statistics(monitor, later, judging.plan, linearise=judging.linearise, condense=condense)
             return
         yield from windows_against_reference(
-            monitor,
-            recordings,
-            judging.plan,
-            judging.reference,
-            last=judging.last,
-            linearise=linearise,
+            monitor, recordings, judging.plan, judging.reference, last=judging.last, linearise=linearise
         )
 
     @property
@@ -388,3 +377,38 @@ def made_with(files: JudgedFiles, monitor: Monitor) -> MadeWith:
         recorder=sha256_of(source.recorder)[:DIGITS] if source.recorder else "",
         engine_instance=source.engine_instance,
     )
+
+
+STATES = ("ok", "outside the maps", "did not converge", "invalid input")
+
+
+def record_residuals(monitor: Monitor, recording: Recording) -> Iterator[dict[str, Any]]:
+    """One row per record: its place, `<sensor>:residual` in the column's unit, `<sensor>:sigmas`, state.
+
+    The state says why a record has no residual, or that it lies outside the operating points identified.
+    """
+    check_inputs(monitor, recording)
+    taken = judged_inputs(monitor, recording)
+    inputs, y, incomplete = taken.inputs, taken.y, taken.incomplete
+    rows = np.flatnonzero(~incomplete)
+    e = np.full(y.shape, np.nan)
+    state = np.where(incomplete, "incomplete", "").astype(object)
+    if rows.size:
+        predicted, _, ok, prediction = monitor.predict({c: v[rows] for c, v in inputs.items()}, monitor.theta0)
+        e[rows] = np.where(ok[:, None], y[rows] - predicted, np.nan)
+        state[rows] = [STATES[code] for code in np.asarray(prediction.status)]
+        for i in np.flatnonzero(~ok):
+            state[rows[i]] = prediction.reason(int(i)) or state[rows[i]]
+    state[taken.beyond & (state == "ok")] = "outside the operating points identified"
+    sigmas = e / monitor.noise.sigma
+    text = {c: recording.text[c] for c in KEYS if c in recording.text}
+    time = recording.columns.get("time_s")
+    for k in range(len(recording)):
+        row: dict[str, Any] = {"source": recording.source, "line": int(recording.line[k])}
+        row.update({c: values[k] for c, values in text.items()})
+        if time is not None:
+            row["time_s"] = time[k]
+        for j, sensor in enumerate(monitor.sensors):
+            row[f"{sensor}:residual"], row[f"{sensor}:sigmas"] = e[k, j], sigmas[k, j]
+        row["state"] = state[k]
+        yield row

@@ -120,13 +120,7 @@ def flat_row(window: WindowStatistics) -> dict[str, Any]:
     row.update(_nuisance_cells(x))
     names = x.monitored
     for i, a in enumerate(names):
-        row.update(
-            {
-                f"theta0:{a}": x.theta0[i],
-                f"prior_sigma:{a}": x.prior_sigma[i],
-                f"s:{a}": x.s[i],
-            }
-        )
+        row.update({f"theta0:{a}": x.theta0[i], f"prior_sigma:{a}": x.prior_sigma[i], f"s:{a}": x.s[i]})
         for k in range(i, len(names)):
             b = names[k]
             row.update({f"F:{a}|{b}": x.F[i, k], f"V:{a}|{b}": x.V[i, k]})

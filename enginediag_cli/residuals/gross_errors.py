@@ -22,15 +22,17 @@ own and stays for the tests; so does a sensor more than half of whose readings w
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import groupby
 
 import numpy as np
 
-from enginediag_cli.residuals.distributions import chdtri, median
-from enginediag_cli.residuals.instruments import NoiseModel
+from enginediag_cli.engine.wrapped import MonitoredModel
+from enginediag_cli.intake.left_out import EXCURSION, GrossCounts
+from enginediag_cli.residuals.instruments import NoiseModel, runs
+from enginediag_cli.residuals.score import chdtri
+from enginediag_cli.residuals.windows import Timeline
 
 GROSS = 4.5
 """Standard deviations beyond which a reading is a gross error: 7 in a million Gaussian readings are, and the variance
@@ -130,7 +132,7 @@ def running_median(x: np.ndarray, width: int = AROUND) -> np.ndarray:
     """Median (n,) of the `width` values of x (n,) around each; the first and last such window at the ends."""
     n = len(x)
     if n <= width:
-        return np.full(n, median(x)) if n else x
+        return np.full(n, np.median(x)) if n else x
     windows = np.lib.stride_tricks.sliding_window_view(x, width)
     centre = np.partition(windows, width // 2, axis=1)[:, width // 2]
     return np.asarray(centre[np.clip(np.arange(n) - width // 2, 0, n - width)])
@@ -138,7 +140,7 @@ def running_median(x: np.ndarray, width: int = AROUND) -> np.ndarray:
 
 def _median_of(x: np.ndarray) -> np.ndarray:
     """Of each column of x (n, m), NaN where it is empty."""
-    return np.array([median(c[np.isfinite(c)]) if np.isfinite(c).any() else np.nan for c in x.T])
+    return np.array([np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else np.nan for c in x.T])
 
 
 def deviations(r: np.ndarray) -> np.ndarray:
@@ -156,7 +158,7 @@ def scatter(r: np.ndarray) -> np.ndarray:
     for j in range(r.shape[1]):
         x = r[np.isfinite(r[:, j]), j]
         if len(x) >= LEAST:
-            S[j] = max(1.0, 1.4826 * median(np.abs(x - median(x))))
+            S[j] = max(1.0, 1.4826 * float(np.median(np.abs(x - np.median(x)))))
     return S
 
 
@@ -339,10 +341,8 @@ def _short_runs(
     apart by their clock (n,), lasts too long where time is unknown."""
     a, r = (x if x.ndim == 2 else x[:, None] for x in (a, a if r is None else r))
     kept = flagged.copy()
-    first = 0
-    for flag, run in groupby(flagged.tolist()):
-        stop = first + len(list(run))
-        if flag:
+    for first, stop in runs(flagged):
+        if flagged[first]:
             size, level = (np.nan_to_num(_median_of(x[first:stop])) for x in (a, r))
             away = np.nan_to_num(r - (level - size)) * size
             back = away.sum(axis=1) <= 0.5 * np.sum(np.isfinite(r) * size**2, axis=1)
@@ -353,7 +353,6 @@ def _short_runs(
             apart = clock[end - 1] - clock[begin] >= UNRELATED
             if end - begin > 1 and (end - begin > RUN or lasts > RUN_S or (apart and not np.isfinite(lasts))):
                 kept[first:stop] = False
-        first = stop
     return kept
 
 
@@ -372,11 +371,8 @@ def brief_departures(t: np.ndarray, time: np.ndarray, clock: np.ndarray) -> np.n
 def _long_runs(flagged: np.ndarray, least: int) -> np.ndarray:
     """The flagged (n,) in runs of at least so many."""
     kept = flagged.copy()
-    first = 0
-    for flag, run in groupby(flagged.tolist()):
-        n = len(list(run))
-        kept[first : first + n] = flag and n >= least
-        first += n
+    for first, stop in runs(flagged):
+        kept[first:stop] &= stop - first >= least
     return kept
 
 
@@ -400,3 +396,93 @@ def _wrong_inputs(stretch: Stretch, depart: np.ndarray, gross: np.ndarray) -> tu
     by_input = (T_best > INPUT_GROSS) & (T_best > factor * np.max(u**2, axis=1) + constant)
     blamed[rows] = np.where(by_input, best, np.where(most[rows], UNKNOWN, -1))
     return blamed != -1, blamed
+
+
+def rejected_counts(
+    found: GrossErrors, line: np.ndarray, mine: np.ndarray, sensors: Sequence[str], inputs: Sequence[str]
+) -> Iterator[tuple[int, GrossCounts]]:
+    """What was rejected of each record in lines (n,) that is `mine` (n,) and has gross errors."""
+    excursions = _excursions(found, line)
+    for k in np.flatnonzero(mine & (found.readings.any(axis=1) | found.records)).tolist():
+        gone = [sensors[j] for j in np.flatnonzero(found.readings[k]).tolist()]
+        wrong = [] if not found.records[k] else ["" if found.blamed[k] == UNKNOWN else inputs[found.blamed[k]]]
+        yield (
+            k,
+            GrossCounts(
+                dict.fromkeys(gone, 1),
+                dict.fromkeys(wrong, 1),
+                {c: [int(line[k])] for c in (*gone, *wrong)},
+                {c: [excursions[k, j]] for j, c in enumerate(sensors) if (k, j) in excursions},
+                [sensors[j] for j in np.flatnonzero(found.readings[k] & found.dead).tolist()],
+                judged=len(wrong),
+            ),
+        )
+
+
+def _excursions(found: GrossErrors, line: np.ndarray) -> dict[tuple[int, int], list[int]]:
+    """Record and sensor at which readings begin to be rejected in a row → first line, last line and how many they
+    are, from `EXCURSION` on; line (n,) of the records."""
+    excursions = {}
+    for j in np.flatnonzero(found.readings.any(axis=0) & ~found.dead).tolist():
+        for first, stop in runs(found.readings[:, j]):
+            if found.readings[first, j] and stop - first >= EXCURSION:
+                excursions[first, j] = [int(line[first]), int(line[stop - 1]), stop - first]
+    return excursions
+
+
+@dataclass(frozen=True)
+class CleanFlight:
+    """Columns of a flight that lost readings, and what was rejected of it."""
+
+    columns: Mapping[str, np.ndarray]
+    counts: GrossCounts
+
+
+def gross_of_flight(
+    engine: MonitoredModel,
+    theta: Mapping[str, float],
+    columns: Mapping[str, np.ndarray],
+    wrt: Sequence[str],
+    precision: np.ndarray,
+    noise: NoiseModel,
+    sensors: Sequence[str],
+) -> CleanFlight:
+    """A flight in memory, columns → (n,), without gross errors of its `sensors` (m,): judged against an engine at
+    `theta`, of which the parameters `wrt` (p,) are known to `precision` (p, p). Events that several sensors show are
+    kept. A flight in memory does not know its lines."""
+    n = len(next(iter(columns.values()), ()))
+    inputs = {c: columns[c] for c in engine.inputs}
+    inputs |= {c: np.nan_to_num(columns[c], nan=x) for c, x in engine.optional_inputs.items() if c in columns}
+    usable = np.all([np.isfinite(v) for v in inputs.values()], axis=0)
+    time = np.asarray(columns.get("time_s", np.full(n, np.nan)), float)
+    y = np.column_stack([columns[s] for s in sensors])
+    gone, counts = np.zeros(y.shape, bool), GrossCounts()
+    for start in range(0, n, BLOCK):
+        at = np.arange(max(0, start - HALO), min(n, start + BLOCK + HALO))
+        at = at[usable[at]]
+        if len(at) < FEWEST:
+            continue
+        here = {c: v[at] for c, v in inputs.items()}
+        read = tuple(here)
+        p = engine.predict(here, theta, sensors=tuple(sensors), wrt=(*wrt, *read))
+        J = np.nan_to_num(np.asarray(p.jacobian) / noise.sigma[:, None])
+        z = np.where(np.asarray(p.ok)[:, None], y[at] - p.y, np.nan) / noise.sigma
+        level = np.nan_to_num(np.asarray(p.y)) / noise.sigma
+        if not suspected(z, level, noise):
+            counts = counts + GrossCounts(judged=int(np.sum((at >= start) & (at < start + BLOCK))))
+            continue
+        _, lags = Timeline().advance(len(at), time[at] if np.isfinite(time[at]).all() else None, False)
+        q = len(wrt)
+
+        def effects(rows: np.ndarray, J: np.ndarray = J[:, :, q:]) -> np.ndarray:
+            return J[rows]
+
+        stretch = Stretch(z, J[:, :, :q], level, lags, time[at], precision, noise, effects)
+        found = find_gross_errors(stretch, events=True)
+        mine = (at >= start) & (at < start + BLOCK)
+        gone[at[mine]] = (found.readings | found.records[:, None])[mine]
+        for _, some in rejected_counts(found, at, mine, sensors, read):
+            counts = counts + replace(some, lines={}, excursions={}, judged=0)
+        counts = counts + GrossCounts(judged=int(mine.sum()))
+    clean = {s: np.where(gone[:, j], np.nan, y[:, j]) for j, s in enumerate(sensors) if gone[:, j].any()}
+    return CleanFlight(clean, counts)

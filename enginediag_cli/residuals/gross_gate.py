@@ -14,13 +14,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby, pairwise
+from itertools import pairwise
 
 import numpy as np
 
 from enginediag_cli.engine.instrument_errors import ELAPSED
-from enginediag_cli.engine.wrapped import MonitoredModel
-from enginediag_cli.intake.left_out import EXCURSION, GrossCounts, LeftOut
+from enginediag_cli.intake.left_out import GrossCounts, LeftOut
 from enginediag_cli.recordings.repeated import StuckRun, joined_runs, same_runs, stuck_runs
 from enginediag_cli.recordings.table import Recording, concat
 from enginediag_cli.residuals.gross_errors import (
@@ -29,17 +28,16 @@ from enginediag_cli.residuals.gross_errors import (
     FEWEST,
     HALO,
     LEAST,
-    UNKNOWN,
     UNRELATED,
     GrossErrors,
     Stretch,
     find_gross_errors,
+    rejected_counts,
     suspected,
 )
 from enginediag_cli.residuals.instruments import (
     SPAN,
     InstrumentFault,
-    NoiseModel,
     stuck_faults,
     stuck_inputs,
     stuck_outputs,
@@ -315,41 +313,6 @@ def stuck_readings(
     return gone, masks
 
 
-def rejected_counts(
-    found: GrossErrors, line: np.ndarray, mine: np.ndarray, sensors: Sequence[str], inputs: Sequence[str]
-) -> Iterator[tuple[int, GrossCounts]]:
-    """What was rejected of each record in lines (n,) that is `mine` (n,) and has gross errors."""
-    runs = _excursions(found, line)
-    for k in np.flatnonzero(mine & (found.readings.any(axis=1) | found.records)).tolist():
-        gone = [sensors[j] for j in np.flatnonzero(found.readings[k]).tolist()]
-        wrong = [] if not found.records[k] else ["" if found.blamed[k] == UNKNOWN else inputs[found.blamed[k]]]
-        yield (
-            k,
-            GrossCounts(
-                dict.fromkeys(gone, 1),
-                dict.fromkeys(wrong, 1),
-                {c: [int(line[k])] for c in (*gone, *wrong)},
-                {c: [runs[k, j]] for j, c in enumerate(sensors) if (k, j) in runs},
-                [sensors[j] for j in np.flatnonzero(found.readings[k] & found.dead).tolist()],
-                judged=len(wrong),
-            ),
-        )
-
-
-def _excursions(found: GrossErrors, line: np.ndarray) -> dict[tuple[int, int], list[int]]:
-    """Record and sensor at which readings begin to be rejected in a row → first line, last line and how many they
-    are, from `EXCURSION` on; line (n,) of the records."""
-    runs = {}
-    for j in np.flatnonzero(found.readings.any(axis=0) & ~found.dead):
-        first = 0
-        for flag, run in groupby(found.readings[:, j].tolist()):
-            n = len(list(run))
-            if flag and n >= EXCURSION:
-                runs[first, int(j)] = [int(line[first]), int(line[first + n - 1]), n]
-            first += n
-    return runs
-
-
 def input_effects(
     monitor: Monitor, inputs: Mapping[str, np.ndarray], rows: np.ndarray, columns: Sequence[str]
 ) -> np.ndarray:
@@ -398,64 +361,6 @@ def _stretches(monitor: Monitor, context: _Held) -> Iterator[tuple[np.ndarray, l
             np.concatenate([lags for *_, lags, _ in flights]),
             np.concatenate([time for *_, time in flights]),
         )
-
-
-@dataclass(frozen=True)
-class CleanFlight:
-    """Columns of a flight that lost readings, and what was rejected of it."""
-
-    columns: Mapping[str, np.ndarray]
-    counts: GrossCounts
-
-
-def gross_of_flight(
-    engine: MonitoredModel,
-    theta: Mapping[str, float],
-    columns: Mapping[str, np.ndarray],
-    wrt: Sequence[str],
-    precision: np.ndarray,
-    noise: NoiseModel,
-    sensors: Sequence[str],
-) -> CleanFlight:
-    """A flight in memory, columns → (n,), without gross errors of its `sensors` (m,): judged against an engine at
-    `theta`, of which the parameters `wrt` (p,) are known to `precision` (p, p). Events that several sensors show are
-    kept. A flight in memory does not know its lines."""
-    n = len(next(iter(columns.values()), ()))
-    inputs = {c: columns[c] for c in engine.inputs}
-    inputs |= {c: np.nan_to_num(columns[c], nan=x) for c, x in engine.optional_inputs.items() if c in columns}
-    usable = np.all([np.isfinite(v) for v in inputs.values()], axis=0)
-    time = np.asarray(columns.get("time_s", np.full(n, np.nan)), float)
-    y = np.column_stack([columns[s] for s in sensors])
-    gone, counts = np.zeros(y.shape, bool), GrossCounts()
-    for start in range(0, n, BLOCK):
-        at = np.arange(max(0, start - HALO), min(n, start + BLOCK + HALO))
-        at = at[usable[at]]
-        if len(at) < FEWEST:
-            continue
-        here = {c: v[at] for c, v in inputs.items()}
-        read = tuple(here)
-        p = engine.predict(here, theta, sensors=tuple(sensors), wrt=(*wrt, *read))
-        J = np.nan_to_num(np.asarray(p.jacobian) / noise.sigma[:, None])
-        z = np.where(np.asarray(p.ok)[:, None], y[at] - p.y, np.nan) / noise.sigma
-        level = np.nan_to_num(np.asarray(p.y)) / noise.sigma
-        if not suspected(z, level, noise):
-            counts = counts + GrossCounts(judged=int(np.sum((at >= start) & (at < start + BLOCK))))
-            continue
-        _, lags = Timeline().advance(len(at), time[at] if np.isfinite(time[at]).all() else None, False)
-        q = len(wrt)
-
-        def effects(rows: np.ndarray, J: np.ndarray = J[:, :, q:]) -> np.ndarray:
-            return J[rows]
-
-        stretch = Stretch(z, J[:, :, :q], level, lags, time[at], precision, noise, effects)
-        found = find_gross_errors(stretch, events=True)
-        mine = (at >= start) & (at < start + BLOCK)
-        gone[at[mine]] = (found.readings | found.records[:, None])[mine]
-        for _, some in rejected_counts(found, at, mine, sensors, read):
-            counts = counts + replace(some, lines={}, excursions={}, judged=0)
-        counts = counts + GrossCounts(judged=int(mine.sum()))
-    clean = {s: np.where(gone[:, j], np.nan, y[:, j]) for j, s in enumerate(sensors) if gone[:, j].any()}
-    return CleanFlight(clean, counts)
 
 
 HISTORY = 40

@@ -11,7 +11,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import filter as matching
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from enginediag_cli.identification.nominal import Nominal
     from enginediag_cli.intake.baseline import Baseline
 
+AnyMonitor = TypeVar("AnyMonitor", bound="Monitor")
 
 DIGITS = 16
 """Hexadecimal digits of a hash that tells one file from another: an accident in 10¹⁹ passes."""
@@ -121,17 +122,39 @@ class Monitor:
             return self
         kept = [i for i, name in enumerate(self.monitored) if name not in names]
         gone = [i for i, name in enumerate(self.monitored) if name in names]
-        order = np.array([*kept, *gone, *range(len(self.monitored), len(self.names))], dtype=int)
+        order = [*kept, *gone, *range(len(self.monitored), len(self.names))]
+        monitored = tuple(self.monitored[i] for i in kept)
+        return replace(
+            self, **self.parameter_fields(order), monitored=monitored, slopes=self.slopes and self.slopes.of(kept)
+        )
+
+    def parameter_fields(self, order: Sequence[int]) -> dict[str, Any]:
+        """The fields that describe parameters, for those at these positions."""
+        rows = np.array(order, dtype=int)
+        vectors = {name: getattr(self, name)[rows] for name in ("theta0", "prior_sigma", "lower", "upper")}
+        names = tuple(self.names[i] for i in rows)
+        return {"names": names, **vectors, "uncertainty": self.uncertainty[np.ix_(rows, rows)]}
+
+    def with_nuisance(
+        self: AnyMonitor, names: Sequence[str], unit: np.ndarray, covariance: np.ndarray, offsets: Sequence[Offset] = ()
+    ) -> AnyMonitor:
+        """The same monitor with k further nuisance parameters, at 0 and without bounds.
+
+        unit (k,): the unit of each; covariance (k, k). offsets: which instruments err so, where the parameters are
+        errors of instruments.
+        """
+        p, k = len(self.names), len(names)
+        uncertainty = np.zeros((p + k, p + k))
+        uncertainty[:p, :p], uncertainty[p:, p:] = self.uncertainty, covariance
         return replace(
             self,
-            names=tuple(self.names[i] for i in order),
-            monitored=tuple(self.monitored[i] for i in kept),
-            theta0=self.theta0[order],
-            prior_sigma=self.prior_sigma[order],
-            lower=self.lower[order],
-            upper=self.upper[order],
-            uncertainty=self.uncertainty[np.ix_(order, order)],
-            slopes=self.slopes and self.slopes.of(kept),
+            names=(*self.names, *names),
+            offsets=(*self.offsets, *offsets),
+            theta0=np.append(self.theta0, np.zeros(k)),
+            prior_sigma=np.append(self.prior_sigma, unit),
+            lower=np.append(self.lower, np.full(k, -np.inf)),
+            upper=np.append(self.upper, np.full(k, np.inf)),
+            uncertainty=uncertainty,
         )
 
     def predict(
@@ -269,8 +292,7 @@ def _meaning(
 def seen_points(envelope: Any, count: int = SEEN) -> dict[str, np.ndarray]:
     """So many of the operating points that identification saw, evenly chosen, column -> (count,)."""
     points = np.asarray(envelope.points)
-    # np.unique imports numpy.ma, which takes as long as judging a flight
-    at = sorted(set(np.linspace(0, len(points) - 1, count).round().astype(int).tolist()))
+    at = np.unique(np.linspace(0, len(points) - 1, count).round().astype(int))
     return {c: points[at, i] for i, c in enumerate(envelope.inputs)}
 
 

@@ -18,7 +18,7 @@ from enginediag_cli.engine.instrument_errors import ELAPSED, suspected
 from enginediag_cli.error_model.sizes import SLOPES_COMMON as COMMON
 from enginediag_cli.progress import each
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.instruments import NOISE, InstrumentFault, NoiseModel, scattering, weighed, weights
+from enginediag_cli.residuals.instruments import NOISE, InstrumentFault, NoiseModel, runs, scattering, weighed, weights
 from enginediag_cli.residuals.long_windows import (
     RUN,
     JudgedRecords,
@@ -42,7 +42,6 @@ from enginediag_cli.residuals.windows import (
     joined,
     nominal_residuals,
     nothing_judged,
-    runs,
 )
 from enginediag_cli.side_by_side import in_turn, jobs
 
@@ -219,7 +218,7 @@ def _whole(monitor: Monitor, pieces: Sequence[_Piece]) -> WindowStatistics:
         sums += np.nansum(part.y, axis=0)
         flown = {c: flown.get(c, 0.0) + float(values.sum()) for c, values in part.inputs.items() if c != ELAPSED}
     read = seen > 0
-    some = np.array(sorted(set(np.linspace(0, n - 1, FLOWN).astype(int).tolist())) if n else [], int)
+    some = np.unique(np.linspace(0, n - 1, FLOWN).astype(int)) if n else np.zeros(0, int)
     few = records.read([(k, k + 1) for k in some.tolist()])
     return replace(
         joined([piece.window for piece in pieces]),
@@ -235,11 +234,7 @@ def _whole(monitor: Monitor, pieces: Sequence[_Piece]) -> WindowStatistics:
 
 
 def _with_statistics(
-    monitor: Monitor,
-    condense: Condense,
-    window: WindowStatistics,
-    statistics: LocalStatistics | None,
-    reason: str = "",
+    monitor: Monitor, condense: Condense, window: WindowStatistics, statistics: LocalStatistics | None, reason: str = ""
 ) -> WindowStatistics:
     """The window with its condensed statistics, or with the reason why it has none."""
     if statistics is None or statistics.n == 0:

@@ -23,21 +23,30 @@ Nothing is subtracted: what lags for another reason than in training is not made
 Which form of a monitor is the cheapest for a recording: few records ask the engine, many pay for a fit.
 
 The monitor of a series, whose windows are compared with each other and not with nominal alone.
+
+A monitor that computes the effect of what is uncertain about nominal from a fit instead of from the engine.
+
+The effect J L of the unit normals of `reduced.py` varies smoothly over the operating points: its leading directions
+(over the points that identification saw) are fitted once with polynomials in the engine's inputs. Records then cost the
+engine's sensitivities to the monitored parameters alone; the fit costs as much as a few thousand records. How well it
+holds is checked on points that it has not seen; where it does not hold, the engine is asked.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain
+from functools import cached_property
+from itertools import chain, combinations_with_replacement
 from typing import Any
 
 import numpy as np
 
+from enginediag_cli.engine.start import StartFit, coordinates
+from enginediag_cli.engine.wrapped import MonitoredModel
 from enginediag_cli.error_model.maps import MapErrorModel
 from enginediag_cli.identification.instruments import LaggingReading
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.distributions import quantile
 from enginediag_cli.residuals.monitor import Monitor, Offset, seen_points
 from enginediag_cli.residuals.statistics import LocalStatistics
 from enginediag_cli.residuals.windows import WindowStatistics
@@ -59,14 +68,14 @@ class Curvature:
     def left_out(self, step: np.ndarray, records: np.ndarray) -> np.ndarray:
         """Upper estimate (w,), in standard errors, of what steps (w, a) from nominal add to so many records (w,)."""
         bent = np.einsum("kjab,wa,wb->wkj", self.half, step, step, optimize=True)
-        return np.asarray(np.sqrt(records * quantile(np.sum(bent**2, axis=2), SHARE)))
+        return np.asarray(np.sqrt(records * np.quantile(np.sum(bent**2, axis=2), SHARE, axis=1)))
 
 
 def curvature(monitor: Monitor, inputs: Mapping[str, np.ndarray], start: np.ndarray | None = None) -> Curvature | None:
     """Curvature in the monitored parameters at some of the operating points `inputs` (n,); None where the engine
     fails about too many of them. start: the engine's unknowns (nx, n) at nominal, to begin with."""
     a, n = len(monitor.monitored), len(next(iter(inputs.values())))
-    at = np.array(sorted(set(np.linspace(0, n - 1, POINTS).astype(int).tolist())))
+    at = np.unique(np.linspace(0, n - 1, POINTS).astype(int))
     steps = STEP * monitor.prior_sigma[:a]
     theta = np.tile(monitor.theta0, (2 * a, len(at), 1))
     for i, h in enumerate(steps):
@@ -139,7 +148,9 @@ def reduced(monitor: Monitor, bent: Curvature | None = None) -> Monitor:
     replace. bent: its curvature, where that is known."""
     if not can_be_reduced(monitor):
         return monitor
-    inner, inputs = without_offsets(monitor), seen_points(monitor.envelope, POINTS)
+    k = len(monitor.names) - len(monitor.offsets)
+    inner = replace(monitor, offsets=(), **monitor.parameter_fields(range(k)))
+    inputs = seen_points(monitor.envelope, POINTS)
     _, J, ok, found = inner.predict(inputs, inner.theta0)
     if not ok.any():
         return monitor
@@ -148,39 +159,8 @@ def reduced(monitor: Monitor, bent: Curvature | None = None) -> Monitor:
     root = root @ leading_directions(effects, noise_weight(inner))
     bent = bent or _bent(inner, inputs, ok, found)
     fields = in_normals(inner, root.shape[1])
-    return with_offsets(ReducedMonitor(**fields, curvature=bent, whole=inner, root=root), monitor)
-
-
-def without_offsets(monitor: Monitor) -> Monitor:
-    """The monitor of instruments that are the same in all recordings."""
-    k = len(monitor.names) - len(monitor.offsets)
-    return replace(
-        monitor,
-        names=monitor.names[:k],
-        offsets=(),
-        theta0=monitor.theta0[:k],
-        prior_sigma=monitor.prior_sigma[:k],
-        lower=monitor.lower[:k],
-        upper=monitor.upper[:k],
-        uncertainty=monitor.uncertainty[:k, :k],
-    )
-
-
-def with_offsets(monitor: Monitor, other: Monitor) -> Monitor:
-    """A monitor without offsets with those of another."""
-    n, k = len(monitor.names), len(other.names) - len(other.offsets)
-    uncertainty = np.zeros((n + len(other.offsets),) * 2)
-    uncertainty[:n, :n], uncertainty[n:, n:] = monitor.uncertainty, other.uncertainty[k:, k:]
-    return replace(
-        monitor,
-        names=(*monitor.names, *other.names[k:]),
-        offsets=other.offsets,
-        theta0=np.append(monitor.theta0, other.theta0[k:]),
-        prior_sigma=np.append(monitor.prior_sigma, other.prior_sigma[k:]),
-        lower=np.append(monitor.lower, other.lower[k:]),
-        upper=np.append(monitor.upper, other.upper[k:]),
-        uncertainty=uncertainty,
-    )
+    found = ReducedMonitor(**fields, curvature=bent, whole=inner, root=root)
+    return found.with_nuisance(monitor.names[k:], monitor.prior_sigma[k:], monitor.uncertainty[k:, k:], monitor.offsets)
 
 
 def curvature_of(monitor: Monitor) -> Curvature | None:
@@ -249,21 +229,15 @@ def leading_directions(effects: Sequence[np.ndarray], weight: np.ndarray) -> np.
 
 def in_normals(monitor: Monitor, r: int) -> dict[str, Any]:
     """Fields of `monitor` with r unit normals after the monitored parameters, in place of all that is uncertain."""
+    alone = without_nuisance(monitor).with_nuisance([f"nominal.{i + 1}" for i in range(r)], np.ones(r), np.eye(r))
+    return {name: getattr(alone, name) for name in Monitor.__dataclass_fields__}
+
+
+def without_nuisance(monitor: Monitor) -> Monitor:
+    """The monitored parameters alone, everything else about nominal taken for certain."""
     a = len(monitor.monitored)
-
-    def joined(values: np.ndarray, after: float) -> np.ndarray:
-        return np.concatenate([values[:a], np.full(r, after)])
-
-    return {
-        **{name: getattr(monitor, name) for name in Monitor.__dataclass_fields__},
-        "names": (*monitor.names[:a], *(f"nominal.{i + 1}" for i in range(r))),
-        "offsets": (),
-        "theta0": joined(monitor.theta0, 0.0),
-        "prior_sigma": joined(monitor.prior_sigma, 1.0),
-        "lower": joined(monitor.lower, -np.inf),
-        "upper": joined(monitor.upper, np.inf),
-        "uncertainty": np.diag(np.repeat([0.0, 1.0], [a, r])),
-    }
+    fields = monitor.parameter_fields(range(a))
+    return replace(monitor, **{**fields, "offsets": (), "uncertainty": np.zeros((a, a))})
 
 
 def with_lagging(monitor: Monitor) -> Monitor:
@@ -272,19 +246,7 @@ def with_lagging(monitor: Monitor) -> Monitor:
     k = len(added)
     if not k:
         return monitor
-    p = len(monitor.names)
-    uncertainty = np.eye(p + k)
-    uncertainty[:p, :p] = monitor.uncertainty
-    fields: dict[str, Any] = {
-        "offsets": (*monitor.offsets, *added),
-        "uncertainty": uncertainty,
-        "names": (*monitor.names, *(f"lagging.{i + 1}" for i in range(k))),
-        "theta0": np.append(monitor.theta0, np.zeros(k)),
-        "prior_sigma": np.append(monitor.prior_sigma, np.ones(k)),
-        "lower": np.append(monitor.lower, np.full(k, -np.inf)),
-        "upper": np.append(monitor.upper, np.full(k, np.inf)),
-    }
-    return replace(monitor, **fields)
+    return monitor.with_nuisance([f"lagging.{i + 1}" for i in range(k)], np.ones(k), np.eye(k), added)
 
 
 def _offsets(monitor: Monitor, reading: LaggingReading) -> list[Offset]:
@@ -328,8 +290,6 @@ class Economy:
                 self._few = with_lagging(reduced(self.monitor))
             return self._few
         if self._many is None:
-            from enginediag_cli.residuals.compact import compact
-
             self._many = with_lagging(compact(self.monitor, None if self.monitor.lagging else self._few))
         return self._many
 
@@ -364,24 +324,12 @@ def certain(monitor: Monitor) -> Monitor:
     """The monitor without what is uncertain about nominal, for windows that are compared with each other and of which
     `monitored_as_read` keeps nothing else: a third of the work. Only the point at which a window is linearised depends
     on it, by a small share of its standard error."""
-    k = len(monitor.monitored)
-    alone = replace(
-        monitor,
-        names=monitor.names[:k],
-        theta0=monitor.theta0[:k],
-        prior_sigma=monitor.prior_sigma[:k],
-        lower=monitor.lower[:k],
-        upper=monitor.upper[:k],
-        uncertainty=np.zeros((k, k)),
-        offsets=(),
-        lagging=(),
-        doubtful=monitor,
-    )
+    alone = replace(without_nuisance(monitor), lagging=(), doubtful=monitor)
     bent = curvature_of(alone)
     if bent is None:
         return alone
     fields = {name: getattr(alone, name) for name in Monitor.__dataclass_fields__}
-    return ReducedMonitor(**fields, curvature=bent, whole=alone, root=np.zeros((k, 0)))
+    return ReducedMonitor(**fields, curvature=bent, whole=alone, root=np.zeros((len(alone.names), 0)))
 
 
 def for_comparison(monitor: Monitor) -> Monitor:
@@ -424,3 +372,221 @@ def monitored_as_read(monitor: Monitor, window: WindowStatistics, statistics: Lo
     windows alike, and no noise of any."""
     others = set(monitor.names) - set(monitor.monitored)
     return replace(window, statistics=replace(statistics.without(others), meaning=monitor.meaning))
+
+
+DEGREE = 6
+"""Of the polynomial of operating points in corrected coordinates; whether it suffices is tried on points held back
+(TOLERANCE)."""
+TOLERANCE = 5e-4
+"""Information per record that the fit may leave out, half a unit of χ² in a thousand records; beyond it the engine is
+asked."""
+LEAST_POINTS = 300
+"""Fewer computed points would not hold a fit and its trial."""
+COMPACT_POINTS = 1500
+"""Drawn around the operating points seen: some times the terms of the fit."""
+START_DEGREE = 12.0
+"""Of the fitted start: from there the engine's own iteration needs one pass less than from its usual start."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Polynomial of the scaled coordinates of operating points: `powers` lists the factors of each term,
+    `coefficients` (terms, m, r); inputs: the columns that `_coordinates` takes."""
+
+    inputs: tuple[str, ...]
+    centre: np.ndarray
+    scale: np.ndarray
+    powers: tuple[tuple[int, ...], ...]
+    coefficients: np.ndarray
+
+    def terms(self, coordinates: np.ndarray) -> np.ndarray:
+        """Values (N, terms) of the terms at operating points (N, d), in single precision."""
+        return _terms((coordinates - self.centre) / self.scale, self.powers).astype(np.float32)
+
+    def of(self, terms: np.ndarray) -> np.ndarray:
+        """What it gives (N, m, r) for `terms` (N, terms): sensitivities in sensor unit per unit normal; in single
+        precision, which is exact enough."""
+        _, m, r = self.coefficients.shape
+        return np.asarray((terms @ self._single).reshape(-1, m, r))
+
+    @cached_property
+    def _single(self) -> np.ndarray:
+        return self.coefficients.reshape(len(self.coefficients), -1).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class MapsFit:
+    """Errors of maps of each record: `fit` gives the K frozen columns `names` that fix them, of which come the effects
+    of the amounts; root (k, r): a step of one in each unit normal, in amounts."""
+
+    names: tuple[str, ...]
+    fit: Fit
+    root: np.ndarray
+
+    def frozen(self, terms: np.ndarray) -> dict[str, np.ndarray]:
+        """Frozen columns (N,) by name for terms (N, terms) of the polynomials."""
+        return dict(zip(self.names, self.fit.of(terms)[:, 0].T.astype(float), strict=True))
+
+
+@dataclass(frozen=True)
+class CompactMonitor(ReducedMonitor):
+    """`fit` gives the effect of its unit normals but for the errors of maps, which come of a step of `maps.root` in
+    each amount; `start` gives the engine's unknowns at nominal, to begin with. Where training has not been the engine
+    is asked: a polynomial says nothing there."""
+
+    fit: Fit | None = field(default=None)
+    start: StartFit | None = field(default=None)
+    maps: MapsFit | None = field(default=None)
+
+    def predict(
+        self, inputs: Mapping[str, np.ndarray], theta: np.ndarray, *, nuisance: bool = True, **options: Any
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Any]:
+        """As `Monitor.predict`; the unit normals stay at 0, where nominal is."""
+        assert self.fit is not None
+        a, q = len(self.monitored), self.inner
+        at = _coordinates(self.engine, self.fit.inputs, inputs)
+        if self.start is not None and "start" not in options:
+            options["start"] = self.start.predict(at.T)
+        # a window that is re-estimated comes back with its frozen columns and asks for nothing uncertain
+        unfixed = self.maps is not None and self.maps.names[0] not in inputs
+        beyond = np.asarray(self.envelope.outside(inputs)) if nuisance or unfixed else np.zeros(len(at), bool)
+        terms = self.fit.terms(at) if nuisance or unfixed else np.empty((0, 0))
+        if unfixed and self.maps is not None and isinstance(self.engine, MapErrorModel):
+            frozen = self.maps.frozen(terms)
+            if beyond.any():
+                near = {} if options.get("start") is None else {"start": options["start"][:, beyond]}
+                here = {c: np.asarray(v)[beyond] for c, v in inputs.items()}
+                exact = self.engine.frozen(here, self.sensors, **near)
+                for name, values in exact.items():
+                    frozen[name][beyond] = values
+            inputs = {**inputs, **frozen}
+        plain = replace(self, names=(*self.monitored, *self.names[q:]))
+        y, J, ok, prediction = Monitor.predict(
+            plain, inputs, np.delete(theta, np.s_[a:q], axis=-1), nuisance=nuisance, **options
+        )
+        if nuisance:
+            whole = np.empty((*J.shape[:2], J.shape[2] + q - a))
+            whole[:, :, :a], whole[:, :, a:q], whole[:, :, q:] = J[:, :, :a], self.fit.of(terms), J[:, :, a:]
+            J, effect = whole, whole[:, :, a:q]
+            if self.maps is not None and isinstance(self.engine, MapErrorModel):
+                effect += self.engine.effects_along(inputs, self.sensors, self.maps.root)
+            if beyond.any():
+                here = {c: np.asarray(v)[beyond] for c, v in inputs.items()}
+                there = theta if theta.ndim == 1 else theta[beyond]
+                x = getattr(prediction, "x", None)
+                near = {} if x is None else {"start": x[:, beyond]}
+                effect[beyond] = ReducedMonitor.predict(self, here, there, **near)[1][:, :, a:q]
+        return y, J, ok, prediction
+
+
+def is_smooth(monitor: Monitor) -> bool:
+    """Whether a fit over the operating points stands for what is uncertain about nominal."""
+    return isinstance(compact(monitor), CompactMonitor)
+
+
+def compact(monitor: Monitor, exact: Monitor | None = None) -> Monitor:
+    """The monitor with a fit in place of its uncertain parameters; as it is where a fit would not do, or where there is
+    nothing to replace. exact: the reduced monitor, where it is known."""
+    exact = exact or reduced(monitor)
+    if not isinstance(exact, ReducedMonitor):
+        return monitor
+    points = _points(monitor)
+    names = tuple(monitor.envelope.inputs)
+    inputs = {c: points[:, i] for i, c in enumerate(names)}
+    _, J, ok, found = monitor.predict(inputs, monitor.theta0)
+    start = _fitted_start(monitor.engine, names, inputs, getattr(found, "x", None), ok)
+    own = len(monitor.envelope.points)
+    columns: dict[str, np.ndarray] = dict(getattr(found, "frozen", {}))
+    J, points = J[ok], points[ok]
+    if len(points) < LEAST_POINTS:
+        return monitor
+    seen = np.arange(len(points)) < np.sum(ok[:own])
+    root, weight = covariance_root(monitor), noise_weight(monitor)
+    elsewhere = effects_elsewhere(monitor, {c: v[:own] for c, v in columns.items()}, ok[:own], root)
+    root = root @ leading_directions([(J @ root)[seen], *elsewhere], weight)
+    # errors of maps bend more than polynomials of this degree: theirs is computed of each record
+    amounts = amount_rows(monitor)
+    if elsewhere:
+        J[:, :, amounts] = 0.0
+    effect = J @ root
+    # far corners in which the engine hardly runs would bend the fit everywhere
+    size = np.sum((effect * weight[:, None]) ** 2, axis=(1, 2))
+    usual = size < 25 * np.median(size)
+    effect, points, seen = effect[usual], points[usual], seen[usual]
+    r = effect.shape[2]
+    points = _coordinates(monitor.engine, names, {c: points[:, i] for i, c in enumerate(names)})
+    centre, spread = points.mean(axis=0), np.maximum(points.std(axis=0), 1e-9)
+    powers = tuple(p for d in range(DEGREE + 1) for p in combinations_with_replacement(range(points.shape[1]), d))
+    X = _terms((points - centre) / spread, powers)
+    target = (effect * weight[:, None]).reshape(len(points), -1)
+    held = seen & (np.arange(len(points)) % 3 == 0)
+    taken = np.column_stack([v[ok][usual] for v in columns.values()]) if elsewhere else np.empty((len(X), 0))
+    both = np.hstack([target, taken])
+    k = target.shape[1]
+    trial = X[held] @ np.linalg.lstsq(X[~held], both[~held], rcond=1e-10)[0]
+    error = (trial - both[held])[:, :k].reshape(held.sum(), -1, r)
+    if elsewhere and isinstance(monitor.engine, MapErrorModel):
+        fitted, true = (dict(zip(columns, v[:, k:].T, strict=True)) for v in (trial, both[held]))
+        missed = monitor.engine.effects(fitted, monitor.sensors) - monitor.engine.effects(true, monitor.sensors)
+        error = error + missed @ root[amounts] * weight[:, None]
+    if not np.mean(np.sum(error**2, axis=(1, 2))) < TOLERANCE:
+        return monitor
+    whole = np.linalg.lstsq(X, both, rcond=1e-10)[0]
+    fit = Fit(names, centre, spread, powers, whole[:, :k].reshape(len(powers), -1, r) / weight[:, None])
+    maps = MapsFit(tuple(columns), replace(fit, coefficients=whole[:, None, k:]), root[amounts]) if elsewhere else None
+    normals = {**in_normals(monitor, r), "curvature": exact.curvature, "whole": monitor, "root": root}
+    return CompactMonitor(**normals, fit=fit, start=start, maps=maps)
+
+
+def _fitted_start(
+    engine: MonitoredModel,
+    names: tuple[str, ...],
+    inputs: Mapping[str, np.ndarray],
+    x: np.ndarray | None,
+    ok: np.ndarray,
+) -> StartFit | None:
+    """Unknowns x (nx, n) as a polynomial of corrected coordinates; None for a model that shows none."""
+    if x is None or not hasattr(engine, "power_setting"):
+        return None
+    return StartFit.fit(
+        _corrected(engine, names, inputs)[0], _coordinates(engine, names, inputs)[ok].T, x[:, ok], START_DEGREE
+    )
+
+
+def _coordinates(engine: MonitoredModel, names: tuple[str, ...], inputs: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Operating points (N, d) in coordinates in which an engine is smooth: corrected, where it says by what it is set;
+    else its inputs."""
+    if hasattr(engine, "power_setting"):
+        return _corrected(engine, names, inputs)[1].T
+    N = len(next(iter(inputs.values())))
+    optional = engine.optional_inputs
+    return np.column_stack([np.broadcast_to(inputs.get(c, np.full(N, optional.get(c, 0.0))), (N,)) for c in names])
+
+
+def _corrected(
+    engine: MonitoredModel, names: tuple[str, ...], inputs: Mapping[str, np.ndarray]
+) -> tuple[tuple[str, ...], np.ndarray]:
+    """Kinds of the corrected coordinates, and their values (d, N)."""
+    N = len(next(iter(inputs.values())))
+    values = {c: np.broadcast_to(inputs.get(c, engine.optional_inputs.get(c, 0.0)), (N,)) for c in names}
+    return coordinates(getattr(engine, "power_setting"), values, N)  # noqa: B009 - not every model has one
+
+
+def _points(monitor: Monitor) -> np.ndarray:
+    """Operating points (n, d) drawn where records are judged: those that identification saw, then some around them.
+    Always the same ones."""
+    envelope = monitor.envelope
+    rng = np.random.default_rng(0)
+    seen = np.asarray(envelope.points)
+    near = np.repeat(seen, -(-COMPACT_POINTS // len(seen)), axis=0)
+    reach = 0.5 * envelope.threshold * np.asarray(envelope.scale)
+    return np.asarray(np.concatenate([seen, near + reach * rng.uniform(-1, 1, near.shape)]))
+
+
+def _terms(u: np.ndarray, powers: tuple[tuple[int, ...], ...]) -> np.ndarray:
+    """Products (N, terms) of the columns of u (N, d) that each term names."""
+    known: dict[tuple[int, ...], np.ndarray] = {(): np.ones(len(u))}
+    for term in powers:
+        if term:
+            known[term] = known[term[:-1]] * u[:, term[-1]]
+    return np.column_stack([known[term] for term in powers])

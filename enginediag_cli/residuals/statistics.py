@@ -175,11 +175,7 @@ def lagged_sums(G: np.ndarray, rho: np.ndarray, lags: np.ndarray, starts: np.nda
     N, m, p = G.shape
     stops = np.append(starts[1:], N)
     factors = np.ascontiguousarray(G.transpose(1, 0, 2))
-    head, tail, decay = (
-        np.zeros((len(starts), m, p)),
-        np.zeros((len(starts), m, p)),
-        np.zeros((len(starts), m)),
-    )
+    head, tail, decay = (np.zeros((len(starts), m, p)), np.zeros((len(starts), m, p)), np.zeros((len(starts), m)))
     for j in np.flatnonzero(rho):
         c = rho[j] ** lags
         inside = c.copy()
@@ -266,13 +262,7 @@ class LocalStatistics:
 
     def __post_init__(self) -> None:
         p = len(self.parameters)
-        for name, shape in [
-            ("theta0", (p,)),
-            ("prior_sigma", (p,)),
-            ("s", (p,)),
-            ("F", (p, p)),
-            ("V", (p, p)),
-        ]:
+        for name, shape in [("theta0", (p,)), ("prior_sigma", (p,)), ("s", (p,)), ("F", (p, p)), ("V", (p, p))]:
             if getattr(self, name).shape != shape:
                 raise ValueError(f"`{name}` must have shape {shape}, not {getattr(self, name).shape}")
         if not np.all(self.prior_sigma > 0):

@@ -21,10 +21,8 @@ from __future__ import annotations
 
 import csv
 import gzip
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import reduce
-from operator import add
 
 import numpy as np
 
@@ -34,7 +32,6 @@ from enginediag_cli.residuals.flat import CHECKSUM, MadeWith, checksum, is_flat,
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import Condense, condensed
 from enginediag_cli.residuals.reduced import ReducedMonitor
-from enginediag_cli.residuals.score import marginalise
 from enginediag_cli.residuals.statistics import LocalStatistics, root_of
 from enginediag_cli.residuals.windows import WindowStatistics
 
@@ -279,39 +276,3 @@ def _in_normals(monitor: Monitor, statistics: LocalStatistics) -> LocalStatistic
         F=T.T @ statistics.F @ T,
         V=T.T @ statistics.V @ T,
     )
-
-
-def marginalised(statistics: LocalStatistics) -> LocalStatistics:
-    """Statistics of the monitored parameters, everything else counted as noise: of windows that are judged together."""
-    if not statistics.additive:
-        return statistics
-    return marginalise(statistics, statistics.monitored, _covariance(statistics, (*statistics.common, *statistics.own)))
-
-
-def as_read(statistics: LocalStatistics) -> LocalStatistics:
-    """Statistics of the monitored parameters at nominal as it is, for windows that are compared with each other."""
-    return statistics.without({*statistics.common, *statistics.own})
-
-
-def added(windows: Iterable[tuple[Hashable, LocalStatistics]]) -> LocalStatistics:
-    """The sum of windows, each with its recording: windows of one recording first, then recordings without what is
-    their own. What is common stays, until the sum is `marginalised`. ValueError for windows that do not add."""
-    recordings: dict[Hashable, list[LocalStatistics]] = {}
-    for recording, statistics in windows:
-        recordings.setdefault(recording, []).append(statistics)
-    return reduce(add, [_without_own(reduce(add, mine)) for mine in recordings.values()])
-
-
-def _without_own(statistics: LocalStatistics) -> LocalStatistics:
-    if not statistics.own:
-        return statistics
-    kept = tuple(name for name in statistics.parameters if name not in statistics.own)
-    return replace(marginalise(statistics, kept, _covariance(statistics, statistics.own)), additive=True)
-
-
-def _covariance(statistics: LocalStatistics, names: tuple[str, ...]) -> np.ndarray:
-    """C (p, p): of these parameters, zero for the others."""
-    variance = np.zeros(len(statistics.parameters))
-    at = statistics.indices(names)
-    variance[at] = statistics.prior_sigma[at] ** 2
-    return np.diag(variance)

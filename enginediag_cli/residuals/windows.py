@@ -21,7 +21,7 @@ import re
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import groupby, pairwise
+from itertools import groupby
 from math import gcd, inf
 from typing import Generic, NamedTuple, TypeVar
 
@@ -33,7 +33,6 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.intake.agreement import Disagreement
 from enginediag_cli.intake.left_out import GrossCounts
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.distributions import median
 from enginediag_cli.residuals.instruments import InstrumentFault
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.statistics import LocalStatistics
@@ -94,7 +93,7 @@ class Timeline:
         steps = np.diff(np.concatenate([[self.last_time], time]))
         if not np.isfinite(self.interval):
             forward = steps[np.isfinite(steps) & (steps > 0)]
-            self.interval = median(forward) if forward.size else float("nan")
+            self.interval = float(np.median(forward)) if forward.size else float("nan")
         if np.isfinite(self.interval):
             lags = np.maximum(np.round(steps / self.interval), 1.0)
         lags = np.where(np.isnan(steps) | (steps < 0), np.inf, lags)
@@ -122,12 +121,6 @@ class FlightHours:
                         first = self._first.setdefault(key, float(time[known[0]]))
                         hours[known] = (time[known] - first) / HOUR_S
             yield chunk.with_columns({ELAPSED: hours})
-
-
-def runs(labels: np.ndarray) -> list[tuple[int, int]]:
-    """(start, stop) of stretches of equal neighbours in labels (n,)."""
-    edges = [0, *(np.flatnonzero(np.diff(labels)) + 1).tolist(), len(labels)]
-    return [(i, k) for i, k in pairwise(edges) if k > i]
 
 
 Piece = TypeVar("Piece")
@@ -354,10 +347,7 @@ class NominalResiduals:
 
 
 def nominal_residuals(
-    monitor: Monitor,
-    inputs: Mapping[str, np.ndarray],
-    y: np.ndarray,
-    distinct: np.ndarray | None = None,
+    monitor: Monitor, inputs: Mapping[str, np.ndarray], y: np.ndarray, distinct: np.ndarray | None = None
 ) -> NominalResiduals:
     """Records that are judged held against nominal: inputs (N,) by column and readings y (N, m). distinct (N,): number
     of each record, where windows share some."""

@@ -17,12 +17,10 @@ HEAVY = {"numpy", "scipy", "rich", "yaml", "importlib.metadata"}
 NOT_FOR_FEW_RECORDS = {
     "scipy",
     "rich",
-    "numpy.ma",
     "numpy.random",
     "tempfile",
     "multiprocessing",
     "asyncio",
-    "enginediag_cli.residuals.compact",
     "enginediag_cli.recordings.recorder",
 }
 """What `detect` of two records of its own format has no use for."""

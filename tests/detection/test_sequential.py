@@ -13,6 +13,7 @@ from enginediag_cli.detection.sequential import (
     RECENT,
     Coordinates,
     EProcess,
+    Innovations,
     Segment,
     append,
     effect,
@@ -25,7 +26,6 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.live import GrowingFile
 from enginediag_cli.recordings.source import LONGEST_LINE
 from enginediag_cli.residuals.instruments import NoiseModel, white_noise
-from enginediag_cli.residuals.records import Innovations
 
 KEY = ("toy.csv", "1", "")
 

@@ -16,8 +16,8 @@ from enginediag_cli.isolation.methods import IsolationOptions, best_of_size, sen
 from enginediag_cli.report.output import cell
 from enginediag_cli.residuals.flat import flat_columns, flat_row, read_flat
 from enginediag_cli.residuals.pipeline import window_statistics
-from enginediag_cli.residuals.score import fisher_score
-from enginediag_cli.residuals.statistics_file import added, as_read, marginalised, nuisance_of, unmarginalised
+from enginediag_cli.residuals.score import as_read, fisher_score, marginalise, marginalised
+from enginediag_cli.residuals.statistics_file import nuisance_of, unmarginalised
 from enginediag_cli.residuals.windows import plan_windows
 
 SUMS = ("s", "F", "V", "n", "chi2", "dof")
@@ -46,6 +46,22 @@ def alike(one, other, names=SUMS, rtol=1e-9):
     for name in names:
         a, b = getattr(one, name), getattr(other, name)
         np.testing.assert_allclose(a, b, rtol=rtol, atol=rtol * np.max(np.abs(b)), err_msg=name)
+
+
+def added(windows):
+    """The sum of windows, each with its recording: windows of one recording first, then recordings without what is
+    their own."""
+    recordings = {}
+    for recording, statistics in windows:
+        recordings.setdefault(recording, []).append(statistics)
+    return reduce(add, [without_own(reduce(add, mine)) for mine in recordings.values()])
+
+
+def without_own(statistics):
+    own = np.isin(statistics.parameters, statistics.own)
+    kept = [name for name, gone in zip(statistics.parameters, own, strict=True) if not gone]
+    covariance = np.diag(np.where(own, statistics.prior_sigma**2, 0.0))
+    return replace(marginalise(statistics, kept, covariance), additive=True)
 
 
 @settings(max_examples=15, deadline=None)

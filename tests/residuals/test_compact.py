@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 from toy_engine import ToyEngine, toy_monitor, toy_recording
 
-from enginediag_cli.residuals.compact import CompactMonitor, compact
 from enginediag_cli.residuals.pipeline import window_statistics
-from enginediag_cli.residuals.reduced import curvature
+from enginediag_cli.residuals.reduced import CompactMonitor, compact, curvature
 from enginediag_cli.residuals.windows import WindowPlan
 
 

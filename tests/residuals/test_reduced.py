@@ -10,9 +10,8 @@ from test_compact import seen_everywhere
 from toy_engine import toy_monitor, toy_recording
 
 from enginediag_cli.detection.verdict import judge
-from enginediag_cli.residuals.compact import compact
 from enginediag_cli.residuals.pipeline import window_statistics
-from enginediag_cli.residuals.reduced import MANY, Economy, ReducedMonitor, reduced
+from enginediag_cli.residuals.reduced import MANY, Economy, ReducedMonitor, compact, reduced
 from enginediag_cli.residuals.windows import WindowPlan
 
 

@@ -18,10 +18,9 @@ from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.problem import TrainingRecording, settings_from_mapping
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.compact import compact
 from enginediag_cli.residuals.monitor import monitor_from_nominal
 from enginediag_cli.residuals.pipeline import window_statistics
-from enginediag_cli.residuals.reduced import with_lagging
+from enginediag_cli.residuals.reduced import compact, with_lagging
 from enginediag_cli.residuals.windows import WindowPlan
 
 NOMINAL_RATE = 0.01
