@@ -2,7 +2,7 @@
 
 A fit alternates three things: the parameters and amounts given their priors, the noise that they leave, and the sizes
 of the map errors under which the records are likeliest. Map coordinates stand in columns of each record
-(see `error_model.modelled`).
+(see `error_model.maps`).
 
 What a model that is wrong at an operating point leaves in all records of that point, and how it weakens the data.
 
@@ -20,7 +20,7 @@ time and is seen as correlation (`noise.py`). Estimation: one-way analysis of va
 What the model misses at a few operating points flown again and again, among the parameters of an identification.
 
 Where every record is at one of a few points, with many records each, the mean residual of a point is known to a small
-part of the noise, and is no noise: see `error_model.points`. How large it is, is found with the sizes of map errors.
+part of the noise, and is no noise: see `error_model.maps`. How large it is, is found with the sizes of map errors.
 """
 
 from __future__ import annotations

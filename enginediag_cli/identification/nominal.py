@@ -394,7 +394,7 @@ class Nominal:
 
     `covariance` (p, p) is that of the estimates, in their units and order. `noise_correlation` (m, m) is
     between sensors in one record. `recording_offsets`: recording → "column bias" or "column scale" → value.
-    `smooth`: whether a fit over the operating points stands for what is uncertain about it (see `residuals.compact`),
+    `smooth`: whether a fit over the operating points stands for what is uncertain about it (see `residuals.reduced`),
     None where that was not tried. `error_model`: by how much the maps may be wrong, None for a model without maps.
     `lagging`: readings that lag behind the model where the engine moves.
     `description`: the engine that was identified, as text, which stands for its file; None in older files.

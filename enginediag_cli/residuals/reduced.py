@@ -347,7 +347,7 @@ def effects_of_inputs(
     name, for which that is asked, as far as they are of this monitor.
 
     The difference of two predictions, not a derivative: a wrong reading moves the engine on its maps, too, off the line
-    where their errors are known, and of these `error_model.modelled` takes no derivative.
+    where their errors are known, and of these `error_model.maps` takes no derivative.
     """
     known = {c: [p.name for p in monitor.engine.sensors[c].parameters()] for c in monitor.sensors}
     bias = {n: i for i, c in enumerate(monitor.sensors) for n in known[c] if n in monitor.monitored}

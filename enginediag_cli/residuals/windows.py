@@ -354,7 +354,7 @@ def nominal_residuals(
     rows = slice(None) if distinct is None else np.unique(distinct, return_index=True)[1]
     asked = {c: v[rows] for c, v in inputs.items()}
     predicted, J, ok, prediction = monitor.predict(asked, monitor.theta0)
-    # a fault is hypothesised with the errors of the maps where nominal has the machines: see `error_model.modelled`
+    # a fault is hypothesised with the errors of the maps where nominal has the machines: see `error_model.maps`
     known = {**asked, **getattr(prediction, "frozen", {})}
     # unknowns of the engine, from which the next solution is near
     found = NominalResiduals(known, y[rows], predicted, J, np.asarray(ok), getattr(prediction, "x", None))

@@ -17,8 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.error_model.modelled import FAMILY
-from enginediag_cli.error_model.points import POINT_FAMILY
+from enginediag_cli.error_model.maps import FAMILY, POINT_FAMILY
 from enginediag_cli.identification.nominal import Nominal
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.report.sentences import change, departed, listed, no_verdict, nominal

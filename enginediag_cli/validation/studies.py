@@ -23,8 +23,8 @@ from enginediag_cli.errors import ConfigError, DataError, Problem
 from enginediag_cli.isolation.prior import Instruments, SetPrior
 from enginediag_cli.methods.registry import SECTIONS, chosen_method
 from enginediag_cli.parameters import meanings
+from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.monitor import Monitor, watched_parameters
-from enginediag_cli.residuals.noise import NoiseModel
 from enginediag_cli.simulation.flights import MISSIONS
 from enginediag_cli.simulation.noise import NOISE, ColumnNoise
 

@@ -43,7 +43,7 @@ from enginediag_cli.report.result_files import ALONE, Row, given_rows, order_of
 from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
-    from enginediag_cli.detection.trend import Series
+    from enginediag_cli.detection.series import Series
     from enginediag_cli.identification.identify import Identification
     from enginediag_cli.isolation.of_windows import IsolatedWindow
 
