@@ -18,11 +18,10 @@ from enginediag_cli.intake.source import Source
 from enginediag_cli.intake.wanted import columns_of
 from enginediag_cli.parameters import Parameter, unspecified
 from enginediag_cli.progress import each, stage
-from enginediag_cli.report.charts.model import Origin
-from enginediag_cli.report.charts.rows import Records, Row
-from enginediag_cli.report.left_out import elsewhere_lines, left_out_lines, not_judged_lines
-from enginediag_cli.report.page import results as kinds
-from enginediag_cli.report.page.results import Kind, Result, records_of
+from enginediag_cli.report import result_files as kinds
+from enginediag_cli.report.plotting.chart import Origin
+from enginediag_cli.report.recordings import elsewhere_lines, left_out_lines, not_judged_lines
+from enginediag_cli.report.result_files import Kind, Records, Result, Row, records_of
 from enginediag_cli.residuals.files import JudgedFiles, Judging, record_residuals
 from enginediag_cli.residuals.monitor import Monitor, agreement_with
 from enginediag_cli.residuals.windows import WindowStatistics

@@ -5,13 +5,13 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from enginediag_cli.report.left_out import elsewhere_lines
 
 from enginediag_cli.detection.verdict import FAULT, judge
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.problem import TrainingRecording
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
+from enginediag_cli.report.recordings import elsewhere_lines
 from enginediag_cli.residuals.monitor import monitor_from_nominal
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.reduced import compact, reduced
