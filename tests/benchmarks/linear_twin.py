@@ -23,7 +23,7 @@ from enginediag_cli.simulation.flights import default_plan, engine_inputs, gener
 
 FLIGHTS = 12
 NEGLIGIBLE = 5e-5
-"""Information per record of a direction of uncertain parameters that is left out, as in `residuals.reduced`."""
+"""Information per record of a direction of uncertain parameters that is left out, as in `residuals.compact`."""
 
 
 @dataclass(frozen=True)

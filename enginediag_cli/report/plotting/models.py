@@ -18,6 +18,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from enginediag_cli.errors import NoVerdictError
 from enginediag_cli.identification.nominal import EVERYTHING, SensorQuality
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.report.plotting.chart import (
