@@ -25,7 +25,7 @@ from enginediag_cli.report.summaries import DETECT, STATISTICS
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.verdict import RequiredPower
-    from enginediag_cli.intake.source import Source
+    from enginediag_cli.intake.selection import Source
     from enginediag_cli.methods.base import FittedMethod, Method
     from enginediag_cli.methods.on_recordings import WindowVerdict
     from enginediag_cli.residuals.files import JudgedFiles

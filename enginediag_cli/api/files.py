@@ -16,7 +16,7 @@ from enginediag_cli.shipped import own_or_shipped
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
     from enginediag_cli.engine.term import Site, Term
-    from enginediag_cli.intake.accepted import Accepted, Against
+    from enginediag_cli.intake.acceptance import Accepted, Against
     from enginediag_cli.recordings.draft import Draft
     from enginediag_cli.recordings.engine_columns import EngineColumns
 
@@ -104,7 +104,7 @@ class CheckResult(Result):
             yield from one.rows
 
     def _checked(self) -> Iterator[FileCheck]:
-        from enginediag_cli.intake.intake import refuse_silent_pipe
+        from enginediag_cli.intake.loader import refuse_silent_pipe
 
         recordings = recordings_among(self._paths)
         for file in self._paths:
@@ -191,7 +191,7 @@ def _held_against(
     messages: Messages,
 ) -> Against:
     """What the recordings are held against. Raises UsageError, ConfigError."""
-    from enginediag_cli.intake.accepted import Against
+    from enginediag_cli.intake.acceptance import Against
 
     if nominal is not None and engine is not None:
         raise UsageError("--nominal names its engine; give either that or --engine")
@@ -199,7 +199,7 @@ def _held_against(
         return Against()  # what a folder's options give is for its recordings
     mapped = None
     if recorder is not None:
-        from enginediag_cli.recordings.recorder import load_recorder
+        from enginediag_cli.recordings.recorder_file import load_recorder
         from enginediag_cli.report.recordings import undecided_lines
 
         mapped = load_recorder(str(own_or_shipped(recorder)))
@@ -220,7 +220,7 @@ def _shown(file: str) -> str:
 
 def _recording(file: str, against: Against) -> FileCheck:
     """What is known of a recording, of each engine in it. Raises DataError."""
-    from enginediag_cli.intake.accepted import accepted
+    from enginediag_cli.intake.acceptance import accepted
     from enginediag_cli.report.recordings import acceptance_rows
 
     rows: list[Row] = []
@@ -250,7 +250,7 @@ def _yaml(file: str) -> FileCheck:
     kind, remarks = check_file(file).name, []
     undecided: tuple[str, ...] = ()
     if kind == "recorder":
-        from enginediag_cli.recordings.recorder import load_recorder
+        from enginediag_cli.recordings.recorder_file import load_recorder
 
         undecided = load_recorder(file).undecided
     if kind == "engine":
@@ -292,7 +292,7 @@ def _unusable(file: str, error: EngineDiagError) -> FileCheck:
 
 def _repeated(recordings: Sequence[str]) -> Iterator[FileCheck]:
     """A warning about files that are the same, which every other verb refuses together."""
-    from enginediag_cli.intake.source import refuse_repeated
+    from enginediag_cli.intake.selection import refuse_repeated
 
     try:
         refuse_repeated(recordings)
@@ -317,7 +317,7 @@ class RecorderDraft:
     """
 
     def __init__(self, found: Draft, engine: str = ""):
-        from enginediag_cli.recordings.draft_text import draft_yaml
+        from enginediag_cli.recordings.draft import draft_yaml
 
         self._found, self._engine = found, engine
         self.text = draft_yaml(found, engine)

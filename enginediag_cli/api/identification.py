@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from enginediag_cli.identification.identify import Identification
     from enginediag_cli.identification.nominal import Estimate, Nominal
     from enginediag_cli.identification.problem import TrainingRecording
-    from enginediag_cli.intake.baseline import Baseline
-    from enginediag_cli.intake.source import Source
+    from enginediag_cli.intake.selection import Baseline, Source
 
 __all__ = ["IdentificationResult", "identify"]
 
@@ -178,7 +177,7 @@ class IdentificationResult(Result):
         import tempfile
 
         from enginediag_cli.identification.nominal_file import write_nominal
-        from enginediag_cli.intake.baseline import open_baseline
+        from enginediag_cli.intake.selection import open_baseline
 
         self._scratch = tempfile.TemporaryDirectory(prefix="enginediag_")  # lives as long as this
         path = Path(self._scratch.name) / NOMINAL_FILE
@@ -320,9 +319,8 @@ def _training(
     from enginediag_cli.identification.probes import without_probes, wrong_probes
     from enginediag_cli.identification.problem import without_repeats
     from enginediag_cli.intake.agreement import agreement_with_engine
-    from enginediag_cli.intake.flights import MOST, Thinning, whole_flights
-    from enginediag_cli.intake.intake import Intake
-    from enginediag_cli.intake.wanted import columns_of
+    from enginediag_cli.intake.loader import MOST, Intake, Thinning, whole_flights
+    from enginediag_cli.intake.selection import columns_of
     from enginediag_cli.report.identification_report import probe_lines, repeat_lines
     from enginediag_cli.report.recordings import tell_left_out, tell_mismatches, tell_thinning
 

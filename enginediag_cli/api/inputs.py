@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from enginediag_cli.api.results import MessageLog, Result, frame
 from enginediag_cli.errors import DataError, UsageError
-from enginediag_cli.intake.baseline import Baseline
-from enginediag_cli.intake.source import Source
+from enginediag_cli.intake.selection import Baseline, Source
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.shipped import own_or_shipped
 
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from enginediag_cli.engine.engine import Engine
-    from enginediag_cli.intake.intake import Intake
+    from enginediag_cli.intake.loader import Intake
     from enginediag_cli.report.outputs.declared import Table
     from enginediag_cli.residuals.files import JudgedFiles, Judging
     from enginediag_cli.residuals.monitor import Monitor
@@ -135,7 +134,7 @@ def load_nominal(
     ConfigError
         For files that do not fit each other.
     """
-    from enginediag_cli.intake.baseline import open_baseline
+    from enginediag_cli.intake.selection import open_baseline
 
     return open_baseline(path, engine, accept_changed_engine=accept_changed_engine)
 
@@ -412,8 +411,8 @@ def compare(
 
 def open_intake(source: Source, monitor: Monitor | None) -> Intake:
     """The recordings, by the columns that the monitor's engine reads; for statistics alone without one."""
-    from enginediag_cli.intake.intake import Intake
-    from enginediag_cli.intake.wanted import columns_of
+    from enginediag_cli.intake.loader import Intake
+    from enginediag_cli.intake.selection import columns_of
 
     if monitor is None:
         return Intake(source, None, keep_going=True)

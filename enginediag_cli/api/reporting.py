@@ -14,7 +14,7 @@ from enginediag_cli.errors import DataError, UsageError
 from enginediag_cli.report.messages import Messages
 
 if TYPE_CHECKING:
-    from enginediag_cli.intake.source import Source
+    from enginediag_cli.intake.selection import Source
     from enginediag_cli.report.evidence import Evidence
     from enginediag_cli.report.result_files import Result
 

@@ -56,7 +56,7 @@ FILE_KINDS: dict[str, FileKind] = {
             "recorder",
             "a recorder: the columns and units of foreign recordings",
             "enginediag_cli.recordings.recorder_file:RECORDER_FILE",
-            "enginediag_cli.recordings.recorder:load_recorder",
+            "enginediag_cli.recordings.recorder_file:load_recorder",
         ),
         FileKind(
             "nominal",

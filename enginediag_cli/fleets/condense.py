@@ -16,10 +16,9 @@ from enginediag_cli.errors import EngineDiagError
 from enginediag_cli.fleets.condensed_file import Condensed, CondensedWriter, Part
 from enginediag_cli.fleets.models import Making
 from enginediag_cli.fleets.store import Store
-from enginediag_cli.intake.intake import Intake
-from enginediag_cli.intake.left_out import LeftOut
-from enginediag_cli.intake.source import Source
-from enginediag_cli.intake.wanted import columns_of
+from enginediag_cli.intake.excluded import LeftOut
+from enginediag_cli.intake.loader import Intake
+from enginediag_cli.intake.selection import Source, columns_of
 from enginediag_cli.recordings.provenance import sha256_of
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.gross_gate import GrossErrorGate
@@ -129,7 +128,7 @@ def series_monitor(nominal: str, fingerprint: str) -> Monitor:
 @lru_cache(maxsize=4)
 def whole_monitor(nominal: str, fingerprint: str) -> Monitor:
     """The monitor of a series with what is uncertain about nominal, as `trend` opens it."""
-    from enginediag_cli.intake.baseline import open_baseline
+    from enginediag_cli.intake.selection import open_baseline
     from enginediag_cli.residuals.monitor import monitor_of
 
     return of_series(monitor_of(open_baseline(nominal), sensors=True))

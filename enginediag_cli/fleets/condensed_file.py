@@ -19,12 +19,11 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.intake.left_out import GrossCounts, LeftOut
+from enginediag_cli.intake.excluded import GrossCounts, LeftOut
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.recordings.formats.table_file import ReadingCounts
-from enginediag_cli.recordings.read import Absent
 from enginediag_cli.recordings.repeated import StuckRun
 from enginediag_cli.recordings.steady import GateReport
+from enginediag_cli.recordings.table_file import Absent, ReadingCounts
 from enginediag_cli.residuals.instruments import InstrumentFault
 from enginediag_cli.residuals.statistics import LocalStatistics
 from enginediag_cli.residuals.windows import Elsewhere, WindowStatistics

@@ -24,9 +24,8 @@ from enginediag_cli.fleets.recordings import Recorded, natural
 from enginediag_cli.fleets.store import Store
 from enginediag_cli.identification.problem import TrainingRecording, training_recordings
 from enginediag_cli.intake.agreement import Agreement, agreement_with_engine
-from enginediag_cli.intake.intake import Intake
-from enginediag_cli.intake.source import Source
-from enginediag_cli.intake.wanted import Wanted, columns_of
+from enginediag_cli.intake.loader import Intake
+from enginediag_cli.intake.selection import Source, Wanted, columns_of
 from enginediag_cli.recordings.provenance import sha256_of
 from enginediag_cli.recordings.table import Recording, concat
 from enginediag_cli.residuals.windows import WindowPlan, group_rows
@@ -257,7 +256,7 @@ def nominal_path(fleet: Fleet, build: Build, store: Store) -> Path:
 def model_of(fleet: Fleet, build: Build, recordings: Sequence[Recorded], store: Store) -> Model:
     """The nominal state that a build is held against: its own, that of the store, or one identified now. Raises
     ConfigError, DataError, NoVerdictError."""
-    from enginediag_cli.intake.baseline import open_baseline
+    from enginediag_cli.intake.selection import open_baseline
 
     path, identified = nominal_path(fleet, build, store), None
     if not path.exists():

@@ -15,8 +15,8 @@ import numpy as np
 
 from enginediag_cli.engine.overview import heating_value_doubts
 from enginediag_cli.intake.comparison import Columns, Misfit, Yardstick, yardstick_of_engine
-from enginediag_cli.recordings.derived import RULES
-from enginediag_cli.recordings.derived.rules import (
+from enginediag_cli.recordings.derived import (
+    RULES,
     SEA_LEVEL_PA,
     SOUND_AT_SEA_LEVEL_M_S,
     isa_pressure,

@@ -1,7 +1,12 @@
-"""A recorder drafted from a file's head, for the user to finish: what was guessed, and what is to be decided."""
+"""A recorder drafted from a file's head, for the user to finish: what was guessed, and what is to be decided.
+
+A drafted recorder as YAML text with comments.
+"""
 
 from __future__ import annotations
 
+import json
+import os
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -10,9 +15,16 @@ import numpy as np
 
 from enginediag_cli.recordings.engine_columns import HELPERS, EngineColumns, advice, match_exactly, relate
 from enginediag_cli.recordings.header import CMAPSS_ORDER, Entry, Header, read_header
-from enginediag_cli.recordings.sniff import Sniffed
-from enginediag_cli.recordings.stamps import Clock, find_clock
-from enginediag_cli.recordings.unit_inference import Column, Inferred, infer_units, likelihood_of_range, range_of
+from enginediag_cli.recordings.sniff import Clock, Sniffed, find_clock
+from enginediag_cli.recordings.source import DELIMITERS, THOUSANDS
+from enginediag_cli.recordings.unit_inference import (
+    MOST_OUTSIDE,
+    Column,
+    Inferred,
+    infer_units,
+    likelihood_of_range,
+    propose_limits,
+)
 from enginediag_cli.recordings.unit_words import UnitWord
 from enginediag_cli.units import find_unit, split_column
 
@@ -22,10 +34,6 @@ FUEL_KG_M3 = 800.0
 """Density of jet fuel at 15 °C, 775 to 840 kg/m³ by specification."""
 SEA_LEVEL_PA = 101325.0
 """What a gauge reads against where the ambient pressure is not recorded (ISO 2533)."""
-MOST_OUTSIDE = 0.01
-"""Share of the readings outside the proposed limits from which these, or the unit, are doubtful."""
-MOST_FILLERS = 0.3
-"""Share of readings that may be one or two values far away, such as 9999, which limits then shut out."""
 IMPLAUSIBLE = -4.5
 """ln likelihood of a column's median from which a stated unit is doubtful: three soft steps outside the usual range."""
 
@@ -272,7 +280,8 @@ def _guess(e: Entry, column: Column, inferred: Inferred | None, engine: EngineCo
     doubts += _reference_doubt(e, unit, stated)
     if unit.dimension == "pressure" and not unit.absolute and _may_be_gauge(e.target) and not doubts:
         guess = replace(guess, remarks=(*guess.remarks, "absolute, since nothing says gauge"))
-    limits, doubt = propose_limits(e.target, stated.in_si(unit.unit), engine)
+    possible = engine.limits.get(e.target) if engine and e.target in engine.sensors else None
+    limits, doubt = propose_limits(e.target, stated.in_si(unit.unit), possible[1] if possible else None)
     return replace(guess, limits=limits, doubts=(*doubts, *doubt))
 
 
@@ -320,56 +329,6 @@ def _full_scale(e: Entry, unit: UnitWord, doubts: list[str], remarks: list[str],
         doubts.append("readings in % that no shaft has: another unit, or fill values? add limits")
     guess = Guess(e.target, e.pattern, "pct", full_scale=top, limits=limits)
     return replace(guess, doubts=tuple(doubts), remarks=tuple(remarks))
-
-
-_LIMITS: Mapping[str, tuple[float, float]] = {
-    "altitude_m": (-600.0, 20_000.0),
-    "mach": (-0.05, 1.5),
-    "cas_m_s": (-5.0, 350.0),
-    "tas_m_s": (-5.0, 450.0),
-    "relative_humidity": (0.0, 1.1),
-    "ambient_temperature_K": (180.0, 345.0),
-    "ambient_pressure_Pa": (5e3, 1.15e5),
-    "TAT_K": (180.0, 360.0),
-    "BPR": (0.0, 20.0),
-    "EPR": (0.5, 6.0),
-}
-"""What readings can truthfully be, in SI, beyond any flight or site: for the air around."""
-_LIMITS_BY_DIMENSION: Mapping[str, tuple[float, float]] = {
-    "temperature": (0.8, 1.15),
-    "pressure": (0.3, 1.1),
-    "mass flow": (0.0, 2.0),
-}
-"""Factors on the usual range of a median (`unit_inference.range_of`) between which every reading must lie: start,
-idle and overshoot included."""
-
-
-def propose_limits(
-    target: str, values: np.ndarray, engine: EngineColumns | None = None
-) -> tuple[tuple[float, float] | None, tuple[str, ...]]:
-    """Plausible limits of a target in SI, wider than the usual range, with a doubt where more than one reading in a
-    hundred (N values in SI) lies outside them."""
-    _quantity, own = split_column(target)
-    limits = _LIMITS.get(target)
-    usual = range_of(target)
-    factors = _LIMITS_BY_DIMENSION.get(find_unit(own or "1").dimension)
-    if limits is None and usual is not None and factors is not None:
-        low = 200.0 if own == "K" else factors[0] * usual[0]  # a cold engine has the temperature of the air
-        limits = (low, factors[1] * usual[1])
-    if limits is not None and engine and target in engine.sensors and target in engine.limits:
-        # a tenth beyond what the engine file holds possible
-        limits = (limits[0], min(limits[1], max(1.1 * engine.limits[target][1], limits[0] + 1.0)))
-    if limits is None:
-        return None, ()
-    known = values[np.isfinite(values)]
-    if not known.size:
-        return limits, ()
-    beyond = (known < limits[0]) | (known > limits[1])
-    outside = float(np.mean(beyond))
-    if outside > MOST_OUTSIDE and not (outside < MOST_FILLERS and len(np.unique(known[beyond])) <= 2):
-        text = f"{100 * outside:.0f} % of the readings lie outside {limits[0]:.4g} to {limits[1]:.4g}"
-        return None, (f"{text} {own}: another unit, or fill values? add limits",)
-    return limits, ()
 
 
 # ---- probes, gauges, derived columns ----
@@ -472,3 +431,141 @@ def _report_rest(result: Draft, engine: EngineColumns | None) -> None:
     for c in result.sniffed.header:
         if c not in patterns:
             result.unused.setdefault(c, "not recognised")
+
+
+MOST_WORDS = 12
+"""Unknown words in columns of numbers that are listed; a file with more is of another kind."""
+
+
+def draft_yaml(found: Draft, engine: str = "") -> str:
+    """The recorder as YAML text; `engine`: the engine file whose columns were sought."""
+    name = os.path.basename(found.sniffed.source)
+    records = max((len(cells) for cells in found.sniffed.cells.values()), default=0)
+    scheme = found.header.scheme
+    lines = [
+        f"# Recorder drafted from the first {records} records of {_plain(name)}.",
+        "# GUESSED: taken from names or values; see that it is so. DECIDE: the file leaves it open.",
+        *([f"# Names as in {scheme.name}."] if scheme else []),
+        "kind: recorder",
+        f"description: {_quoted('recordings like ' + _plain(name))}   # DECIDE: which engine, which recorder",
+    ]
+    if found.decisions:
+        lines += ["", "# Every command repeats these until they are removed from here:", "decide:"]
+        lines += [f"  - {_quoted(_plain(text))}" for text in found.decisions]
+    lines += ["", *_file(found.sniffed), *_time(found)]
+    lines += ["", "columns:" if found.columns else "columns: {}   # DECIDE: no column was recognised"]
+    lines += [_column_line(g) for g in found.columns.values()]
+    if found.engines:
+        lines += ["", "engines:   # GUESSED: speeds or fuel flows come once for each"]
+        lines += [f"  {e}: {{prefix: {_quoted(p)}}}" for e, p in found.engines.items()]
+    if found.header.texts:
+        pairs = ", ".join(f"{target}: {_quoted(source)}" for target, source in found.header.texts.items())
+        lines += ["", f"text: {{{pairs}}}   # GUESSED: what names a flight, an engine, a phase"]
+    if found.derived:
+        lines += ["", "derived:   # GUESSED: computed from what is recorded"]
+        lines += [f"  - {{name: {target}, {rule}}}" for target, rule in found.derived.items()]
+    if found.missing:
+        lines += ["", f"# DECIDE: {_plain(engine)} asks for these, and no column was taken for them:"]
+        lines += [f"#   {target}: {_plain(advice)}" for target, advice in found.missing.items()]
+        lines += ["# An input that was not recorded may be held: `constants: {humidity_kg_kg: 0}`."]
+    if found.unused:
+        lines += ["", "# Not used; a text to pass through goes under `keep:`:"]
+        lines += [f"#   {_plain(column)}: {_plain(why)}" for column, why in found.unused.items()]
+    lines += [
+        "",
+        "# DECIDE: which records are steady, such as",
+        "# steady: {window_s: 10, gap_s: 3, spread: {N1_rpm: 100}, dwell_s: 30, dwell: {N1_rpm: 500}}",
+        "# average_s: 10",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _file(sniffed: Sniffed) -> list[str]:
+    dialect = sniffed.dialect
+    named = {mark: word for word, mark in DELIMITERS.items()}
+    lines = [
+        "file:",
+        f"  delimiter: {named.get(dialect.delimiter, dialect.delimiter)}",
+        f"  decimal: {'comma' if dialect.decimal == ',' else 'point'}",
+        f"  encoding: {dialect.encoding}" + ("   # GUESSED: it is not UTF-8" if sniffed.guessed_encoding else ""),
+    ]
+    if dialect.thousands:
+        word = next(word for word, mark in THOUSANDS.items() if mark == dialect.thousands)
+        lines.append(f"  thousands: {word}   # GUESSED")
+    if dialect.names:
+        lines += ["  header: none", f"  names: [{', '.join(map(_quoted, dialect.names))}]"]
+        lines[-1] += "   # DECIDE: the file names no columns" if sniffed.invented and dialect.names[0] == "c1" else ""
+    lines += [f"  header_line: {dialect.header_line}"] if dialect.header_line else []
+    lines += ["  unit_row: true"] if dialect.unit_row else []
+    words = _missing_words(sniffed)
+    if words:
+        lines.append(f"  missing: [{', '.join(map(_quoted, words))}]   # GUESSED: words among numbers")
+    if sniffed.long:
+        table = sniffed.long
+        parts = [f"tag: {_quoted(table.tag)}", f"value: {_quoted(table.value)}"]
+        if table.quality:
+            parts += [f"quality: {_quoted(table.quality)}", f"good: [{', '.join(map(_quoted, table.good))}]"]
+        lines.append(f"  long: {{{', '.join(parts)}}}   # DECIDE: clock, max_age_s: how tags are brought to one time")
+    return lines
+
+
+def _missing_words(sniffed: Sniffed) -> list[str]:
+    words: dict[str, int] = {}
+    for column in sniffed.header:
+        if sniffed.values(column) is not None:
+            for word, n in sniffed.words(column).items():
+                words[word] = words.get(word, 0) + n
+    return sorted(words, key=lambda w: (-words[w], w))[:MOST_WORDS]
+
+
+def _time(found: Draft) -> list[str]:
+    clock = found.clock
+    if clock is None or not clock.form:
+        return []
+    day = (
+        "day before month"
+        if clock.form.startswith("%d/")
+        else "month before day"
+        if clock.form.startswith("%m/")
+        else ""
+    )
+    remark = "; ".join(x for x in (day, clock.remark) if x)
+    zone = ", zone: UTC" if clock.remark == "UTC" else ""
+    text = f"   # GUESSED{': ' + remark if remark else ''}" + (
+        "" if zone else "; stamps without a zone are taken for UTC: zone: +01:00"
+    )
+    text = f"   # DECIDE: {clock.doubt}" if clock.doubt else text
+    sources = ", ".join(map(_quoted, clock.sources))
+    return ["", f"time: {{from: [{sources}], format: {_quoted(clock.form)}{zone}}}{text}"]
+
+
+def _column_line(g: Guess) -> str:
+    parts = [f"from: {_quoted(g.source)}", f"unit: {_quoted(g.unit)}"]
+    parts += [f"scale: {g.scale:.10g}"] if g.scale != 1.0 else []
+    parts += [f"offset: {g.offset:g}"] if g.offset else []
+    parts += [f"full_scale: {g.full_scale:.8g}"] if g.full_scale is not None else []
+    parts += [f"density_kg_m3: {g.density:g}"] if g.density is not None else []
+    parts += [f"limits: [{_number(g.limits[0])}, {_number(g.limits[1])}]"] if g.limits else []
+    text = (
+        f"   # DECIDE: {'; '.join(g.doubts)}"
+        if g.doubts
+        else f"   # GUESSED: {'; '.join(g.remarks)}"
+        if g.remarks
+        else ""
+    )
+    return f"  {g.target}: {{{', '.join(parts)}}}{_plain(text)}"
+
+
+def _number(value: float) -> str:
+    """Three digits suffice for a limit; written without an exponent that YAML would read as text."""
+    rounded = float(f"{value:.3g}")
+    return f"{rounded:.0f}" if abs(rounded) >= 100.0 else f"{rounded:g}"
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False)
+
+
+def _plain(text: str) -> str:
+    """On one line and without control characters, for a comment."""
+    return "".join(c if c.isprintable() else "·" for c in text)

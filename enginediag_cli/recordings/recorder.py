@@ -1,36 +1,105 @@
 """The recorder: turns a foreign recording into recordings of single engines in the program's columns.
 
 One column of a recorder: where it comes from, its unit, and what it becomes.
+
+Columns of a foreign recording as those of one engine, in SI: the part of a recorder that needs no neighbours but
+for gaps that are filled.
+
+A foreign recording mapped while it is being written: of every new piece, what has become final.
+
+The gate, averages and heat soak look back in time, so the last records are kept and mapped again together with the
+new ones. Nothing is handed over twice, and nothing before it is final: an average when its window has ended, a record
+whose neighbours count when the next one is there. With `search`, for a file that is complete, masks are those of the
+whole file and records wait for what they are compared with; without, for one that is still being written, only what
+needs no look ahead is masked.
+
+Lines of a file that is still being written, as they come.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import combinations
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from enginediag_cli.config.hints import near
-from enginediag_cli.config.kinds import load_checked
-from enginediag_cli.config.validate import Checked
-from enginediag_cli.errors import ConfigError, DataError, NoVerdictError, Problem
-from enginediag_cli.recordings.conversion import Conversion
-from enginediag_cli.recordings.derived import RULES
-from enginediag_cli.recordings.formats.table_file import NumberForm, ReadingCounts
-from enginediag_cli.recordings.joining import Clock, Fill, JoinedFile, LongForm, beside, join, pivot
-from enginediag_cli.recordings.masking import Judged, MaskReport, QualitySettings, insist_on_something, mask_recording
+from enginediag_cli.errors import DataError, NoVerdictError
+from enginediag_cli.recordings.clocks import (
+    JoinedFile,
+    LongForm,
+    Stamps,
+    TimesOf,
+    beside,
+    cells_of,
+    check_forward,
+    join,
+    pivot,
+    stamps_of,
+)
+from enginediag_cli.recordings.derived import RULES, Fill, Filler
+from enginediag_cli.recordings.masking import (
+    Judged,
+    LiveMasker,
+    MaskCounts,
+    Masker,
+    MaskReport,
+    QualitySettings,
+    insist_on_something,
+    mask_recording,
+)
 from enginediag_cli.recordings.read import read
-from enginediag_cli.recordings.source import DELIMITERS, FIXED, THOUSANDS, WHITESPACE, Dialect, Source, known_encoding
-from enginediag_cli.recordings.stamps import NUMBERS, Stamps, check_forward, stamps_of, zone_of
-from enginediag_cli.recordings.steady import GateReport, SteadySettings, average, failures, gate
-from enginediag_cli.recordings.table import Recording, concat, rechunk
-from enginediag_cli.units import UnitError, convert, find_unit, split_column, split_header, to_si
+from enginediag_cli.recordings.source import DELIMITERS, THOUSANDS, Dialect, Source
+from enginediag_cli.recordings.steady import GateReport, SteadySettings, average, failures, first_reasons, gate
+from enginediag_cli.recordings.table import Recording, check_clock, concat, rechunk
+from enginediag_cli.recordings.table_file import NumberForm, ReadingCounts, absent_columns
+from enginediag_cli.units import convert, to_si
 
-if TYPE_CHECKING:
-    from enginediag_cli.recordings.live import RecorderStream
+
+class Conversion:
+    """For one engine ("" where the file has one) of one file, chunk by chunk: remembers where its time began and the
+    readings that later gaps are filled from."""
+
+    def __init__(self, recorder: Recorder, name: str):
+        self._recorder, self._name = recorder, name
+        self._engine: Mapping[str, Any] = recorder.engines[name]
+        self._stamps = recorder.stamps()
+        self._filler = Filler({c.target: c.fill for c in recorder.channels if c.fill is not None})
+
+    def add(self, recording: Recording, *, end: bool = False) -> Recording:
+        """The records that have become final. Raises DataError for columns that are not there and for bad stamps."""
+        recorder, engine = self._recorder, self._engine
+        sources = {channel.target: channel.source_of(engine) for channel in recorder.channels}
+        texts = {**recorder.values["text"], **{column: column for column in recorder.values["keep"]}}
+        self._insist(
+            recording, set(sources.values()), {*texts.values(), *(self._stamps.sources if self._stamps else ())}
+        )
+        columns: dict[str, np.ndarray] = {}
+        if self._stamps:
+            columns["time_s"] = self._stamps.seconds(recording)
+        for channel in recorder.channels:
+            full = engine["full_scale"].get(channel.target)
+            columns[channel.target] = channel.read(recording[sources[channel.target]], full)
+        for column, value in {**recorder.values["constants"], **engine["constants"]}.items():
+            columns[column] = np.full(len(recording), float(value))
+        text = {target: list(cells_of(recording, source)) for target, source in texts.items()}
+        if self._name:
+            text["engine"] = [self._name] * len(recording)
+        order = (*text, *columns)
+        converted = Recording(columns, text, order, recording.line, recording.source, recording.provenance)
+        check_clock(converted)
+        return self._filler.add(converted, end=end)
+
+    def _insist(self, recording: Recording, numbers: set[str], others: set[str]) -> None:
+        absent = sorted(numbers - set(recording.columns)) + sorted(others - set(recording.order))
+        if absent:
+            near = {a.column: a.near for a in absent_columns(absent, recording.order)}
+            words = [c + (f" (did you mean {near[c]!r}?)" if near.get(c) else "") for c in absent]
+            raise DataError(
+                f"{recording.source}: the recorder {self._recorder.path} needs columns that are not there: "
+                f"{', '.join(words)}"
+            )
 
 
 @dataclass(frozen=True)
@@ -62,100 +131,6 @@ class Channel:
     def source_of(self, engine: Mapping[str, Any]) -> str:
         """The source column for an engine of the file."""
         return self.source.replace("{prefix}", engine["prefix"])
-
-
-def load_channel(checked: Checked, target: str, problems: list[Problem]) -> Channel | None:
-    """The channel that a checked recorder file declares for a target; what is wrong with it goes to `problems`."""
-    spec = checked.values["columns"][target]
-    here = ("columns", target)
-    target_unit = split_column(target)[1] or "1"
-    unit = spec["unit"] or split_header(spec["from"])[1] or ("1" if target_unit == "1" else "")
-    if not unit:
-        problems.append(
-            checked.problem(
-                (*here, "from"), f"the unit of {spec['from']} is not known", "its name has no unit; add 'unit:'"
-            )
-        )
-        return None
-    try:
-        known = find_unit(target_unit)
-        if known.si != known.name and target_unit != "1":
-            problems.append(
-                checked.problem(
-                    here, f"the target {target} is not in SI", f"name it {split_column(target)[0]}_{known.si}"
-                )
-            )
-        if spec["full_scale"] is not None:
-            to_si(1.0, unit, spec["full_scale"])
-        elif _volume_as_mass(checked, target, unit, problems):
-            to_si(1.0, unit)
-        elif not _full_scale_per_engine(checked.values, target):
-            convert(1.0, unit, target_unit)
-    except UnitError as error:
-        problems.append(checked.problem((*here, "unit" if spec["unit"] else "from"), str(error)))
-        return None
-    limits = spec["limits"]
-    return Channel(
-        target,
-        spec["from"],
-        unit,
-        target_unit,
-        spec["full_scale"],
-        spec["scale"],
-        spec["offset"],
-        None if limits is None else (limits[0], limits[1]),
-        spec["density_kg_m3"],
-        _fill(checked, target, problems),
-    )
-
-
-def _volume_as_mass(checked: Checked, target: str, unit: str, problems: list[Problem]) -> bool:
-    """Whether the column turns a volume flow into a mass flow, or says so where it cannot."""
-    density = checked.values["columns"][target]["density_kg_m3"]
-    volume = find_unit(unit).dimension == "volume flow"
-    mass = find_unit(split_column(target)[1] or "1").dimension == "mass flow"
-    if volume and mass and density is None:
-        problems.append(
-            checked.problem(
-                ("columns", target),
-                f"{unit} is a volume flow and {target} a mass flow",
-                "add density_kg_m3:, of jet fuel about 800, at the temperature of the flow meter",
-            )
-        )
-    elif density is not None and not (volume and mass):
-        problems.append(
-            checked.problem(
-                ("columns", target, "density_kg_m3"), "a density turns a volume flow into a mass flow; this is none"
-            )
-        )
-    return volume and mass
-
-
-def _fill(checked: Checked, target: str, problems: list[Problem]) -> Fill | None:
-    spec = checked.values["columns"][target]
-    method, records = spec["fill"], spec["fill_records"]
-    if (method == "none") != (records == 0):
-        problems.append(
-            checked.problem(
-                ("columns", target, "fill_records" if method == "none" else "fill"),
-                "'fill' and 'fill_records' belong together",
-                "such as fill: hold, fill_records: 10",
-            )
-        )
-    return Fill(method, records) if method != "none" and records else None
-
-
-def _full_scale_per_engine(values: Mapping[str, Any], target: str) -> bool:
-    engines = values["engines"].values()
-    return bool(engines) and all(target in engine["full_scale"] for engine in engines)
-
-
-Place = tuple[str | int, ...]
-"""Keys and names on the way to a value of the file."""
-
-
-MOST_COLUMNS = 2000
-"""Columns that a recorder makes; no engine has a tenth of them."""
 
 
 @dataclass(frozen=True)
@@ -275,7 +250,7 @@ class Recorder:
             chunk_records,
         )
 
-    def _clock(self) -> Clock:
+    def _clock(self) -> TimesOf:
         """The times of records, on the clock of all files."""
         stamps = self.stamps("epoch")
         if stamps is not None:
@@ -320,7 +295,6 @@ class Recorder:
         engines: Collection[str] | None = None,
     ) -> RecorderStream:
         """As `read` in bounded memory: iterate for (engine, records) as they become final; `engines`: only these."""
-        from enginediag_cli.recordings.live import RecorderStream
 
         return RecorderStream(self, source, chunk_records, inputs, engines)
 
@@ -418,135 +392,167 @@ def dialect_of(file: Mapping[str, Any]) -> Dialect:
     )
 
 
-def load_recorder(path: str | Path) -> Recorder:
-    """The recorder that a YAML file describes. Raises ConfigError with every problem found."""
-    checked = load_checked(path, "recorder")
-    values = checked.values
-    if len(values["columns"]) > MOST_COLUMNS:
-        what = f"{len(values['columns'])} columns, and a recorder makes at most {MOST_COLUMNS}"
-        raise ConfigError([checked.problem(("columns",), what)])
-    problems: list[Problem] = []
-    channels = tuple(load_channel(checked, target, problems) for target in values["columns"])
-    settings = values["steady"]
-    steady = None
-    if settings is not None:
-        gap = settings["gap_s"]
-        steady = SteadySettings(**{**settings, "gap_s": np.inf if gap is None else gap})
-    problems += _file_problems(checked)
-    problems += _unknown_columns(checked, steady)
-    if problems:
-        raise ConfigError(problems)
-    engines = values["engines"] or {"": {"prefix": "", "constants": {}, "full_scale": {}}}
-    return Recorder(
-        str(path), tuple(c for c in channels if c is not None), engines, steady, values["average_s"], values
-    )
+SOAK_MEMORY = 12.0
+"""Time constants after which a low-pass has forgotten where it began: e⁻¹² is 6e-6."""
 
 
-def _problems_of_file(checked: Checked, here: Place, file: Mapping[str, Any] | None) -> Iterator[Problem]:
-    """Problems of a section `file` that only its values together show."""
-    if file is None:
-        return
-    if not known_encoding(file["encoding"]):
-        hint = "such as utf-8, latin-1 or cp1252"
-        yield checked.problem((*here, "encoding"), f"no encoding {file['encoding']!r}", hint)
-    marks = {"decimal mark": file["decimal"], "delimiter": file["delimiter"], "mark of thousands": file["thousands"]}
-    for (one, a), (other, b) in combinations(marks.items(), 2):
-        if a == b or {a, b} == {"space", WHITESPACE}:
-            key = "thousands" if "thousands" in other else "decimal"
-            yield checked.problem((*here, key), f"the {one} and the {other} are both {a}s")
-    if (file["header"] == "none") != bool(file["names"]):
-        hint = "such as header: none, names: [unit, cycle, T3]"
-        yield checked.problem((*here, "names"), "'header: none' and 'names' belong together", hint)
-    if (file["delimiter"] == FIXED) != bool(file["widths"]):
-        hint = "such as delimiter: fixed, widths: [10, 8, 8]"
-        yield checked.problem((*here, "widths"), "'delimiter: fixed' and 'widths' belong together", hint)
-    if any(width < 1 or width % 1 for width in file["widths"] if width is not None):
-        yield checked.problem((*here, "widths"), "widths are whole numbers of characters, from 1")
-    if file["names"] and file["widths"] and len(file["names"]) != len(file["widths"]):
-        what = f"{len(file['names'])} names for {len(file['widths'])} widths"
-        yield checked.problem((*here, "names"), what, "a column that is not read has the name ''")
-    long = file["long"]
-    if long is not None and bool(long["quality"]) != bool(long["good"]):
-        hint = "such as quality: Status, good: [Good]"
-        yield checked.problem((*here, "long"), "'quality' and 'good' belong together", hint)
+@dataclass
+class LiveRecorder:
+    """`recorder` for one `engine` of the file ("" where it has only one); `add` takes the records as they come.
+
+    records, kept: records read and handed over (averages, where the recorder averages, out of so many `windows`);
+    reasons: why the others went; masked: readings that were not used, by column.
+    """
+
+    recorder: Recorder
+    engine: str = ""
+    search: bool = False
+    inputs: Collection[str] = ()
+    records: int = 0
+    kept: int = 0
+    windows: int = 0
+    reasons: Counter[str] = field(default_factory=Counter)
+    _held: Recording | None = None
+    _done: int = 0
+
+    def __post_init__(self) -> None:
+        judged = self.recorder.judged(self.inputs)
+        self._masker = Masker(judged) if self.search else LiveMasker(judged)
+        self._conversion = Conversion(self.recorder, self.engine)
+
+    @property
+    def counts(self) -> MaskCounts:
+        """What was masked, as data."""
+        return self._masker.counts
+
+    @property
+    def masked(self) -> Counter[str]:
+        """Readings that were not used, by column."""
+        return Counter({column: sum(reasons.values()) for column, reasons in self.counts.columns.items()})
+
+    @property
+    def gate(self) -> GateReport:
+        """What the gate, or the averaging, kept."""
+        if self.recorder.average_s > 0.0:
+            return GateReport(self.kept, self.windows, dict(self.reasons), f"windows of {self.recorder.average_s:g} s")
+        return GateReport(self.kept, self.records, dict(self.reasons))
+
+    def add(self, raw: Recording, *, end: bool = False) -> Recording:
+        """What has become final by these records of the file; `end`: no more will come. Raises DataError."""
+        self.records += len(raw)
+        pieces = self._masker.add(self._conversion.add(raw, end=end))
+        if end:
+            pieces += self._masker.end()
+        found = [self._map(piece) for piece in pieces]
+        if end or not found:
+            # what waited for the next record, or an empty recording with the right columns
+            rest = pieces[-1] if pieces else self._conversion.add(raw.select(slice(0, 0)))
+            found.append(self._map(rest.select(slice(0, 0)), end=end))
+        return concat(found)
+
+    def _map(self, clean: Recording, *, end: bool = False) -> Recording:
+        """What of masked records and of those held has become final."""
+        every = concat([self._held, clean]) if self._held is not None else clean
+        full = self.recorder.derive(every)
+        if len(clean):
+            self.recorder.check(full)
+        final = np.ones(len(full), bool) if end else self._final(full)
+        new = final & (full.line > self._done)
+        settled = self._settled(full, new)
+        self.kept += len(settled)
+        self._done = int(full.line[new][-1]) if new.any() else self._done
+        self._held = every.select(np.arange(len(full)) >= self._first_needed(full))
+        return settled
+
+    def report_lines(self, name: str) -> list[str]:
+        """What was masked and left out, for stderr."""
+        start = name + (f", engine {self.engine}" if self.engine else "")
+        lines = [f"{start}: {line}" for line in self.counts.report_lines()]
+        if self.recorder.steady or self.recorder.average_s > 0.0:
+            lines.append(f"{start}: {self.gate.report_line()}")
+        return lines
+
+    def _final(self, full: Recording) -> np.ndarray:
+        """Records (N,) about which later ones will not change anything."""
+        rows = np.arange(len(full))
+        steady, length = self.recorder.steady, self.recorder.average_s
+        if length > 0.0 and len(full):
+            number = np.floor(full["time_s"] / length)
+            ended = np.flatnonzero(number != number[-1])
+            return np.asarray(rows <= (ended[-1] if ended.size else -1))
+        return np.asarray(rows < len(full) - 1) if steady and steady.neighbours else np.ones(len(full), bool)
+
+    def _settled(self, full: Recording, new: np.ndarray) -> Recording:
+        steady, length = self.recorder.steady, self.recorder.average_s
+        failed = failures(full, steady) if steady else {}
+        if length > 0.0:
+            averages, report = average(full, length, failed, new)
+            self.reasons.update(report.reasons)
+            self.windows += report.total
+            return averages.recording
+        keep, reasons = first_reasons(failed, new)
+        self.reasons.update(reasons)
+        return full.select(keep)
+
+    def _first_needed(self, full: Recording) -> int:
+        """The first record that later ones look back to."""
+        waiting = np.flatnonzero(full.line > self._done)
+        first = int(waiting[0]) if waiting.size else len(full)
+        reach = self._reach()
+        if reach == 0.0 or "time_s" not in full or not len(full):
+            return max(first - 1, 0)
+        steps = np.diff(full["time_s"], prepend=full["time_s"][0])
+        elapsed = np.cumsum(np.where(steps > 0, steps, 0.0))
+        return int(np.searchsorted(elapsed, elapsed[min(first, len(full) - 1)] - reach))
+
+    def _reach(self) -> float:
+        """Seconds that gate, averages and heat soak look back."""
+        steady, values = self.recorder.steady, self.recorder.values
+        soak = [SOAK_MEMORY * s["time_constant_s"] for s in values["derived"] if s["rule"] == "soak"]
+        gate = [2 * steady.window_s, 2 * steady.dwell_s] if steady else []
+        return float(max([0.0, 2 * self.recorder.average_s, *gate, *soak]))
 
 
-def _problems_of_time(checked: Checked, here: Place, time: Mapping[str, Any] | None) -> Iterator[Problem]:
-    """Problems of a section `time` that only its values together show."""
-    if time is None:
-        return
-    if not time["from"]:
-        yield checked.problem((*here, "from"), "no column of the time stamp")
-    form = time["format"]
-    if form not in ("iso", *NUMBERS) and "%" not in form:
-        hint = near(form, ["iso", *NUMBERS]) + "; or a format as in strptime, '%d.%m.%Y %H:%M:%S'"
-        yield checked.problem((*here, "format"), f"no format of time stamps {form!r}", hint)
-    elif form in NUMBERS and len(time["from"]) > 1:
-        yield checked.problem((*here, "from"), f"a time of the form {form} is one column")
-    try:
-        zone_of(time["zone"])
-    except ValueError as error:
-        yield checked.problem((*here, "zone"), f"no time zone {time['zone']!r}", str(error))
+class RecorderStream:
+    """A foreign file mapped in bounded memory; iterate once for (engine, records), every piece with some records.
 
+    engines: engine → its LiveRecorder, whose counts and report lines are complete at the end, as are `counts`, what of
+    the file was no record or no reading. Rows are those of
+    `Recorder.read`, but that heat soak has forgotten its beginning after 12 time constants, where `read` has not.
+    `watch`: sees the records as they stand in the file, before they are mapped.
+    """
 
-def _file_problems(checked: Checked) -> Iterator[Problem]:
-    """Problems of the sections that say how files are written, and when."""
-    values = checked.values
-    yield from _problems_of_file(checked, ("file",), values["file"])
-    yield from _problems_of_time(checked, ("time",), values["time"])
-    timed = values["time"] is not None or "time_s" in values["columns"]
-    if values["time"] is not None and "time_s" in values["columns"]:
-        yield checked.problem(("time",), "time_s is made twice", "leave it out of 'columns'")
-    if values["file"]["long"] is not None and values["time"] is None:
-        yield checked.problem(("file", "long"), "a long export needs 'time:', the column of its time stamps")
-    for settings in values["joins"]:
-        here = ("joins", settings["name"])
-        yield from _problems_of_file(checked, (*here, "file"), settings["file"])
-        yield from _problems_of_time(checked, (*here, "time"), settings["time"])
-        if not timed:
-            yield checked.problem(here, "files are joined on time, and this recorder makes no time_s")
-        if settings["time"] is None and values["time"] is None:
-            yield checked.problem(here, "a joined file needs 'time:', the column of its time stamps")
-        if "{name}" not in settings["recording"] or Path(settings["recording"]).name != settings["recording"]:
-            hint = "such as '{name}_slow.csv'"
-            yield checked.problem((*here, "recording"), "the name of a file beside the recording, with {name}", hint)
+    watch: Callable[[Recording], None] | None = None
 
+    def __init__(
+        self,
+        recorder: Recorder,
+        source: Source,
+        chunk_records: int,
+        inputs: Collection[str] = (),
+        engines: Collection[str] | None = None,
+    ):
+        chosen = [name for name in recorder.engines if engines is None or name in engines]
+        self._recorder, self._source, self._chunk, self.counts = recorder, source, chunk_records, ReadingCounts()
+        self.engines = {name: LiveRecorder(recorder, name, search=True, inputs=inputs) for name in chosen}
 
-def _unknown_columns(checked: Checked, steady: SteadySettings | None) -> list[Problem]:
-    """Problems for columns that a rule, a check or the gate names and that nothing makes."""
-    values = checked.values
-    made = [*values["columns"], *values["constants"], *(["time_s"] if values["time"] else [])]
-    for engine in values["engines"].values():
-        made += engine["constants"]
-    wanted: list[tuple[tuple[str | int, ...], str]] = []
-    problems = []
-    for settings in values["derived"]:
-        rule, here = RULES[settings["rule"]], ("derived", settings["name"])
-        units = {c: split_column(c)[1] or "1" for c in (settings["name"], *rule.needs(settings))}
-        if len(units) < 2:
-            problems.append(checked.problem(here, "it is computed from no other column"))
-        elif rule.one_unit and len(set(units.values())) > 1:
-            told = ", ".join(f"{column} in {unit}" for column, unit in units.items())
-            problems.append(checked.problem(here, f"columns of different units: {told}"))
-        for column in rule.needs(settings):
-            if column not in made:
-                problems.append(
-                    checked.problem(
-                        ("derived", settings["name"]),
-                        f"the column {column} is not made before this",
-                        near(column, made),
-                    )
-                )
-        made.append(settings["name"])
-    for check in values["checks"]:
-        wanted += [(("checks", check["name"], key), check[key]) for key in ("of", "over")]
-    if steady is not None:
-        wanted += [(("steady",), column) for column in steady.columns]
-    if values["average_s"] > 0.0:
-        wanted.append((("average_s",), "time_s"))
-    problems += [
-        checked.problem(place, f"no column {column} is made by this recorder", near(column, made))
-        for place, column in wanted
-        if column not in made
-    ]
-    return problems
+    def __iter__(self) -> Iterator[tuple[str, Recording]]:
+        """Raises DataError as `Recorder.read` does, and NoVerdictError at the end of an engine without any record."""
+        last: Recording | None = None
+        for chunk in self._recorder.chunks(self._source, self._chunk, counts=self.counts):
+            if last is not None:
+                yield from self._add(last, end=False)
+            last = chunk
+        assert last is not None  # a file without records yields one empty recording
+        yield from self._add(last, end=True)
+        for live in self.engines.values():
+            if not live.kept and (self._recorder.steady or self._recorder.average_s > 0.0):
+                raise NoVerdictError(f"no steady record is left: {live.report_lines(str(self._source))[-1]}")
+
+    def _add(self, chunk: Recording, end: bool) -> Iterator[tuple[str, Recording]]:
+        if self.watch is not None:
+            self.watch(chunk)
+        for name, live in self.engines.items():
+            found = live.add(chunk, end=end)
+            if len(found):
+                yield name, found

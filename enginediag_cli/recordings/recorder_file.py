@@ -2,10 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
 from enginediag_cli.config.fields import Field, Section, Variants
-from enginediag_cli.recordings.derived import RULES
-from enginediag_cli.recordings.source import DELIMITERS, LAYOUTS, THOUSANDS
-from enginediag_cli.recordings.stamps import NUMBERS
+from enginediag_cli.config.hints import near
+from enginediag_cli.config.kinds import load_checked
+from enginediag_cli.config.validate import Checked
+from enginediag_cli.errors import ConfigError, Problem
+from enginediag_cli.recordings.clocks import NUMBERS, zone_of
+from enginediag_cli.recordings.derived import RULES, Fill
+from enginediag_cli.recordings.recorder import Channel, Recorder
+from enginediag_cli.recordings.source import DELIMITERS, FIXED, LAYOUTS, THOUSANDS, WHITESPACE, known_encoding
+from enginediag_cli.recordings.steady import SteadySettings
+from enginediag_cli.units import UnitError, convert, find_unit, split_column, split_header, to_si
 
 _COLUMN = Section(
     "column",
@@ -175,3 +189,231 @@ RECORDER_FILE = Section(
         Field("average_s", "number", "windows to average over; 0: none", 0.0, unit="s", minimum=0.0),
     ),
 )
+
+
+def load_channel(checked: Checked, target: str, problems: list[Problem]) -> Channel | None:
+    """The channel that a checked recorder file declares for a target; what is wrong with it goes to `problems`."""
+    spec = checked.values["columns"][target]
+    here = ("columns", target)
+    target_unit = split_column(target)[1] or "1"
+    unit = spec["unit"] or split_header(spec["from"])[1] or ("1" if target_unit == "1" else "")
+    if not unit:
+        problems.append(
+            checked.problem(
+                (*here, "from"), f"the unit of {spec['from']} is not known", "its name has no unit; add 'unit:'"
+            )
+        )
+        return None
+    try:
+        known = find_unit(target_unit)
+        if known.si != known.name and target_unit != "1":
+            problems.append(
+                checked.problem(
+                    here, f"the target {target} is not in SI", f"name it {split_column(target)[0]}_{known.si}"
+                )
+            )
+        if spec["full_scale"] is not None:
+            to_si(1.0, unit, spec["full_scale"])
+        elif _volume_as_mass(checked, target, unit, problems):
+            to_si(1.0, unit)
+        elif not _full_scale_per_engine(checked.values, target):
+            convert(1.0, unit, target_unit)
+    except UnitError as error:
+        problems.append(checked.problem((*here, "unit" if spec["unit"] else "from"), str(error)))
+        return None
+    limits = spec["limits"]
+    return Channel(
+        target,
+        spec["from"],
+        unit,
+        target_unit,
+        spec["full_scale"],
+        spec["scale"],
+        spec["offset"],
+        None if limits is None else (limits[0], limits[1]),
+        spec["density_kg_m3"],
+        _fill(checked, target, problems),
+    )
+
+
+def _volume_as_mass(checked: Checked, target: str, unit: str, problems: list[Problem]) -> bool:
+    """Whether the column turns a volume flow into a mass flow, or says so where it cannot."""
+    density = checked.values["columns"][target]["density_kg_m3"]
+    volume = find_unit(unit).dimension == "volume flow"
+    mass = find_unit(split_column(target)[1] or "1").dimension == "mass flow"
+    if volume and mass and density is None:
+        problems.append(
+            checked.problem(
+                ("columns", target),
+                f"{unit} is a volume flow and {target} a mass flow",
+                "add density_kg_m3:, of jet fuel about 800, at the temperature of the flow meter",
+            )
+        )
+    elif density is not None and not (volume and mass):
+        problems.append(
+            checked.problem(
+                ("columns", target, "density_kg_m3"), "a density turns a volume flow into a mass flow; this is none"
+            )
+        )
+    return volume and mass
+
+
+def _fill(checked: Checked, target: str, problems: list[Problem]) -> Fill | None:
+    spec = checked.values["columns"][target]
+    method, records = spec["fill"], spec["fill_records"]
+    if (method == "none") != (records == 0):
+        problems.append(
+            checked.problem(
+                ("columns", target, "fill_records" if method == "none" else "fill"),
+                "'fill' and 'fill_records' belong together",
+                "such as fill: hold, fill_records: 10",
+            )
+        )
+    return Fill(method, records) if method != "none" and records else None
+
+
+def _full_scale_per_engine(values: Mapping[str, Any], target: str) -> bool:
+    engines = values["engines"].values()
+    return bool(engines) and all(target in engine["full_scale"] for engine in engines)
+
+
+Place = tuple[str | int, ...]
+"""Keys and names on the way to a value of the file."""
+
+
+MOST_COLUMNS = 2000
+"""Columns that a recorder makes; no engine has a tenth of them."""
+
+
+def load_recorder(path: str | Path) -> Recorder:
+    """The recorder that a YAML file describes. Raises ConfigError with every problem found."""
+    checked = load_checked(path, "recorder")
+    values = checked.values
+    if len(values["columns"]) > MOST_COLUMNS:
+        what = f"{len(values['columns'])} columns, and a recorder makes at most {MOST_COLUMNS}"
+        raise ConfigError([checked.problem(("columns",), what)])
+    problems: list[Problem] = []
+    channels = tuple(load_channel(checked, target, problems) for target in values["columns"])
+    settings = values["steady"]
+    steady = None
+    if settings is not None:
+        gap = settings["gap_s"]
+        steady = SteadySettings(**{**settings, "gap_s": np.inf if gap is None else gap})
+    problems += _file_problems(checked)
+    problems += _unknown_columns(checked, steady)
+    if problems:
+        raise ConfigError(problems)
+    engines = values["engines"] or {"": {"prefix": "", "constants": {}, "full_scale": {}}}
+    return Recorder(
+        str(path), tuple(c for c in channels if c is not None), engines, steady, values["average_s"], values
+    )
+
+
+def _problems_of_file(checked: Checked, here: Place, file: Mapping[str, Any] | None) -> Iterator[Problem]:
+    """Problems of a section `file` that only its values together show."""
+    if file is None:
+        return
+    if not known_encoding(file["encoding"]):
+        hint = "such as utf-8, latin-1 or cp1252"
+        yield checked.problem((*here, "encoding"), f"no encoding {file['encoding']!r}", hint)
+    marks = {"decimal mark": file["decimal"], "delimiter": file["delimiter"], "mark of thousands": file["thousands"]}
+    for (one, a), (other, b) in combinations(marks.items(), 2):
+        if a == b or {a, b} == {"space", WHITESPACE}:
+            key = "thousands" if "thousands" in other else "decimal"
+            yield checked.problem((*here, key), f"the {one} and the {other} are both {a}s")
+    if (file["header"] == "none") != bool(file["names"]):
+        hint = "such as header: none, names: [unit, cycle, T3]"
+        yield checked.problem((*here, "names"), "'header: none' and 'names' belong together", hint)
+    if (file["delimiter"] == FIXED) != bool(file["widths"]):
+        hint = "such as delimiter: fixed, widths: [10, 8, 8]"
+        yield checked.problem((*here, "widths"), "'delimiter: fixed' and 'widths' belong together", hint)
+    if any(width < 1 or width % 1 for width in file["widths"] if width is not None):
+        yield checked.problem((*here, "widths"), "widths are whole numbers of characters, from 1")
+    if file["names"] and file["widths"] and len(file["names"]) != len(file["widths"]):
+        what = f"{len(file['names'])} names for {len(file['widths'])} widths"
+        yield checked.problem((*here, "names"), what, "a column that is not read has the name ''")
+    long = file["long"]
+    if long is not None and bool(long["quality"]) != bool(long["good"]):
+        hint = "such as quality: Status, good: [Good]"
+        yield checked.problem((*here, "long"), "'quality' and 'good' belong together", hint)
+
+
+def _problems_of_time(checked: Checked, here: Place, time: Mapping[str, Any] | None) -> Iterator[Problem]:
+    """Problems of a section `time` that only its values together show."""
+    if time is None:
+        return
+    if not time["from"]:
+        yield checked.problem((*here, "from"), "no column of the time stamp")
+    form = time["format"]
+    if form not in ("iso", *NUMBERS) and "%" not in form:
+        hint = near(form, ["iso", *NUMBERS]) + "; or a format as in strptime, '%d.%m.%Y %H:%M:%S'"
+        yield checked.problem((*here, "format"), f"no format of time stamps {form!r}", hint)
+    elif form in NUMBERS and len(time["from"]) > 1:
+        yield checked.problem((*here, "from"), f"a time of the form {form} is one column")
+    try:
+        zone_of(time["zone"])
+    except ValueError as error:
+        yield checked.problem((*here, "zone"), f"no time zone {time['zone']!r}", str(error))
+
+
+def _file_problems(checked: Checked) -> Iterator[Problem]:
+    """Problems of the sections that say how files are written, and when."""
+    values = checked.values
+    yield from _problems_of_file(checked, ("file",), values["file"])
+    yield from _problems_of_time(checked, ("time",), values["time"])
+    timed = values["time"] is not None or "time_s" in values["columns"]
+    if values["time"] is not None and "time_s" in values["columns"]:
+        yield checked.problem(("time",), "time_s is made twice", "leave it out of 'columns'")
+    if values["file"]["long"] is not None and values["time"] is None:
+        yield checked.problem(("file", "long"), "a long export needs 'time:', the column of its time stamps")
+    for settings in values["joins"]:
+        here = ("joins", settings["name"])
+        yield from _problems_of_file(checked, (*here, "file"), settings["file"])
+        yield from _problems_of_time(checked, (*here, "time"), settings["time"])
+        if not timed:
+            yield checked.problem(here, "files are joined on time, and this recorder makes no time_s")
+        if settings["time"] is None and values["time"] is None:
+            yield checked.problem(here, "a joined file needs 'time:', the column of its time stamps")
+        if "{name}" not in settings["recording"] or Path(settings["recording"]).name != settings["recording"]:
+            hint = "such as '{name}_slow.csv'"
+            yield checked.problem((*here, "recording"), "the name of a file beside the recording, with {name}", hint)
+
+
+def _unknown_columns(checked: Checked, steady: SteadySettings | None) -> list[Problem]:
+    """Problems for columns that a rule, a check or the gate names and that nothing makes."""
+    values = checked.values
+    made = [*values["columns"], *values["constants"], *(["time_s"] if values["time"] else [])]
+    for engine in values["engines"].values():
+        made += engine["constants"]
+    wanted: list[tuple[tuple[str | int, ...], str]] = []
+    problems = []
+    for settings in values["derived"]:
+        rule, here = RULES[settings["rule"]], ("derived", settings["name"])
+        units = {c: split_column(c)[1] or "1" for c in (settings["name"], *rule.needs(settings))}
+        if len(units) < 2:
+            problems.append(checked.problem(here, "it is computed from no other column"))
+        elif rule.one_unit and len(set(units.values())) > 1:
+            told = ", ".join(f"{column} in {unit}" for column, unit in units.items())
+            problems.append(checked.problem(here, f"columns of different units: {told}"))
+        for column in rule.needs(settings):
+            if column not in made:
+                problems.append(
+                    checked.problem(
+                        ("derived", settings["name"]),
+                        f"the column {column} is not made before this",
+                        near(column, made),
+                    )
+                )
+        made.append(settings["name"])
+    for check in values["checks"]:
+        wanted += [(("checks", check["name"], key), check[key]) for key in ("of", "over")]
+    if steady is not None:
+        wanted += [(("steady",), column) for column in steady.columns]
+    if values["average_s"] > 0.0:
+        wanted.append((("average_s",), "time_s"))
+    problems += [
+        checked.problem(place, f"no column {column} is made by this recorder", near(column, made))
+        for place, column in wanted
+        if column not in made
+    ]
+    return problems

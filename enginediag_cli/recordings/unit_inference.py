@@ -9,14 +9,14 @@ combinations is doubt.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from enginediag_cli.recordings.acceptance import median_of, usual_range
-from enginediag_cli.recordings.derived.rules import isa_pressure, isa_temperature, mach_from_cas, static_temperature
-from enginediag_cli.units import find_unit, split_column
+from enginediag_cli.recordings.derived import isa_pressure, isa_temperature, mach_from_cas, static_temperature
+from enginediag_cli.units import UNITS, find_unit, split_column
 
 PRIORS: Mapping[str, Mapping[str, float]] = {
     "air temperature": {"degC": 0.70, "K": 0.15, "degF": 0.10, "degR": 0.05},
@@ -383,3 +383,141 @@ def _speed_unit(column: Column, limits: Limits | None) -> Inferred:
     best = max(log.values())
     weight = {u: float(np.exp(v - best)) for u, v in log.items()}
     return _best({u: w / sum(weight.values()) for u, w in weight.items()})
+
+
+@dataclass(frozen=True)
+class Range:
+    """What the readings of a quantity usually lie within, in SI; narrower than what a sensor can give."""
+
+    pattern: str
+    low: float
+    high: float
+
+
+USUAL = {
+    "temperature": (
+        Range(r"(ambient_)?(temperature|SAT|sat|OAT|oat)|T0", 190.0, 335.0),
+        Range(r"T1\d*|T2|TAT|tat", 200.0, 360.0),
+        Range(r"T21\d*|T25\d*", 230.0, 700.0),
+        Range(r"T3\d*", 350.0, 1050.0),
+        Range(r"T4\d*|TIT|ITT|itt", 600.0, 2300.0),
+        Range(r"T5\d*|T6\d*|EGT|egt|TGT", 350.0, 1500.0),
+    ),
+    "pressure": (
+        Range(r"(ambient_)?pressure|P0", 5e3, 1.1e5),
+        Range(r"P1\d*|P2", 1.8e4, 2.5e5),
+        Range(r"P21\d*|P25\d*", 1.5e4, 1e6),
+        Range(r"Ps?3\d*|Ps?4", 5e4, 6e6),
+        Range(r"P4\d|P5\d*|P6\d*", 1.5e4, 2e6),
+    ),
+    "rotational speed": (Range(r"N\d*|Np|Ng", 200.0, 2.5e5),),
+    "mass flow": (Range(r"Wf|fuel_flow|fuel", 3e-4, 15.0),),
+    "length": (Range(r"altitude|alt", -500.0, 20_000.0),),
+}
+"""Dimension → ranges of quantities by ARP755 station, of gas turbines from 10 kW to 400 MW, from idle up. They say
+whether a unit can be: a median outside is a question to the user, never a mask."""
+
+
+@dataclass(frozen=True)
+class UnitDoubt:
+    """A column whose median cannot be in its unit, and the units of its dimension in which it could."""
+
+    column: str
+    unit: str
+    median: float
+    low: float
+    high: float
+    plausible: tuple[str, ...]
+
+
+def unit_doubt(column: str, values: np.ndarray) -> UnitDoubt | None:
+    """The doubt about a column's unit, or None where its median (N values) can be, or nothing is known about it."""
+    quantity, suffix = split_column(column)
+    finite = values[np.isfinite(values)]
+    if not suffix or not finite.size:
+        return None
+    unit = find_unit(suffix)
+    usual = usual_range(quantity, unit.dimension)
+    median = median_of(finite)
+    if usual is None or usual.low <= median * unit.factor + unit.offset <= usual.high:
+        return None
+    plausible = tuple(
+        name
+        for name, other in UNITS.items()
+        if other.dimension == unit.dimension and usual.low <= median * other.factor + other.offset <= usual.high
+    )
+    low, high = ((limit - unit.offset) / unit.factor for limit in (usual.low, usual.high))
+    return UnitDoubt(column, suffix, median, low, high, plausible)
+
+
+def median_of(values: np.ndarray) -> float:
+    """The median of the values (N,) that are there; infinite where it is at the end of what a float holds."""
+    with np.errstate(over="ignore"):
+        return float(np.nanmedian(values))
+
+
+def usual_range(quantity: str, dimension: str) -> Range | None:
+    """The usual range of a quantity of that name, perhaps behind an engine's prefix (`lh_T3`)."""
+    for known in USUAL.get(dimension, ()):
+        if re.fullmatch(rf"([A-Za-z]+\d*_)?({known.pattern})", quantity):
+            return known
+    return None
+
+
+MOST_OUTSIDE = 0.01
+"""Share of the readings outside the proposed limits from which these, or the unit, are doubtful."""
+
+
+MOST_FILLERS = 0.3
+"""Share of readings that may be one or two values far away, such as 9999, which limits then shut out."""
+
+
+_LIMITS: Mapping[str, tuple[float, float]] = {
+    "altitude_m": (-600.0, 20_000.0),
+    "mach": (-0.05, 1.5),
+    "cas_m_s": (-5.0, 350.0),
+    "tas_m_s": (-5.0, 450.0),
+    "relative_humidity": (0.0, 1.1),
+    "ambient_temperature_K": (180.0, 345.0),
+    "ambient_pressure_Pa": (5e3, 1.15e5),
+    "TAT_K": (180.0, 360.0),
+    "BPR": (0.0, 20.0),
+    "EPR": (0.5, 6.0),
+}
+"""What readings can truthfully be, in SI, beyond any flight or site: for the air around."""
+
+
+_LIMITS_BY_DIMENSION: Mapping[str, tuple[float, float]] = {
+    "temperature": (0.8, 1.15),
+    "pressure": (0.3, 1.1),
+    "mass flow": (0.0, 2.0),
+}
+"""Factors on the usual range of a median (`unit_inference.range_of`) between which every reading must lie: start,
+idle and overshoot included."""
+
+
+def propose_limits(
+    target: str, values: np.ndarray, possible: float | None = None
+) -> tuple[tuple[float, float] | None, tuple[str, ...]]:
+    """Plausible limits of a target in SI, wider than the usual range, with a doubt where more than one reading in a
+    hundred (N values in SI) lies outside them. possible: the largest reading that the engine file holds possible."""
+    _quantity, own = split_column(target)
+    limits = _LIMITS.get(target)
+    usual = range_of(target)
+    factors = _LIMITS_BY_DIMENSION.get(find_unit(own or "1").dimension)
+    if limits is None and usual is not None and factors is not None:
+        low = 200.0 if own == "K" else factors[0] * usual[0]  # a cold engine has the temperature of the air
+        limits = (low, factors[1] * usual[1])
+    if limits is not None and possible is not None:  # a tenth beyond it
+        limits = (limits[0], min(limits[1], max(1.1 * possible, limits[0] + 1.0)))
+    if limits is None:
+        return None, ()
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return limits, ()
+    beyond = (known < limits[0]) | (known > limits[1])
+    outside = float(np.mean(beyond))
+    if outside > MOST_OUTSIDE and not (outside < MOST_FILLERS and len(np.unique(known[beyond])) <= 2):
+        text = f"{100 * outside:.0f} % of the readings lie outside {limits[0]:.4g} to {limits[1]:.4g}"
+        return None, (f"{text} {own}: another unit, or fill values? add limits",)
+    return limits, ()

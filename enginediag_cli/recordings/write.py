@@ -2,6 +2,10 @@
 
 In CSV numbers are written with 10 significant digits: more than any recorder resolves, and short. A missing value is
 an empty cell. A closed pipe is left to the caller.
+
+The `#` lines at the head of a file: which program, command, configuration and seed made it.
+
+The same run gives the same bytes, so there is no time stamp unless the caller adds one.
 """
 
 from __future__ import annotations
@@ -24,9 +28,9 @@ import numpy as np
 from enginediag_cli.errors import DataError
 from enginediag_cli.file_lock import try_lock
 from enginediag_cli.progress import touched, wipe
-from enginediag_cli.recordings.formats.parquet_in import named_parquet
-from enginediag_cli.recordings.formats.table_file import RecordingWriter
+from enginediag_cli.recordings.parquet import named_parquet
 from enginediag_cli.recordings.table import Recording
+from enginediag_cli.recordings.table_file import RecordingWriter
 from enginediag_cli.safe_text import UNSPEAKABLE, guarded, visible
 
 PART = ".part"
@@ -172,7 +176,7 @@ def recording_output(
 ) -> Iterator[RecordingWriter]:
     """What writes recordings to `path`, as Parquet or CSV; with None its name says which. Raises DataError, OSError."""
     if named_parquet(path) if parquet is None else parquet:
-        from enginediag_cli.recordings.formats.parquet_out import ParquetWriter
+        from enginediag_cli.recordings.parquet import ParquetWriter
 
         with binary_output(path) as raw, ParquetWriter(raw, str(path), provenance) as writer:
             yield writer

@@ -22,7 +22,7 @@ from enginediag_cli.report.messages import wants_color
 from enginediag_cli.safe_text import guarded, json_escaped, visible
 
 if TYPE_CHECKING:
-    from enginediag_cli.recordings.formats.table_file import RecordingWriter
+    from enginediag_cli.recordings.table_file import RecordingWriter
 
 
 def plain(value: Any) -> Any:
@@ -293,7 +293,7 @@ class Output:
         self, rows: Iterable[Mapping[str, Any]], columns: Sequence[str], provenance: Sequence[str]
     ) -> int:
         """Rows with lists and mappings as the texts that CSV has of them."""
-        from enginediag_cli.recordings.formats.parquet_out import write_parquet
+        from enginediag_cli.recordings.parquet import write_parquet
         from enginediag_cli.recordings.write import binary_output
 
         notes = [line.removeprefix("#").strip() if line.startswith("#") else line for line in provenance]
@@ -342,7 +342,7 @@ def table_suffix(path: str) -> str:
 
 def check_parquet(path: str) -> None:
     """Raises DataError where Parquet cannot be written to `path`, for want of the package."""
-    from enginediag_cli.recordings.formats.arrow import parquet_library
+    from enginediag_cli.recordings.parquet import parquet_library
 
     parquet_library(path, "write a .csv")
 

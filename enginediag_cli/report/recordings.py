@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from enginediag_cli.engine.overview import design_table, heating_value_doubts
-from enginediag_cli.intake.baseline import Baseline
-from enginediag_cli.intake.left_out import GrossCounts, LeftOut
+from enginediag_cli.intake.excluded import GrossCounts, LeftOut
+from enginediag_cli.intake.selection import Baseline
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.outputs.files import CHECK
 from enginediag_cli.report.sentences import count, rounded, with_unit
@@ -23,11 +23,10 @@ from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
-    from enginediag_cli.intake.accepted import Accepted
+    from enginediag_cli.intake.acceptance import Accepted, Stretches
     from enginediag_cli.intake.agreement import Disagreement
-    from enginediag_cli.intake.flights import Thinning
-    from enginediag_cli.intake.wanted import Wanted
-    from enginediag_cli.recordings.acceptance import Stretches
+    from enginediag_cli.intake.loader import Thinning
+    from enginediag_cli.intake.selection import Wanted
 
 
 SOME_LINES = 5
@@ -58,7 +57,7 @@ def tell_left_out(
 def tell_thinning(messages: Messages, thinning: Thinning) -> None:
     """How many records were taken where there are more than memory should hold."""
     if thinning.halved:
-        from enginediag_cli.intake.flights import RUN
+        from enginediag_cli.intake.loader import RUN
 
         messages.note(
             f"of {thinning.came:,} records one run of {RUN} in {2**thinning.halved} is fitted, evenly spread: "

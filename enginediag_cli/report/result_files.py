@@ -426,7 +426,7 @@ def _unknown(name: str, columns: Sequence[str]) -> str:
 
 def known_of(results: Sequence[Result]) -> dict[str, Parameter]:
     """By name, of every nominal file among the results. Raises ConfigError for a damaged one."""
-    from enginediag_cli.intake.baseline import open_baseline
+    from enginediag_cli.intake.selection import open_baseline
     from enginediag_cli.residuals.monitor import monitor_of
 
     known: dict[str, Parameter] = {}

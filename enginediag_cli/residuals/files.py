@@ -26,7 +26,7 @@ import numpy as np
 
 from enginediag_cli.engine.instrument_errors import DRIFT, ELAPSED
 from enginediag_cli.errors import DataError, NoVerdictError
-from enginediag_cli.intake.intake import File, Intake
+from enginediag_cli.intake.loader import File, Intake
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.recordings.table import Recording, concat
 from enginediag_cli.residuals.flat import DIGITS, MadeWith, is_flat, plan_cells

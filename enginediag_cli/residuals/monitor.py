@@ -32,7 +32,7 @@ from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
     from enginediag_cli.identification.nominal import Nominal
-    from enginediag_cli.intake.baseline import Baseline
+    from enginediag_cli.intake.selection import Baseline
 
 AnyMonitor = TypeVar("AnyMonitor", bound="Monitor")
 

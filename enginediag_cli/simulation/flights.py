@@ -9,7 +9,7 @@ The flights that are simulated when nobody says which.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,17 +21,46 @@ from enginediag_cli.config.hints import near
 from enginediag_cli.engine.atmosphere import standard_atmosphere
 from enginediag_cli.engine.wrapped import EngineLike
 from enginediag_cli.errors import DataError
-from enginediag_cli.simulation.airspeed import FOOT_M
-from enginediag_cli.simulation.missions import UNRECORDED, airliner, ground, manoeuvres, snapshots, sweep
+from enginediag_cli.simulation.airliner import AIRLINER, fly_airliner
+from enginediag_cli.simulation.missions import (
+    FOOT_M,
+    GROUND,
+    MANOEUVRES,
+    SNAPSHOTS,
+    SWEEP,
+    UNRECORDED,
+    draw_snapshots,
+    draw_sweep,
+    fly_manoeuvres,
+    run_on_ground,
+)
 from enginediag_cli.simulation.noise import NOISE
 
+Columns = dict[str, NDArray]
+
+
+@dataclass(frozen=True)
+class Mission:
+    """A kind of mission: its keys in a flight file, and what makes the columns of so many flights.
+
+    The columns are `flight`, `time_s`, `phase`, `altitude_m`, `mach`, `dT_isa_K` and `power_fraction`. series: whether
+    records follow each other in time; then there may be a column UNRECORDED, 1 at points that bend the course but are
+    not recorded.
+    """
+
+    section: Section
+    generate: Callable[[Mapping[str, Any], int, EngineLike, np.random.Generator], Columns]
+    series: bool = True
+
+
 MISSIONS = {
-    "airliner": airliner,
-    "snapshots": snapshots,
-    "sweep": sweep,
-    "ground": ground,
-    "manoeuvres": manoeuvres,
+    "airliner": Mission(AIRLINER, fly_airliner),
+    "snapshots": Mission(SNAPSHOTS, draw_snapshots, series=False),
+    "sweep": Mission(SWEEP, draw_sweep, series=False),
+    "ground": Mission(GROUND, run_on_ground),
+    "manoeuvres": Mission(MANOEUVRES, fly_manoeuvres),
 }
+MISSION = Variants("mission", "kind of mission", {name: m.section for name, m in MISSIONS.items()})
 
 FLIGHT_FILE = Section(
     "flight",
@@ -51,7 +80,7 @@ FLIGHT_FILE = Section(
             "mission",
             "section",
             "what a flight looks like",
-            section=Variants("mission", "kind of mission", {name: m.SECTION for name, m in MISSIONS.items()}),
+            section=MISSION,
         ),
         Field("constants", "number_map", "further inputs of the engine, each held at one value", {}),
         Field("noise", "section", "sensor noise unless the command says otherwise", {}, section=NOISE),
@@ -141,13 +170,13 @@ def generate_flights(
     input that the flights do not give.
     """
     mission = plan["mission"]
-    generate = MISSIONS[mission["type"]].generate
+    kind = MISSIONS[mission["type"]]
     count = flights if flights is not None else plan["flights"]
     if records is not None and flights is None:
-        first = generate(mission, 1, engine, _copy(rng))
+        first = kind.generate(mission, 1, engine, _copy(rng))
         count = min(1 + records // max(len(first["time_s"]) // 2, 1), MAX_FLIGHTS_FOR_RECORDS)
-    columns = generate(mission, count, engine, rng)
-    conditions = _recorded(with_power(columns, engine, plan["constants"]), columns, MISSIONS[mission["type"]].SERIES)
+    columns = kind.generate(mission, count, engine, rng)
+    conditions = _recorded(with_power(columns, engine, plan["constants"]), columns, kind.series)
     return conditions if records is None else conditions.slice(0, records)
 
 
@@ -213,7 +242,7 @@ def default_plan(engine: EngineLike) -> dict[str, Any]:
     flies = "altitude_m" in engine.inputs
     mission = {
         "type": "airliner" if flies else "ground",
-        **_defaults(MISSIONS["airliner" if flies else "ground"].SECTION),
+        **_defaults(AIRLINER if flies else GROUND),
     }
     if flies:
         _keep_inside(mission, engine)

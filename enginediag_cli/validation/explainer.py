@@ -17,7 +17,7 @@ from dataclasses import asdict, replace
 from time import process_time
 from typing import Any
 
-from enginediag_cli.intake.source import Source
+from enginediag_cli.intake.selection import Source
 from enginediag_cli.mismatch.explain.answer import NAMED, Answer, Explanation
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.plan import plan

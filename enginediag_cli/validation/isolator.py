@@ -21,11 +21,8 @@ from enginediag_cli.engine.engine import Engine
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.nominal_file import write_nominal
 from enginediag_cli.identification.problem import without_repeats
-from enginediag_cli.intake.baseline import open_baseline
-from enginediag_cli.intake.flights import whole_flights
-from enginediag_cli.intake.intake import Intake
-from enginediag_cli.intake.source import Source
-from enginediag_cli.intake.wanted import columns_of
+from enginediag_cli.intake.loader import Intake, whole_flights
+from enginediag_cli.intake.selection import Source, columns_of, open_baseline
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions
 from enginediag_cli.isolation.of_windows import IsolatedWindow, Isolating
 from enginediag_cli.parameters import Parameter

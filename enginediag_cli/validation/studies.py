@@ -25,7 +25,7 @@ from enginediag_cli.methods.registry import SECTIONS, chosen_method
 from enginediag_cli.parameters import meanings
 from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.monitor import Monitor, watched_parameters
-from enginediag_cli.simulation.flights import MISSIONS
+from enginediag_cli.simulation.flights import MISSION
 from enginediag_cli.simulation.noise import NOISE, ColumnNoise
 
 if TYPE_CHECKING:
@@ -183,7 +183,7 @@ STUDY_FILE = Section(
             "mission",
             "section",
             "operating conditions, drawn anew for every diagnosis",
-            section=Variants("mission", "kind of mission", {name: m.SECTION for name, m in MISSIONS.items()}),
+            section=MISSION,
         ),
         Field("constants", "number_map", "further inputs of the engine, each held at one value", {}),
         Field("noise", "section", "sensor noise; its size is known to the methods", {}, section=NOISE),

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from enginediag_cli.detection.follow import FlightMonitor
-from enginediag_cli.intake.baseline import open_baseline
+from enginediag_cli.intake.selection import open_baseline
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.monitor import Monitor, monitor_of
 from enginediag_cli.simulation.flights import default_plan, engine_inputs, generate_flights

@@ -31,7 +31,7 @@ from end_to_end import ROOT, run
 
 from enginediag_cli.detection import follow
 from enginediag_cli.engine.instrument_errors import OF_NOISE, InputErrors
-from enginediag_cli.intake.baseline import open_baseline
+from enginediag_cli.intake.selection import open_baseline
 from enginediag_cli.residuals import gross_gate
 from enginediag_cli.residuals import gross_gate as live_gate
 from enginediag_cli.residuals.monitor import Monitor, monitor_of

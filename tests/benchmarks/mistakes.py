@@ -34,10 +34,9 @@ from enginediag_cli.__main__ import main as program
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.intake.agreement import NEAR, NEAR_GENERIC, Agreement, Disagreement, agreement_with_engine
 from enginediag_cli.intake.comparison import yardstick_of_engine, yardstick_of_nominal
-from enginediag_cli.intake.intake import Intake
+from enginediag_cli.intake.loader import Intake
 from enginediag_cli.intake.mistakes import Mistake
-from enginediag_cli.intake.source import Source
-from enginediag_cli.intake.wanted import columns_of
+from enginediag_cli.intake.selection import Source, columns_of
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.shipped import shipped

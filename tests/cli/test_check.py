@@ -42,7 +42,7 @@ def test_good_files_get_a_line_each_and_exit_0(run, files):
 
 
 def test_of_a_file_that_is_too_long_the_first_records_are_looked_over_and_that_is_said(run, files, monkeypatch):
-    monkeypatch.setattr("enginediag_cli.intake.accepted.MOST_CHECKED", 2)
+    monkeypatch.setattr("enginediag_cli.intake.acceptance.MOST_CHECKED", 2)
     [flight] = files(flight__csv=FLIGHT)
     ended = run("check", flight)
     assert ended.exit_code == 0

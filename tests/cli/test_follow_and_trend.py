@@ -15,8 +15,8 @@ import yaml
 
 from enginediag_cli.__main__ import main
 from enginediag_cli.engine.instrument_errors import InputErrors
-from enginediag_cli.intake.baseline import open_baseline
-from enginediag_cli.recordings.recorder import load_recorder
+from enginediag_cli.intake.selection import open_baseline
+from enginediag_cli.recordings.recorder_file import load_recorder
 from enginediag_cli.residuals.monitor import monitor_of
 from enginediag_cli.residuals.reduced import effects_of_inputs
 from enginediag_cli.units import split_column

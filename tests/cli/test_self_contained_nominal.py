@@ -15,7 +15,7 @@ from healthy_files import make
 from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.errors import ConfigError
 from enginediag_cli.identification.nominal_file import format_nominal, read_nominal, write_nominal
-from enginediag_cli.intake.baseline import open_baseline
+from enginediag_cli.intake.selection import open_baseline
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.provenance import sha256_of
 

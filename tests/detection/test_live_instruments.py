@@ -9,10 +9,8 @@ import pytest
 from known_engine import climb, recorded, write_known
 
 from enginediag_cli.detection.follow import Following
-from enginediag_cli.intake.baseline import open_baseline
-from enginediag_cli.intake.intake import Intake
-from enginediag_cli.intake.source import Source
-from enginediag_cli.intake.wanted import columns_of
+from enginediag_cli.intake.loader import Intake
+from enginediag_cli.intake.selection import Source, columns_of, open_baseline
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv

@@ -15,9 +15,8 @@ from enginediag_cli.fleets.condensed_file import CondensedReader
 from enginediag_cli.fleets.run import Piece, _Stored, condense_all, engine_tasks
 from enginediag_cli.fleets.runners.runner import Serial
 from enginediag_cli.fleets.store import Store
-from enginediag_cli.intake.intake import Intake
-from enginediag_cli.intake.source import Source
-from enginediag_cli.intake.wanted import columns_of
+from enginediag_cli.intake.loader import Intake
+from enginediag_cli.intake.selection import Source, columns_of
 from enginediag_cli.recordings.read import read_all
 from enginediag_cli.recordings.write import write_csv
 from enginediag_cli.residuals.files import JudgedFiles, Judging

@@ -13,7 +13,7 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.intake.comparison import yardstick_of_engine
-from enginediag_cli.recordings.derived.rules import SEA_LEVEL_PA, SOUND_AT_SEA_LEVEL_M_S, isa_pressure, isa_temperature
+from enginediag_cli.recordings.derived import SEA_LEVEL_PA, SOUND_AT_SEA_LEVEL_M_S, isa_pressure, isa_temperature
 from enginediag_cli.units import known_unit, split_column
 
 Columns = dict[str, np.ndarray]

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.intake.flights import every_record, whole_flights
-from enginediag_cli.intake.intake import Intake
-from enginediag_cli.intake.source import Source
-from enginediag_cli.intake.wanted import Wanted
+from enginediag_cli.intake.loader import Intake, every_record, whole_flights
+from enginediag_cli.intake.selection import Source, Wanted
 
 RECORDER = """
 kind: recorder

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.identification.problem import TrainingRecording
-from enginediag_cli.intake.flights import RUN, Thinning, WholeFlight
+from enginediag_cli.intake.loader import RUN, Thinning, WholeFlight
 from enginediag_cli.recordings.table import Recording
 
 

@@ -11,10 +11,8 @@ from known_engine import climb, nominal_of, recorded
 
 from enginediag_cli.identification.nominal import SensorNoise
 from enginediag_cli.identification.nominal_file import write_nominal
-from enginediag_cli.intake.baseline import open_baseline
-from enginediag_cli.intake.intake import Intake
-from enginediag_cli.intake.source import Source
-from enginediag_cli.intake.wanted import columns_of
+from enginediag_cli.intake.loader import Intake
+from enginediag_cli.intake.selection import Source, columns_of, open_baseline
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions
 from enginediag_cli.isolation.of_windows import Isolating
 from enginediag_cli.physics.engine_file import load_engine

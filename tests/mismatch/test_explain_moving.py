@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine.moving.tape import MOMENT
-from enginediag_cli.intake.source import Source
+from enginediag_cli.intake.selection import Source
 from enginediag_cli.mismatch.explain.answer import NAMED, NOTHING, Coefficient, Explanation
 from enginediag_cli.mismatch.explain.plan import plan
 from enginediag_cli.mismatch.explain.story import tell

@@ -10,7 +10,7 @@ import pytest
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.problem import TrainingRecording
-from enginediag_cli.intake.source import Source
+from enginediag_cli.intake.selection import Source
 from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.mismatch.fit.load import SCALE_SIGMA, Asked, Case, build_evidence, load_case
 from enginediag_cli.physics.engine_file import load_engine

@@ -12,7 +12,7 @@ import pytest
 from refine_flights import ENGINE, flights, write_csv
 
 from enginediag_cli.__main__ import main
-from enginediag_cli.intake.source import Source
+from enginediag_cli.intake.selection import Source
 from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.mismatch.fit.load import Asked, Case, load_case
 from enginediag_cli.mismatch.fit.noise import LEAST_RHO

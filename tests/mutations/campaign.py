@@ -328,7 +328,7 @@ def _told(stderr: str) -> int:
 def _records(case: Case, copy: Path) -> int:
     """Records of the damaged file, as they are read."""
     from enginediag_cli.recordings.read import read_all
-    from enginediag_cli.recordings.recorder import load_recorder
+    from enginediag_cli.recordings.recorder_file import load_recorder
 
     copy.write_bytes(case.content)
     if "--recorder" not in case.command:

@@ -12,7 +12,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 from ground_recordings import CONFIGS, public_data
 
-from enginediag_cli.recordings.recorder import load_recorder
+from enginediag_cli.recordings.recorder_file import load_recorder
 
 KNOWN = ("ambient_temperature_K", "ambient_pressure_Pa", "T4_K")
 READ = {"P3_Pa": "CDP", "T5_K": "TAT", "power_W": "TEY"}

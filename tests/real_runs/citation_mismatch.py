@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from ground_recordings import CONFIGS, enginediag, public_data
 
-from enginediag_cli.intake.source import Source
+from enginediag_cli.intake.selection import Source
 from enginediag_cli.mismatch.explain.unrecorded_search import with_own_noise
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Identified, Nuisance, identify_with, nuisance, stacked
@@ -39,7 +39,7 @@ from enginediag_cli.mismatch.unrecorded.switched import (
 )
 from enginediag_cli.physics.registry import candidates, effect
 from enginediag_cli.recordings.read import read_all
-from enginediag_cli.recordings.recorder import load_recorder
+from enginediag_cli.recordings.recorder_file import load_recorder
 
 ENGINE = CONFIGS / "citation_jt15d.yaml"
 RECORDER = CONFIGS / "recorders" / "citation_jt15d.yaml"

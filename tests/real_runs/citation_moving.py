@@ -38,7 +38,7 @@ from enginediag_cli.mismatch.fit.identified import stacked
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
 from enginediag_cli.recordings.read import read_all
-from enginediag_cli.recordings.recorder import load_recorder
+from enginediag_cli.recordings.recorder_file import load_recorder
 
 SENSORS = ("N2_rpm", "ITT_K", "Wf_kg_s")
 SCALE = np.array([50.0, 4.0, 0.01])

@@ -19,7 +19,7 @@ import numpy as np
 from ground_recordings import CONFIGS, public_data
 
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.intake.source import Source
+from enginediag_cli.intake.selection import Source
 from enginediag_cli.mismatch.explain.story import named_effects, tell
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.identified import nuisance

@@ -13,7 +13,7 @@ from ground_recordings import CONFIGS
 
 from enginediag_cli.identification.nominal_file import read_nominal
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.recordings.recorder import load_recorder
+from enginediag_cli.recordings.recorder_file import load_recorder
 
 PART_BELOW_K = 1370.15
 

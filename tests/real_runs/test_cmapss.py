@@ -13,7 +13,7 @@ from ground_recordings import CONFIGS, enginediag, public_data, table
 
 from enginediag_cli.identification.nominal_file import read_nominal
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.recordings.recorder import load_recorder
+from enginediag_cli.recordings.recorder_file import load_recorder
 
 ENGINE = CONFIGS / "cmapss_turbofan.yaml"
 RECORDER = CONFIGS / "recorders" / "cmapss.yaml"

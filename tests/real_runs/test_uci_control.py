@@ -11,7 +11,7 @@ from enginediag_cli.identification.problem import TrainingRecording
 from enginediag_cli.mismatch.controlled.find import Found, find_law
 from enginediag_cli.mismatch.refine.controlled import refine_control
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.recordings.recorder import load_recorder
+from enginediag_cli.recordings.recorder_file import load_recorder
 
 pytestmark = [pytest.mark.shared_data, pytest.mark.slow]
 WITHHELD = ("relative_humidity", "humidity_kg_kg")

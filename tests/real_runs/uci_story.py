@@ -20,7 +20,7 @@ from enginediag_cli.mismatch.unrecorded.per_record import PerRecord, amplitudes_
 from enginediag_cli.mismatch.unrecorded.per_record_effects import BLOCK, Beside, Rows, effects_beside, inflation
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import candidates, effect
-from enginediag_cli.recordings.recorder import load_recorder
+from enginediag_cli.recordings.recorder_file import load_recorder
 
 ENGINE, RECORDER = CONFIGS / "power_plant.yaml", CONFIGS / "recorders" / "uci_gas_turbine.yaml"
 WITHHELD = ("relative_humidity", "humidity_kg_kg")

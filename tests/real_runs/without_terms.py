@@ -20,7 +20,7 @@ from pathlib import Path
 from ground_recordings import CONFIGS, public_data
 
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.intake.source import Source
+from enginediag_cli.intake.selection import Source
 from enginediag_cli.mismatch.explain.answer import Answer
 from enginediag_cli.mismatch.explain.story import tell
 from enginediag_cli.mismatch.fit.load import Case, load_case

@@ -7,7 +7,7 @@ import pytest
 from shared_recordings import shared_data
 
 from enginediag_cli.errors import ConfigError
-from enginediag_cli.recordings.derived.rules import (
+from enginediag_cli.recordings.derived import (
     consensus,
     humidity_ratio,
     isa_pressure,
@@ -19,7 +19,7 @@ from enginediag_cli.recordings.derived.rules import (
     static_temperature,
 )
 from enginediag_cli.recordings.read import read_all
-from enginediag_cli.recordings.recorder import load_recorder
+from enginediag_cli.recordings.recorder_file import load_recorder
 
 
 def test_the_standard_atmosphere_has_its_published_temperatures():

@@ -9,11 +9,10 @@ from shared_recordings import REPOSITORY, shared_data
 
 from enginediag_cli.cli.main import enginediag
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.derived.rules import isa_pressure, isa_temperature
-from enginediag_cli.recordings.draft import draft
-from enginediag_cli.recordings.draft_text import draft_yaml
+from enginediag_cli.recordings.derived import isa_pressure, isa_temperature
+from enginediag_cli.recordings.draft import draft, draft_yaml
 from enginediag_cli.recordings.engine_columns import EngineColumns
-from enginediag_cli.recordings.recorder import load_recorder
+from enginediag_cli.recordings.recorder_file import load_recorder
 from enginediag_cli.recordings.sniff import sniff
 from enginediag_cli.recordings.unit_inference import PRIORS, Column, axis_of, infer_units
 from enginediag_cli.units import find_unit

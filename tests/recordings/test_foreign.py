@@ -12,9 +12,10 @@ import pytest
 from shared_recordings import RECORDERS, shared_data
 
 from enginediag_cli.errors import ConfigError, DataError
-from enginediag_cli.recordings.read import Absent, absent_columns, read_all
-from enginediag_cli.recordings.recorder import load_recorder
+from enginediag_cli.recordings.read import read_all
+from enginediag_cli.recordings.recorder_file import load_recorder
 from enginediag_cli.recordings.table import concat
+from enginediag_cli.recordings.table_file import Absent, absent_columns
 
 LOGGER = """\
 Prüfstand 3;Messung vom 4. März

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings import joining
-from enginediag_cli.recordings.joining import latest, nearest_records
-from enginediag_cli.recordings.recorder import load_recorder
+from enginediag_cli.recordings import clocks as joining
+from enginediag_cli.recordings.clocks import latest, nearest_records
+from enginediag_cli.recordings.recorder_file import load_recorder
 from enginediag_cli.recordings.table import concat
 
 LONG = """\

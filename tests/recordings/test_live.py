@@ -7,9 +7,9 @@ import io
 import numpy as np
 import pytest
 
-from enginediag_cli.recordings.live import LiveRecorder
 from enginediag_cli.recordings.read import read
-from enginediag_cli.recordings.recorder import load_recorder
+from enginediag_cli.recordings.recorder import LiveRecorder
+from enginediag_cli.recordings.recorder_file import load_recorder
 
 HEAD = """\
 kind: recorder

@@ -14,7 +14,7 @@ import pytest
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.provenance import header_lines
 from enginediag_cli.recordings.read import read, read_all, table_file
-from enginediag_cli.recordings.recorder import load_recorder
+from enginediag_cli.recordings.recorder_file import load_recorder
 from enginediag_cli.recordings.sniff import sniff
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import recording_output, write_csv

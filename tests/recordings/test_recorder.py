@@ -10,7 +10,7 @@ import pytest
 from shared_recordings import RECORDERS, shared_data
 
 from enginediag_cli.errors import ConfigError, DataError, NoVerdictError
-from enginediag_cli.recordings.recorder import load_recorder
+from enginediag_cli.recordings.recorder_file import load_recorder
 
 TWO_ENGINES = """\
 kind: recorder

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.stamps import Stamps
+from enginediag_cli.recordings.clocks import Stamps
 from enginediag_cli.recordings.table import Recording, concat
 
 zones = pytest.mark.skipif("Europe/Berlin" not in available_timezones(), reason="no list of time zones (tzdata)")

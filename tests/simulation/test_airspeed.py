@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.simulation.airspeed import FOOT_M, KNOT_M_S, mach_from_cas
+from enginediag_cli.simulation.missions import FOOT_M, KNOT_M_S, mach_from_cas
 
 
 @pytest.mark.parametrize(

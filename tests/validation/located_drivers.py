@@ -16,7 +16,7 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from enginediag_cli.intake.source import Source
+from enginediag_cli.intake.selection import Source
 from enginediag_cli.mismatch.fit.evidence import Noise
 from enginediag_cli.mismatch.fit.load import Asked, Case, load_case
 from enginediag_cli.mismatch.locate.locate import Located, locate

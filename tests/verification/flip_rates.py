@@ -29,10 +29,8 @@ import numpy as np
 
 from enginediag_cli.__main__ import main
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.intake.baseline import open_baseline
-from enginediag_cli.intake.intake import Intake
-from enginediag_cli.intake.source import Source
-from enginediag_cli.intake.wanted import columns_of
+from enginediag_cli.intake.loader import Intake
+from enginediag_cli.intake.selection import Source, columns_of, open_baseline
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions
 from enginediag_cli.isolation.flips.flips import Flip, Flips
 from enginediag_cli.isolation.of_windows import Isolating

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from enginediag_cli.intake.flights import every_record
-from enginediag_cli.intake.intake import Intake
+from enginediag_cli.intake.loader import Intake, every_record
 from enginediag_cli.mismatch.fit.identified import Identified, Nuisance
 from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding

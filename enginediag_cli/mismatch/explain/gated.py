@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.intake.intake import Intake
+from enginediag_cli.intake.loader import Intake
 from enginediag_cli.mismatch.fit.evidence import Evidence
 
 

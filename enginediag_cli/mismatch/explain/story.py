@@ -13,7 +13,7 @@ import numpy as np
 from scipy import special
 
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.intake.intake import Intake
+from enginediag_cli.intake.loader import Intake
 from enginediag_cli.isolation.flips.flips import Flips
 from enginediag_cli.mismatch.controlled.find import Found
 from enginediag_cli.mismatch.explain.answer import FAILED, LAW, NAMED, NONE, NOTHING, Answer

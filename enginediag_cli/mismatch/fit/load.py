@@ -34,12 +34,9 @@ from enginediag_cli.identification.nominal import Nominal
 from enginediag_cli.identification.nominal_checks import with_accuracy
 from enginediag_cli.identification.problem import IdentificationSettings, OffsetPrior, settings_from_mapping
 from enginediag_cli.intake.agreement import agreement_with_engine, agreement_with_nominal
-from enginediag_cli.intake.baseline import Baseline, open_baseline
-from enginediag_cli.intake.flights import Thinning, whole_flights
-from enginediag_cli.intake.intake import Intake
-from enginediag_cli.intake.left_out import GrossCounts
-from enginediag_cli.intake.source import Source
-from enginediag_cli.intake.wanted import columns_of
+from enginediag_cli.intake.excluded import GrossCounts
+from enginediag_cli.intake.loader import Intake, Thinning, whole_flights
+from enginediag_cli.intake.selection import Baseline, Source, columns_of, open_baseline
 from enginediag_cli.mismatch.controlled.find import Found, find_law
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise, Owed, Settings, as_recordings
 from enginediag_cli.mismatch.fit.noise import larger_noise

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine.moving.tape import MOMENT
-from enginediag_cli.intake.source import Source
+from enginediag_cli.intake.selection import Source
 from enginediag_cli.mismatch.explain.answer import HIDDEN, LAW
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.follows import followed

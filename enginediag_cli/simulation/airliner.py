@@ -17,8 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from enginediag_cli.config.fields import Field, Section
-from enginediag_cli.simulation.airspeed import FOOT_M, KNOT_M_S, mach_from_cas
-from enginediag_cli.simulation.missions import atmosphere
+from enginediag_cli.simulation.missions import (
+    DAY_FIELDS,
+    FOOT_M,
+    KNOT_M_S,
+    deviation_along_flight,
+    deviation_of_days,
+    mach_from_cas,
+)
 
 
 class Profile:
@@ -95,9 +101,7 @@ class Profile:
         return self.times[len(self.phases) - self.phases[::-1].index(phase)]
 
 
-SERIES = True
-
-SECTION = Section(
+AIRLINER = Section(
     "airliner",
     "whole flights: ground, take-off, climb, cruise with step climbs, descent",
     (
@@ -204,7 +208,7 @@ SECTION = Section(
         ),
         Field("record_interval_s", "number", "time between records", 10.0, unit="s", minimum=0.1),
         Field("turnaround_min", "number", "time on the ground between flights", 60.0, unit="min", minimum=0.0),
-        *atmosphere.FIELDS,
+        *DAY_FIELDS,
     ),
 )
 
@@ -227,7 +231,7 @@ ISA_TOP_M = 11000.0
 """Of the troposphere of the standard atmosphere, over which the rate of climb falls linearly."""
 
 
-def generate(
+def fly_airliner(
     settings: Mapping[str, Any],
     count: int,
     engine: object,
@@ -254,13 +258,13 @@ def one_flight(settings: Mapping[str, Any], rng: np.random.Generator) -> dict[st
     profile = _profile(settings, draw)
     time = np.arange(0.0, profile.end_s, settings["record_interval_s"])
     altitude, phase = profile.altitude(time), profile.phase(time)
-    ground_K, cruise_K = (float(atmosphere.day(settings, where, rng, 1)[0]) for where in ("ground", "cruise"))
+    ground_K, cruise_K = (float(deviation_of_days(settings, where, rng, 1)[0]) for where in ("ground", "cruise"))
     return {
         "time_s": time,
         "phase": phase,
         "altitude_m": altitude,
         "mach": _mach(settings, draw, profile, time, altitude),
-        "dT_isa_K": atmosphere.along_flight(time, altitude, ground_K, cruise_K, rng),
+        "dT_isa_K": deviation_along_flight(time, altitude, ground_K, cruise_K, rng),
         "power_fraction": _power(settings, profile, time, phase, rng),
     }
 

@@ -1,4 +1,4 @@
-"""What of a recording did not come through the door, as counts: presentation tells it, nobody else."""
+"""What was not used of a recording, as counts. The report puts it in words."""
 
 from __future__ import annotations
 
@@ -6,20 +6,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.recordings.formats.table_file import ReadingCounts
 from enginediag_cli.recordings.repeated import StuckRun
+from enginediag_cli.recordings.table_file import Absent, ReadingCounts
 
 if TYPE_CHECKING:
-    from enginediag_cli.recordings.live import LiveRecorder
     from enginediag_cli.recordings.masking import MaskCounts
-    from enginediag_cli.recordings.read import Absent
+    from enginediag_cli.recordings.recorder import LiveRecorder
     from enginediag_cli.recordings.steady import GateReport
-
 
 EXCURSION = 3
 """Records in a row from which gross errors are reported as a short excursion: it may have been the engine."""
+
+
 LINES = 20
 """Lines of the file that are named for each column; a longer list helps nobody."""
+
+
 NOTEWORTHY = 0.02
 """Share of gross readings from which they are a finding about the sensor: good channels have a tenth of that."""
 

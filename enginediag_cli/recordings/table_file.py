@@ -287,3 +287,26 @@ def _number(cell: str) -> float | None:
         return float(cell.replace("\u2212", "-")) if "\u2212" in cell else None
     except ValueError:
         return None
+
+
+@dataclass(frozen=True)
+class Absent:
+    """A column that a file lacks, and the column of the file that may be it, misspelt ("" where none is near)."""
+
+    column: str
+    near: str = ""
+
+
+def absent_columns(wanted: Iterable[str], order: Collection[str]) -> tuple[Absent, ...]:
+    """Those of the wanted columns that are not in the file's header, each with a near match that is not wanted, too."""
+    names = list(wanted)
+    others = [column for column in order if column not in names]
+    folded = {column.casefold(): column for column in reversed(others)}
+    found = []
+    for column in names:
+        if column not in order:
+            from difflib import get_close_matches
+
+            near = get_close_matches(column.casefold(), list(folded), n=1, cutoff=0.75)
+            found.append(Absent(column, folded[near[0]] if near else ""))
+    return tuple(found)

@@ -1,29 +1,87 @@
-"""Recordings as every command reads them: mapped, of the engine wanted, masked, in chunks of constant memory."""
+"""The past of every record: whatever is read goes onto the engine's tapes, and is told where it stands there.
+
+Recordings as every command reads them: mapped, of the engine wanted, masked, in chunks of constant memory.
+
+Whole flights of an intake, for identification and the search for missing physics, which look at all at once.
+
+Recordings that are still being written: blocks of records as they come.
+"""
 
 from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from itertools import chain, groupby
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from enginediag_cli.engine.moving.tape import MOMENT, NO_MOMENT
 from enginediag_cli.errors import DataError, EngineDiagError, NoVerdictError
+from enginediag_cli.identification.problem import TrainingRecording
+from enginediag_cli.identification.training import part_of, training_recordings
 from enginediag_cli.intake.agreement import SAMPLED, Agreement, Disagreement, MismatchError
-from enginediag_cli.intake.left_out import LeftOut
-from enginediag_cli.intake.past import Past
-from enginediag_cli.intake.source import STDIN, Source, refuse_repeated
-from enginediag_cli.intake.wanted import Wanted
-from enginediag_cli.recordings.formats.table_file import ReadingCounts, TableFile
-from enginediag_cli.recordings.masking import Judged, Masker
-from enginediag_cli.recordings.read import read, table_file
-from enginediag_cli.recordings.table import Recording
+from enginediag_cli.intake.excluded import LeftOut
+from enginediag_cli.intake.selection import STDIN, Source, Wanted, refuse_repeated
+from enginediag_cli.recordings.masking import Judged, LiveMasker, Masker
+from enginediag_cli.recordings.read import is_whole, read, table_file
+from enginediag_cli.recordings.source import OWN, GrowingFile
+from enginediag_cli.recordings.table import Recording, concat
+from enginediag_cli.recordings.table_file import ReadingCounts, TableFile
 
 if TYPE_CHECKING:
+    from enginediag_cli.engine.moving.tape import Tapes
     from enginediag_cli.recordings.recorder import Recorder
+
+
+class Past:
+    """One reading of a file onto `tapes`; with None records keep no past. Where a gate or averages leave records out,
+    the whole file is put on the tapes first, and what the gate keeps is found there by its line."""
+
+    _readings = 0
+
+    def __init__(self, tapes: Tapes | None):
+        Past._readings += 1
+        self._tapes, self._reading = tapes, Past._readings
+        self._known: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+
+    def whole(self, recorder: Recorder, file: str, inputs: tuple[str, ...], engines: tuple[str, ...]) -> None:
+        """Put every record of a file on the tapes that a recorder's gate would leave out. Raises DataError."""
+        if self._tapes is None or not (recorder.steady or recorder.average_s > 0.0):
+            return
+        every = replace(recorder, steady=None, average_s=0.0)
+        found: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
+        for name, part in every.stream(file, inputs=inputs, engines=engines):
+            found.setdefault(name, []).append((part.line, self._moments(name, part)))
+        for name, parts in found.items():
+            lines, moments = (np.concatenate(x) for x in zip(*parts, strict=True))
+            self._known[name] = lines, moments
+
+    def told(self, name: str, part: Recording) -> Recording:
+        """Records of the engine `name` with their place on its tape."""
+        if self._tapes is None or not len(part):
+            return part
+        if name in self._known:
+            lines, moments = self._known[name]
+            at = np.clip(np.searchsorted(lines, part.line), 0, len(lines) - 1)
+            return part.with_columns({MOMENT: np.where(lines[at] == part.line, moments[at], NO_MOMENT)})
+        return part.with_columns({MOMENT: self._moments(name, part)})
+
+    def _moments(self, name: str, part: Recording) -> np.ndarray:
+        """(N,), each flight of each engine on a tape of its own."""
+        assert self._tapes is not None
+        keys = list(zip(*(part.text.get(c, [""] * len(part)) for c in ("engine", "flight")), strict=True))
+        moment = np.full(len(part), NO_MOMENT)
+        for key in dict.fromkeys(keys):
+            own = np.array([k == key for k in keys], bool)
+            columns = {c: v[own] for c, v in part.columns.items()}
+            if "time_s" in columns:
+                moment[own] = self._tapes.extend((self._reading, name, *key), columns)
+        return moment
+
 
 CHUNK = 5000
 """Records read at once: rows appear while a long recording is being read, engine calls stay few."""
@@ -56,7 +114,7 @@ class Intake:
         refuse_repeated(self.source.files)
         self._recorder: Recorder | None = None
         if self.source.recorder:
-            from enginediag_cli.recordings.recorder import load_recorder
+            from enginediag_cli.recordings.recorder_file import load_recorder
 
             self._recorder = load_recorder(self.source.recorder)
 
@@ -225,7 +283,7 @@ class _AsRead:
         """The latest of them. Raises DataError."""
         if self._intake.agreement is None or self._latest is None:
             return
-        from enginediag_cli.recordings.conversion import Conversion
+        from enginediag_cli.recordings.recorder import Conversion
 
         chunk, self._latest = self._latest, None
         few = chunk.select(slice(0, None, max(1, len(chunk) // SAMPLED)))
@@ -284,3 +342,162 @@ def named_rows(chunk: Recording, wanted: str) -> np.ndarray:
     if "engine" not in chunk.text:
         raise DataError(f"{chunk.source}: no column `engine`, in which records would name {wanted!r}")
     return np.array(chunk.text["engine"], dtype=str) == wanted
+
+
+@dataclass(frozen=True)
+class WholeFlight:
+    """One flight of one engine: its records, and which file it is of. `engine` is "" where nothing names one."""
+
+    file: str
+    engine: str
+    recording: TrainingRecording
+
+
+MOST = 30_000
+"""Records that identification fits at most: it holds some 30 kB of each. Where there are more, what the model cannot do
+decides what is learnt, not their number."""
+RUN = 125
+"""Records in a row that are kept together: long beside the memory of noise, which is estimated from neighbours."""
+
+
+@dataclass
+class Thinning:
+    """Keeps at most `most` of the records that come (0: all), in runs of `RUN` evenly spread over them: where there are
+    more, every second run goes, then every second of those that remain, and so on. came: how many there were."""
+
+    most: int = 0
+    came: int = 0
+    halved: int = 0
+
+    def whole(self, chunks: Iterable[Recording]) -> Recording:
+        """The records of chunks that follow each other."""
+        held: list[Recording] = []
+        first = 0
+        for chunk in chunks:
+            n = len(chunk)
+            rows = np.flatnonzero(((first + np.arange(n)) // RUN) % 2**self.halved == 0)
+            held.append(chunk.select(rows) if len(rows) < n else chunk)
+            first += n
+            while self.most and sum(map(len, held)) > self.most:
+                whole = concat(held)
+                held = [whole.select(np.flatnonzero((np.arange(len(whole)) // RUN) % 2 == 0))]
+                self.halved += 1
+        self.came += first
+        return concat(held)
+
+    def together(self, flights: Sequence[tuple[WholeFlight, int]]) -> list[WholeFlight]:
+        """The flights, each with how often its records were halved, as if they had come as one recording."""
+        while True:
+            found, first = [], 0
+            for flight, halved in flights:
+                n = len(next(iter(flight.recording.columns.values())))
+                rows = np.flatnonzero(((first + np.arange(n)) // RUN) % 2 ** (self.halved - halved) == 0)
+                first += n
+                if len(rows) == n:
+                    found.append(flight)
+                elif len(rows):
+                    found.append(replace(flight, recording=part_of(flight.recording, rows)))
+            kept = sum(len(next(iter(f.recording.columns.values()))) for f in found)
+            if not self.most or kept <= self.most:
+                return found
+            self.halved += 1
+
+
+def whole_flights(intake: Intake, thinning: Thinning | None = None) -> list[WholeFlight]:
+    """Every flight of every file, in their order, one engine after the other within a file; thinning: how many records
+    are kept of them, default: all.
+
+    Raises DataError, and NoVerdictError when there is no record in any of them.
+    """
+    thinning = thinning or Thinning()
+    flights: list[tuple[WholeFlight, int]] = []
+    for file in intake.files():
+        flights += [(flight, thinning.halved) for flight in list(_of_file(intake, file, thinning))]
+        if thinning.most and sum(len(next(iter(f.recording.columns.values()))) for f, _ in flights) > 2 * thinning.most:
+            flights = [(flight, thinning.halved) for flight in thinning.together(flights)]
+    found = thinning.together(flights)
+    if not any(len(flight.recording) for flight in found):
+        raise NoVerdictError(f"{', '.join(map(intake.source.label, intake.source.files))}: there is no record")
+    return found
+
+
+def every_record(intake: Intake, files: Collection[str]) -> list[WholeFlight]:
+    """The flights of these files with the records that the recorder has left out because the engine was not steady,
+    nothing averaged; none where there is no such recorder (`Intake.ungated`). Raises DataError."""
+    every = intake.ungated()
+    if every is None:
+        return []
+    return [flight for file in every.files() if file.name in files for flight in _of_file(every, file, Thinning())]
+
+
+def _of_file(intake: Intake, file: File, thinning: Thinning) -> Iterator[WholeFlight]:
+    label = intake.source.label(file.name)
+    # the chunks of a file are put together as long as they have the same columns
+    for _, chunks in groupby(file.masked(), key=lambda chunk: frozenset(chunk.order)):
+        recording = thinning.whole(chunks)
+        column = np.asarray(recording.text.get("engine", [""] * len(recording)))
+        for engine in dict.fromkeys(column.tolist()):
+            for part in training_recordings(recording.select(column == engine), label):
+                yield WholeFlight(file.name, engine, part._replace(engine=engine))
+
+
+def live_chunks(intake: Intake, block: int, idle_s: float) -> Iterator[Recording]:
+    """Masked blocks of up to `block` records of each file in turn; a file to which nothing is added for `idle_s`
+    seconds has ended. What only a longer stretch shows (spikes) is not searched for."""
+    codec = OWN.codec if intake.recorder is None else intake.recorder.dialect.codec
+    for file in intake.source.files:
+        source: Any = file if file == STDIN or is_whole(file) else GrowingFile(file, idle_s, codec=codec)
+        yield from (_own if intake.recorder is None else _mapped)(intake, source, block)
+
+
+def _own(intake: Intake, source: Any, block: int) -> Iterator[Recording]:
+    wanted = intake.wanted
+    assert wanted is not None
+    left = LeftOut(str(getattr(source, "name", source)))
+    intake.left_out.append(left)
+    masker: LiveMasker | None = None
+    past = Past(wanted.tapes)
+    counts = ReadingCounts()
+    chunks = read(source, declared=wanted.declared, chunk_records=block, tolerant=True, counts=counts)
+    for chunk in of_engine(chunks, intake.source.engine_instance):
+        if masker is None:
+            intake.remember(chunk)
+            left.absent = wanted.absent(chunk)
+            masker = LiveMasker(judged_columns(wanted, chunk))
+        left.records += len(chunk)
+        left.reading = counts
+        found = masker.add(chunk)
+        left.masked(masker.counts)
+        yield from (past.told("", piece) for piece in found if len(piece))
+
+
+def _mapped(intake: Intake, source: Any, block: int) -> Iterator[Recording]:
+    """Blocks of what the recorder keeps of a foreign file, as it comes."""
+    from enginediag_cli.recordings.recorder import LiveRecorder
+
+    recorder, wanted, columns = intake.recorder, intake.source.engine_instance, intake.wanted
+    assert recorder is not None and columns is not None
+    name = str(getattr(source, "name", source))
+    engine = engines_wanted(recorder.engines, wanted, name, fleet=False)[0]
+    live, left = LiveRecorder(recorder, engine, inputs=columns.given), LeftOut(name, engine)
+    intake.left_out.append(left)
+    held: list[Recording] = []
+    past = Past(None if recorder.steady or recorder.average_s > 0.0 else columns.tapes)
+    last: Recording | None = None
+    counts = ReadingCounts()
+    for chunk in chain(recorder.chunks(source, block, tolerant=True, counts=counts), [None]):
+        if last is None:
+            if chunk is not None:
+                intake.remember(chunk)
+        else:
+            found = live.add(last, end=chunk is None)
+            left.absent = columns.absent(found)
+            intake.compare(found, engine)
+            left.mapped(live)
+            left.reading = counts
+            held.append(found.select(named_rows(found, wanted)) if wanted and live.engine != wanted else found)
+            if chunk is None or sum(map(len, held)) >= block:
+                piece, held = concat(held), []
+                if len(piece):
+                    yield past.told(engine, piece)
+        last = chunk

@@ -1,4 +1,8 @@
-"""Readings with clocks of their own, put into records: exports of one reading a line, and files of other rates.
+"""Time stamps to seconds: ISO 8601, a stated format, or numbers; with time zones, and clocks that pass midnight.
+
+Which columns of a foreign file are its clock, and how their stamps are written.
+
+Readings with clocks of their own, put into records: exports of one reading a line, and files of other rates.
 
 A series is times and values in order. A record at time t takes the last reading of a series that is not older than
 stated; or each reading goes to the record nearest to it, and to no other, so that it counts once.
@@ -8,17 +12,240 @@ Columns at a lower rate than the file's: empty cells between readings, held or i
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import date, datetime, time, timedelta, timezone, tzinfo
 from pathlib import Path
 from typing import Any
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError, available_timezones
 
 import numpy as np
 
+from enginediag_cli.config.hints import closest
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.formats.table_file import NumberForm, no_number
-from enginediag_cli.recordings.stamps import Stamps
+from enginediag_cli.recordings.source import Dialect
 from enginediag_cli.recordings.table import Recording, concat, rechunk
+from enginediag_cli.recordings.table_file import NumberForm, is_missing, no_number
+
+FRACTION = re.compile(r"(.*?)[.,](\d+)(.*)")
+"""A stamp with a fraction of a second: what stands before it, its digits, what stands behind."""
+
+HOUR = re.compile(r"(^|[ T])(\d):")
+"""An hour of one digit, as spreadsheets write it."""
+
+NUMBERS = ("seconds", "seconds_of_day", "epoch_s", "epoch_ms", "excel_days")
+"""Forms of stamps that are numbers: seconds from anywhere, seconds since midnight, seconds and milliseconds since 1970
+in UTC, and days since 30 December 1899, which is how spreadsheets keep local time."""
+
+EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
+"""Where the seconds of a time stamp begin, as in POSIX."""
+SPREADSHEET_EPOCH = datetime(1899, 12, 30)
+"""Day 0 of spreadsheets, so that 1 March 1900 is day 61 as in the first of them."""
+DAY_S = 86400.0
+"""A day of a clock, in s."""
+PAST_MIDNIGHT_S = 0.5 * DAY_S
+"""A clock of a day that goes back by more than this has passed midnight, unless the recording has a gap of as much."""
+
+
+@dataclass
+class Stamps:
+    """Seconds of the stamps in the columns `sources` (date and time of day may be two: joined by a space).
+
+    form: "iso", a format of strptime, or one of NUMBERS; zone: of stamps that do not say, as in `zone_of`; since:
+    "first_record" of the file (0 there: small numbers keep all digits), or "epoch", 1970-01-01 UTC. A clock that shows
+    no date, or has it in a column of its own in which it stays, is taken a day on where it goes back by more than half
+    a day. numbers: how stamps that are numbers are written.
+    """
+
+    sources: Sequence[str]
+    form: str = "iso"
+    zone: str = ""
+    since: str = "first_record"
+    numbers: NumberForm = field(default_factory=NumberForm)
+    _start: float | None = None
+    _latest: float = -np.inf  # the last stamp as it was handed out, in s, but for `since`
+    _shown: float = np.nan  # the last one as the clock showed it
+    _date: date | None = None
+    _days: int = 0
+
+    def __post_init__(self) -> None:
+        self._tz = zone_of(self.zone)
+
+    def seconds(self, recording: Recording) -> np.ndarray:
+        """(N,) s, NaN where a cell is empty. Raises DataError naming the line of a stamp that cannot be read, or that
+        the stated zone has twice or not at all."""
+        values = self._numbers(recording) if self.form in NUMBERS else self._texts(recording)
+        if self.since == "epoch":
+            return values
+        known = np.flatnonzero(np.isfinite(values))
+        if self._start is None and known.size:
+            self._start = float(values[known[0]])
+        return values - (self._start or 0.0)
+
+    def _place(self, recording: Recording, k: int) -> str:
+        return f"{recording.source}:{recording.line[k]}:{'+'.join(self.sources)}"
+
+    def _texts(self, recording: Recording) -> np.ndarray:
+        parts = [cells_of(recording, column) for column in self.sources]
+        values = np.full(len(recording), np.nan)
+        for k, cells in enumerate(zip(*parts, strict=True)):
+            text = " ".join(cell.strip() for cell in cells)
+            if is_missing(text) or all(map(is_missing, cells)):
+                continue
+            try:
+                stamp, dated = self._read(text)
+            except ValueError:
+                wanted = "an ISO 8601 time stamp" if self.form == "iso" else f"a time stamp of the form {self.form}"
+                raise DataError(f"{self._place(recording, k)}: not {wanted}: {text!r}") from None
+            if stamp.tzinfo is not None:
+                values[k] = self._latest = (stamp - EPOCH).total_seconds()
+                continue
+            shown = (stamp - EPOCH.replace(tzinfo=None)).total_seconds()
+            if not dated or len(cells) > 1:
+                stamp += timedelta(days=self._days_past(shown, stamp.date() if dated else None))
+            values[k] = self._latest = self._absolute(stamp, recording, k)
+        return values
+
+    def _read(self, text: str) -> tuple[datetime, bool]:
+        """The stamp, and whether it has a date. Raises ValueError."""
+        if self.form == "iso":
+            if len(self.sources) == 1 and ":" in text[:3]:
+                return datetime.combine(EPOCH.date(), time.fromisoformat(_padded(text))), False
+            return _iso(text), True
+        dated = any(mark in self.form for mark in ("%d", "%j", "%x", "%c", "%U", "%W", "%s"))
+        stamp = datetime.strptime(text, self.form)
+        return (stamp if dated else datetime.combine(EPOCH.date(), stamp.timetz())), dated
+
+    def _days_past(self, shown: float, day: date | None) -> int:
+        """Days by which a clock is behind that shows so many seconds, and this date: it has passed midnight where it
+        goes back by more than half a day and the date stays."""
+        if day != self._date:
+            self._date, self._days = day, 0
+        elif shown - self._shown < -PAST_MIDNIGHT_S:
+            self._days += 1
+        self._shown = shown
+        return self._days
+
+    def _absolute(self, stamp: datetime, recording: Recording, k: int) -> float:
+        """s since 1970 of a stamp of the stated zone. An hour that a clock shows twice is the second one where time
+        would go back otherwise."""
+        first = (stamp.replace(tzinfo=self._tz) - EPOCH).total_seconds()
+        if isinstance(self._tz, timezone):
+            return first
+        second = (stamp.replace(tzinfo=self._tz, fold=1) - EPOCH).total_seconds()
+        if first == second:
+            return first
+        if second < first:  # as summer time begins the clock leaves out an hour
+            raise DataError(f"{self._place(recording, k)}: {stamp} does not exist in {self.zone}; is it another zone?")
+        if self._latest == -np.inf:
+            what = f"{stamp} comes twice in {self.zone}, and no record before says which it is"
+            raise DataError(f"{self._place(recording, k)}: {what}; state the zone as an offset, such as +01:00")
+        return second if first < self._latest else first
+
+    def _numbers(self, recording: Recording) -> np.ndarray:
+        (column,) = self.sources
+        if column in recording.columns:
+            read = recording[column]
+        else:
+            cells = recording.text[column]
+            read, bad, _ = self.numbers.values(cells)
+            if bad:
+                raise no_number(cells[bad[0]], self._place(recording, bad[0]))
+        if self.form == "excel_days":
+            return self._from_spreadsheet(read, recording)
+        if self.form != "seconds_of_day":
+            return read * {"seconds": 1.0, "epoch_s": 1.0, "epoch_ms": 1e-3}[self.form]
+        known = np.flatnonzero(np.isfinite(read))
+        steps = np.diff(read[known], prepend=self._shown)
+        days = self._days + np.cumsum(steps < -PAST_MIDNIGHT_S)
+        values = np.full(len(read), np.nan)
+        values[known] = read[known] + DAY_S * days
+        if known.size:
+            self._shown, self._days = float(read[known[-1]]), int(days[-1])
+        return values
+
+    def _from_spreadsheet(self, days: np.ndarray, recording: Recording) -> np.ndarray:
+        values = np.full(len(days), np.nan)
+        for k in np.flatnonzero(np.isfinite(days)):
+            try:
+                # a day has few binary digits left behind the point: to the millisecond, as spreadsheets show
+                stamp = SPREADSHEET_EPOCH + timedelta(milliseconds=round(days[k] * DAY_S * 1e3))
+            except OverflowError:
+                raise DataError(f"{self._place(recording, int(k))}: {days[k]:g} is no day of a spreadsheet") from None
+            values[k] = self._latest = self._absolute(stamp, recording, int(k))
+        return values
+
+
+def stamps_of(time: Mapping[str, Any], dialect: Dialect) -> Stamps:
+    """The stamps that a section `time` of a recorder declares, in a file that is written so."""
+    return Stamps(time["from"], time["format"], time["zone"], time["since"], NumberForm.from_dialect(dialect))
+
+
+def check_forward(recording: Recording) -> None:
+    """Raises DataError with both lines where time_s goes backwards within a flight and engine."""
+    time = recording["time_s"]
+    known = np.flatnonzero(np.isfinite(time))
+    for k in np.flatnonzero(np.diff(time[known]) < 0.0):
+        before, after = int(known[k]), int(known[k + 1])
+        keys = [recording.text[c] for c in ("flight", "engine") if c in recording.text]
+        if all(cells[before] == cells[after] for cells in keys):
+            raise DataError(
+                f"{recording.source}:{recording.line[after]}: time goes back by {time[before] - time[after]:g} s "
+                f"(line {recording.line[before]} is later); sort the file, or map a column to the text column `flight`"
+            )
+
+
+def zone_of(zone: str) -> tzinfo:
+    """The time zone of `+02:00`, `-05:30`, `UTC`, "" or an IANA name such as `Europe/Berlin`. Raises ValueError, which
+    says what would be one."""
+    if zone in ("", "UTC", "Z"):
+        return timezone.utc
+    hint = "such as +02:00, UTC or Europe/Berlin"
+    if zone[0] in "+-":
+        hours, _, minutes = zone[1:].partition(":")
+        if not (hours.isdecimal() and (minutes or "0").isdecimal() and int(hours) < 24 and int(minutes or 0) < 60):
+            raise ValueError(hint)
+        east = timedelta(hours=int(hours), minutes=int(minutes or 0))
+        return timezone(east if zone[0] == "+" else -east)
+    try:
+        return ZoneInfo(zone)
+    except (ZoneInfoNotFoundError, OSError, ValueError):
+        pass
+    known = available_timezones()
+    if not known:
+        raise ValueError("this machine has no list of time zones: pip install tzdata, or state an offset, +02:00")
+    close = closest(zone, sorted(known))
+    raise ValueError(f"did you mean {close!r}?" if close else hint)
+
+
+def cells_of(recording: Recording, column: str) -> Sequence[str]:
+    """A column's cells as text."""
+    if column in recording.text:
+        return recording.text[column]
+    return ["" if np.isnan(value) else f"{value:.10g}" for value in recording[column]]
+
+
+def _iso(text: str) -> datetime:
+    """ISO 8601 extended format; Python 3.10 knows neither Z nor a fraction of other than 3 or 6 digits."""
+    bare = text[:-1] + "+00:00" if text.endswith(("Z", "z")) else text
+    try:
+        return datetime.fromisoformat(bare)
+    except ValueError:
+        return datetime.fromisoformat(_padded(bare))
+
+
+def _padded(text: str) -> str:
+    """The stamp with two digits of the hour and six behind the point. Raises ValueError where none are there."""
+    text = HOUR.sub(r"\g<1>0\g<2>:", text)
+    match = FRACTION.fullmatch(text)
+    if match is None:
+        if "." in text or "," in text:
+            raise ValueError(text)
+        return text
+    head, digits, rest = match.groups()
+    return f"{head}.{digits[:6]:0<6}{rest}"
+
 
 BLOCK = 4096
 """Readings of a series that are in memory at once, 100 kB: a plant's export may have hundreds of tags."""
@@ -26,7 +253,7 @@ BLOCK = 4096
 SHOWN_TAGS = 20
 """Tags of an export that are listed where one is missing."""
 
-Clock = Callable[[Recording], np.ndarray]
+TimesOf = Callable[[Recording], np.ndarray]
 """Times (N,) of records in s, on the clock that all files of a recorder share."""
 
 
@@ -66,7 +293,7 @@ class JoinedFile:
     path: str
     columns: Sequence[str]
     chunks: Iterator[Recording]
-    clock: Clock
+    clock: TimesOf
     nearest: bool
     max_age_s: float
     joined: int = 0
@@ -128,7 +355,7 @@ def refuse_backward(recording: Recording, times: np.ndarray, before: float) -> N
         )
 
 
-def join(chunks: Iterable[Recording], clock: Clock, files: Sequence[JoinedFile]) -> Iterator[Recording]:
+def join(chunks: Iterable[Recording], clock: TimesOf, files: Sequence[JoinedFile]) -> Iterator[Recording]:
     """Chunks of records with the columns of further files. Raises DataError where times go back, and for a file that
     has no reading near any record. One record waits for the next, to which a reading may be nearer."""
     held: Recording | None = None
@@ -324,68 +551,3 @@ def beside(source: object, recording: str, cut: str) -> Path:
     if cut and not name.endswith(cut):
         raise DataError(f"{path}: its name does not end in {cut!r}, by which the recorder finds the file to join")
     return path.with_name(recording.replace("{name}", name.removesuffix(cut) if cut else name))
-
-
-@dataclass(frozen=True)
-class Fill:
-    """method: "hold" the last reading, or "interpolate" in time between two (in records without time_s); records: the
-    most records that a reading is carried, or that two readings lie apart. What is further stays missing."""
-
-    method: str
-    records: int
-
-
-class Filler:
-    """Fills columns of a stream; what waits for the next reading of an interpolated column is handed out later, so the
-    result does not depend on chunks."""
-
-    def __init__(self, fills: Mapping[str, Fill]):
-        self._fills = fills
-        self._reach = max((f.records for f in fills.values()), default=0)
-        self._held: Recording | None = None
-        self._done = 0
-
-    def add(self, recording: Recording, *, end: bool = False) -> Recording:
-        """The records that have become final by these."""
-        if not self._fills:
-            return recording
-        every = concat([self._held, recording]) if self._held is not None else recording
-        n = len(every)
-        final = n if end else min([n, *(self._ready(every[c], f) for c, f in self._fills.items())])
-        final = max(final, self._done)
-        time = every["time_s"] if "time_s" in every else np.arange(float(n))
-        filled = every.with_columns({c: fill(every[c], time, f) for c, f in self._fills.items()})
-        result = filled.select(slice(self._done, final))
-        first = max(0, final - self._reach - 1)
-        self._held, self._done = every.select(slice(first, None)), final - first
-        return result
-
-    def _ready(self, values: np.ndarray, how: Fill) -> int:
-        n = len(values)
-        if how.method == "hold":
-            return n
-        known = np.flatnonzero(np.isfinite(values))
-        return max(int(known[-1]) + 1 if known.size else 0, n - how.records)
-
-
-def fill(values: np.ndarray, time: np.ndarray, how: Fill) -> np.ndarray:
-    """(N,) values with gaps filled as `how` says; time: (N,) at which they were read."""
-    n = len(values)
-    known = np.isfinite(values)
-    if not known.any():
-        return values
-    rows = np.arange(n)
-    before = np.maximum.accumulate(np.where(known, rows, -1))
-    if how.method == "hold":
-        carried = ~known & (before >= 0) & (rows - before <= how.records)
-        return np.where(carried, values[before], values)
-    after = np.minimum.accumulate(np.where(known, rows, n)[::-1])[::-1]
-    between = ~known & (before >= 0) & (after < n)
-    between &= np.where(between, after - before, 0) <= how.records
-    a, b = before[between], after[between]
-    span = time[b] - time[a]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = np.where(span > 0.0, (time[rows[between]] - time[a]) / span, np.nan)
-    result = values.copy()
-    result[between] = values[a] + share * (values[b] - values[a])
-    return result
