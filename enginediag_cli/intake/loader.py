@@ -21,8 +21,7 @@ import numpy as np
 
 from enginediag_cli.engine.moving.tape import MOMENT, NO_MOMENT
 from enginediag_cli.errors import DataError, EngineDiagError, NoVerdictError
-from enginediag_cli.identification.problem import TrainingRecording
-from enginediag_cli.identification.training import part_of, training_recordings
+from enginediag_cli.identification.problem import TrainingRecording, part_of, training_recordings
 from enginediag_cli.intake.agreement import SAMPLED, Agreement, Disagreement, MismatchError
 from enginediag_cli.intake.excluded import LeftOut
 from enginediag_cli.intake.selection import STDIN, Source, Wanted, refuse_repeated
