@@ -1,4 +1,4 @@
-"""What is read: recordings with their recorder, the columns that an engine needs of them, and the nominal state they are compared with.
+"""What is read: recordings and their recorder, the columns that an engine needs of them, and the nominal state.
 
 Imports no numerics, so that the command line can name its inputs before anything is read.
 """
