@@ -15,9 +15,9 @@ from enginediag_cli.report.summaries import EXPLAIN, LOCATE, PER_RECORD
 from enginediag_cli.shipped import own_or_shipped
 
 if TYPE_CHECKING:
-    from enginediag_cli.mismatch.explain.story import Story
-    from enginediag_cli.mismatch.fit.evidence import Evidence
-    from enginediag_cli.mismatch.fit.load import Case, Loaded
+    from enginediag_cli.mismatch.explain.story import ExplanationResult
+    from enginediag_cli.mismatch.fit.evidence import Dataset
+    from enginediag_cli.mismatch.fit.load import LoadedCase, RecordedCase
     from enginediag_cli.mismatch.locate.locate import Located, Place
     from enginediag_cli.mismatch.unrecorded.per_record import PerRecord
 
@@ -66,11 +66,11 @@ class SearchOptions:
 class Inquiry:
     """What a search is given: engine, recordings and nominal state as a `Case`, and where messages go."""
 
-    case: Case
+    case: RecordedCase
     messages: Messages
     scratch: tuple[Any, ...] = ()  # keeps the files of what was given as objects alive
 
-    def tell(self, loaded: Loaded) -> None:
+    def tell(self, loaded: LoadedCase) -> None:
         """What should be known of the nominal state, and what was left out of the recordings."""
         from enginediag_cli.report.recordings import tell_baseline, tell_left_out, tell_mismatches, tell_thinning
 
@@ -111,17 +111,19 @@ def inquire(
     messages: Messages | None,
 ) -> Inquiry:
     """What the arguments of a search mean. Raises UsageError, DataError."""
-    from enginediag_cli.mismatch.fit.load import Asked, Case
+    from enginediag_cli.mismatch.fit.load import MismatchQuery, RecordedCase
 
     options = SearchOptions(**search)
     if not 0.0 < options.false_finding < 1.0:
         raise UsageError(f"--false-finding: {options.false_finding:g} is no probability between 0 and 1")
     if options.noise not in (None, "specified", "estimate"):
         raise UsageError(f"--noise: there is no {options.noise!r}, but specified and estimate")
-    asked = Asked(options.model_error, options.false_finding, tuple(options.drivers), options.noise, options.seed)
+    asked = MismatchQuery(
+        options.model_error, options.false_finding, tuple(options.drivers), options.noise, options.seed
+    )
     source = as_recordings(recordings)
     path, scratch = _nominal_file(nominal)
-    case = Case(_engine_file(engine), source, path, options.accept_changed_engine, asked)
+    case = RecordedCase(_engine_file(engine), source, path, options.accept_changed_engine, asked)
     return Inquiry(case, messages if messages is not None else MessageLog(), (source, *scratch))
 
 
@@ -200,15 +202,15 @@ class LocateResult(Result):
     def __init__(self, inquiry: Inquiry, every_place: bool):
         from enginediag_cli.mismatch.fit.load import load_case
         from enginediag_cli.mismatch.locate.locate import locate as run
-        from enginediag_cli.mismatch.locate.verdict_kind import kind_of
+        from enginediag_cli.mismatch.locate.verdict_kind import classify_verdict
         from enginediag_cli.report.outputs.discrepancy import LOCATE as DECLARED
 
         loaded = load_case(inquiry.case)
         inquiry.tell(loaded)
-        self.evidence: Evidence = loaded.evidence
+        self.evidence: Dataset = loaded.evidence
         self.located: Located = run(loaded.evidence)
         self.converged = self.located.converged
-        self._kind, self._every_place = kind_of(self.located), every_place
+        self._kind, self._every_place = classify_verdict(self.located), every_place
         notes = {**DECLARED.notes, "map accuracy": f"{loaded.evidence.settings.map_accuracy:g}"}
         super().__init__(
             table=DECLARED,
@@ -314,19 +316,19 @@ class PerRecordResult(Result):
     """
 
     def __init__(self, inquiry: Inquiry, every: int):
-        from enginediag_cli.mismatch.fit.freeform import locations_of
+        from enginediag_cli.mismatch.fit.freeform import list_locations
         from enginediag_cli.mismatch.fit.identified import nuisance
         from enginediag_cli.mismatch.fit.load import load_case
-        from enginediag_cli.mismatch.unrecorded.per_record import scan, thinned
+        from enginediag_cli.mismatch.unrecorded.per_record import scan, thin_records
         from enginediag_cli.report.outputs.discrepancy import PER_RECORD as DECLARED
 
         if every < 1:
             raise UsageError(f"--per-record: {every} is no number of records")
         loaded = load_case(inquiry.case)
         inquiry.tell(loaded)
-        self.evidence: Evidence = thinned(loaded.evidence, every)
+        self.evidence: Dataset = thin_records(loaded.evidence, every)
         self._along = nuisance(self.evidence)
-        places = locations_of(self.evidence.engine, tuple(self.evidence.noise.sigma))
+        places = list_locations(self.evidence.engine, tuple(self.evidence.noise.sigma))
         self.fits: Sequence[PerRecord] = scan(self.evidence, places, self._along)
         accuracy = f"{self.evidence.settings.map_accuracy:g}"
         notes = {**DECLARED.notes, "map accuracy": accuracy, "per-record": f"{every}"}
@@ -340,9 +342,9 @@ class PerRecordResult(Result):
         self.judged = int(self.fits[0].location is not None and self.fits[0].converged)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.mismatch.unrecorded.control_law import held_readings, stop_of
+        from enginediag_cli.mismatch.unrecorded.control_law import find_stop, held_readings
         from enginediag_cli.mismatch.unrecorded.per_record import inlet_temperature
-        from enginediag_cli.mismatch.unrecorded.per_record_effects import alike
+        from enginediag_cli.mismatch.unrecorded.per_record_effects import similar_effects
         from enginediag_cli.physics.registry import candidates
         from enginediag_cli.report.located import per_record_rows, per_record_sentences
 
@@ -351,8 +353,8 @@ class PerRecordResult(Result):
         if not self.judged:
             self.messages.error("no verdict: no place with an amplitude of its own in every record could be fitted")
             return
-        stop = stop_of(best, inlet_temperature(evidence, best))
-        acting = alike(evidence, best, list(candidates(evidence.engine)))
+        stop = find_stop(best, inlet_temperature(evidence, best))
+        acting = similar_effects(evidence, best, list(candidates(evidence.engine)))
         standing = held_readings(evidence, best, self._along, stop) if stop.bands else []
         for line in per_record_sentences(self.fits, stop, standing, acting):
             self.messages.note(line)
@@ -409,8 +411,8 @@ class ExplainResult(DocumentResult):
     """
 
     def __init__(self, inquiry: Inquiry, without: Sequence[str], advice: bool, every_plan: bool):
-        from enginediag_cli.mismatch.explain.answer import FAILED
-        from enginediag_cli.mismatch.explain.story import tell
+        from enginediag_cli.mismatch.explain.answer import NOT_CONVERGED
+        from enginediag_cli.mismatch.explain.story import explain_mismatch
         from enginediag_cli.mismatch.fit.load import load_case
         from enginediag_cli.physics.registry import candidates
         from enginediag_cli.report.explanation_rows import COLUMNS
@@ -418,8 +420,8 @@ class ExplainResult(DocumentResult):
         loaded = load_case(inquiry.case, identified=True, controls=True)
         inquiry.tell(loaded)
         effects = list(candidates(loaded.evidence.engine, tuple(without)))
-        story = tell(loaded.evidence, effects, advise=advice, intake=loaded.intake)
-        self.story: Story = replace(story, control=loaded.control, planned=every_plan)
+        story = explain_mismatch(loaded.evidence, effects, advise=advice, intake=loaded.intake)
+        self.story: ExplanationResult = replace(story, control=loaded.control, planned=every_plan)
         asked = {"without": ", ".join(without)} if without else {}
         super().__init__(
             head=inquiry.head("explain", loaded.intake.provenance, **asked),
@@ -427,11 +429,11 @@ class ExplainResult(DocumentResult):
             summary_columns=EXPLAIN,
             messages=inquiry.messages,
         )
-        self.judged = int(self.story.answer.status != FAILED or self.story.control is not None)
+        self.judged = int(self.story.answer.status != NOT_CONVERGED or self.story.control is not None)
         self.found = int(bool(self.judged) and not self.story.found_nothing)
 
     @property
-    def evidence(self) -> Evidence:
+    def evidence(self) -> Dataset:
         """Flights with noise and priors."""
         return self.story.evidence
 

@@ -17,8 +17,8 @@ from enginediag_cli.report.summaries import REFINE
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
     from enginediag_cli.engine.term import Effect
-    from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
-    from enginediag_cli.mismatch.fit.load import Loaded
+    from enginediag_cli.mismatch.fit.evidence import Dataset, Flight
+    from enginediag_cli.mismatch.fit.load import LoadedCase
     from enginediag_cli.mismatch.refine.controlled import ControlRefinement
     from enginediag_cli.mismatch.refine.refine import Refinement
     from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
@@ -121,7 +121,7 @@ class RefineResult(DocumentResult):
         """What was fitted and judged."""
         return self._refinement if self._control is None else self._control
 
-    def _fit_control(self, loaded: Loaded) -> ControlRefinement:
+    def _fit_control(self, loaded: LoadedCase) -> ControlRefinement:
         """The control that the engine lacks, fitted and judged."""
         from enginediag_cli.mismatch.fit.evidence import as_recordings as recordings_of
         from enginediag_cli.mismatch.refine.controlled import refine_control
@@ -161,18 +161,18 @@ class RefineResult(DocumentResult):
         except ValueError as error:
             raise UsageError(str(error)) from None
 
-    def _explained(self, training: Evidence) -> tuple[list[Effect], HiddenFinding | None]:
+    def _explained(self, training: Dataset) -> tuple[list[Effect], HiddenFinding | None]:
         """What `explain` names from the flights that are fitted, and its finding where that is a switch."""
-        from enginediag_cli.mismatch.explain.answer import HIDDEN
-        from enginediag_cli.mismatch.explain.story import named_effects, tell
+        from enginediag_cli.mismatch.explain.answer import HIDDEN_STATE
+        from enginediag_cli.mismatch.explain.story import explain_mismatch, named_effects
         from enginediag_cli.physics.registry import candidates
         from enginediag_cli.report.explanations import sentences
 
         effects = list(candidates(training.engine, self._choices.without))
-        story = tell(training, effects, advise=False, every_record=True)
+        story = explain_mismatch(training, effects, advise=False, every_record=True)
         for line in sentences(story):
             self.messages.note(line)
-        if story.answer.status == HIDDEN and story.hidden[0].is_switch and story.hidden_effects[0]:
+        if story.answer.status == HIDDEN_STATE and story.hidden[0].is_switch and story.hidden_effects[0]:
             return list(story.hidden_effects[0][:1]), story.hidden[0]
         return list(named_effects(story)), None
 
@@ -248,12 +248,12 @@ class RefineResult(DocumentResult):
         NoVerdictError
             Where it is not accepted.
         """
-        from enginediag_cli.mismatch.refine.file import moved_text, refined_text
+        from enginediag_cli.mismatch.refine.file import refined_text, relocated_text
 
         self._need_acceptance(f"{path} is not written")
         old, source = self._inquiry.case.engine, self._origin()
         if self._control is not None:
-            return self._control.law.written(moved_text(old, str(path)), old, source, self._control.standard_errors)
+            return self._control.law.written(relocated_text(old, str(path)), old, source, self._control.standard_errors)
         assert self._refinement is not None
         return refined_text(old, self._refinement.effects, self._refinement.standard_errors, source, str(path))
 
@@ -338,7 +338,7 @@ class RefineResult(DocumentResult):
         raise NoVerdictError("no unseen flight was predicted before and after")
 
 
-def _asked(evidence: Evidence, terms: Sequence[str]) -> list[Effect]:
+def _asked(evidence: Dataset, terms: Sequence[str]) -> list[Effect]:
     """Effects that the user names. Raises UsageError for those that do not exist or are carried already."""
     from enginediag_cli.config.hints import near
     from enginediag_cli.physics.registry import candidates, effect

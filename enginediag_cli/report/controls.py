@@ -17,7 +17,7 @@ from enginediag_cli.report.sentences import listed, rounded, with_unit
 from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
-    from enginediag_cli.mismatch.controlled.find import Found, Tried
+    from enginediag_cli.mismatch.controlled.find import ControlSearchResult, FittedControlLaw
     from enginediag_cli.mismatch.controlled.law import ControlLaw
     from enginediag_cli.mismatch.refine.controlled import ControlRefinement
 
@@ -33,7 +33,7 @@ def headline(law: ControlLaw) -> str:
     return f"{a.words}: {quantity} is held at {with_unit(law.set_point, unit, digits=5)} between {listed(stops)}"
 
 
-def control_sentences(f: Found) -> Iterator[str]:
+def control_sentences(f: ControlSearchResult) -> Iterator[str]:
     """What is held by what, when, how surely, and what else was tried."""
     law, unit = f.best.law, split_column(f.best.law.hold)[1]
     still = f.still
@@ -69,7 +69,7 @@ def control_sentences(f: Found) -> Iterator[str]:
         yield f"Tried and worse: {headline(t.law)} ({rounded(_times(t))} times smaller)."
 
 
-def control_rows(f: Found) -> Iterator[dict[str, Any]]:
+def control_rows(f: ControlSearchResult) -> Iterator[dict[str, Any]]:
     """One row per number of every law that was not surely worse."""
     for rank, t in enumerate((f.best, *f.rivals), start=1):
         law = t.law
@@ -94,7 +94,7 @@ def control_rows(f: Found) -> Iterator[dict[str, Any]]:
             }
 
 
-def control_document(f: Found) -> dict[str, Any]:
+def control_document(f: ControlSearchResult) -> dict[str, Any]:
     """Everything as one object."""
     law = f.best.law
     return {
@@ -115,11 +115,11 @@ def control_document(f: Found) -> dict[str, Any]:
     }
 
 
-def _rival(t: Tried) -> dict[str, Any]:
+def _rival(t: FittedControlLaw) -> dict[str, Any]:
     return {"name": t.law.label, "in_words": headline(t.law), "errors_smaller_by": _times(t), "runs_gained": t.blocks}
 
 
-def _times(t: Tried) -> float:
+def _times(t: FittedControlLaw) -> float:
     return math.exp(t.gain)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from enginediag_cli.mismatch.explain.answer import HIDDEN, NAMED, NONE
+from enginediag_cli.mismatch.explain.answer import HIDDEN_STATE, IDENTIFIED, UNEXPLAINED
 from enginediag_cli.report.controls import control_document, control_rows
 from enginediag_cli.report.explanations import headline, sentences, why_rejected
 from enginediag_cli.report.isolation_rows import flip_cells, flip_words
@@ -18,7 +18,7 @@ from enginediag_cli.report.outputs.discrepancy import EXPLAIN
 if TYPE_CHECKING:
     from enginediag_cli.mismatch.explain.answer import Explanation
     from enginediag_cli.mismatch.explain.curves import Curve
-    from enginediag_cli.mismatch.explain.story import Story
+    from enginediag_cli.mismatch.explain.story import ExplanationResult
     from enginediag_cli.mismatch.fit.freeform import Cell
     from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
 
@@ -27,16 +27,16 @@ CELLS = 10
 """Places in the file; the first few are of interest."""
 
 
-def rows(story: Story) -> Iterator[dict[str, Any]]:
+def rows(story: ExplanationResult) -> Iterator[dict[str, Any]]:
     """One row per coefficient of every explanation; of unlisted physics one per fitted place; else one row."""
     a = story.answer
     empty = dict.fromkeys(COLUMNS) | {"status": a.status}
     if story.control is not None:
-        yield from ({**empty, "status": NAMED, **row} for row in control_rows(story.control))
+        yield from ({**empty, "status": IDENTIFIED, **row} for row in control_rows(story.control))
     if a.explanations:
         for rank, x in enumerate(a.explanations, start=1):
             yield from ({**empty, "rank": rank, **row} for row in _explanation_rows(x))
-    elif a.status == NONE and story.curves:
+    elif a.status == UNEXPLAINED and story.curves:
         for rank, c in enumerate(story.curves, start=1):
             yield {
                 **empty,
@@ -48,14 +48,14 @@ def rows(story: Story) -> Iterator[dict[str, Any]]:
                 "gain": c.gain if c.converged else None,
                 "statement": c.reason or "unlisted physics",
             }
-    elif a.status == HIDDEN:
+    elif a.status == HIDDEN_STATE:
         for rank, f in enumerate(story.hidden, start=1):
             yield {**empty, "rank": rank, **_hidden_row(f)}
     else:
         yield {**empty, "statement": a.reason}
 
 
-def document(story: Story, provenance: tuple[str, ...]) -> dict[str, Any]:
+def document(story: ExplanationResult, provenance: tuple[str, ...]) -> dict[str, Any]:
     """Everything as one object."""
     a = story.answer
     return {
@@ -143,7 +143,7 @@ def curve_rows(curves: tuple[Curve, ...]) -> Iterator[dict[str, Any]]:
                 }
 
 
-def amplitude_rows(story: Story) -> Iterator[dict[str, Any]]:
+def amplitude_rows(story: ExplanationResult) -> Iterator[dict[str, Any]]:
     """Amplitude of the first hidden effect, record by record, with its state where it is a switch, and when it
     changed to that."""
     if not story.hidden:

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.intervals import NORMAL_95
-from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, LAW, NAMED, NOTHING
+from enginediag_cli.mismatch.explain.answer import FORMULA, HIDDEN_STATE, IDENTIFIED, NO_DISCREPANCY, NOT_CONVERGED
 from enginediag_cli.mismatch.explain.curves import best_places
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
-from enginediag_cli.mismatch.fit.options import LAW as LAW_OPTION
+from enginediag_cli.mismatch.fit.options import FORMULA_OPTION as LAW_OPTION
 from enginediag_cli.physics.registry import each
 from enginediag_cli.report.controls import control_sentences
 from enginediag_cli.report.isolation_rows import explanation_flips
@@ -39,12 +39,12 @@ if TYPE_CHECKING:
     from enginediag_cli.engine.term import Effect
     from enginediag_cli.mismatch.explain.answer import Answer, Coefficient, Explanation
     from enginediag_cli.mismatch.explain.curves import Curve
-    from enginediag_cli.mismatch.explain.gated import Gated
-    from enginediag_cli.mismatch.explain.story import Story
+    from enginediag_cli.mismatch.explain.gated import UnsteadyRecords
+    from enginediag_cli.mismatch.explain.story import ExplanationResult
     from enginediag_cli.mismatch.fit.options import Option
 
 
-def gated_sentences(g: Gated | None) -> Iterator[str]:
+def gated_sentences(g: UnsteadyRecords | None) -> Iterator[str]:
     """None where nothing was left out."""
     if g is not None:
         yield (
@@ -116,25 +116,25 @@ SHOWN = 5
 """Rejected explanations that are told one by one; the rest are counted."""
 
 
-def sentences(story: Story) -> Iterator[str]:
+def sentences(story: ExplanationResult) -> Iterator[str]:
     """The story, a paragraph at a time."""
     a = story.answer
     if story.control is not None:
         yield from control_sentences(story.control)
         yield "The rest is of the engine with that control:"
-    if a.status == FAILED:
+    if a.status == NOT_CONVERGED:
         yield f"no verdict: {a.reason}"
         return
-    if a.status == NOTHING:
+    if a.status == NO_DISCREPANCY:
         yield (
             f"Nothing is missing that these flights can show: {a.reason} (the effect that stands out most: −ln p "
             f"{rounded(a.surprise)}; chance alone reaches {rounded(a.gates[0])})."
         )
-    elif a.status == NAMED:
+    elif a.status == IDENTIFIED:
         yield from _named(story)
-    elif a.status == LAW:
+    elif a.status == FORMULA:
         yield from _law(story)
-    elif a.status == HIDDEN:
+    elif a.status == HIDDEN_STATE:
         for finding, effects in zip(story.hidden[:1], story.hidden_effects, strict=False):
             yield from hidden_sentences(story, finding, effects)
     else:
@@ -148,13 +148,13 @@ def sentences(story: Story) -> Iterator[str]:
     yield from _searched(story)
 
 
-def _searched(story: Story) -> Iterator[str]:
+def _searched(story: ExplanationResult) -> Iterator[str]:
     """Of long recordings, which records were searched and what the others have a say in."""
     s = story.searched
     if s is None or s.records == s.of:
         return
     of = f"{count(s.records, 'record')} of {s.of:,}, whole stretches spread over the flights"
-    if story.answer.status == NOTHING:
+    if story.answer.status == NO_DISCREPANCY:
         yield (
             f"Listed effects and changes in time were looked for in all {s.of:,} records; the noise, and effects whose "
             f"driver is not recorded, only in {of}: what such an effect does at other times, or too little for so few "
@@ -169,9 +169,9 @@ def _searched(story: Story) -> Iterator[str]:
         yield f"Searched in, and judged on, {of}; the other records had no say."
 
 
-def _unseen(story: Story) -> Iterator[str]:
+def _unseen(story: ExplanationResult) -> Iterator[str]:
     """What identification takes up, by the kind of effect that was looked for; what of it would be seen to switch."""
-    switched = {e.label for effects in story.hidden_effects[:1] for e in effects if story.answer.status == HIDDEN}
+    switched = {e.label for effects in story.hidden_effects[:1] for e in effects if story.answer.status == HIDDEN_STATE}
     told = [u for u in story.unseen if u.label not in switched]
     for words in dict.fromkeys(u.driver.words for u in told):
         own = [u.label for u in told if u.driver.words == words]
@@ -201,7 +201,7 @@ def _phrase(o: Option, x: Explanation) -> str:
     return f"a fault, {change(o.target, c.value, NORMAL_95 * c.standard_error)} {d.curve}"
 
 
-def _named(story: Story) -> Iterator[str]:
+def _named(story: ExplanationResult) -> Iterator[str]:
     a = story.answer
     x = a.explanations[0]
     fault = any(o.hypothesis.discrepancies for o in x.options)
@@ -231,7 +231,7 @@ def _named(story: Story) -> Iterator[str]:
         yield f"These flights cannot tell it from {listed(others, 'or')}."
 
 
-def _gained(story: Story, left: str = "") -> str:
+def _gained(story: ExplanationResult, left: str = "") -> str:
     """What the first explanation gains, on the flights together and on those left out in turn, and what is `left`."""
     x = story.answer.explanations[0]
     asked = x.flights == x.flights
@@ -243,7 +243,7 @@ def _gained(story: Story, left: str = "") -> str:
     )
 
 
-def _law(story: Story) -> Iterator[str]:
+def _law(story: ExplanationResult) -> Iterator[str]:
     """A law that no library holds, with what is settled of it and what it leaves."""
     a, x = story.answer, story.answer.explanations[0]
     assert a.law is not None
@@ -301,7 +301,7 @@ def _whole(value: float) -> str:
     return f"{value:,.0f}" if math.isfinite(value) else rounded(value)
 
 
-def _none(story: Story) -> Iterator[str]:
+def _none(story: ExplanationResult) -> Iterator[str]:
     good = [c for c in story.curves if c.converged]
     yield f"None of these: {story.answer.reason}."
     if not good:
@@ -346,7 +346,7 @@ def _driver_value(c: Curve, k: int) -> str:
     return rounded(value) if driver.unit == "1" else with_unit(value, driver.unit)
 
 
-def _rejected(story: Story) -> Iterator[str]:
+def _rejected(story: ExplanationResult) -> Iterator[str]:
     rejected = story.answer.rejected
     if rejected:
         told = [f"{label} ({why_rejected(r)})" for label, r in list(rejected.items())[:SHOWN]]
@@ -354,7 +354,7 @@ def _rejected(story: Story) -> Iterator[str]:
         yield f"Fitted and rejected: {'; '.join(told)}{more}."
 
 
-def _floor(story: Story) -> Iterator[str]:
+def _floor(story: ExplanationResult) -> Iterator[str]:
     accuracy = story.evidence.settings.map_accuracy
     if accuracy <= 0.0:
         yield (

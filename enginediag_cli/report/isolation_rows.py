@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from enginediag_cli.isolation.named_faults import NamedIsolation
     from enginediag_cli.isolation.of_windows import IsolatedWindow
     from enginediag_cli.isolation.result import IsolationResult
-    from enginediag_cli.mismatch.explain.story import Story
+    from enginediag_cli.mismatch.explain.story import ExplanationResult
     from enginediag_cli.parameters import Parameter
 
 
@@ -529,13 +529,13 @@ def _to(flip: Flip, first: Sequence[str], words: Words) -> str:
     return f"{told} if {_condition(flip, words)}"
 
 
-def flip_words(story: Story) -> Words:
+def flip_words(story: ExplanationResult) -> Words:
     """How names of explanations, and of parameters that may be wrong beside them, are said."""
     known = story.evidence.engine.parameters
     return lambda names: [known[n].words if n in known else n for n in names]
 
 
-def explanation_flips(story: Story) -> Iterator[str]:
+def explanation_flips(story: ExplanationResult) -> Iterator[str]:
     """What would flip the first name of `explain`; nothing where none is named."""
     if story.flips is not None:
         told = flips_sentence(story.flips, flip_words(story))

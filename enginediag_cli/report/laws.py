@@ -16,7 +16,7 @@ import numpy as np
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.laws.finding import TOGETHER
 from enginediag_cli.mismatch.unrecorded.finding import Limit
-from enginediag_cli.mismatch.unrecorded.latched import Way
+from enginediag_cli.mismatch.unrecorded.latched import SwitchingDirection
 from enginediag_cli.physics.laws.declared import entry_of
 from enginediag_cli.physics.laws.law import Law
 from enginediag_cli.planning.flights import DURATION_S, MANOEUVRE, RECORDS
@@ -25,9 +25,9 @@ from enginediag_cli.report.sentences import count, listed, probability, rounded,
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.term import Effect, Term
-    from enginediag_cli.mismatch.explain.follows import Follows
+    from enginediag_cli.mismatch.explain.follows import HysteresisFit
     from enginediag_cli.mismatch.explain.plan import Advice
-    from enginediag_cli.mismatch.explain.story import Story
+    from enginediag_cli.mismatch.explain.story import ExplanationResult
     from enginediag_cli.mismatch.fit.options import Option
     from enginediag_cli.mismatch.laws.band import Band
     from enginediag_cli.mismatch.laws.finding import Group, LawFinding, Share
@@ -249,7 +249,7 @@ _LIMITS: dict[Limit, Callable[[str], str]] = {
 }
 
 
-def hidden_sentences(story: Story, f: HiddenFinding, effects: tuple[Effect, ...]) -> Iterator[str]:
+def hidden_sentences(story: ExplanationResult, f: HiddenFinding, effects: tuple[Effect, ...]) -> Iterator[str]:
     """A finding, and of the first what it follows; `effects`: listed ones that may be it."""
     where = f.location.words
     rivals = f" (or {listed([r.words for r in f.rivals], 'or')})" if f.rivals else ""
@@ -296,7 +296,7 @@ def hidden_sentences(story: Story, f: HiddenFinding, effects: tuple[Effect, ...]
         yield f"  {_LIMITS[f.remark.limit](f.remark.what)}"
 
 
-def follows_sentences(follows: Sequence[Follows]) -> Iterator[str]:
+def follows_sentences(follows: Sequence[HysteresisFit]) -> Iterator[str]:
     """What a switch that no column records follows, and what else would give its states back as well."""
     if not follows:
         return
@@ -304,10 +304,10 @@ def follows_sentences(follows: Sequence[Follows]) -> Iterator[str]:
     changes, records = count(follows[0].changes, "change"), count(latch.sure, "record")
     low, high = rounded(latch.lower), rounded(latch.upper)
     when = {
-        Way.ABOVE: f"on above {high}, off below {low}",
-        Way.BELOW: f"on below {low}, off above {high}",
-        Way.FALLING: f"on between {low} and {high} after coming from above",
-        Way.RISING: f"on between {low} and {high} after coming from below",
+        SwitchingDirection.ABOVE: f"on above {high}, off below {low}",
+        SwitchingDirection.BELOW: f"on below {low}, off above {high}",
+        SwitchingDirection.FALLING: f"on between {low} and {high} after coming from above",
+        SwitchingDirection.RISING: f"on between {low} and {high} after coming from below",
     }[latch.way]
     over = "" if first.recorded else " (in design values)"
     yield (
@@ -344,7 +344,7 @@ def moment(s: Switch) -> str:
     return f"between {s.before_s:.10g} and {s.time_s:.10g} s"
 
 
-def follows_document(follows: Follows) -> dict[str, Any]:
+def follows_document(follows: HysteresisFit) -> dict[str, Any]:
     """The same as an object."""
     latch = follows.latch
     return {

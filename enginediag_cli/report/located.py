@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from enginediag_cli.mismatch.locate.locate import Located, Place
     from enginediag_cli.mismatch.locate.presence import Test
     from enginediag_cli.mismatch.locate.verdict_kind import Kind
-    from enginediag_cli.mismatch.unrecorded.control_law import Held, Stop
+    from enginediag_cli.mismatch.unrecorded.control_law import HeldReading, Stop
     from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
     from enginediag_cli.mismatch.unrecorded.per_record import PerRecord
-    from enginediag_cli.mismatch.unrecorded.per_record_effects import Alike
+    from enginediag_cli.mismatch.unrecorded.per_record_effects import SimilarEffect
     from enginediag_cli.report.plotting.discrepancy import Scatter
 
 
@@ -235,12 +235,12 @@ def _residuals(located: Located) -> Scatter:
     """Residuals of the sensor that shows the first place most, against its driver."""
     import math
 
-    from enginediag_cli.mismatch.locate.residual_curve import shown
+    from enginediag_cli.mismatch.locate.residual_curve import residual_curve_points
     from enginediag_cli.report.plotting.discrepancy import Scatter
 
     assert located.projection is not None
     cell = located.within[0].cell
-    s = shown(located.projection, cell)
+    s = residual_curve_points(located.projection, cell)
     driver = cell.driver.driver
     label = cell.driver.short + ("" if driver.unit == "1" else f" [{driver.unit}]")
     scale: Callable[[float], float] = float
@@ -295,7 +295,7 @@ def per_record_rows(found: Sequence[PerRecord]) -> Iterator[dict[str, Any]]:
 
 
 def per_record_sentences(
-    found: Sequence[PerRecord], stop: Stop, held: Sequence[Held], alike: Sequence[Alike]
+    found: Sequence[PerRecord], stop: Stop, held: Sequence[HeldReading], alike: Sequence[SimilarEffect]
 ) -> Iterator[str]:
     """What was found, for stderr. `found` is best first, its first not "nothing"."""
     best = found[0]

@@ -16,7 +16,7 @@ from typing import Any
 from enginediag_cli import __version__
 from enginediag_cli.fleets.finding import Estimate
 from enginediag_cli.intervals import NORMAL_95
-from enginediag_cli.mismatch.explain.answer import FAILED, LAW, NAMED, NOTHING
+from enginediag_cli.mismatch.explain.answer import FORMULA, IDENTIFIED, NO_DISCREPANCY, NOT_CONVERGED
 from enginediag_cli.report import result_files as kinds
 from enginediag_cli.report.engine_page import engine_section, lead_of, next_step
 from enginediag_cli.report.evidence import EngineEvidence, Evidence
@@ -191,7 +191,7 @@ def _left_out(left: Sequence[Any]) -> Iterator[Block]:
         yield Tabled(f"Left out ({len(rows)})", Table(columns_of("what", "why"), rows), closed=True)
 
 
-BADGES = {NAMED: "missing physics, named", NOTHING: "nothing missing", LAW: "missing physics, a law"}
+BADGES = {IDENTIFIED: "missing physics, named", NO_DISCREPANCY: "nothing missing", FORMULA: "missing physics, a law"}
 """What stands above the sentence of an answer of `explain`; its status where none is listed."""
 
 COEFFICIENTS = columns_of("explanation", "probability", "coefficients with 95 % intervals", "gain of evidence")
@@ -207,12 +207,15 @@ def physics_leads(evidence: Evidence) -> Iterator[Lead]:
 
 def _explained(answer: Mapping[str, Any], key: str) -> Lead:
     status, told = str(answer["status"]), [str(s).strip() for s in answer["sentences"]]
-    state = {NOTHING: State.NOTHING_FOUND, FAILED: State.NO_VERDICT, NAMED: State.CHANGED, LAW: State.CHANGED}.get(
-        status, State.CANNOT_TELL
-    )
+    state = {
+        NO_DISCREPANCY: State.NOTHING_FOUND,
+        NOT_CONVERGED: State.NO_VERDICT,
+        IDENTIFIED: State.CHANGED,
+        FORMULA: State.CHANGED,
+    }.get(status, State.CANNOT_TELL)
     advice = answer.get("advice") or {}
     next_ = [str(s["in_words"]) for s in (advice.get("suggestions") or [])[:1]]
-    if status == NAMED and not next_:
+    if status == IDENTIFIED and not next_:
         next_ = ["Give it to `refine` with flights that were not used here; they decide whether it enters the model."]
     surely = [
         f"{x['in_words']}: probability {probability(float(x['probability']))}"

@@ -30,8 +30,14 @@ from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.errors import DataError
 from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.mismatch.fit.extended import Discrepancy
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Hypothesis, Identified, identify_with, nuisance
-from enginediag_cli.mismatch.fit.load import Asked, build_evidence
+from enginediag_cli.mismatch.fit.identified import (
+    NULL_HYPOTHESIS,
+    Hypothesis,
+    IdentifiedHypothesis,
+    identify_with,
+    nuisance,
+)
+from enginediag_cli.mismatch.fit.load import MismatchQuery, build_dataset
 from enginediag_cli.mismatch.fit.options import Option, effect_option, option_scores
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.physics.engine_file import load_engine
@@ -218,7 +224,7 @@ def noise_free_fit(
     flights: Sequence[Mapping[str, np.ndarray]],
     model_error: float,
     read: np.ndarray | None = None,
-) -> Identified:
+) -> IdentifiedHypothesis:
     """The engine as its file says, flown without noise and fitted. `read` (N, m): what its sensors read instead, over
     all flights, where the truth is another engine."""
     recorded, first = [], 0
@@ -230,8 +236,8 @@ def noise_free_fit(
             y = read[first : first + len(f["time_s"])]
             first += len(y)
         recorded.append(Flight(f"flight_{j + 1}", "", {**f, **dict(zip(engine.sensors, y.T, strict=True))}))
-    evidence = build_evidence(engine, recorded, Asked(model_error=model_error, drivers=hour_columns()))
-    return identify_with(evidence, NO_HYPOTHESIS, nuisance(evidence))
+    evidence = build_dataset(engine, recorded, MismatchQuery(model_error=model_error, drivers=hour_columns()))
+    return identify_with(evidence, NULL_HYPOTHESIS, nuisance(evidence))
 
 
 def true_readings(

@@ -36,12 +36,12 @@ from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.errors import DataError
 from enginediag_cli.mismatch.fit.columns import Columns as ColumnsColumns
 from enginediag_cli.mismatch.fit.families import Sums, grid
-from enginediag_cli.mismatch.fit.freeform import Location, locations_of
-from enginediag_cli.mismatch.fit.identified import Identified
+from enginediag_cli.mismatch.fit.freeform import Location, list_locations
+from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis
 from enginediag_cli.mismatch.fit.options import effect_option, fault_options, option_scores
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.laws.grammar import FORMS, Form, span
-from enginediag_cli.mismatch.laws.scan import Known, known_variables
+from enginediag_cli.mismatch.laws.scan import KnownVariable, known_variables
 from enginediag_cli.physics.laws.expression import Expression, ExpressionError
 from enginediag_cli.physics.laws.law import Acts, Law, Variable
 from enginediag_cli.validation.causes import VISIBLE, drawable, noise_free_fit, true_readings
@@ -156,7 +156,7 @@ class Shaped:
     text: str
 
 
-def of_grammar(of: Sequence[Known], rng: np.random.Generator) -> Shaped:
+def of_grammar(of: Sequence[KnownVariable], rng: np.random.Generator) -> Shaped:
     """A form that the search has, with a shape that it need not try."""
     pairs = len(of) == 2
     static = (f for f in FORMS if not f.remembers)  # marks compare curves over what variables are
@@ -165,7 +165,7 @@ def of_grammar(of: Sequence[Known], rng: np.random.Generator) -> Shaped:
     return Shaped(form.name, False, _written(form.text, of, _shape(form, of, rng)))
 
 
-def of_none(of: Sequence[Known], rng: np.random.Generator) -> Shaped:
+def of_none(of: Sequence[KnownVariable], rng: np.random.Generator) -> Shaped:
     """A form that the grammar does not have."""
     pairs = len(of) == 2
     usable = [n for n, t in OUTSIDE.items() if _pairs(t) == pairs and not (n in RATIOS and _recorded(of))]
@@ -182,7 +182,7 @@ def of_none(of: Sequence[Known], rng: np.random.Generator) -> Shaped:
     return Shaped(name, True, f"a * ({text} - ({there!r}))")
 
 
-def _shape(form: Form, of: Sequence[Known], rng: np.random.Generator) -> dict[str, str]:
+def _shape(form: Form, of: Sequence[KnownVariable], rng: np.random.Generator) -> dict[str, str]:
     """Numbers for a grammar's letters, between the least and the largest that a search begins with."""
     found = {}
     for s in form.shapes:
@@ -202,15 +202,15 @@ _LETTERS: Mapping[str, Callable[[np.random.Generator], str]] = {
 """Letter of a form outside the grammar → the number in its place."""
 
 
-def _place(x: Known, rng: np.random.Generator) -> float:
+def _place(x: KnownVariable, rng: np.random.Generator) -> float:
     return float(np.quantile(x.values, rng.uniform(*INSIDE)))
 
 
-def _width(x: Known, rng: np.random.Generator) -> float:
+def _width(x: KnownVariable, rng: np.random.Generator) -> float:
     return float(span(x.values) * np.exp(rng.uniform(*np.log(WIDTH))))
 
 
-def _written(text: str, of: Sequence[Known], letters: Mapping[str, str]) -> str:
+def _written(text: str, of: Sequence[KnownVariable], letters: Mapping[str, str]) -> str:
     """With variables by their names and letters by their numbers."""
     by = {letter: k.variable for letter, k in zip("xy", of, strict=False)}
     words = dict(letters) | {n: v.name for n, v in by.items()} | {f"{n}0": f"{v.reference!r}" for n, v in by.items()}
@@ -221,7 +221,7 @@ def _pairs(text: str) -> bool:
     return bool(re.search(r"\b[yv]\b", text))
 
 
-def _recorded(of: Sequence[Known]) -> bool:
+def _recorded(of: Sequence[KnownVariable]) -> bool:
     return any(k.variable.recorded for k in of)
 
 
@@ -280,18 +280,18 @@ class Ground:
     """What laws are drawn on: an engine, the fit to its flights without noise, places, and what moves."""
 
     engine: Engine
-    found: Identified
+    found: IdentifiedHypothesis
     projection: Projection
     columns: ColumnsColumns
     places: tuple[Location, ...]
-    known: tuple[Known, ...]
+    known: tuple[KnownVariable, ...]
 
     @staticmethod
     def of(engine: Engine, flights: Sequence[Mapping[str, np.ndarray]], model_error: float) -> Ground:
         """Of the flights that are not held back. Raises NothingShownError where nothing can be fitted or nothing
         moves."""
         found = noise_free_fit(engine, flights, model_error)
-        places = tuple(p for p in locations_of(engine, found.problem.sensors) if p.through is None)
+        places = tuple(p for p in list_locations(engine, found.problem.sensors) if p.through is None)
         known = tuple(k for k in known_variables(found) if span(k.values) > MOVES * max(np.ptp(k.values), _size(k)))
         if not found.converged or not known or not places:
             raise NothingShownError(f"{engine.name}: laws need variables that move, and a fit that converges")
@@ -373,7 +373,7 @@ def shaped_law(ground: Ground, sort: Sort, rng: np.random.Generator) -> LawTruth
     return _law(ground, place, of, shaped, size, float(np.std(f)))
 
 
-def _variables(known: Sequence[Known], two: bool, rng: np.random.Generator) -> tuple[Known, ...]:
+def _variables(known: Sequence[KnownVariable], two: bool, rng: np.random.Generator) -> tuple[KnownVariable, ...]:
     """One variable or two that the records tell apart, every group of them equally often."""
     groups = list(dict.fromkeys(k.group for k in known))
     count = min(2 if two else 1, len(groups))
@@ -384,7 +384,9 @@ def _variables(known: Sequence[Known], two: bool, rng: np.random.Generator) -> t
     return tuple(found)
 
 
-def _law(ground: Ground, place: Location, of: Sequence[Known], shaped: Shaped, size: float, spread: float) -> LawTruth:
+def _law(
+    ground: Ground, place: Location, of: Sequence[KnownVariable], shaped: Shaped, size: float, spread: float
+) -> LawTruth:
     """`spread`: standard deviation of the formula of size 1 over the records."""
     p = ground.engine.parameters[place.parameter]
     factor = p.nominal == 1.0 and p.unit in ("", "1")
@@ -403,7 +405,7 @@ def _within(engine: Engine, place: Location, f: np.ndarray, most: float = LARGES
     return bool(np.abs(f).max() <= most * place.scale and p.lower <= value.min() and value.max() <= p.upper)
 
 
-def _one_would_do(ground: Ground, place: Location, of: Sequence[Known], f: np.ndarray) -> bool:
+def _one_would_do(ground: Ground, place: Location, of: Sequence[KnownVariable], f: np.ndarray) -> bool:
     """Whether a free curve of one variable, its own or any group's, leaves too little of a law of two to tell that both
     are needed."""
     firsts = [next(k for k in ground.known if k.group == g) for g in dict.fromkeys(k.group for k in ground.known)]
@@ -450,5 +452,5 @@ def _plausible_at(engine: Engine, drawn: LawTruth, flights: Sequence[Mapping[str
     return True
 
 
-def _size(k: Known) -> float:
+def _size(k: KnownVariable) -> float:
     return float(np.mean(np.abs(k.values)))

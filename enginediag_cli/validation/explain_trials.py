@@ -33,11 +33,16 @@ import numpy as np
 from enginediag_cli import __version__
 from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.mismatch.explain.answer import HIDDEN, LAW, NAMED, Coefficient, Explanation
-from enginediag_cli.mismatch.explain.foreseen import Foreseen
+from enginediag_cli.mismatch.explain.answer import FORMULA, HIDDEN_STATE, IDENTIFIED, Coefficient, Explanation
+from enginediag_cli.mismatch.explain.foreseen import PredictedReadings
 from enginediag_cli.mismatch.explain.judging import ALIAS
-from enginediag_cli.mismatch.explain.plan import Course, fitted_rivals, of_flights, outlook
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Hypothesis, identify_with, nuisance, stacked
+from enginediag_cli.mismatch.explain.plan import (
+    PlannedEvidence,
+    expected_separation,
+    fitted_alternatives,
+    predictions_by_flight,
+)
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, Hypothesis, identify_with, nuisance, stack_column
 from enginediag_cli.mismatch.fit.options import EFFECT, Option
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.planning.flights import AIRLINER, RECORDS, SWEEP, WEATHER, Corner, PlannedFlight
@@ -103,29 +108,29 @@ def best_in_hindsight(
     """Which of the flights sets what the truth reads, without noise, farthest from every rival that was `told`, each
     fitted to the first flights without noise; the first where no rival can be fitted."""
     evidence = evidence_of(engine, sealed, recorded, clean=True)
-    course = Course(evidence, flights)
+    course = PlannedEvidence(evidence, flights)
     rivals = [
         _explanation(engine, [Cause.from_json(c) for c in x["causes"]], evidence.records, x["coefficients"])
         for x, name in zip(told.raw["explanations"], told.aliases, strict=True)
         if name != key(sealed.causes)
     ]
-    base = identify_with(evidence, NO_HYPOTHESIS, nuisance(evidence))
-    fitted = fitted_rivals(course, base, rivals)
+    base = identify_with(evidence, NULL_HYPOTHESIS, nuisance(evidence))
+    fitted = fitted_alternatives(course, base, rivals)
     if not fitted:
         return 0
     flown = [
-        {c: stacked(course.evidence, c)[rows] for c in ("time_s", *engine.inputs, *hour_columns())}
+        {c: stack_column(course.evidence, c)[rows] for c in ("time_s", *engine.inputs, *hour_columns())}
         for _, rows in course.planned
     ]
     true = readings(engine, replace(sealed, flights=flown), exact_model=True)
     problem = fitted[0].found.problem
     true = true[:, [list(engine.sensors).index(c) for c in problem.sensors]] / problem.sigma
     chances = []
-    for rows, foreseen, whitening in of_flights(fitted, course):
+    for rows, foreseen, whitening in predictions_by_flight(fitted, course):
         at = slice(rows.start - course.recorded, rows.stop - course.recorded)
         ok = np.isfinite(true[at]).all(axis=1)
-        exact = Foreseen(np.where(ok[:, None], true[at], 0.0), np.zeros((*true[at].shape, 0)), ok)
-        found = outlook(np.ones(1 + len(fitted)), [exact, *foreseen], whitening)
+        exact = PredictedReadings(np.where(ok[:, None], true[at], 0.0), np.zeros((*true[at].shape, 0)), ok)
+        found = expected_separation(np.ones(1 + len(fitted)), [exact, *foreseen], whitening)
         chances.append(-1.0 if found is None else float(found.given(RECORDS)[0]))
     return int(np.argmax(chances))
 
@@ -168,7 +173,7 @@ def run_planned(
         first = explainer.ask(asking(sealed, model, files) | {"task": PLAN})
         told, seconds = Said.of(first), float(first.get("seconds", 0.0))
         flights = [flight_of(f) for f in first.get("flights", ())]
-        ambiguous = told.status == NAMED and len(told.aliases) > 1 and t in told.aliases and bool(flights)
+        ambiguous = told.status == IDENTIFIED and len(told.aliases) > 1 and t in told.aliases and bool(flights)
         if ambiguous:
             best = best_in_hindsight(load_engine(path), sealed, recorded, told, flights)
             chosen = chosen_flights(flights, stream(seed, trial, PLAN_STREAM), best)
@@ -185,7 +190,7 @@ def run_planned(
                     "flight": flights[k].words,
                     "records": flown,
                     "resolved": is_resolved(after, t),
-                    "misled": after.status == NAMED and t not in after.aliases,
+                    "misled": after.status == IDENTIFIED and t not in after.aliases,
                 }
     marks = {"ambiguous": ambiguous} | {f"resolved_{arm}": a["resolved"] for arm, a in arms.items()}
     if arms:
@@ -232,7 +237,7 @@ def chosen_flights(flights: Sequence[PlannedFlight], rng: np.random.Generator, h
 
 def is_resolved(said: Said, truth: Key) -> bool:
     """Whether the truth stands alone, or comes first and is as good as certain."""
-    if said.status != NAMED or said.aliases[0] != truth:
+    if said.status != IDENTIFIED or said.aliases[0] != truth:
         return False
     return len(said.aliases) == 1 or said.probabilities[0] >= RESOLVED
 
@@ -316,7 +321,7 @@ def run_trial(plan: Plan, trial: int, explainer: Correspondent) -> dict[str, Any
         if stands and kinds.base(sealed.kind) == kinds.NULL and sealed.truth == kinds.MAP_ERROR:
             told.append(explainer.ask(question | {"model_error": 0.0}))
             if "error" not in told[-1]:
-                scored["marks"]["false_name_without_floor"] = told[-1]["status"] in (NAMED, LAW, HIDDEN)
+                scored["marks"]["false_name_without_floor"] = told[-1]["status"] in (IDENTIFIED, FORMULA, HIDDEN_STATE)
     if sealed.realistic is not None:
         scored |= {"engine": engine.name, "shape": sealed.realistic.shape, "airline": sealed.realistic.airline}
     if kinds.choice(sealed.kind):

@@ -18,14 +18,14 @@ from time import process_time
 from typing import Any
 
 from enginediag_cli.intake.selection import Source
-from enginediag_cli.mismatch.explain.answer import NAMED, Answer, Explanation
+from enginediag_cli.mismatch.explain.answer import IDENTIFIED, Answer, Explanation
 from enginediag_cli.mismatch.explain.explain import Search
-from enginediag_cli.mismatch.explain.plan import plan
-from enginediag_cli.mismatch.explain.reach import within_reach
-from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, with_own_noise
-from enginediag_cli.mismatch.fit.evidence import Evidence, Noise
+from enginediag_cli.mismatch.explain.plan import advise_flights_for_explanations
+from enginediag_cli.mismatch.explain.reach import near_alternatives
+from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, refit_noise_without_switches
+from enginediag_cli.mismatch.fit.evidence import Dataset, Noise
 from enginediag_cli.mismatch.fit.freeform import Cell
-from enginediag_cli.mismatch.fit.load import Asked, Case, load_case
+from enginediag_cli.mismatch.fit.load import MismatchQuery, RecordedCase, load_case
 from enginediag_cli.mismatch.fit.options import SENSOR_FAULT
 from enginediag_cli.mismatch.locate.locate import locate
 from enginediag_cli.mismatch.unrecorded.finding import HiddenFinding
@@ -37,7 +37,11 @@ from enginediag_cli.validation.trials import LOCATE, PLAN, answer_questions
 
 def planned_as_json(search: Search, said: Answer) -> dict[str, Any]:
     """`flights`, best first, and the `chance` that the first of them tells."""
-    advice = plan(search.base.found, within_reach(said, search.fitted)) if said.status == NAMED else None
+    advice = (
+        advise_flights_for_explanations(search.base.found, near_alternatives(said, search.fitted))
+        if said.status == IDENTIFIED
+        else None
+    )
     flights = [] if advice is None else [s for s in advice.suggestions if s.flight is not None]
     return {
         "flights": [asdict(s.flight) for s in flights if s.flight is not None],
@@ -54,14 +58,14 @@ CELLS = 10
 def answer(question: Mapping[str, Any]) -> dict[str, Any]:
     """What the library without some terms says of the recordings, or where the map puts what is missing."""
     begun = process_time()
-    asked = Asked(
+    asked = MismatchQuery(
         model_error=question["model_error"],
         false_alarm=question["false_alarm"],
         drivers=tuple(question["drivers"]),
         noise=question["noise"],
         seed=question["seed"],
     )
-    case = Case(question["engine"], Source(tuple(question["recordings"])), asked=asked)
+    case = RecordedCase(question["engine"], Source(tuple(question["recordings"])), asked=asked)
     searched = question["task"] != LOCATE
     evidence = _with_known_noise(load_case(case, identified=searched).evidence, question)
     if not searched:
@@ -72,7 +76,7 @@ def answer(question: Mapping[str, Any]) -> dict[str, Any]:
         }
     else:
         if question["noise"] is None:
-            evidence = with_own_noise(evidence)
+            evidence = refit_noise_without_switches(evidence)
         effects = list(candidates(evidence.engine, question["without"]))
         search = Search(evidence, effects, hidden_search(evidence))
         said = search.run()
@@ -82,7 +86,7 @@ def answer(question: Mapping[str, Any]) -> dict[str, Any]:
     return found | {"seconds": process_time() - begun}
 
 
-def _with_known_noise(evidence: Evidence, question: Mapping[str, Any]) -> Evidence:
+def _with_known_noise(evidence: Dataset, question: Mapping[str, Any]) -> Dataset:
     """The evidence with what is known of the noise: lag-1 correlation of all sensors, noise of the inputs. Where not
     even its size is said, all is as by default."""
     if question["noise"] is None:

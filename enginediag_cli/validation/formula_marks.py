@@ -59,18 +59,26 @@ from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.errors import EngineDiagError
-from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, LAW, NAMED, NOTHING, Answer, Explanation
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
-from enginediag_cli.mismatch.fit.freeform import Location, locations_of
+from enginediag_cli.mismatch.explain.answer import (
+    FORMULA,
+    HIDDEN_STATE,
+    IDENTIFIED,
+    NO_DISCREPANCY,
+    NOT_CONVERGED,
+    Answer,
+    Explanation,
+)
+from enginediag_cli.mismatch.fit.evidence import Dataset, Flight
+from enginediag_cli.mismatch.fit.freeform import Location, list_locations
 from enginediag_cli.mismatch.fit.identified import (
-    NO_HYPOTHESIS,
+    NULL_HYPOTHESIS,
     Hypothesis,
-    Identified,
+    IdentifiedHypothesis,
     Nuisance,
     identify_with,
-    inputs_of,
+    input_values,
     nuisance,
-    stacked,
+    stack_column,
 )
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.physics.engine_file import load_engine
@@ -200,14 +208,14 @@ class Ahead:
     """The recordings that were searched with unseen flights behind them, of which nobody has the readings; `base`: the
     fit without a law; `sets`: of each kind of unseen flights its place among the records."""
 
-    both: Evidence
+    both: Dataset
     along: Nuisance
-    base: Identified
+    base: IdentifiedHypothesis
     sets: Mapping[str, slice]
     true: np.ndarray
 
     @staticmethod
-    def of(searched: Evidence, unseen: Mapping[str, Sequence[Flight]]) -> Ahead:
+    def of(searched: Dataset, unseen: Mapping[str, Sequence[Flight]]) -> Ahead:
         """`unseen`: flights with their true readings, by kind."""
         sensors = list(searched.noise.sigma)
         flights = [f for own in unseen.values() for f in own]
@@ -222,22 +230,22 @@ class Ahead:
             sets[name] = slice(first, first + n)
             first += n
         along = nuisance(both)
-        base = identify_with(both, NO_HYPOTHESIS, along)
+        base = identify_with(both, NULL_HYPOTHESIS, along)
         true = np.concatenate([np.column_stack([f.columns[c] for c in base.problem.sensors]) for f in flights])
         return Ahead(both, along, base, sets, true)
 
-    def squares(self, hypothesis: Hypothesis = NO_HYPOTHESIS, engine: Engine | None = None) -> np.ndarray | None:
+    def squares(self, hypothesis: Hypothesis = NULL_HYPOTHESIS, engine: Engine | None = None) -> np.ndarray | None:
         """((ŷ − y)/σ)² of each unseen record (n,), summed over sensors, NaN without a prediction; None where the fit
         does not converge. `engine`: one that carries more than that of the evidence."""
         both = self.both if engine is None else replace(self.both, engine=engine)
-        plain = hypothesis is NO_HYPOTHESIS and engine is None
+        plain = hypothesis is NULL_HYPOTHESIS and engine is None
         fit = self.base if plain else lowest(both, hypothesis, self.along, self.base, 0.0)
         if not fit.converged:
             return None
         last = len(self.true)
         curves = {**self.along.curves, **fit.hypothesis.curves}
-        inputs = {c: stacked(both, c) for c in fit.model.inputs}
-        inputs |= {c: stacked(both, c, d) for c, d in fit.model.optional_inputs.items() if c not in curves}
+        inputs = {c: stack_column(both, c) for c in fit.model.inputs}
+        inputs |= {c: stack_column(both, c, d) for c, d in fit.model.optional_inputs.items() if c not in curves}
         now = {c: v[-last:] for c, v in {**inputs, **curves}.items()}
         p = fit.model.predict(now, fit.theta, sensors=fit.problem.sensors)
         squares = np.sum(((p.y - self.true) / fit.problem.sigma) ** 2, axis=1)
@@ -283,13 +291,13 @@ JUDGED = 60.0
 
 def null_marks(said: Said) -> Marks:
     """Where nothing is concealed."""
-    if said.status == FAILED:
+    if said.status == NOT_CONVERGED:
         return {"no_verdict": True}
     return {
         "no_verdict": False,
-        "law_false": said.status == LAW,
-        "law_false_name": said.status in (NAMED, HIDDEN),
-        "law_false_finding": said.status != NOTHING,
+        "law_false": said.status == FORMULA,
+        "law_false_name": said.status in (IDENTIFIED, HIDDEN_STATE),
+        "law_false_finding": said.status != NO_DISCREPANCY,
     }
 
 
@@ -300,13 +308,13 @@ def judged(far: Separability) -> bool:
 
 def given_marks(far: Separability, said: Said) -> Marks:
     """Whether a law was said at all, or what else."""
-    if said.status == FAILED:
+    if said.status == NOT_CONVERGED:
         return {"no_verdict": True}
     found: Marks = {"no_verdict": False, "law_judged": judged(far)}
     if not judged(far):
         return found
-    found |= {"law_given": said.status == LAW, "law_found": said.status != NOTHING}
-    found["law_wrong_name"] = said.status == NAMED and not any(a in far.aliases for a in said.aliases)
+    found |= {"law_given": said.status == FORMULA, "law_found": said.status != NO_DISCREPANCY}
+    found["law_wrong_name"] = said.status == IDENTIFIED and not any(a in far.aliases for a in said.aliases)
     return found
 
 
@@ -364,7 +372,7 @@ def opened_law(engine: Engine, sealed: Sealed, recorded: Recorded, said: Said) -
     clean = centred(evidence_of(engine, sealed, recorded, clean=True), sealed.health)
     far = separability(clean, sealed.causes, dict(sealed.health), ())
     found = given_marks(far, said)
-    told = ToldLaw.of(said.raw) if said.status == LAW else None
+    told = ToldLaw.of(said.raw) if said.status == FORMULA else None
     kept: dict[str, Any] = {"law": described(sealed.law)}
     if sealed.law.higher:
         found["higher_at_ceiling"] = [sealed.law.at_ceiling]
@@ -379,7 +387,7 @@ def opened_law(engine: Engine, sealed: Sealed, recorded: Recorded, said: Said) -
     return trial_record(sealed, recorded, far, np.nan, said, found, ()) | kept
 
 
-def centred(evidence: Evidence, health: Mapping[str, float]) -> Evidence:
+def centred(evidence: Dataset, health: Mapping[str, float]) -> Dataset:
     """With priors at the true state, so that what a true model leaves is nothing."""
     known = {n: health[n] for n in evidence.settings.nuisance if n in health}
     return replace(evidence, settings=replace(evidence.settings, prior_mean=known))
@@ -405,25 +413,25 @@ class Opened:
     engine: Engine
     sealed: Sealed
     truth: LawTruth
-    base: Identified
+    base: IdentifiedHypothesis
     nuisance: Nuisance
     places: tuple[Location, ...]
     values: Mapping[str, np.ndarray]
     f: np.ndarray
 
     @staticmethod
-    def of(engine: Engine, sealed: Sealed, clean: Evidence) -> Opened:
+    def of(engine: Engine, sealed: Sealed, clean: Dataset) -> Opened:
         """`clean`: the flights without noise, priors at the true state."""
         assert sealed.law is not None
         beside = nuisance(clean)
-        base = identify_with(clean, NO_HYPOTHESIS, beside)
+        base = identify_with(clean, NULL_HYPOTHESIS, beside)
         truth = engine.with_effects((*engine.effects, *sealed.effects))
         theta = {**sealed.health, **sealed.values}
-        values = along(truth, inputs_of(clean), theta, tuple(variables_of(engine.network).values()))
-        places = tuple(locations_of(engine, list(clean.noise.sigma)))
+        values = along(truth, input_values(clean), theta, tuple(variables_of(engine.network).values()))
+        places = tuple(list_locations(engine, list(clean.noise.sigma)))
         return Opened(engine, sealed, sealed.law, base, beside, places, values, curve(sealed.law.effect, values))
 
-    def marks(self, told: ToldLaw, searched: Evidence) -> tuple[Marks, dict[str, Any]]:
+    def marks(self, told: ToldLaw, searched: Dataset) -> tuple[Marks, dict[str, Any]]:
         """Marks of what was told, and what the record keeps of it. `searched`: the recordings as they were given."""
         laws = all_built(self.engine, told.entries)
         apart, at_best = self.distance(laws), self.distance(laws, sought=True)
@@ -473,11 +481,11 @@ class Opened:
         evidence, free = self.base.evidence, Hypothesis(tuple(laws))
         if not sought:
             engine = evidence.engine
-            evidence, free = replace(evidence, engine=engine.with_effects((*engine.effects, *laws))), NO_HYPOTHESIS
+            evidence, free = replace(evidence, engine=engine.with_effects((*engine.effects, *laws))), NULL_HYPOTHESIS
         return left_by(lowest(evidence, free, self.nuisance, self.base, ALIAS))
 
     def ahead(
-        self, laws: Sequence[Effect] | None, place: Location | None, told: ToldLaw, searched: Evidence
+        self, laws: Sequence[Effect] | None, place: Location | None, told: ToldLaw, searched: Dataset
     ) -> dict[str, dict[str, float]]:
         """Excess on unseen flights of no law, of the one that was told, of the true one, and of a spline in the place
         and driver that were told."""
@@ -506,7 +514,7 @@ class Opened:
         of = [known[g[0]] for g in groups if g and g[0] in known]
         if len(of) < len(groups) or not of:
             return None
-        x = along(self.engine, inputs_of(ahead.both), ahead.base.theta, of)
+        x = along(self.engine, input_values(ahead.both), ahead.base.theta, of)
         curves = {f"{n} {k}": c for n, v in x.items() for k, c in enumerate(spline(v, v[:fitted]).T)}
         if len(x) == 2:
             a, b = ((v - np.nanmean(v[:fitted])) / max(float(np.nanstd(v[:fitted])), 1e-12) for v in x.values())

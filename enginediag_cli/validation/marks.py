@@ -30,10 +30,24 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.moving.tape import MOMENT
-from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, LAW, NAMED, NONE, NOTHING
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Identified, Nuisance, identify_with, nuisance, stacked
-from enginediag_cli.mismatch.fit.load import Asked, build_evidence
+from enginediag_cli.mismatch.explain.answer import (
+    FORMULA,
+    HIDDEN_STATE,
+    IDENTIFIED,
+    NO_DISCREPANCY,
+    NOT_CONVERGED,
+    UNEXPLAINED,
+)
+from enginediag_cli.mismatch.fit.evidence import Dataset, Flight, Noise
+from enginediag_cli.mismatch.fit.identified import (
+    NULL_HYPOTHESIS,
+    IdentifiedHypothesis,
+    Nuisance,
+    identify_with,
+    nuisance,
+    stack_column,
+)
+from enginediag_cli.mismatch.fit.load import MismatchQuery, build_dataset
 from enginediag_cli.mismatch.fit.options import FAULT, SENSOR_FAULT
 from enginediag_cli.validation import kinds
 from enginediag_cli.validation.causes import VISIBLE, Begun, Cause, Key, components, hypothesis, key
@@ -66,40 +80,43 @@ class Said:
     @staticmethod
     def of(answer: Mapping[str, Any]) -> Said:
         if "error" in answer:
-            return Said(FAILED, (), (), answer)
+            return Said(NOT_CONVERGED, (), (), answer)
         # explanations told beside a hidden amplitude are the second choice, not the answer
-        found = answer["explanations"] if answer["status"] == NAMED else []
+        found = answer["explanations"] if answer["status"] == IDENTIFIED else []
         sets = tuple(key([Cause.from_json(c) for c in x["causes"]]) for x in found)
         return Said(answer["status"], sets, tuple(x["probability"] for x in found), answer)
 
 
 def marks(sealed: Sealed, far: Separability | None, said: Said) -> Marks:
     """All marks of a trial but those that need further fits. `far` is None for null trials and hidden switches."""
-    found: Marks = {"no_verdict": said.status == FAILED}
+    found: Marks = {"no_verdict": said.status == NOT_CONVERGED}
     kind = kinds.base(sealed.kind)
-    if said.status == FAILED:
+    if said.status == NOT_CONVERGED:
         return found
     if sealed.realistic is not None:
         found |= _answered(sealed, far, said)
     if kind == kinds.NULL:
-        return found | {"false_name": said.status in (NAMED, LAW, HIDDEN), "false_finding": said.status != NOTHING}
+        return found | {
+            "false_name": said.status in (IDENTIFIED, FORMULA, HIDDEN_STATE),
+            "false_finding": said.status != NO_DISCREPANCY,
+        }
     if far is None or not far.ok:
         return found
     t = key(sealed.causes)
     allowed = {t, *far.aliases}
-    false = said.status == NAMED and not any(a in allowed or a < t for a in said.aliases)
+    false = said.status == IDENTIFIED and not any(a in allowed or a < t for a in said.aliases)
     found["false_name"] = bool(false)
     if far.total < SILENT:  # every name is as good as another, so only the truth's own is not false
-        found["false_name"] = said.status == NAMED and t not in said.aliases
+        found["false_name"] = said.status == IDENTIFIED and t not in said.aliases
     if min(far.given) >= VISIBLE:
-        found["found"] = said.status != NOTHING
+        found["found"] = said.status != NO_DISCREPANCY
         if kind == kinds.WITHHELD:
             if far.nearest >= VISIBLE:
-                found["none_right"] = said.status in (NONE, LAW)
+                found["none_right"] = said.status in (UNEXPLAINED, FORMULA)
         else:
             found |= _naming(t, far, said)
-            found["wrongly_none"] = said.status in (NONE, LAW)
-        if kind in (kinds.FAULT, kinds.SINGLE) and said.status == NAMED:
+            found["wrongly_none"] = said.status in (UNEXPLAINED, FORMULA)
+        if kind in (kinds.FAULT, kinds.SINGLE) and said.status == IDENTIFIED:
             first = said.raw["explanations"][0]["kinds"]
             fault = all(k in (FAULT, SENSOR_FAULT) for k in first)
             found["fault_called_fault" if kind == kinds.FAULT else "effect_called_fault"] = fault
@@ -110,7 +127,7 @@ def _answered(sealed: Sealed, far: Separability | None, said: Said) -> Marks:
     """Marks of every name that is told, whatever can be told at all: stated probability and whether it is right, and
     whether an instrument is named that reads right."""
     t = key(sealed.causes)
-    if said.status != NAMED:
+    if said.status != IDENTIFIED:
         return {"false_sensor": False}
     first = said.raw["explanations"][0]
     right = said.aliases[0] == t or (far is not None and far.ok and said.aliases[0] in far.aliases)
@@ -155,13 +172,13 @@ def hidden_marks(components: Set[str], states: np.ndarray, signal_to_noise: np.n
     """Marks of a hidden switch: `states` (N,), 0 or 1, and signal to noise (N,) of the training records. A complement
     counts as right where physics does not say which state is on. Of a switch that most records show clearly, states
     are marked in the records that do; marks of any other are apart, `…_weak`, with the states of all records."""
-    if said.status == FAILED:
+    if said.status == NOT_CONVERGED:
         return {}
     clear = signal_to_noise >= CLEAR
     weak = float(np.median(signal_to_noise)) < CLEAR
     judged = np.ones(len(states), bool) if weak else clear
-    found: Marks = {"hidden_found": said.status != NOTHING}
-    first: Mapping[str, Any] = said.raw["hidden"][0] if said.status == HIDDEN else {}
+    found: Marks = {"hidden_found": said.status != NO_DISCREPANCY}
+    first: Mapping[str, Any] = said.raw["hidden"][0] if said.status == HIDDEN_STATE else {}
     found["hidden_location"] = bool(first) and first["component"] in components
     share = 0.0
     if first and first["states"] is not None:
@@ -200,7 +217,7 @@ class HeldBack:
     true: np.ndarray
 
 
-def held_back(evidence: Evidence, held: Sequence[Flight], named: Begun, truth: Begun) -> HeldBack:
+def held_back(evidence: Dataset, held: Sequence[Flight], named: Begun, truth: Begun) -> HeldBack:
     """`evidence` are the training flights as the explainer had them, `held` the others."""
     sensors = list(evidence.noise.sigma)
     blind = [
@@ -210,7 +227,7 @@ def held_back(evidence: Evidence, held: Sequence[Flight], named: Begun, truth: B
     both = replace(evidence, flights=(*evidence.flights, *blind))
     records = sum(len(f.columns["time_s"]) for f in both.flights)
     along = nuisance(both)
-    base = identify_with(both, NO_HYPOTHESIS, along)
+    base = identify_with(both, NULL_HYPOTHESIS, along)
     before = _misfit(both, base, along, held)
     found = {key(()): before}
     for causes, values in (named, truth):
@@ -220,13 +237,13 @@ def held_back(evidence: Evidence, held: Sequence[Flight], named: Begun, truth: B
     return HeldBack(before, found[key(named[0])], found[key(truth[0])])
 
 
-def _misfit(both: Evidence, fit: Identified, along: Nuisance, held: Sequence[Flight]) -> np.ndarray:
+def _misfit(both: Dataset, fit: IdentifiedHypothesis, along: Nuisance, held: Sequence[Flight]) -> np.ndarray:
     """χ² per reading of each held-back flight."""
     if not fit.converged:
         return np.full(len(held), np.nan)
     curves = {**along.curves, **fit.hypothesis.curves}
-    inputs = {c: stacked(both, c) for c in fit.model.inputs}
-    inputs |= {c: stacked(both, c, d) for c, d in fit.model.optional_inputs.items() if c not in curves}
+    inputs = {c: stack_column(both, c) for c in fit.model.inputs}
+    inputs |= {c: stack_column(both, c, d) for c, d in fit.model.optional_inputs.items() if c not in curves}
     sizes = [len(f.columns["time_s"]) for f in held]
     last = sum(sizes)
     p = fit.model.predict(
@@ -246,13 +263,13 @@ Cells = Sequence[Mapping[str, Any]]
 """Places of the map, best first, as the explainer gives them."""
 
 
-def evidence_of(engine: Engine, sealed: Sealed, recorded: Recorded, *, clean: bool) -> Evidence:
+def evidence_of(engine: Engine, sealed: Sealed, recorded: Recorded, *, clean: bool) -> Dataset:
     """The training flights as the explainer has them, or without noise, with the noise that they really have."""
     flights = with_past(engine, sealed, recorded.clean if clean else recorded.noisy)[: sealed.training]
     model_error, drawn = kinds.MODEL_ERROR[sealed.truth], sealed.realistic
     if clean and drawn is not None:  # what can be told at all is judged by how wrong the maps really are
         model_error = drawn.shape
-    evidence = build_evidence(engine, flights, Asked(model_error=model_error, drivers=hour_columns()))
+    evidence = build_dataset(engine, flights, MismatchQuery(model_error=model_error, drivers=hour_columns()))
     if clean and drawn is not None:
         spread = {c: s for c, s in drawn.instruments.spread.items() if c in drawn.sensors}
         offsets, scales = ({c: s[k] for c, s in spread.items()} for k in (1, 0))
@@ -300,7 +317,7 @@ def opened(
             right = [driver_is_right(clean, sealed.health, driver, named) for named in (*drivers, "")]
             varies = None not in right
             found |= located(cells, components(engine, truth[0]), right[:-1] if varies else None)
-        if said.status == NAMED and kind != kinds.WITHHELD:
+        if said.status == IDENTIFIED and kind != kinds.WITHHELD:
             held = _held_back(engine, sealed, recorded, truth, said)
             if far.total >= GAINING and np.all(np.isfinite([held["before"], held["after"]])):
                 gains = np.array(held["before"]) - np.array(held["after"])
@@ -322,7 +339,7 @@ def _held_back(
 
 def _said(said: Said) -> Begun:
     """Causes and coefficients of the first explanation; none where nothing was named."""
-    if said.status != NAMED:
+    if said.status != IDENTIFIED:
         return (), {}
     first = said.raw["explanations"][0]
     return [Cause.from_json(c) for c in first["causes"]], {n: c[0] for n, c in first["coefficients"].items()}

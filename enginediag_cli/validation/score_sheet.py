@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.mismatch.explain.floor_cost import floor_cost
+from enginediag_cli.mismatch.explain.floor_cost import tolerance_cost
 from enginediag_cli.mismatch.fit.options import effect_option
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.validation import kinds
 from enginediag_cli.validation.causes import drawable, noise_free_fit
 from enginediag_cli.validation.concealed_effects import SIZE_STREAM, stream
@@ -373,7 +373,7 @@ def detectable_sizes(engine: Engine, seed: int) -> dict[str, dict[str, Any]]:
     for k in range(SETS_OF_FLIGHTS):
         flights, training = draw_flights(engine, stream(seed, k, SIZE_STREAM))
         base = noise_free_fit(engine, flights[:training], kinds.MODEL_ERROR[kinds.MAP_ERROR] or 0.0)
-        for cost in floor_cost(Trial((), base, Projection(base)), [effect_option(e) for e in library]):
+        for cost in tolerance_cost(HypothesisFit((), base, Projection(base)), [effect_option(e) for e in library]):
             found[cost.label].append((cost.visible_without, cost.visible))
     result = {}
     for e in library:

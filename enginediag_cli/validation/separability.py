@@ -35,38 +35,40 @@ import numpy as np
 from enginediag_cli.drivers import CONSTANT, SAME, SWITCH, true_drivers
 from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.engine.term import Driver
-from enginediag_cli.mismatch.explain.worth_fitting import PLAINLY_WORSE
+from enginediag_cli.mismatch.explain.worth_fitting import MUCH_LESS_LIKELY
 from enginediag_cli.mismatch.fit.columns import Columns
-from enginediag_cli.mismatch.fit.evidence import Evidence
+from enginediag_cli.mismatch.fit.evidence import Dataset
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.families import Sums, first_products, grid
 from enginediag_cli.mismatch.fit.freeform import Location, locations
 from enginediag_cli.mismatch.fit.identified import (
-    NO_HYPOTHESIS,
+    NULL_HYPOTHESIS,
+    FitBudget,
     Hypothesis,
-    Identified,
+    IdentifiedHypothesis,
     Nuisance,
-    Reach,
-    drivers_of,
+    driver_values,
     identify_with,
-    inputs_of,
+    input_values,
     nuisance,
 )
 from enginediag_cli.mismatch.fit.options import (
     Option,
     OptionScore,
+    combine_options,
     effect_option,
     effect_options,
     fault_options,
     option_scores,
-    together,
 )
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.physics.registry import candidates
 from enginediag_cli.validation.causes import Begun, Cause, Key, causes_of, hypothesis, key
 
 
-def lowest(evidence: Evidence, sought: Hypothesis, along: Nuisance, start: Identified, enough: float) -> Identified:
+def lowest(
+    evidence: Dataset, sought: Hypothesis, along: Nuisance, start: IdentifiedHypothesis, enough: float
+) -> IdentifiedHypothesis:
     """The lower of the fits from `start` and from the priors; the first alone where it is below `enough`."""
     found = identify_with(evidence, sought, along, start)
     least = left_by(found)
@@ -76,7 +78,7 @@ def lowest(evidence: Evidence, sought: Hypothesis, along: Nuisance, start: Ident
     return anew if left_by(anew) < least else found
 
 
-def left_by(fit: Identified) -> float:
+def left_by(fit: IdentifiedHypothesis) -> float:
     """χ² that a fit leaves, priors included; infinite where it did not converge."""
     return Projection(fit).objective if fit.converged else float(np.inf)
 
@@ -112,7 +114,7 @@ class Separability:
 
 
 def separability(
-    evidence: Evidence,
+    evidence: Dataset,
     truth: Sequence[Cause],
     health: dict[str, float],
     without: Sequence[str],
@@ -126,7 +128,7 @@ def separability(
     known = {n: health[n] for n in evidence.settings.nuisance if n in health}
     evidence = replace(evidence, settings=replace(evidence.settings, prior_mean=known))
     along = nuisance(evidence)
-    base = identify_with(evidence, NO_HYPOTHESIS, along)
+    base = identify_with(evidence, NULL_HYPOTHESIS, along)
     projection = Projection(base)
     total, n = projection.objective, sum(len(f.columns["time_s"]) for f in evidence.flights)
     ok = base.converged
@@ -151,8 +153,8 @@ def separability(
     for k, (left, options) in enumerate(rivals):
         if (moving and k < REFITTED_MOVING) or (k < REFITTED and left < NEAR + 0.05 * total):
             # how far what is farther than another one is need not be known
-            reach = nearest + PLAINLY_WORSE if moving else np.inf
-            left, good = _left(evidence, together(*options), along, base, reach)
+            reach = nearest + MUCH_LESS_LIKELY if moving else np.inf
+            left, good = _left(evidence, combine_options(*options), along, base, reach)
             nearest = min(nearest, left)
             # a rival that moves may have a valley without end: what it has reached is what it leaves, or a little more
             ok &= good or moving
@@ -172,11 +174,11 @@ def separability(
 
 
 def _left(
-    evidence: Evidence, other: Hypothesis, along: Nuisance, base: Identified, hopeless: float = np.inf
+    evidence: Dataset, other: Hypothesis, along: Nuisance, base: IdentifiedHypothesis, hopeless: float = np.inf
 ) -> tuple[float, bool]:
     """χ² with another hypothesis, and whether that fit converged; it is given up where it is `hopeless`."""
     if np.isfinite(hopeless):
-        found = identify_with(evidence, other, along, base, reach=Reach(hopeless))
+        found = identify_with(evidence, other, along, base, reach=FitBudget(hopeless))
     else:
         found = lowest(evidence, other, along, base, ALIAS)
     return Projection(found).objective, found.converged
@@ -239,7 +241,9 @@ BELIEVED = 10.0
 """Prior standard deviation of a rival's curve, over what its place roams: what would have to be larger is no rival."""
 
 
-def place_separability(base: Identified, along: Nuisance, f: np.ndarray, truth: Location) -> Mapping[str, float]:
+def place_separability(
+    base: IdentifiedHypothesis, along: Nuisance, f: np.ndarray, truth: Location
+) -> Mapping[str, float]:
     """λ_sep by name of every place but the true one. `base`: fit without the law, and with all else that is concealed,
     to flights without noise; `f`: the law's curve over all records of the evidence (N,)."""
     where = [p for p in locations(base) if p.name != truth.name]
@@ -275,7 +279,9 @@ def joined(*hypotheses: Hypothesis) -> Hypothesis:
     )
 
 
-def curved(place: Location, curves: Mapping[str, np.ndarray], base: Identified, over: float = 1.0) -> Hypothesis:
+def curved(
+    place: Location, curves: Mapping[str, np.ndarray], base: IdentifiedHypothesis, over: float = 1.0
+) -> Hypothesis:
     """The place's parameter free to follow curves (N,) of the evidence's records, and to be off by a constant where it
     is not identified; each by `over` times what the place roams, as root mean square."""
     own = {n: c / max(float(np.nanstd(c)), 1e-300) for n, c in curves.items()}
@@ -293,12 +299,12 @@ UNDRIVEN = (CONSTANT, SWITCH)
 """What effects need not vary with."""
 
 
-def driver_is_right(evidence: Evidence, health: Mapping[str, float], driver: Driver, named: str) -> bool | None:
+def driver_is_right(evidence: Dataset, health: Mapping[str, float], driver: Driver, named: str) -> bool | None:
     """Whether these records cannot tell the driver of that name from what `driver` stands for; None where it stands
     for nothing that varies here."""
     engine = evidence.engine
-    inputs, theta = inputs_of(evidence), {n: v for n, v in health.items() if n in engine.parameters}
-    found = drivers_of(evidence, theta)
+    inputs, theta = input_values(evidence), {n: v for n, v in health.items() if n in engine.parameters}
+    found = driver_values(evidence, theta)
     values = {d.name: d.values for d in found}
     moving = [d for d in found if d.driver == driver]
     true = [d.values for d in moving or true_drivers(engine, inputs, theta, driver)]

@@ -32,15 +32,15 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.mismatch.explain.answer import FAILED, LAW, NAMED
-from enginediag_cli.mismatch.fit.freeform import locations_of
+from enginediag_cli.mismatch.explain.answer import FORMULA, IDENTIFIED, NOT_CONVERGED
+from enginediag_cli.mismatch.fit.freeform import list_locations
 from enginediag_cli.mismatch.fit.identified import (
-    NO_HYPOTHESIS,
+    NULL_HYPOTHESIS,
     Hypothesis,
-    Identified,
+    IdentifiedHypothesis,
     Nuisance,
     identify_with,
-    inputs_of,
+    input_values,
     nuisance,
 )
 from enginediag_cli.mismatch.fit.options import effect_option, fault_options, option_scores
@@ -93,7 +93,7 @@ def named_causes(engine: Engine, said: Said) -> tuple[list[Named], Mapping[str, 
     """All causes of the first explanation, and the coefficients that were told; none where nothing was named. What
     forms at one place make together is one law."""
     explained: Sequence[Mapping[str, Any]] = said.raw.get("explanations", ())
-    if said.status not in (NAMED, LAW) or not explained:
+    if said.status not in (IDENTIFIED, FORMULA) or not explained:
         return [], {}
     first = explained[0]
     laws = {f"{entry['law']}@{entry['at']}": entry for entry in first.get("laws", ())}
@@ -140,15 +140,15 @@ def opened_several(engine: Engine, sealed: Sealed, recorded: Recorded, said: Sai
     clean = centred(evidence_of(engine, sealed, recorded, clean=True), sealed.health)
     beside = nuisance(clean)
     truth = tuple(recorded.place(c) for c in sealed.causes)
-    base = identify_with(clean, NO_HYPOTHESIS, beside)
+    base = identify_with(clean, NULL_HYPOTHESIS, beside)
     opened = Opened(engine, sealed, truth, base, beside)
     total, given, ok = Projection(base).objective, opened.given(), base.converged
-    found: Marks = {"no_verdict": said.status == FAILED}
+    found: Marks = {"no_verdict": said.status == NOT_CONVERGED}
     kept: dict[str, Any] = {} if sealed.law is None else {"law": described(sealed.law)}
     ok &= all(fit.converged for fit, _ in given)
     left = tuple(x for _, x in given)
     judged = bool(ok and min(left) >= SHOWS)
-    if judged and said.status != FAILED:
+    if judged and said.status != NOT_CONVERGED:
         marked, kept["several"] = opened.marks(said, total, [fit for fit, _ in given])
         found |= marked
     # rivals of single causes are in `kept`: of all together there is no one nearest
@@ -163,15 +163,15 @@ class Opened:
     engine: Engine
     sealed: Sealed
     truth: tuple[Cause, ...]
-    base: Identified
+    base: IdentifiedHypothesis
     nuisance: Nuisance
 
-    def given(self) -> list[tuple[Identified, float]]:
+    def given(self) -> list[tuple[IdentifiedHypothesis, float]]:
         """Of each cause the fit with all the others, and the χ² that it leaves."""
         fits = [self._fit(self._others(k)) for k in range(len(self.truth))]
         return [(fit, Projection(fit).objective) for fit in fits]
 
-    def marks(self, said: Said, total: float, fits: Sequence[Identified]) -> tuple[Marks, dict[str, Any]]:
+    def marks(self, said: Said, total: float, fits: Sequence[IdentifiedHypothesis]) -> tuple[Marks, dict[str, Any]]:
         """Marks of what was said, and what the record keeps of it. `total`: χ² without any cause, `fits` with all
         causes but one."""
         named, values = named_causes(self.engine, said)
@@ -215,7 +215,7 @@ class Opened:
             "stated": None if stated is None else short(float(stated)),
         }
 
-    def _fit(self, sought: Hypothesis, start: Identified | None = None) -> Identified:
+    def _fit(self, sought: Hypothesis, start: IdentifiedHypothesis | None = None) -> IdentifiedHypothesis:
         return lowest(self.base.evidence, sought, self.nuisance, start or self.base, ALIAS)
 
     def _others(self, k: int) -> Hypothesis:
@@ -232,7 +232,7 @@ class Opened:
         law = self.sealed.law
         return law if law is not None and law.effect.label == cause.name else None
 
-    def _aliases(self, cause: Cause, fit: Identified) -> frozenset[str]:
+    def _aliases(self, cause: Cause, fit: IdentifiedHypothesis) -> frozenset[str]:
         """Effects and steps of the library that cannot be told from a cause, given the others (`fit`)."""
         projection = Projection(fit)
         options = [*map(effect_option, candidates(self.engine)), *fault_options(fit)]
@@ -240,7 +240,7 @@ class Opened:
         for s in option_scores(fit, projection, options):
             (own,) = causes_of((s.option,))
             left = projection.objective - s.score.statistic
-            known = best.get(own.name, (np.inf, NO_HYPOTHESIS))[0]
+            known = best.get(own.name, (np.inf, NULL_HYPOTHESIS))[0]
             if s.score.dof and s.feasible and own.name != cause.name and left < known:
                 best[own.name] = left, s.option.hypothesis
         near = sorted(best.items(), key=lambda b: b[1][0])[:REFITTED]
@@ -252,14 +252,14 @@ class Opened:
                     found.add(name)
         return frozenset(found)
 
-    def _known(self, law: LawTruth, fit: Identified) -> KnownLaw:
+    def _known(self, law: LawTruth, fit: IdentifiedHypothesis) -> KnownLaw:
         """The true law beside the other causes."""
         clean = self.base.evidence
         truth = self.engine.with_effects((*self.engine.effects, *self.sealed.effects))
         theta = {**self.sealed.health, **self.sealed.values}
-        values = along(truth, inputs_of(clean), theta, tuple(variables_of(self.engine.network).values()))
+        values = along(truth, input_values(clean), theta, tuple(variables_of(self.engine.network).values()))
         far = place_separability(fit, self.nuisance, curve(law.effect, values), law.place)
-        at = {p.parameter: p.name for p in locations_of(self.engine, list(clean.noise.sigma))}
+        at = {p.parameter: p.name for p in list_locations(self.engine, list(clean.noise.sigma))}
         return KnownLaw(list(law.law.variables), frozenset({law.place.name, *inseparable(far)}), at, values)
 
     def _stands_for(self, i: int, named: Named, values: Mapping[str, float]) -> bool:

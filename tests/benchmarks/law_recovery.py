@@ -31,7 +31,7 @@ from adcd.metrics import classify_structure
 
 from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.mismatch.laws.curve_fit import FittedCurve, Response, fitted_curves
-from enginediag_cli.mismatch.laws.scan import Formula, Known, formulas, over_records
+from enginediag_cli.mismatch.laws.scan import Formula, KnownVariable, formulas, over_records
 from enginediag_cli.physics.laws.law import Variable
 
 NOISES = (0.0, 0.01, 0.05, 0.1)
@@ -126,7 +126,7 @@ class Limit:
             one = bool(np.all(np.abs(near - nearer) <= SAME_LIMIT * np.std(curve)))
         return curve - nearer if one else np.full(len(curve), np.nan)
 
-    def _at(self, formula: Formula, value: float) -> tuple[Known, ...]:
+    def _at(self, formula: Formula, value: float) -> tuple[KnownVariable, ...]:
         return tuple(
             replace(k, values=np.full(len(k.values), value)) if k.variable.name == self.name else k for k in formula.of
         )
@@ -137,7 +137,7 @@ def answer(scenario: AnomalyScenario, noise: float, seed: int) -> tuple[FittedCu
     X, y, classical, residual = scenario.generate_data(noise_level=noise, seed=seed)
     truth = scenario.generate_data(noise_level=0.0, seed=seed)[3]
     known = [
-        Known(Variable(n, n, CONSTANT, (n,), lambda v: v), x / np.median(x), k)
+        KnownVariable(Variable(n, n, CONSTANT, (n,), lambda v: v), x / np.median(x), k)
         for k, (n, x) in enumerate(X.items())
         if np.std(x) > 0.0
     ]

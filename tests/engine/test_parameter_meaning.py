@@ -11,7 +11,7 @@ from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.components import COMPONENTS
 from enginediag_cli.engine.components.base import FROM, HEALTH_ROAMS, NAME, TO, Component
 from enginediag_cli.engine.term import Driver, Term
-from enginediag_cli.mismatch.fit.freeform import locations_of
+from enginediag_cli.mismatch.fit.freeform import list_locations
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
@@ -87,7 +87,7 @@ def test_the_effectiveness_of_a_new_component_is_a_place_to_look(tmp_path, monke
     assert (p.words, p.roams, p.family) == ("recuperator effectiveness", HEALTH_ROAMS, "health")
     engine = load_engine(str(shipped("turbojet.yaml")))
     engine.parameters[p.name] = p
-    assert "recuperator.effectiveness" in [place.name for place in locations_of(engine, ["T3_K"])]
+    assert "recuperator.effectiveness" in [place.name for place in list_locations(engine, ["T3_K"])]
 
 
 def test_what_wears_out_can_only_fall(every):

@@ -9,7 +9,7 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise, Settings
+from enginediag_cli.mismatch.fit.evidence import Dataset, Flight, Noise, Settings
 from enginediag_cli.mismatch.fit.projection import DenseRows
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
@@ -63,13 +63,13 @@ def flights(
     return tuple(found)
 
 
-def evidence(recorded: Sequence[Flight], *, rho: float = 0.0, **settings: object) -> Evidence:
+def evidence(recorded: Sequence[Flight], *, rho: float = 0.0, **settings: object) -> Dataset:
     engine = turbofan()
     nuisance = {n: 0.02 for n in engine.monitored}
     nuisance |= {f"sensor.{s.quantity}.scale": 0.002 for s in engine.sensors.values()}
     noise = Noise({c: s.noise_sigma for c, s in engine.sensors.items()}, {c: rho for c in engine.sensors})
     chosen = {"map_accuracy": 0.0, **settings}
-    return Evidence(engine, tuple(recorded), noise, Settings(nuisance, **chosen))  # type: ignore[arg-type]
+    return Dataset(engine, tuple(recorded), noise, Settings(nuisance, **chosen))  # type: ignore[arg-type]
 
 
 class WholeRows:

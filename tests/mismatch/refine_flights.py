@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
-from enginediag_cli.mismatch.fit.load import Asked, build_evidence
+from enginediag_cli.mismatch.fit.evidence import Dataset, Flight
+from enginediag_cli.mismatch.fit.load import MismatchQuery, build_dataset
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
 
@@ -50,8 +50,8 @@ def flights(
     return found, np.concatenate(states)
 
 
-def evidence(found: list[Flight], model_error: float = 0.003) -> Evidence:
-    return build_evidence(engine(), found, Asked(model_error=model_error))
+def evidence(found: list[Flight], model_error: float = 0.003) -> Dataset:
+    return build_dataset(engine(), found, MismatchQuery(model_error=model_error))
 
 
 def library(*labels: str) -> list:

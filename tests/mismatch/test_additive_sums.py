@@ -17,7 +17,7 @@ from enginediag_cli.mismatch.fit.any_curve import AnyCurve
 from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.families import Sums, correlations, first_products, grid
 from enginediag_cli.mismatch.fit.freeform import free_form
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, inputs_of, nuisance
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, input_values, nuisance
 from enginediag_cli.mismatch.fit.options import effect_option, fault_options, option_scores
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.unexplained import unexplained
@@ -38,7 +38,7 @@ def fitted(rho=0.0, **settings):
     # a gap in one sensor, in the middle of a flight
     recorded[1].columns["T3_K"][10:14] = np.nan
     e = evidence(recorded, rho=rho, map_accuracy=0.003, **settings)
-    found = identify_with(e, NO_HYPOTHESIS, nuisance(e))
+    found = identify_with(e, NULL_HYPOTHESIS, nuisance(e))
     assert found.converged
     return found
 
@@ -51,7 +51,7 @@ def found(request):
 
 def along(found):
     theta = {n: v for n, v in found.theta.items() if n in found.evidence.engine.parameters}
-    return drivers(found.evidence.engine, inputs_of(found.evidence), theta)[:3]
+    return drivers(found.evidence.engine, input_values(found.evidence), theta)[:3]
 
 
 def rows_of(projection, J, curves, chosen):
@@ -189,7 +189,7 @@ def test_memory_of_the_map_does_not_grow_with_the_columns_of_every_record(monkey
     peaks, records = [], (400, 1600)
     for n in records:
         e = evidence(flights([], np.random.default_rng(8), count=4, records=n // 4))
-        found = identify_with(e, NO_HYPOTHESIS, nuisance(e))
+        found = identify_with(e, NULL_HYPOTHESIS, nuisance(e))
         drivers_there = along(found)
         tracemalloc.start()
         projection = Projection(found)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from concealed import turbofan
 
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise, Settings
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.evidence import Dataset, Flight, Noise, Settings
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.unrecorded.aircraft import Grid, grid_of
 from enginediag_cli.mismatch.unrecorded.hidden import hidden_amplitudes
@@ -51,9 +51,9 @@ def flown(fraction, *, dropped=(), apart=0.0, seed=1):
 def fitted(flights):
     e = turbofan()
     noise = Noise({c: s.noise_sigma for c, s in e.sensors.items()})
-    evidence = Evidence(e, tuple(flights), noise, Settings({n: 0.02 for n in e.monitored}, map_accuracy=0.0))
+    evidence = Dataset(e, tuple(flights), noise, Settings({n: 0.02 for n in e.monitored}, map_accuracy=0.0))
     along = nuisance(evidence)
-    return identify_with(evidence, NO_HYPOTHESIS, along), along
+    return identify_with(evidence, NULL_HYPOTHESIS, along), along
 
 
 @cache

@@ -12,7 +12,7 @@ from enginediag_cli.mismatch.explain.among_all import among_all
 from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.identified import Hypothesis
-from enginediag_cli.mismatch.fit.options import EFFECT, FREE, LAW, Option
+from enginediag_cli.mismatch.fit.options import EFFECT, FORMULA_OPTION, FREE, Option
 
 
 def option(name: str, kind: str = EFFECT, at: str = "") -> Option:
@@ -21,7 +21,11 @@ def option(name: str, kind: str = EFFECT, at: str = "") -> Option:
 
 
 A, B, C = map(option, "abc")
-LAW_AT_X, OTHER_LAW_AT_X, FREE_AT_X = option("l", LAW, "x"), option("m", LAW, "x"), option("f", FREE, "x")
+LAW_AT_X, OTHER_LAW_AT_X, FREE_AT_X = (
+    option("l", FORMULA_OPTION, "x"),
+    option("m", FORMULA_OPTION, "x"),
+    option("f", FREE, "x"),
+)
 
 
 def told(named, *others) -> list[Explanation]:

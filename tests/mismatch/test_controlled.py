@@ -13,7 +13,7 @@ from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.identification.problem import TrainingRecording
 from enginediag_cli.mismatch.controlled.actuators import free_actuators
-from enginediag_cli.mismatch.controlled.find import Found, find_law
+from enginediag_cli.mismatch.controlled.find import ControlSearchResult, find_law
 from enginediag_cli.mismatch.controlled.still import still_readings
 from enginediag_cli.mismatch.refine.controlled import refine_control
 from enginediag_cli.physics.engine_file import load_engine
@@ -66,7 +66,7 @@ def hours(engine: Engine, n: int, seed: int) -> TrainingRecording:
 
 
 @cache
-def found() -> Found:
+def found() -> ControlSearchResult:
     released = ", acts_while: {column: T4_K, side: at_most, value: 1370}"
     law = find_law(*plant(), [hours(truth(held(30, released)), 700, 1)])
     assert law is not None

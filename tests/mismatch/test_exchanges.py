@@ -13,7 +13,7 @@ from enginediag_cli.mismatch.explain.deciding import Deciding
 from enginediag_cli.mismatch.explain.exchanges import exchanges, in_rivals, two_for_a_law
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.identified import Hypothesis
-from enginediag_cli.mismatch.fit.options import EFFECT, FAULT, FREE, LAW, Option
+from enginediag_cli.mismatch.fit.options import EFFECT, FAULT, FORMULA_OPTION, FREE, Option
 
 
 def option(name: str, kind: str = EFFECT, at: str = "") -> Option:
@@ -27,7 +27,7 @@ def change(at: str, first: int) -> Option:
     return Option(FAULT, f"{at} {name}", "", TIME, moved)
 
 
-BY_NAME = {o.label: o for o in (*map(option, "abcd"), option("f", FREE, "x"), option("l", LAW, "y"))}
+BY_NAME = {o.label: o for o in (*map(option, "abcd"), option("f", FREE, "x"), option("l", FORMULA_OPTION, "y"))}
 """Four that are listed, a free curve, and a law."""
 
 

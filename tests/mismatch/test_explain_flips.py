@@ -8,16 +8,16 @@ import pytest
 from concealed import carried, evidence, flights, turbofan
 from scipy.optimize import minimize
 
-from enginediag_cli.mismatch.explain.answer import NAMED
+from enginediag_cli.mismatch.explain.answer import IDENTIFIED
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.flips import flips_of_answer, shortest
 from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.evidence import Flight
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with
 from enginediag_cli.mismatch.fit.options import effect_options
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.remainder import Gates
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.physics.registry import candidates
 from enginediag_cli.report.isolation_rows import flips_sentence
 
@@ -55,12 +55,12 @@ def told():
     recorded = flights(carried(("reynolds_efficiency", "hpc", {"exponent": 0.1})), np.random.default_rng(5), count=3)
     library = [e for e in candidates(turbofan()) if e.term.NAME in LIBRARY]
     search = Search(evidence(recorded, map_accuracy=0.003), library)
-    base = identify_with(search.evidence, NO_HYPOTHESIS, search.along)
-    search.look_from(Trial((), base, Projection(base)))
+    base = identify_with(search.evidence, NULL_HYPOTHESIS, search.along)
+    search.look_from(HypothesisFit((), base, Projection(base)))
     search.detect = Gates(7.0, 7.0, 7.0)
     best, *_ = search.refit([(o,) for o in effect_options(library)])
     named = search.explanation(best, 0.9, 1.0, 1.0)
-    answer = SimpleNamespace(status=NAMED, explanations=(named,))
+    answer = SimpleNamespace(status=IDENTIFIED, explanations=(named,))
     return search, answer, flips_of_answer(answer, search)
 
 
@@ -76,8 +76,8 @@ def test_the_error_that_is_told_makes_the_rival_fit_better_and_a_little_less_doe
             columns[nearest.error.column] = columns[nearest.error.column] + share * nearest.size
             moved.append(Flight(flight.label, flight.engine, columns))
         wrong = replace(search.evidence, flights=tuple(moved))
-        base = identify_with(wrong, NO_HYPOTHESIS, search.along)
-        start = Trial((), base, Projection(base)).found
+        base = identify_with(wrong, NULL_HYPOTHESIS, search.along)
+        start = HypothesisFit((), base, Projection(base)).found
         named, rival = (attempt((options[n],), start, search.along) for n in (flips.first[0], nearest.becomes[0]))
         assert named.converged and rival.converged
         assert (rival.weighed < named.weighed) == changed

@@ -10,13 +10,13 @@ import pytest
 
 from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.intake.selection import Source
-from enginediag_cli.mismatch.explain.answer import NAMED, NOTHING, Coefficient, Explanation
-from enginediag_cli.mismatch.explain.plan import plan
-from enginediag_cli.mismatch.explain.story import tell
+from enginediag_cli.mismatch.explain.answer import IDENTIFIED, NO_DISCREPANCY, Coefficient, Explanation
+from enginediag_cli.mismatch.explain.plan import advise_flights_for_explanations
+from enginediag_cli.mismatch.explain.story import explain_mismatch
 from enginediag_cli.mismatch.fit.attempt import attempt, begun
 from enginediag_cli.mismatch.fit.evidence import Noise
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
-from enginediag_cli.mismatch.fit.load import Case, load_case
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.load import RecordedCase, load_case
 from enginediag_cli.mismatch.refine.refine import refine
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
@@ -67,8 +67,8 @@ def recorded(folder, truth, seed):
 
 
 def explained(files):
-    evidence = load_case(Case(ENGINE, Source(files)), identified=True).evidence
-    return tell(evidence, advise=False)
+    evidence = load_case(RecordedCase(ENGINE, Source(files)), identified=True).evidence
+    return explain_mismatch(evidence, advise=False)
 
 
 @pytest.mark.slow
@@ -85,21 +85,21 @@ def test_the_kind_of_memory_and_its_numbers_are_named(truth, tmp_path):
     story = explained(recorded(tmp_path, truth, seed=5))
     (label, values) = next(iter(truth.items()))
     best = story.answer.explanations[0]
-    assert story.answer.status == NAMED and best.label == label
+    assert story.answer.status == IDENTIFIED and best.label == label
     for c in best.coefficients:
         true = values[c.name.rpartition(".")[2]]
         assert c.low - 3.0 * c.standard_error < true < c.high + 3.0 * c.standard_error
 
 
 def test_nothing_is_named_where_power_follows_its_set_point(tmp_path):
-    assert explained(recorded(tmp_path, {}, seed=6)).answer.status == NOTHING
+    assert explained(recorded(tmp_path, {}, seed=6)).answer.status == NO_DISCREPANCY
 
 
 @pytest.mark.slow
 def test_a_rate_limit_is_told_as_rates_and_refined_on_unseen_runs(tmp_path):
     files = recorded(tmp_path, {"load_rate_limit@generator": {"rise": 120.0, "fall": 80.0}}, seed=7)
     assert any(" W/s (" in line for line in sentences(explained(files)))
-    evidence = load_case(Case(ENGINE, Source(files))).evidence
+    evidence = load_case(RecordedCase(ENGINE, Source(files))).evidence
     found = refine(evidence, [2], [effect(engine(), "load_rate_limit", "generator")])
     assert found.effects[0].values["rise"] == pytest.approx(120.0, rel=0.1)
     assert found.effects[0].values["fall"] == pytest.approx(80.0, rel=0.1)
@@ -126,8 +126,8 @@ GATE = """steady:
 def test_what_a_gate_has_left_out_is_told_and_not_called_absorbed(tmp_path):
     files = recorded(tmp_path, {"load_control_delay@generator": {"delay": 8.0}}, seed=8)
     (tmp_path / "gated.yaml").write_text(RECORDER + GATE)
-    loaded = load_case(Case(ENGINE, Source(files, recorder=str(tmp_path / "gated.yaml"))), identified=True)
-    story = tell(loaded.evidence, advise=False, intake=loaded.intake)
+    loaded = load_case(RecordedCase(ENGINE, Source(files, recorder=str(tmp_path / "gated.yaml"))), identified=True)
+    story = explain_mismatch(loaded.evidence, advise=False, intake=loaded.intake)
     assert story.gated is not None and story.gated.of == 3 * RECORDS
     assert story.gated.records == 3 * RECORDS - loaded.evidence.records > 0
     assert "load_control_delay@generator" in story.gated.effects
@@ -137,8 +137,8 @@ def test_what_a_gate_has_left_out_is_told_and_not_called_absorbed(tmp_path):
 
 def test_no_gate_is_told_where_there_is_none(tmp_path):
     files = recorded(tmp_path, {}, seed=6)
-    loaded = load_case(Case(ENGINE, Source(files)), identified=True)
-    assert tell(loaded.evidence, advise=False, intake=loaded.intake).gated is None
+    loaded = load_case(RecordedCase(ENGINE, Source(files)), identified=True)
+    assert explain_mismatch(loaded.evidence, advise=False, intake=loaded.intake).gated is None
 
 
 @pytest.mark.slow
@@ -148,10 +148,10 @@ def test_no_gate_is_told_where_there_is_none(tmp_path):
 def test_two_effects_on_one_thing_are_fitted_in_the_order_in_which_they_act(first, second, tmp_path):
     sizes = {"load_control_lag": {"time_constant": 15.0}, "load_rate_limit": {"rise": 250.0, "fall": 180.0}}
     truth = {f"{name}@generator": sizes[name] for name in (first, second)}
-    evidence = load_case(Case(ENGINE, Source(recorded(tmp_path, truth, seed=9)))).evidence
+    evidence = load_case(RecordedCase(ENGINE, Source(recorded(tmp_path, truth, seed=9)))).evidence
     evidence = replace(evidence, noise=Noise({"el_power_W": 50.0}))
     along = nuisance(evidence)
-    base = identify_with(evidence, NO_HYPOTHESIS, along)
+    base = identify_with(evidence, NULL_HYPOTHESIS, along)
     for order in ((first, second), (second, first)):
         trial = attempt(begun([effect(engine(), name, "generator") for name in order], base), base, along)
         assert trial.converged
@@ -177,15 +177,15 @@ def fitted(base, along, label):
 
 def test_a_step_of_another_size_tells_a_rate_limit_from_a_lag(tmp_path):
     files = recorded(tmp_path, {"load_control_lag@generator": {"time_constant": 20.0}}, seed=9)
-    evidence = load_case(Case(ENGINE, Source(files))).evidence
+    evidence = load_case(RecordedCase(ENGINE, Source(files))).evidence
     along = nuisance(evidence)
-    base = identify_with(evidence, NO_HYPOTHESIS, along)
+    base = identify_with(evidence, NULL_HYPOTHESIS, along)
     lag, limit = (fitted(base, along, f"{name}@generator") for name in ("load_control_lag", "load_rate_limit"))
-    advice = plan(base, [lag, limit])
+    advice = advise_flights_for_explanations(base, [lag, limit])
     assert advice is not None and advice.separates
     best = next(s for s in advice.suggestions if s.kind == MANOEUVRE)
     assert best.records <= DURATION_S and best.chance > 0.9
     assert "of power" in suggestion(best) or "power raised" in suggestion(best)
     # the same thing twice is told apart by nothing
-    twice = plan(base, [lag, lag])
+    twice = advise_flights_for_explanations(base, [lag, lag])
     assert twice is not None and not twice.separates

@@ -16,13 +16,13 @@ from enginediag_cli.cli.simulate import simulate
 from enginediag_cli.engine.term import Coefficient as Declared
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.explain.answer import Coefficient, Explanation
-from enginediag_cli.mismatch.explain.plan import Course, plan, whatever_the_form
-from enginediag_cli.mismatch.explain.reach import REACH, within_reach
+from enginediag_cli.mismatch.explain.plan import PlannedEvidence, advise_flights_for_explanations, whatever_the_form
+from enginediag_cli.mismatch.explain.reach import REACH, near_alternatives
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.evidence import Flight
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Hypothesis, identify_with, nuisance
-from enginediag_cli.mismatch.fit.options import LAW, Option, effect_option
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, Hypothesis, identify_with, nuisance
+from enginediag_cli.mismatch.fit.options import FORMULA_OPTION, Option, effect_option
 from enginediag_cli.physics.laws.expression import Expression
 from enginediag_cli.physics.laws.law import Acts, Law, variables_of
 from enginediag_cli.physics.registry import effect, term_names
@@ -55,7 +55,7 @@ def cruise(rng, n=60):
 
 def explained(case):
     along = nuisance(case)
-    base = identify_with(case, NO_HYPOTHESIS, along)
+    base = identify_with(case, NULL_HYPOTHESIS, along)
     found = []
     for label in RIVALS:
         t = attempt([effect_option(library(label)[0])], base, along)
@@ -79,7 +79,7 @@ def ambiguous():
 def test_cruise_alone_does_not_tell_friction_from_an_off_take_but_the_planned_flight_does(ambiguous):
     case, base, found = ambiguous
     assert abs(behind(found)) < 6.0
-    advice = plan(base, found)
+    advice = advise_flights_for_explanations(base, found)
     assert advice is not None and advice.separates
     flight = advice.best_flight
     best = next(s for s in advice.suggestions if s.flight is flight)
@@ -93,7 +93,7 @@ def test_cruise_alone_does_not_tell_friction_from_an_off_take_but_the_planned_fl
 
 def test_more_records_of_the_same_cruise_tell_less_than_the_planned_flight(ambiguous):
     _, base, found = ambiguous
-    advice = plan(base, found)
+    advice = advise_flights_for_explanations(base, found)
     by = {s.what or s.kind: s for s in advice.suggestions}
     best = max(s.chance for s in advice.suggestions if s.flight is not None)
     assert by["same"].chance < 0.5 < best
@@ -103,15 +103,15 @@ def test_the_floor_is_free_over_the_conditions_of_the_candidates(ambiguous):
     """Map errors where nobody has flown make a plan dearer: with exact maps it takes fewer records."""
     case, base, found = ambiguous
     wrong = replace(case, settings=replace(case.settings, map_accuracy=0.003))
-    doubtful = plan(identify_with(wrong, NO_HYPOTHESIS, nuisance(wrong)), found)
-    sure = plan(base, found)
+    doubtful = advise_flights_for_explanations(identify_with(wrong, NULL_HYPOTHESIS, nuisance(wrong)), found)
+    sure = advise_flights_for_explanations(base, found)
     sweeps = [min(s.records for s in a.suggestions if s.kind == SWEEP) for a in (sure, doubtful)]
     assert sweeps[0] < sweeps[1]
 
 
 def test_an_explanation_alone_needs_no_plan(ambiguous):
     _, base, found = ambiguous
-    assert plan(base, found[:1]) is None
+    assert advise_flights_for_explanations(base, found[:1]) is None
 
 
 def _law(form: str, variable: str, probability: float) -> Explanation:
@@ -121,7 +121,13 @@ def _law(form: str, variable: str, probability: float) -> Explanation:
     law = Law(f"{form}_{variable}", acts, Expression.parsed(f"a * ({variable} - 1)"), {variable: own}, sizes)
     found = Effect(law, acts.site, {"a": 0.01})
     return Explanation(
-        (Option(LAW, found.label, "hpc", own.driver, Hypothesis((found,))),), (), 0.0, 9.0, probability, 0.0, 1.0
+        (Option(FORMULA_OPTION, found.label, "hpc", own.driver, Hypothesis((found,))),),
+        (),
+        0.0,
+        9.0,
+        probability,
+        0.0,
+        1.0,
     )
 
 
@@ -131,14 +137,14 @@ def test_laws_of_the_same_variables_at_the_same_place_are_one_rival_whatever_the
     found = whatever_the_form([step, curve, other, listed])
     assert [x.options for x in found] == [step.options, other.options, listed.options]
     assert [x.probability for x in found] == pytest.approx([0.7, 0.2, 0.1])
-    assert plan(ambiguous[1], [step, curve]) is None
+    assert advise_flights_for_explanations(ambiguous[1], [step, curve]) is None
 
 
 def test_candidates_stand_behind_the_flights_without_readings(ambiguous):
     case, _, found = ambiguous
-    advice = plan(ambiguous[1], found)
+    advice = advise_flights_for_explanations(ambiguous[1], found)
     chosen = [s.flight for s in advice.suggestions if s.flight is not None]
-    course = Course(case, chosen)
+    course = PlannedEvidence(case, chosen)
     further = course.evidence.flights[-1]
     assert len(course.planned) == len(chosen) and course.evidence.records == case.records + len(further)
     assert all(np.isnan(further.columns[c]).all() for c in case.noise.sigma)
@@ -153,11 +159,11 @@ def test_what_is_a_little_behind_stays_a_rival_of_what_is_told_and_what_stands_a
         return SimpleNamespace(explanations=explanations, rejected={trial.label: Rejected(Reason.WORSE, behind)})
 
     fitted = {trial.label: trial}
-    near = within_reach(answer((one, other), 8.0), fitted)
+    near = near_alternatives(answer((one, other), 8.0), fitted)
     assert [x.label for x in near] == [*RIVALS, trial.label]
     assert near[2].probability == pytest.approx(one.probability * np.exp(-4.0))
-    assert len(within_reach(answer((one, other), REACH + 1.0), fitted)) == 2
-    assert within_reach(answer((one,), 8.0), fitted) == ()
+    assert len(near_alternatives(answer((one, other), REACH + 1.0), fitted)) == 2
+    assert near_alternatives(answer((one,), 8.0), fitted) == ()
 
 
 # the command

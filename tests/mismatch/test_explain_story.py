@@ -10,10 +10,10 @@ from refine_flights import evidence, flights, library
 
 from enginediag_cli.mismatch.explain.answer import Coefficient, Explanation
 from enginediag_cli.mismatch.explain.curves import best_places
-from enginediag_cli.mismatch.explain.plan import plan
-from enginediag_cli.mismatch.explain.story import named_effects, tell
+from enginediag_cli.mismatch.explain.plan import advise_flights_for_explanations
+from enginediag_cli.mismatch.explain.story import explain_mismatch, named_effects
 from enginediag_cli.mismatch.fit.attempt import attempt
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.options import effect_option
 from enginediag_cli.planning.separation import SAME, SWITCH, best_of_each_kind
 from enginediag_cli.report.explanation_rows import document, rows
@@ -30,12 +30,12 @@ def thin_air():
 
 @pytest.fixture(scope="module")
 def named(thin_air):
-    return tell(evidence(thin_air), library("reynolds_efficiency@hpc", *RIVALS))
+    return explain_mismatch(evidence(thin_air), library("reynolds_efficiency@hpc", *RIVALS))
 
 
 @pytest.fixture(scope="module")
 def unlisted(thin_air):
-    return tell(evidence(thin_air[:5], model_error=0.0), library("thermocouple_radiation@T45"))
+    return explain_mismatch(evidence(thin_air[:5], model_error=0.0), library("thermocouple_radiation@T45"))
 
 
 def test_a_concealed_reynolds_effect_is_named_with_an_interval_that_holds_the_truth(named):
@@ -95,7 +95,7 @@ def test_places_within_reach_are_named_once_each(unlisted):
 
 
 def test_nothing_missing_is_told_as_nothing():
-    story = tell(evidence(flights("", {}, seed=5)[0][:4]), library("reynolds_efficiency@hpc"), advise=False)
+    story = explain_mismatch(evidence(flights("", {}, seed=5)[0][:4]), library("reynolds_efficiency@hpc"), advise=False)
     assert story.answer.status == "nothing"
     assert next(sentences(story)).startswith("Nothing is missing")
     assert [r["status"] for r in rows(story)] == ["nothing"]
@@ -112,12 +112,12 @@ def rivals():
     """An off-take of power that a few records of cruise cannot tell from a Reynolds effect."""
     case = evidence(flights("power_offtake@hp", {"fraction": 0.02}, seed=3, count=1)[0])
     along = nuisance(case)
-    base = identify_with(case, NO_HYPOTHESIS, along)
+    base = identify_with(case, NULL_HYPOTHESIS, along)
     return base, [_explanation(base, along, n) for n in ("power_offtake@hp", "reynolds_efficiency@hpc")]
 
 
 def test_switching_the_off_take_off_tells_it_from_a_reynolds_effect_sooner_than_more_of_the_same(rivals):
-    found = plan(*rivals)
+    found = advise_flights_for_explanations(*rivals)
     assert found is not None and found.separates
     by_kind = {s.kind: s for s in best_of_each_kind(found.suggestions)}
     assert by_kind[SWITCH].what == "power_offtake@hp"
@@ -126,6 +126,6 @@ def test_switching_the_off_take_off_tells_it_from_a_reynolds_effect_sooner_than_
 
 def test_the_order_of_the_rivals_does_not_matter(rivals):
     base, (one, other) = rivals
-    ways = [plan(base, told) for told in ((one, other), (other, one))]
+    ways = [advise_flights_for_explanations(base, told) for told in ((one, other), (other, one))]
     records = [{s.what: s.records for s in w.suggestions if s.flight} for w in ways if w is not None]
     assert records[0] == records[1]

@@ -8,7 +8,7 @@ from concealed import carried, evidence, flights
 from test_several_causes import LOAD, REYNOLDS, library, stepped
 
 from enginediag_cli.mismatch.explain import few as searched
-from enginediag_cli.mismatch.explain.answer import NAMED
+from enginediag_cli.mismatch.explain.answer import IDENTIFIED
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.few import Few
 from enginediag_cli.mismatch.explain.fitted_sets import FittedSets
@@ -41,7 +41,7 @@ def test_of_every_fourth_record_noise_is_as_alike_as_four_records_apart():
 @pytest.mark.slow
 def test_causes_that_few_records_show_are_named_by_what_all_say_of_them(quarter):
     answer = search().run()
-    assert answer.status == NAMED
+    assert answer.status == IDENTIFIED
     best = answer.explanations[0]
     assert {identity(o) for o in best.options} == {
         ("reynolds_efficiency@hpc",),

@@ -8,10 +8,10 @@ import pytest
 
 from enginediag_cli.mismatch.explain.judging import Fits
 from enginediag_cli.mismatch.fit.freeform import locations
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.remainder import remainder
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.at_place import said_at_places
 from enginediag_cli.mismatch.laws.fitted import Fitted
 from enginediag_cli.mismatch.laws.scan import Scan, formulas_of, known_variables, scored
@@ -28,8 +28,8 @@ def _fits() -> Fits:
     (effect,) = concealed.carried(CONCEALED)
     given = concealed.evidence(concealed.flights((effect,), np.random.default_rng(17), count=3, records=25))
     fits = Fits(given)
-    found = identify_with(given, NO_HYPOTHESIS, fits.along)
-    fits.look_from(Trial((), found, Projection(found)))
+    found = identify_with(given, NULL_HYPOTHESIS, fits.along)
+    fits.look_from(HypothesisFit((), found, Projection(found)))
     return fits
 
 
@@ -39,7 +39,7 @@ def started() -> None:
     _fits().refit([()])
 
 
-def _same(a: Trial, b: Trial) -> None:
+def _same(a: HypothesisFit, b: HypothesisFit) -> None:
     assert a.label == b.label and a.converged == b.converged and a.objective == b.objective
     assert a.coefficients == b.coefficients and a.intervals == b.intervals
     assert np.array_equal(a.projection.residual, b.projection.residual)

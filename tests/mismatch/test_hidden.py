@@ -13,9 +13,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise, Settings
+from enginediag_cli.mismatch.fit.evidence import Dataset, Flight, Noise, Settings
 from enginediag_cli.mismatch.fit.freeform import locations
-from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified, identify_with, nuisance
+from enginediag_cli.mismatch.fit.identified import Hypothesis, IdentifiedHypothesis, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.unrecorded.finding import Limit, Remark
 from enginediag_cli.mismatch.unrecorded.hidden import (
@@ -41,7 +41,7 @@ def engine():
 
 @dataclass
 class Trial:
-    found: Identified
+    found: IdentifiedHypothesis
     projection: Projection
     amplitude: np.ndarray
     rng: np.random.Generator
@@ -93,7 +93,7 @@ def trial(seed, pattern=telegraph, bleed=0.0, flights=5, rho=0.0, map_accuracy=0
         amplitudes.append(amplitude)
     noise = Noise({c: s.noise_sigma for c, s in e.sensors.items()}, dict.fromkeys(e.sensors, rho))
     settings = Settings({n: 0.02 for n in e.monitored} | scales, map_accuracy=map_accuracy)
-    evidence = Evidence(e, tuple(recorded), noise, settings)
+    evidence = Dataset(e, tuple(recorded), noise, settings)
     found = identify_with(evidence, Hypothesis(), nuisance(evidence))
     return Trial(found, Projection(found), np.concatenate(amplitudes), rng)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine.moving.filters import Clock
-from enginediag_cli.mismatch.unrecorded.latched import Latched, States, Way, latched
+from enginediag_cli.mismatch.unrecorded.latched import Latched, States, SwitchingDirection, latched
 
 RECORDS, STRETCH, OTHERS = 600, 200, 12
 LOWER, UPPER = 0.75, 0.82
@@ -18,7 +18,7 @@ def course(rng: np.random.Generator) -> np.ndarray:
     return np.repeat(rng.uniform(0.6, 1.0, RECORDS // 8), 8) + 0.005 * rng.normal(size=RECORDS)
 
 
-def states_of(x: np.ndarray, way: Way) -> np.ndarray:
+def states_of(x: np.ndarray, way: SwitchingDirection) -> np.ndarray:
     """Record by record, as a valve would do it; off at first where nothing tells."""
     on = np.zeros(RECORDS, bool)
     came_from_above = False
@@ -26,10 +26,10 @@ def states_of(x: np.ndarray, way: Way) -> np.ndarray:
         came_from_above = v >= UPPER or (came_from_above and v > LOWER and not FIRST[k])
         between = LOWER < v < UPPER
         on[k] = {
-            Way.ABOVE: came_from_above,
-            Way.BELOW: not came_from_above,
-            Way.FALLING: between and came_from_above,
-            Way.RISING: between and not came_from_above,
+            SwitchingDirection.ABOVE: came_from_above,
+            SwitchingDirection.BELOW: not came_from_above,
+            SwitchingDirection.FALLING: between and came_from_above,
+            SwitchingDirection.RISING: between and not came_from_above,
         }[way]
     return on
 
@@ -41,8 +41,8 @@ def found(on: np.ndarray, x: np.ndarray, rng: np.random.Generator, unsure: float
     return latched(states, [*(course(rng) for _ in range(OTHERS)), x])
 
 
-@pytest.mark.parametrize("way", list(Way))
-def test_thresholds_and_way_are_read_off_the_states(way: Way) -> None:
+@pytest.mark.parametrize("way", list(SwitchingDirection))
+def test_thresholds_and_way_are_read_off_the_states(way: SwitchingDirection) -> None:
     rng = np.random.default_rng(3)
     x = course(rng)
     first, *others = found(states_of(x, way), x, rng)
@@ -73,7 +73,7 @@ def test_what_was_before_a_stretch_is_not_held_against_thresholds() -> None:
     x = course(rng)
     inside = slice(STRETCH, STRETCH + 8)
     x[inside] = 0.5 * (LOWER + UPPER)
-    on = states_of(x, Way.ABOVE)
+    on = states_of(x, SwitchingDirection.ABOVE)
     on[inside] = True
     (first,) = found(on, x, rng, unsure=0.0)
     assert first.wrong == 0 and first.sure <= RECORDS - 8

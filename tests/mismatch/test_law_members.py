@@ -11,10 +11,10 @@ from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.free_members import Unlisted
 from enginediag_cli.mismatch.explain.law_members import LawMembers
 from enginediag_cli.mismatch.fit.attempt import attempt
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
-from enginediag_cli.mismatch.fit.options import LAW, fault_options
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.options import FORMULA_OPTION, fault_options
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.scan import known_variables, scored
 from enginediag_cli.mismatch.laws.shortlist import proposal
 from enginediag_cli.mismatch.laws.steps import Bends, as_curve
@@ -23,8 +23,8 @@ from enginediag_cli.mismatch.laws.steps import Bends, as_curve
 @pytest.fixture(scope="module")
 def base():
     e = evidence(flights(carried(("reynolds_efficiency", "hpc", {"exponent": 0.1})), np.random.default_rng(22)))
-    found = identify_with(e, NO_HYPOTHESIS, nuisance(e))
-    return Trial((), found, Projection(found))
+    found = identify_with(e, NULL_HYPOTHESIS, nuisance(e))
+    return HypothesisFit((), found, Projection(found))
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def test_laws_are_offered_where_a_free_curve_says_that_something_acts(base, memb
     search.look_from(base)
     curves = sorted(Unlisted(members.prices, search.along_drivers)(base), key=lambda o: -o.gain)
     offers = members.offers(base, curves)
-    assert offers and all(o.option.kind == LAW for o in offers)
+    assert offers and all(o.option.kind == FORMULA_OPTION for o in offers)
     assert max(offers, key=lambda o: o.gain).option.component == "hpc"
     assert all(o.price == members.price([o.option]) for o in offers)
 
@@ -80,7 +80,7 @@ def test_a_sensor_may_step_whether_or_not_its_constant_error_is_identified(base)
     e = base.found.evidence
     health = {n: v for n, v in e.settings.nuisance.items() if not n.startswith("sensor.")}
     without = replace(e, settings=replace(e.settings, nuisance=health))
-    found = identify_with(without, NO_HYPOTHESIS, nuisance(without))
+    found = identify_with(without, NULL_HYPOTHESIS, nuisance(without))
     targets = {o.target.name for o in fault_options(found)}
     assert {"sensor.T45.scale", "sensor.N2.scale", "hpc.efficiency"} <= targets
     assert targets == {o.target.name for o in fault_options(base.found)}

@@ -14,11 +14,11 @@ from enginediag_cli.mismatch.explain.fitted_sets import FittedSets
 from enginediag_cli.mismatch.explain.law_members import LawMembers
 from enginediag_cli.mismatch.explain.law_of_set import LawOfSet, OfSet
 from enginediag_cli.mismatch.fit.evidence import Flight
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with
-from enginediag_cli.mismatch.fit.options import LAW, Option, onset
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with
+from enginediag_cli.mismatch.fit.options import FORMULA_OPTION, Option, onset
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.remainder import remainder
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.scan import Scan, known_variables, scored
 from enginediag_cli.mismatch.laws.search import LawSearch
 from enginediag_cli.mismatch.laws.shortlist import Proposal, proposal
@@ -43,8 +43,8 @@ def sets() -> FittedSets:
         for k, f in enumerate(flown)
     ]
     search = Search(concealed.evidence(recorded), [])
-    found = identify_with(search.evidence, NO_HYPOTHESIS, search.along)
-    search.look_from(Trial((), found, Projection(found)))
+    found = identify_with(search.evidence, NULL_HYPOTHESIS, search.along)
+    search.look_from(HypothesisFit((), found, Projection(found)))
     search.weighed(remainder(search.base, search.library, search.along_drivers))
     return FittedSets(search)
 
@@ -85,7 +85,7 @@ def test_a_law_that_joined_along_two_variables_is_told_along_its_own_one(
 ) -> None:
     of_set = LawOfSet(sets, members).of(named(sets, members, "bump_by", ["mach", "power"], beside=idle))
     told, first = of_set.explanations, of_set.explanations[0]
-    laws = [o for o in first.options if o.kind == LAW]
+    laws = [o for o in first.options if o.kind == FORMULA_OPTION]
     variables = {n for o in laws for e in o.hypothesis.effects for n in e.term.variables}
     assert variables == {"mach"} and any(o.label.startswith("sensor.T45.scale") for o in first.options)
     # what the law leaves nothing to do is not told beside it
@@ -106,7 +106,7 @@ def test_the_law_of_each_rival_is_searched_and_what_holds_the_same_then_is_told_
 ) -> None:
     """The rival holds the same step and a fault besides, which its law leaves nothing to do once it is searched."""
     first = named(sets, members, "bump", ["mach"])
-    law = next(o for o in first[0].options if o.kind == LAW)
+    law = next(o for o in first[0].options if o.kind == FORMULA_OPTION)
     beside = next(o for o in sets.fits.library if o.label.startswith("sensor.P3.scale"))
     (trial,) = sets.fits.refit([(deepcopy(step_of(sets)), beside, law)]) or []
     rival = sets.fits.explanation(trial, 0.1, 0.0, 1.0)

@@ -12,7 +12,7 @@ from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.problem import TrainingRecording
 from enginediag_cli.intake.selection import Source
 from enginediag_cli.mismatch.fit.evidence import Flight
-from enginediag_cli.mismatch.fit.load import SCALE_SIGMA, Asked, Case, build_evidence, load_case
+from enginediag_cli.mismatch.fit.load import SCALE_SIGMA, MismatchQuery, RecordedCase, build_dataset, load_case
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
 
@@ -56,7 +56,7 @@ def flight(engine, **columns) -> Flight:
 
 
 def test_engines_and_flights_of_a_file_are_flights_of_their_engine(fleet):
-    evidence = load_case(Case(TURBOFAN, Source((fleet,)))).evidence
+    evidence = load_case(RecordedCase(TURBOFAN, Source((fleet,)))).evidence
     assert [(f.engine, f.label) for f in evidence.flights] == [
         ("A", "fleet.csv engine A flight 1"),
         ("A", "fleet.csv engine A flight 2"),
@@ -66,10 +66,10 @@ def test_engines_and_flights_of_a_file_are_flights_of_their_engine(fleet):
 
 
 def test_one_engine_can_be_chosen_and_one_that_is_not_there_is_refused(fleet):
-    evidence = load_case(Case(TURBOFAN, Source((fleet,), engine_instance="B"))).evidence
+    evidence = load_case(RecordedCase(TURBOFAN, Source((fleet,), engine_instance="B"))).evidence
     assert evidence.engines == ("B",)
     with pytest.raises(DataError, match=r"no record of engine 'C' \(A, B\)"):
-        load_case(Case(TURBOFAN, Source((fleet,), engine_instance="C")))
+        load_case(RecordedCase(TURBOFAN, Source((fleet,), engine_instance="C")))
 
 
 def test_several_files_are_flights_of_one_engine(tmp_path):
@@ -82,13 +82,13 @@ def test_several_files_are_flights_of_one_engine(tmp_path):
             encoding="utf-8",
         )
         paths.append(str(path))
-    evidence = load_case(Case(TURBOFAN, Source(tuple(paths)))).evidence
+    evidence = load_case(RecordedCase(TURBOFAN, Source(tuple(paths)))).evidence
     assert [f.label for f in evidence.flights] == ["a.csv", "b.csv"]
     assert evidence.engines == ("",)
 
 
 def test_default_nuisance_is_monitored_health_and_scale_errors_of_what_is_recorded(engine, fleet):
-    sigma = load_case(Case(TURBOFAN, Source((fleet,)))).evidence.settings.nuisance
+    sigma = load_case(RecordedCase(TURBOFAN, Source((fleet,)))).evidence.settings.nuisance
     assert set(sigma) == {*engine.monitored, "sensor.N1.scale", "sensor.T3.scale"}
     assert sigma["sensor.T3.scale"] == SCALE_SIGMA
     assert sigma["hpc.efficiency"] == engine.parameters["hpc.efficiency"].prior_sigma
@@ -106,7 +106,7 @@ def test_the_identification_block_decides_what_is_nuisance_and_how_loosely(engin
         "recording_bias_sigma": {"N1_rpm": 4.0, "T3_K": 1.0},
         "loss": "none",
     }
-    evidence = build_evidence(edited(engine, identification=block), [flight(engine)])
+    evidence = build_dataset(edited(engine, identification=block), [flight(engine)])
     assert evidence.settings.nuisance == {
         "hpc.efficiency": 0.07,
         "hpc.flow_capacity": engine.parameters["hpc.flow_capacity"].prior_sigma,
@@ -124,18 +124,18 @@ def test_the_mismatch_block_goes_before_identification(engine):
         "map_accuracy": 0.01,
         "noise": "estimate",
     }
-    evidence = build_evidence(edited(engine, mismatch=block), [flight(engine)])
+    evidence = build_dataset(edited(engine, mismatch=block), [flight(engine)])
     assert evidence.settings.nuisance == {"lpt.efficiency": 0.01}
     assert evidence.settings.map_accuracy == 0.01
     assert evidence.settings.noise == "estimate"
-    trusted = build_evidence(edited(engine, mismatch=block), [flight(engine)], Asked(model_error=0.0))
+    trusted = build_dataset(edited(engine, mismatch=block), [flight(engine)], MismatchQuery(model_error=0.0))
     assert trusted.settings.map_accuracy == 0.0
 
 
 def test_an_unknown_name_in_the_mismatch_block_is_refused_with_a_near_match(engine):
     block = {"nuisance": ["hpc.eficiency"], "prior_sigma": {}, "map_accuracy": 0.003, "noise": "specified"}
     with pytest.raises(DataError, match=r"unknown parameter 'hpc\.eficiency' \(did you mean 'hpc\.efficiency'"):
-        build_evidence(edited(engine, mismatch=block), [flight(engine)])
+        build_dataset(edited(engine, mismatch=block), [flight(engine)])
 
 
 def test_the_block_is_checked_where_it_stands_in_the_file(tmp_path):
@@ -147,7 +147,7 @@ def test_the_block_is_checked_where_it_stands_in_the_file(tmp_path):
     with pytest.raises(ConfigError, match=r"engine.yaml:\d+:3.*map_acuracy"):
         load_engine(path)
     path.write_text(text + "\nmismatch:\n  map_accuracy: 0.02\n", encoding="utf-8")
-    assert build_evidence(load_engine(path), [flight(load_engine(path))]).settings.map_accuracy == 0.02
+    assert build_dataset(load_engine(path), [flight(load_engine(path))]).settings.map_accuracy == 0.02
 
 
 def test_a_nominal_state_is_where_priors_are_centred_and_what_is_not_nuisance_is_held_there(engine):
@@ -161,7 +161,7 @@ def test_a_nominal_state_is_where_priors_are_centred_and_what_is_not_nuisance_is
         **{c: y.y[:, j] + engine.sensors[c].noise_sigma * rng.standard_normal(n) for j, c in enumerate(y.columns)},
     }
     nominal = identify(engine, [TrainingRecording("f", columns)], cross_validation=False).nominal("", "", {})
-    evidence = build_evidence(engine, [Flight("f", "", columns)], nominal=nominal)
+    evidence = build_dataset(engine, [Flight("f", "", columns)], nominal=nominal)
     theta0 = nominal.engine_values  # what the maps are wrong by is the floor's to say here
     assert nominal.error_model is not None and set(theta0) <= set(engine.parameters)
     assert evidence.settings.prior_mean["hpc.efficiency"] == theta0["hpc.efficiency"]
@@ -179,24 +179,24 @@ def test_a_nominal_state_is_where_priors_are_centred_and_what_is_not_nuisance_is
 
 
 def test_noise_as_stated_is_taken_at_its_word(engine):
-    evidence = build_evidence(engine, [flight(engine)])
+    evidence = build_dataset(engine, [flight(engine)])
     assert evidence.settings.noise == "specified"
     assert evidence.noise.sigma == {"N1_rpm": engine.sensors["N1_rpm"].noise_sigma}
-    assert build_evidence(engine, [flight(engine)], Asked(noise="estimate")).settings.noise == "estimate"
+    assert build_dataset(engine, [flight(engine)], MismatchQuery(noise="estimate")).settings.noise == "estimate"
 
 
 def test_further_drivers_must_be_recorded(fleet):
-    evidence = load_case(Case(TURBOFAN, Source((fleet,)), asked=Asked(drivers=("valve",)))).evidence
+    evidence = load_case(RecordedCase(TURBOFAN, Source((fleet,)), asked=MismatchQuery(drivers=("valve",)))).evidence
     assert evidence.drivers == ("valve",)
     assert evidence.flights[0].columns["valve"].tolist() == [0.0, 1.0, 0.0]
     with pytest.raises(DataError, match=r"no recording has numbers in a column 'valvee' \(did you mean 'valve'"):
-        load_case(Case(TURBOFAN, Source((fleet,)), asked=Asked(drivers=("valvee",))))
+        load_case(RecordedCase(TURBOFAN, Source((fleet,)), asked=MismatchQuery(drivers=("valvee",))))
 
 
 def test_gross_errors_are_masked_and_told(tmp_path):
     path = tmp_path / "f.csv"
     path.write_text("\n".join([HEAD, *rows("A", "1"), *rows("A", "1", T3="-9999")]) + "\n", encoding="utf-8")
-    loaded = load_case(Case(TURBOFAN, Source((str(path),))))
+    loaded = load_case(RecordedCase(TURBOFAN, Source((str(path),))))
     assert np.isnan(loaded.evidence.flights[0].columns["T3_K"]).sum() == 3
     (left,) = loaded.intake.left_out
     assert left.columns["T3_K"] == {"out of limits": 3} and left.readings["T3_K"] == 6
@@ -206,4 +206,4 @@ def test_a_recording_without_any_sensor_is_refused(engine):
     bare = flight(engine)
     bare = replace(bare, columns={c: v for c, v in bare.columns.items() if c != "N1_rpm"})
     with pytest.raises(DataError, match="no reading of any sensor"):
-        build_evidence(engine, [bare])
+        build_dataset(engine, [bare])

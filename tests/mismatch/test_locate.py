@@ -10,7 +10,7 @@ from concealed import carried, evidence, flights, turbofan
 
 from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.mismatch.locate.locate import locate
-from enginediag_cli.mismatch.locate.residual_curve import shown
+from enginediag_cli.mismatch.locate.residual_curve import residual_curve_points
 from enginediag_cli.mismatch.locate.verdict_kind import (
     COMMON_EFFECT,
     EFFECT,
@@ -19,7 +19,7 @@ from enginediag_cli.mismatch.locate.verdict_kind import (
     NOTHING,
     SENSOR_ERROR,
     SWITCH,
-    kind_of,
+    classify_verdict,
 )
 from enginediag_cli.physics.registry import effect
 
@@ -63,7 +63,7 @@ def test_a_reynolds_effect_on_the_hpc_is_located_at_its_efficiency_along_the_rey
     # in these flights Mach number and ambient pressure rise and fall with the Reynolds index
     assert any("reynolds_index" in lead.group for lead in reynolds.leads if lead.within)
     assert "reynolds_index" in reynolds.leads[0].group or reynolds.leads[0].group.startswith("mach")
-    assert kind_of(reynolds).names == (EFFECT,)
+    assert classify_verdict(reynolds).names == (EFFECT,)
 
 
 def test_the_drivers_that_are_told_are_the_fewest_that_hold_95_percent(reynolds):
@@ -92,7 +92,7 @@ def test_the_first_place_is_refitted_explains_the_excess_and_is_stable(reynolds)
 
 
 def test_residuals_of_the_most_affected_sensor_follow_the_free_form_curve(reynolds):
-    s = shown(reynolds.projection, reynolds.within[0].cell)
+    s = residual_curve_points(reynolds.projection, reynolds.within[0].cell)
     mean, error, curve = (np.array([b[k] for b in s.bins]) for k in (1, 2, 3))
     # χ² of bins about the curve has about as many degrees of freedom as bins; 3 standard deviations above
     assert (((mean - curve) / error) ** 2).sum() < len(s.bins) + 3 * np.sqrt(2 * len(s.bins))
@@ -101,7 +101,7 @@ def test_residuals_of_the_most_affected_sensor_follow_the_free_form_curve(reynol
 
 def test_a_scale_error_of_T3_that_grows_with_mach_is_a_sensors():
     found = locate(evidence(changed(recorded(**SHAPE), "T3_K", lambda c, k: 1 + 0.02 * (c["mach"] - 0.6))))
-    assert kind_of(found).names == (SENSOR_ERROR,)
+    assert classify_verdict(found).names == (SENSOR_ERROR,)
     assert {p.location for p in found.within} == {"sensor.T3"}
     assert any("mach" in p.group for p in found.within)
 
@@ -109,7 +109,7 @@ def test_a_scale_error_of_T3_that_grows_with_mach_is_a_sensors():
 def test_a_loss_of_hpc_efficiency_that_began_in_the_fourth_flight_is_a_fault():
     worn = flown(lambda k, n: {"hpc.efficiency": 0.98 if k >= 3 else 1.0}, records=30)
     found = locate(evidence(worn, map_accuracy=0.003))
-    assert kind_of(found).names == (FAULT,)
+    assert classify_verdict(found).names == (FAULT,)
     assert found.within[0].location == "hpc.efficiency"
     assert found.within[0].cell.driver.name == "since flight 4"
 
@@ -119,7 +119,7 @@ def test_a_bleed_that_no_column_records_is_an_effect_that_switches():
     def theta(k, n):
         return {"customer_bleed.hpc.fraction": 0.02 * ((np.arange(n) // (10 + k)) % 2)}
 
-    kind = kind_of(locate(evidence(flown(theta, count=3, records=40), map_accuracy=0.003)))
+    kind = classify_verdict(locate(evidence(flown(theta, count=3, records=40), map_accuracy=0.003)))
     assert kind.names == (SWITCH,)
     assert "customer_bleed@hpc" in (kind.hidden.location.name, *kind.hidden.rivals)
 
@@ -132,7 +132,7 @@ def test_an_effect_of_all_engines_of_a_fleet_is_common_to_them_and_a_worn_one_st
         if name == "D":
             own = changed(own, "T5_K", lambda c, k: 1.02)  # constant on one engine: no mismatch
         fleet += [replace(f, engine=name) for f in own]
-    kind = kind_of(locate(evidence(fleet)))
+    kind = classify_verdict(locate(evidence(fleet)))
     assert kind.names == (COMMON_EFFECT,)
     assert set(kind.engines.statistics) == set("ABCDE")
     assert [(d.engine, d.parameter) for d in kind.worn] == [("D", "sensor.T5.scale")]
@@ -141,7 +141,7 @@ def test_an_effect_of_all_engines_of_a_fleet_is_common_to_them_and_a_worn_one_st
 
 @pytest.mark.slow
 def test_nothing_is_located_on_flights_of_the_model_itself():
-    said = [kind_of(locate(evidence(recorded(seed=s, count=3, records=30)))).names[0] for s in range(41, 44)]
+    said = [classify_verdict(locate(evidence(recorded(seed=s, count=3, records=30)))).names[0] for s in range(41, 44)]
     # with 5 % per search, two or more of three would happen once in 140
     assert said.count(NOTHING) >= 2
     assert NO_VERDICT not in said
@@ -150,7 +150,7 @@ def test_nothing_is_located_on_flights_of_the_model_itself():
 def test_a_constant_change_of_one_engine_is_identified_and_is_no_mismatch():
     worn = flown(lambda k, n: {"hpc.efficiency": 0.98, "lpt.flow_capacity": 1.01}, count=2, records=40)
     found = locate(evidence(worn))
-    assert kind_of(found).names == (NOTHING,)
+    assert classify_verdict(found).names == (NOTHING,)
     assert found.found.theta["hpc.efficiency"] == pytest.approx(0.98, abs=0.01)
 
 
@@ -158,7 +158,7 @@ def test_a_fit_that_has_no_prediction_for_many_records_is_no_verdict():
     absurd = changed(recorded(count=2, records=20), "Wf_kg_s", lambda c, k: np.where(np.arange(20) < 6, 30.0, 1.0))
     found = locate(evidence(absurd))
     assert not found.converged and "no prediction" in found.reason
-    assert kind_of(found).names == (NO_VERDICT,)
+    assert classify_verdict(found).names == (NO_VERDICT,)
     assert not found.mismatch
 
 
@@ -174,6 +174,6 @@ def test_the_same_seed_gives_the_same_map():
 
 @pytest.mark.slow
 def test_false_alarms_of_locate_are_as_stated():
-    said = [kind_of(locate(evidence(recorded(seed=s, count=4, records=40)))).names[0] for s in range(100, 160)]
+    said = [classify_verdict(locate(evidence(recorded(seed=s, count=4, records=40)))).names[0] for s in range(100, 160)]
     # binomial with p = 0.05 and n = 60: 8 or more once in 100
     assert sum(name != NOTHING for name in said) <= 7

@@ -8,7 +8,7 @@ import pytest
 from enginediag_cli.drivers import LAGGING, RATE
 from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.mismatch.fit.evidence import Flight
-from enginediag_cli.mismatch.fit.load import build_evidence
+from enginediag_cli.mismatch.fit.load import build_dataset
 from enginediag_cli.mismatch.locate.locate import locate
 from enginediag_cli.mismatch.locate.moving_drivers import moving_drivers
 from enginediag_cli.physics.engine_file import load_engine
@@ -53,7 +53,7 @@ def flights(engine, truth, *, seed, interval=1.0, past=True):
 def test_what_remembers_is_located_by_how_power_has_changed(term, site, values, place):
     engine = load_engine(shipped("turbojet.yaml"))
     truth = engine.with_effects([effect(engine, term, site, values)])
-    found = locate(build_evidence(engine, flights(engine, truth, seed=1)))
+    found = locate(build_dataset(engine, flights(engine, truth, seed=1)))
     assert found.mismatch
     first = found.places[0]
     assert first.cell.driver.driver in (RATE, LAGGING)
@@ -62,9 +62,9 @@ def test_what_remembers_is_located_by_how_power_has_changed(term, site, values, 
 
 def test_steady_records_have_no_such_drivers():
     engine = load_engine(shipped("turbojet.yaml"))
-    assert moving_drivers(build_evidence(engine, flights(engine, engine, seed=2, past=False))) == []
-    assert moving_drivers(build_evidence(engine, flights(engine, engine, seed=2, interval=30.0))) == []
-    assert {d.driver for d in moving_drivers(build_evidence(engine, flights(engine, engine, seed=2)))} == {
+    assert moving_drivers(build_dataset(engine, flights(engine, engine, seed=2, past=False))) == []
+    assert moving_drivers(build_dataset(engine, flights(engine, engine, seed=2, interval=30.0))) == []
+    assert {d.driver for d in moving_drivers(build_dataset(engine, flights(engine, engine, seed=2)))} == {
         RATE,
         LAGGING,
     }

@@ -7,9 +7,9 @@ import pytest
 from concealed import carried, evidence, flights
 
 from enginediag_cli.drivers import drivers
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise, Settings
+from enginediag_cli.mismatch.fit.evidence import Dataset, Flight, Noise, Settings
 from enginediag_cli.mismatch.fit.freeform import free_form, machine_cells
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, inputs_of, nuisance
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, input_values, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.locate.presence import von_neumann
 from enginediag_cli.mismatch.locate.stability import resampled_surprise, units
@@ -20,7 +20,7 @@ def blank(*lengths, engines=None):
     recorded = tuple(
         Flight(f"f{k}", (engines or [""] * len(lengths))[k], {"x": np.zeros(n)}) for k, n in enumerate(lengths)
     )
-    return Evidence(None, recorded, Noise({}), Settings({}))  # type: ignore[arg-type]
+    return Dataset(None, recorded, Noise({}), Settings({}))  # type: ignore[arg-type]
 
 
 def test_von_neumanns_ratio_is_calibrated_for_white_residuals():
@@ -63,10 +63,10 @@ def mapped():
         carried(("reynolds_efficiency", "hpc", {"exponent": 0.08})), np.random.default_rng(2), count=7, records=30
     )
     e = evidence(recorded)
-    found = identify_with(e, NO_HYPOTHESIS, nuisance(e))
+    found = identify_with(e, NULL_HYPOTHESIS, nuisance(e))
     projection = Projection(found)
     theta = {n: v for n, v in found.theta.items() if n in e.engine.parameters}
-    return projection, free_form(found, projection, drivers(e.engine, inputs_of(e), theta)[:3])
+    return projection, free_form(found, projection, drivers(e.engine, input_values(e), theta)[:3])
 
 
 def test_drawing_every_flight_once_gives_the_score_itself(mapped):

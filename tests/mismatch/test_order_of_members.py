@@ -8,7 +8,7 @@ import pytest
 
 from enginediag_cli.engine.moving.tape import PAST
 from enginediag_cli.mismatch.fit.attempt import _one_behind_the_other
-from enginediag_cli.mismatch.fit.options import EFFECT, LAW
+from enginediag_cli.mismatch.fit.options import EFFECT, FORMULA_OPTION
 from enginediag_cli.mismatch.laws.search import LawSearch
 
 
@@ -23,8 +23,8 @@ def option(kind: str, label: str, place: str = "burner", inputs=PAST) -> SimpleN
     [
         ((EFFECT, EFFECT), ("burner", "burner"), True),
         ((EFFECT, EFFECT), ("burner", "shaft"), False),
-        ((LAW, LAW), ("burner", "burner"), False),
-        ((EFFECT, LAW), ("burner", "burner"), False),
+        ((FORMULA_OPTION, FORMULA_OPTION), ("burner", "burner"), False),
+        ((EFFECT, FORMULA_OPTION), ("burner", "burner"), False),
     ],
 )
 def test_only_effects_at_one_place_work_on_what_the_other_makes(kinds, places, ordered):
@@ -33,7 +33,7 @@ def test_only_effects_at_one_place_work_on_what_the_other_makes(kinds, places, o
 
 
 def test_a_fit_that_turned_the_order_of_its_members_is_still_that_of_its_laws(monkeypatch):
-    a, b, law = option(EFFECT, "a"), option(EFFECT, "b"), option(LAW, "l")
+    a, b, law = option(EFFECT, "a"), option(EFFECT, "b"), option(FORMULA_OPTION, "l")
     monkeypatch.setattr(
         "enginediag_cli.mismatch.laws.search.Fitted.to",
         lambda base, laws, trial: SimpleNamespace(laws=laws, standing=0.0),

@@ -10,7 +10,7 @@ from enginediag_cli.mismatch.explain.deciding import Deciding
 from enginediag_cli.mismatch.explain.judging import ALIAS, Fits
 from enginediag_cli.mismatch.explain.law_of_set import ANOTHER_PLACE, _simplest
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
-from enginediag_cli.mismatch.fit.options import FREE, LAW
+from enginediag_cli.mismatch.fit.options import FORMULA_OPTION, FREE
 
 
 def deciding_of(evidence: dict[str, float], idle: tuple[str, ...] = ()) -> Deciding:
@@ -40,7 +40,7 @@ def test_a_pair_that_is_left_far_behind_is_not_named(behind, idle, stands):
     [
         (90.0, 4, FREE, True),
         (93.0, 4, FREE, False),
-        (90.0, 4, LAW, False),
+        (90.0, 4, FORMULA_OPTION, False),
     ],
 )
 def test_a_curve_that_leaves_less_than_it_costs_calls_for_a_law(left, coefficients, kind, less):

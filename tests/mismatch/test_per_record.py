@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine.warm import WarmEngine
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
-from enginediag_cli.mismatch.fit.freeform import Location, locations_of
+from enginediag_cli.mismatch.fit.evidence import Dataset, Flight
+from enginediag_cli.mismatch.fit.freeform import Location, list_locations
 from enginediag_cli.mismatch.fit.identified import Hypothesis, nuisance
-from enginediag_cli.mismatch.fit.load import Asked, build_evidence
-from enginediag_cli.mismatch.unrecorded.control_law import held_readings, stop_of
+from enginediag_cli.mismatch.fit.load import MismatchQuery, build_dataset
+from enginediag_cli.mismatch.unrecorded.control_law import find_stop, held_readings
 from enginediag_cli.mismatch.unrecorded.per_record import (
     amplitudes_at,
     fit_per_record,
     inlet_temperature,
     scan,
-    thinned,
+    thin_records,
 )
-from enginediag_cli.mismatch.unrecorded.per_record_effects import alike, effects_beside
+from enginediag_cli.mismatch.unrecorded.per_record_effects import effects_beside, similar_effects
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import candidates, effect
 from enginediag_cli.report.located import per_record_rows, per_record_sentences
@@ -31,7 +31,7 @@ N, STOP, HELD_AT = 90, 0.02, 823.15
 PLACE = "compressor.flow_capacity"
 
 
-def simulated(seed: int, held: bool) -> tuple[Evidence, np.ndarray]:
+def simulated(seed: int, held: bool) -> tuple[Dataset, np.ndarray]:
     """Hours of the power plant with flow that varies by up to 22 %, and the flow's amplitude. `held`: at low power
     the flow is what keeps T5 at HELD_AT, else drawn at random; a third of the hours is at the stop."""
     rng = np.random.default_rng(seed)
@@ -59,11 +59,11 @@ def simulated(seed: int, held: bool) -> tuple[Evidence, np.ndarray]:
     sigma = np.array([engine.sensors[s].noise_sigma for s in y.columns])
     measured = y.y + sigma * rng.standard_normal(y.y.shape)
     columns = {**u, **dict(zip(y.columns, measured.T, strict=True))}
-    return build_evidence(engine, [Flight("hours", "", columns)], Asked(model_error=0.0)), a
+    return build_dataset(engine, [Flight("hours", "", columns)], MismatchQuery(model_error=0.0)), a
 
 
-def place(evidence: Evidence, name: str = PLACE) -> Location:
-    return next(p for p in locations_of(evidence.engine, tuple(evidence.noise.sigma)) if p.name == name)
+def place(evidence: Dataset, name: str = PLACE) -> Location:
+    return next(p for p in list_locations(evidence.engine, tuple(evidence.noise.sigma)) if p.name == name)
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +120,7 @@ def test_a_stop_and_the_reading_that_is_held_are_seen():
     evidence, a = simulated(5, held=True)
     along = nuisance(evidence)
     fit = fit_per_record(evidence, place(evidence), along)
-    stop = stop_of(fit, evidence.flights[0].columns["ambient_temperature_K"], count=3)
+    stop = find_stop(fit, evidence.flights[0].columns["ambient_temperature_K"], count=3)
     assert stop.upper
     assert np.mean(stop.at == (a == STOP)) > 0.9
     best = held_readings(evidence, fit, along, stop)[0]
@@ -144,8 +144,8 @@ def test_the_answer_is_told_in_rows_and_sentences(random_flow, scanned):
     assert [r["rank"] for r in rows] == [1, 2, 3, 4]
     assert rows[0]["location"] == PLACE and rows[0]["times_best"] == 1.0
     assert {r["location"] for r in rows} >= {"nothing", "sensor.P3"}
-    stop = stop_of(best, inlet_temperature(evidence, best), count=3)
-    acting = alike(evidence, best, list(candidates(evidence.engine)))
+    stop = find_stop(best, inlet_temperature(evidence, best), count=3)
+    acting = similar_effects(evidence, best, list(candidates(evidence.engine)))
     told = " ".join(per_record_sentences(scanned, stop, (), acting))
     assert "compressor flow capacity" in told
     assert "guide_vanes_load@compressor" in told
@@ -154,7 +154,7 @@ def test_the_answer_is_told_in_rows_and_sentences(random_flow, scanned):
 
 def test_every_nth_record_is_taken(random_flow):
     evidence, _ = random_flow
-    few = thinned(evidence, 4)
+    few = thin_records(evidence, 4)
     assert len(few.flights[0].columns["T4_K"]) == -(-N // 4)
 
 

@@ -7,7 +7,7 @@ from scipy import stats
 
 from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.held_out import held_out_objectives
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.options import effect_option, option_scores
 from enginediag_cli.mismatch.fit.projection import DenseRows, Projection
 from enginediag_cli.mismatch.fit.scores import critical_surprise, surprise
@@ -17,7 +17,7 @@ from enginediag_cli.physics.registry import effect
 def _fit(recorded, **settings):
     e = evidence(recorded, **settings)
     along = nuisance(e)
-    found = identify_with(e, NO_HYPOTHESIS, along)
+    found = identify_with(e, NULL_HYPOTHESIS, along)
     assert found.converged
     return found, along, Projection(found)
 

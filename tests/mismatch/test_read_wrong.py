@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
-from enginediag_cli.mismatch.fit.load import Asked, build_evidence
+from enginediag_cli.mismatch.fit.evidence import Dataset, Flight
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.load import MismatchQuery, build_dataset
 from enginediag_cli.mismatch.fit.nuisance import read_wrong
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.physics.engine_file import load_engine
@@ -27,22 +27,22 @@ def engine() -> Engine:
     return load_engine(CONFIGS / "recuperated_micro_gas_turbine.yaml")
 
 
-def evidence(engine: Engine, theta: dict[str, float], accuracy: float) -> Evidence:
+def evidence(engine: Engine, theta: dict[str, float], accuracy: float) -> Dataset:
     """Two recordings without noise."""
     flights = []
     for k, columns in enumerate(draw_flights(engine, np.random.default_rng(3))[0][:2]):
         y = engine.predict({c: columns[c] for c in engine.inputs}, theta).y
         flights.append(Flight(f"{k}.csv", "", {**columns, **dict(zip(engine.sensors, y.T, strict=True))}))
-    return build_evidence(engine, flights, Asked(model_error=accuracy))
+    return build_dataset(engine, flights, MismatchQuery(model_error=accuracy))
 
 
 @pytest.mark.parametrize("accuracy", [0.0, 0.003])
 def test_thermocouples_that_read_a_thousandth_wrong_leave_nothing_to_explain(engine: Engine, accuracy: float) -> None:
     given = evidence(engine, WRONG, accuracy)
-    found = identify_with(given, NO_HYPOTHESIS, nuisance(given))
+    found = identify_with(given, NULL_HYPOTHESIS, nuisance(given))
     assert found.converged and Projection(found).objective < 2.0
     exact = {n: s for n, s in nuisance(given).sigma.items() if n not in WRONG}
-    left = identify_with(given, NO_HYPOTHESIS, replace(nuisance(given), sigma=exact))
+    left = identify_with(given, NULL_HYPOTHESIS, replace(nuisance(given), sigma=exact))
     assert Projection(left).objective > 10.0
 
 
@@ -59,7 +59,7 @@ def test_what_is_stated_of_recordings_offsets_is_all_that_their_sensors_are_wron
     flights = [Flight("0.csv", "", dict(draw_flights(plant, np.random.default_rng(3))[0][0]))]
     y = plant.predict({c: flights[0].columns[c] for c in plant.inputs}).y
     read = {**flights[0].columns, **dict(zip(plant.sensors, y.T, strict=True))}
-    given = build_evidence(plant, [replace(flights[0], columns=read)], Asked())
+    given = build_dataset(plant, [replace(flights[0], columns=read)], MismatchQuery())
     assert given.settings.offsets and not any(n.startswith("sensor.") for n in nuisance(given).sigma)
 
 

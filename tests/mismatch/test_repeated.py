@@ -8,12 +8,12 @@ from concealed import carried, evidence, flights, turbofan
 
 from enginediag_cli.mismatch.explain.repeated import repeated
 from enginediag_cli.mismatch.fit.evidence import Flight
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, drivers_of, identify_with, nuisance
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, driver_values, identify_with, nuisance
 from enginediag_cli.mismatch.fit.noise import estimated_noise, with_noise
 from enginediag_cli.mismatch.fit.options import effect_option
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.remainder import Gates, remainder
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.physics.registry import candidates
 
 ANY = Gates(5.0, 5.0, 5.0)
@@ -22,10 +22,10 @@ ANY = Gates(5.0, 5.0, 5.0)
 def scored(recorded):
     known = evidence(recorded)
     along = nuisance(known)
-    found = identify_with(known, NO_HYPOTHESIS, along)
-    base = Trial((), found, Projection(found))
+    found = identify_with(known, NULL_HYPOTHESIS, along)
+    base = HypothesisFit((), found, Projection(found))
     library = [effect_option(e) for e in candidates(known.engine)]
-    left = remainder(base, library, drivers_of(known, found.theta))
+    left = remainder(base, library, driver_values(known, found.theta))
     return left, repeated(left, base.projection, ANY)
 
 
@@ -81,7 +81,7 @@ def test_correlation_that_a_fit_knew_is_not_lost_where_noise_is_estimated_again(
     known = evidence(recorded)
     along = nuisance(known)
     for _ in range(4):
-        found = identify_with(known, NO_HYPOTHESIS, along)
+        found = identify_with(known, NULL_HYPOTHESIS, along)
         noise = estimated_noise(Projection(found), [])
         known = with_noise(known, noise)
         assert np.median(list(noise.rho.values())) == pytest.approx(rho, abs=0.12)

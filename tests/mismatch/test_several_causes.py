@@ -8,7 +8,7 @@ import pytest
 from concealed import carried, evidence, flights, turbofan
 
 from enginediag_cli.drivers import AMBIENT_PRESSURE
-from enginediag_cli.mismatch.explain.answer import LAW, NAMED
+from enginediag_cli.mismatch.explain.answer import FORMULA, IDENTIFIED
 from enginediag_cli.mismatch.explain.currency import Prices, narrowed, scales_of
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.free_members import Unlisted, free_option
@@ -18,12 +18,12 @@ from enginediag_cli.mismatch.explain.promised import promising
 from enginediag_cli.mismatch.explain.stepwise import Stepwise
 from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.evidence import Flight
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.needed import is_needed, not_needed
-from enginediag_cli.mismatch.fit.options import LAW as OF_A_LAW
+from enginediag_cli.mismatch.fit.options import FORMULA_OPTION as OF_A_LAW
 from enginediag_cli.mismatch.fit.options import effect_option, fault_options, onset, option_scores
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.physics.registry import candidates
 from enginediag_cli.report.explanations import rest_sentences, share_left
 
@@ -59,7 +59,7 @@ def names(explanation):
 @pytest.mark.slow
 def test_two_effects_of_different_drivers_and_a_sensor_that_steps_are_all_named():
     a = three_causes()
-    assert a.status == NAMED and not a.in_part and a.unexplained == pytest.approx(0.0, abs=0.05)
+    assert a.status == IDENTIFIED and not a.in_part and a.unexplained == pytest.approx(0.0, abs=0.05)
     assert names(a.explanations[0]) == {
         ("reynolds_efficiency@hpc",),
         ("power_offtake@hp",),
@@ -85,8 +85,8 @@ def test_coefficients_of_three_causes_are_within_their_intervals():
 @pytest.fixture(scope="module")
 def base():
     e = evidence(flights(carried(REYNOLDS), np.random.default_rng(22)))
-    found = identify_with(e, NO_HYPOTHESIS, nuisance(e))
-    return Trial((), found, Projection(found))
+    found = identify_with(e, NULL_HYPOTHESIS, nuisance(e))
+    return HypothesisFit((), found, Projection(found))
 
 
 def option(name):
@@ -130,8 +130,8 @@ def test_a_step_between_the_onsets_that_are_scored_promises_what_its_fit_gains()
     recorded[2] = replace(recorded[2], columns=columns)
     recorded[3:] = stepped(recorded[3:], "T45_K", 0.004, 0)
     e = evidence(recorded)
-    found = identify_with(e, NO_HYPOTHESIS, nuisance(e))
-    base = Trial((), found, Projection(found))
+    found = identify_with(e, NULL_HYPOTHESIS, nuisance(e))
+    base = HypothesisFit((), found, Projection(found))
     options = fault_options(found)
     prices = Prices(options)
     scores = option_scores(found, base.projection, options)
@@ -161,7 +161,7 @@ def test_a_member_that_is_not_needed_is_dropped():
 def test_an_unlisted_effect_is_one_law_and_not_several_listed_effects():
     recorded = flights(carried(CLEARANCE), np.random.default_rng(3))
     a = Search(evidence(recorded), library(CLEARANCE[0], "turbine_tip_clearance")).run()
-    assert a.status == LAW and a.unexplained == 0.0
+    assert a.status == FORMULA and a.unexplained == 0.0
     assert len(a.explanations[0].options) == 1 and a.law.places[0][0].name == "hpt.efficiency"
     assert {v.name for (group,), _ in a.law.drivers[:1] for v in group} >= {"ambient_pressure"}
 
@@ -184,7 +184,7 @@ def in_part_alone():
 @pytest.mark.slow
 def test_a_fault_beside_an_unlisted_effect_is_named_with_a_law():
     _, a = fault_beside_unlisted()
-    assert a.status == NAMED and a.unexplained == 0.0 and a.kind == "law + sensor fault"
+    assert a.status == IDENTIFIED and a.unexplained == 0.0 and a.kind == "law + sensor fault"
     fault, law = sorted(a.explanations[0].options, key=lambda o: o.kind == OF_A_LAW)
     assert fault.target.name == "sensor.T3.scale" and law.component == "hpt"
 
@@ -192,7 +192,7 @@ def test_a_fault_beside_an_unlisted_effect_is_named_with_a_law():
 @pytest.mark.slow
 def test_a_fault_beside_an_unlisted_effect_is_named_in_part_where_no_law_can_be():
     a = in_part_alone()
-    assert a.status == NAMED and a.in_part and a.kind == "sensor fault"
+    assert a.status == IDENTIFIED and a.in_part and a.kind == "sensor fault"
     assert names(a.explanations[0]) == {("sensor.T3.scale",)}
     (c,) = a.explanations[0].coefficients
     assert abs(c.value - 0.004) < 4.0 * c.standard_error

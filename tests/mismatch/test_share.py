@@ -10,7 +10,7 @@ from concealed import carried, evidence, flights, turbofan
 
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.on_all import judged_on_all
-from enginediag_cli.mismatch.explain.story import tell
+from enginediag_cli.mismatch.explain.story import explain_mismatch
 from enginediag_cli.mismatch.fit import share
 from enginediag_cli.mismatch.fit.share import chosen, is_long, on_share, share_of
 from enginediag_cli.report.explanations import sentences
@@ -101,7 +101,7 @@ def test_a_change_in_time_begins_on_all_records_where_it_does(short):
 
 @pytest.mark.slow
 def test_nothing_missing_is_nothing_on_all_records_and_says_what_only_a_share_was_searched_for(short):
-    story = tell(flown(0.0, seed=7), LIBRARY, advise=False)
+    story = explain_mismatch(flown(0.0, seed=7), LIBRARY, advise=False)
     assert story.answer.status == "nothing" and story.answer.readings > 600 * 5
     assert any("driver is not recorded, only in" in line for line in sentences(story))
 
@@ -123,7 +123,7 @@ def test_what_switches_in_a_flight_that_the_share_has_little_of_is_found(short):
     k = next(k for k, f in enumerate(e.flights) if f.label not in taken)
     on = (np.arange(80) >= 25) & (np.arange(80) < 55)
     bled = with_bleed(e.flights[k], on)
-    story = tell(
+    story = explain_mismatch(
         replace(e, flights=tuple(bled if f.label == bled.label else f for f in e.flights)), LIBRARY, advise=False
     )
     assert story.answer.status == "hidden"

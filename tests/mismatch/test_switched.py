@@ -11,10 +11,10 @@ from concealed import evidence, turbofan
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.mismatch.fit.evidence import Flight
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
-from enginediag_cli.mismatch.fit.load import build_evidence
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.load import build_dataset
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.unrecorded.hidden import hidden_amplitudes
 from enginediag_cli.mismatch.unrecorded.switched import STATE, effects_that_switch, with_state_column
 from enginediag_cli.physics.registry import candidates, effect, limits
@@ -44,8 +44,8 @@ def case():
     bleed = replace(effect(turbofan(), "anti_ice_bleed", "hpc", {"fraction": SIZE}), switch=STATE)
     given = evidence([flight(f"flight {k + 1}", bleed, state, rng) for k in range(3)])
     along = nuisance(given)
-    found = identify_with(given, NO_HYPOTHESIS, along)
-    base = Trial((), found, Projection(found))
+    found = identify_with(given, NULL_HYPOTHESIS, along)
+    base = HypothesisFit((), found, Projection(found))
     findings = hidden_amplitudes(found, base.projection, rng=rng, along=along)
     return base, along, findings, np.tile(state, 3)
 
@@ -101,4 +101,4 @@ def test_a_limit_of_the_installation_is_the_upper_bound_of_the_coefficient():
 def test_a_limit_that_makes_no_sense_is_refused(values, told):
     base, _, _, _ = case()
     with pytest.raises(DataError, match=told):
-        build_evidence(with_limits(values), base.found.evidence.flights)
+        build_dataset(with_limits(values), base.found.evidence.flights)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from concealed import carried, evidence, flights, turbofan
 
-from enginediag_cli.mismatch.explain.answer import NAMED
+from enginediag_cli.mismatch.explain.answer import IDENTIFIED
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.refine.refine import _fitted
 from enginediag_cli.physics.registry import Together, candidates, each, kinds_of_places
@@ -53,7 +53,7 @@ def found():
 @pytest.mark.slow
 def test_one_size_is_found_where_one_acts_at_both_places():
     a = found()
-    assert a.status == NAMED
+    assert a.status == IDENTIFIED
     (o,) = a.explanations[0].options
     assert isinstance(o.hypothesis.effects[0].term, Together) and o.label == f"{TERM}@hpt+lpt"
     (c,) = a.explanations[0].coefficients

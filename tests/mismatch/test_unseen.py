@@ -12,10 +12,10 @@ from enginediag_cli.mismatch.explain.floor_cost import VISIBLE
 from enginediag_cli.mismatch.explain.unseen import unseen_effects
 from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.mismatch.fit.freeform import free_form
-from enginediag_cli.mismatch.fit.identified import drivers_of
+from enginediag_cli.mismatch.fit.identified import driver_values
 from enginediag_cli.mismatch.fit.options import effect_option
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.unrecorded.finding import Switch
 from enginediag_cli.physics.registry import effect
 from enginediag_cli.report.explanations import curve_in_words
@@ -27,7 +27,7 @@ def fit():
     """A fit of two engines to flights with a bleed that switches, the map of places, and the nuisance."""
     found, along = case()[:2]
     projection = Projection(found)
-    return found, along, projection, free_form(found, projection, drivers_of(found.evidence, found.theta))
+    return found, along, projection, free_form(found, projection, driver_values(found.evidence, found.theta))
 
 
 def test_a_place_that_is_off_in_every_record_alike_is_fitted_by_one_number(fit):
@@ -46,7 +46,7 @@ def test_a_place_that_is_off_in_every_record_alike_is_fitted_by_one_number(fit):
 def test_the_size_from_which_a_switched_effect_would_be_seen_falls_with_the_square_root_of_what_is_known(fit):
     found, _, projection, _ = fit
     bleed = effect(found.evidence.engine, "customer_bleed", "hpc")
-    base = Trial((), found, projection)
+    base = HypothesisFit((), found, projection)
     (one,) = unseen_effects(base, [effect_option(bleed)], [bleed.label])
     assert 0.0 < one.switching < 0.1
     assert unseen_effects(base, [effect_option(bleed)], []) == []

@@ -9,7 +9,7 @@ from concealed import carried, evidence, flights
 from enginediag_cli.mismatch.explain.worth_fitting import worth_fitting
 from enginediag_cli.mismatch.fit import identified
 from enginediag_cli.mismatch.fit.attempt import attempt
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.options import effect_option
 
 
@@ -18,7 +18,7 @@ def base():
     concealed = ("reynolds_efficiency", "hpc", {"exponent": 0.12})
     e = evidence(flights(carried(concealed), np.random.default_rng(4), count=4, records=40))
     along = nuisance(e)
-    return identify_with(e, NO_HYPOTHESIS, along), along
+    return identify_with(e, NULL_HYPOTHESIS, along), along
 
 
 def options(*names):

@@ -13,9 +13,9 @@ from itertools import pairwise
 import numpy as np
 from concealed import carried, evidence, turbofan
 
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
+from enginediag_cli.mismatch.fit.evidence import Dataset, Flight
 from enginediag_cli.mismatch.fit.freeform import of_effect
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Identified, identify_with
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, IdentifiedHypothesis, identify_with
 from enginediag_cli.mismatch.fit.identified import nuisance as along_of
 from enginediag_cli.mismatch.unrecorded.finding import HiddenFinding, Switch
 from enginediag_cli.mismatch.unrecorded.switched import switched_effect, switched_trials
@@ -34,9 +34,9 @@ class Truth:
     """A search that has found the states: what it is given, what it has found, all records, and the true times of the
     changes by flight."""
 
-    evidence: Evidence
+    evidence: Dataset
     finding: HiddenFinding
-    refitted: Identified
+    refitted: IdentifiedHypothesis
     raw: dict[tuple[str, str], dict[str, np.ndarray]]
     times: dict[str, np.ndarray]
 
@@ -115,7 +115,7 @@ def flown(rng: np.random.Generator, *, flights: int = 2, changes: int = 8, amoun
         found.append(flight)
     told = evidence(found)
     along = along_of(told)
-    base = identify_with(told, NO_HYPOTHESIS, along)
+    base = identify_with(told, NULL_HYPOTHESIS, along)
     on = np.concatenate(states)
     trial = switched_trials([switched_effect(carried((*BLEED, {"fraction": amount}))[0])], on > 0.5, base, along)[0]
     assert trial.converged

@@ -19,13 +19,20 @@ import numpy as np
 from ground_recordings import CONFIGS, enginediag, public_data
 
 from enginediag_cli.intake.selection import Source
-from enginediag_cli.mismatch.explain.unrecorded_search import with_own_noise
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Identified, Nuisance, identify_with, nuisance, stacked
-from enginediag_cli.mismatch.fit.load import Case, load_case
+from enginediag_cli.mismatch.explain.unrecorded_search import refit_noise_without_switches
+from enginediag_cli.mismatch.fit.evidence import Dataset, Flight
+from enginediag_cli.mismatch.fit.identified import (
+    NULL_HYPOTHESIS,
+    IdentifiedHypothesis,
+    Nuisance,
+    identify_with,
+    nuisance,
+    stack_column,
+)
+from enginediag_cli.mismatch.fit.load import RecordedCase, load_case
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.refine.refine import fit_both
 from enginediag_cli.mismatch.refine.switch import inferred, switch_column
 from enginediag_cli.mismatch.refine.unseen import concealed, predicted
@@ -77,9 +84,9 @@ class Found:
     listed effect that explains them best."""
 
     side: str
-    evidence: Evidence
+    evidence: Dataset
     along: Nuisance
-    base: Identified
+    base: IdentifiedHypothesis
     findings: tuple[HiddenFinding, ...]
     first: HiddenFinding
 
@@ -102,18 +109,18 @@ def nominal(folder: Path, flights: Path, side: str) -> Path:
     return path
 
 
-def load(flights: Path, names: Sequence[str], side: str, nominal_path: Path) -> Evidence:
+def load(flights: Path, names: Sequence[str], side: str, nominal_path: Path) -> Dataset:
     source = Source(tuple(str(flights / n) for n in names), str(RECORDER), side)
-    return load_case(Case(str(ENGINE), source, str(nominal_path))).evidence
+    return load_case(RecordedCase(str(ENGINE), source, str(nominal_path))).evidence
 
 
-def search(evidence: Evidence, side: str) -> Found:
+def search(evidence: Dataset, side: str) -> Found:
     """Fit without any effect, and the search for an amplitude that no column records."""
-    evidence = with_own_noise(evidence)
+    evidence = refit_noise_without_switches(evidence)
     along = nuisance(evidence)
-    base = identify_with(evidence, NO_HYPOTHESIS, along)
+    base = identify_with(evidence, NULL_HYPOTHESIS, along)
     rng = np.random.default_rng(evidence.settings.seed)
-    trial = Trial((), base, Projection(base))
+    trial = HypothesisFit((), base, Projection(base))
     findings = hidden_amplitudes(base, trial.projection, level=0.01, rng=rng, along=along)
     listed = effects_that_switch(findings, list(candidates(evidence.engine)), trial, along)
     return Found(side, evidence, along, base, tuple(findings), listed[0] if listed else findings[0])
@@ -127,14 +134,14 @@ def options(found: Found) -> dict[str, Option]:
     return {**result, **own}
 
 
-def refitted(found: Found) -> dict[str, Trial]:
+def refitted(found: Found) -> dict[str, HypothesisFit]:
     """Every rival refitted with everything else at the states found, lowest χ² first."""
     named = options(found)
     trials = switched_trials(list(named.values()), found.states, found.base, found.along)
     return {t.label: t for t in trials}
 
 
-def two_state_rms(trial: Trial | None, found: Found) -> Mapping[str, Errors]:
+def two_state_rms(trial: HypothesisFit | None, found: Found) -> Mapping[str, Errors]:
     """RMS in b22 by state: N2 in points, ITT in K, fuel flow in per cent, at a fit of both flights."""
     fit = found.base if trial is None else trial.found
     e, y = fit.fit.equations.residual, fit.problem.measured
@@ -168,7 +175,7 @@ class Change:
         return self.N1_range < 0.01
 
 
-def changes(found: Found, trial: Trial, flights: Path, half_s: int = 25) -> list[Change]:
+def changes(found: Found, trial: HypothesisFit, flights: Path, half_s: int = 25) -> list[Change]:
     """Time of each change of state between the last record of the old state and the first of the new one: where a
     step along the effect's own direction, beside a level and a drift of every reading, explains most at 1 Hz."""
     second = {m.engine: m.recording for m in load_recorder(RECORDER).map(read_all(flights / B22), steady=False)}
@@ -189,7 +196,7 @@ def changes(found: Found, trial: Trial, flights: Path, half_s: int = 25) -> list
     measured = np.column_stack([recording[s] for s in sensors])
     e, c = (measured - off) / sigma, (on - off) / sigma
     rows = found.of(B22)
-    at, states = stacked(found.evidence, "time_s")[rows], found.states[rows]
+    at, states = stack_column(found.evidence, "time_s")[rows], found.states[rows]
     result = []
     for k in np.flatnonzero(np.diff(states) != 0):
         low, high = at[k] - 5.0, at[k + 1] + 5.0
@@ -235,7 +242,7 @@ class Judged:
     off_error: Errors
 
 
-def judged(known: Evidence, states: np.ndarray, unseen: Flight, coefficient: float | None = None) -> Judged:
+def judged(known: Dataset, states: np.ndarray, unseen: Flight, coefficient: float | None = None) -> Judged:
     """The model with and without the bleed, fitted to the `known` flights with their states (N,), put to an unseen one:
     its own offsets are not fitted, its states are inferred from its readings. `coefficient`: of the bleed, where the
     known flights do not show it."""
@@ -321,7 +328,8 @@ def story(flights: Path, folder: Path, say: Says) -> None:
             for state, e in two_state_rms(t, f).items():
                 say("  " + told(f"b22 {state}, {name} the bleed", e))
     left, right = (
-        dict(zip(stacked(f.evidence, "time_s")[f.of(B22)], f.states[f.of(B22)], strict=True)) for f in found.values()
+        dict(zip(stack_column(f.evidence, "time_s")[f.of(B22)], f.states[f.of(B22)], strict=True))
+        for f in found.values()
     )
     both = [t for t in left if t in right]
     say(f"left and right state agree in {sum(left[t] == right[t] for t in both)} of {len(both)} common records")

@@ -34,7 +34,7 @@ from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.nominal import Nominal
 from enginediag_cli.identification.nominal_file import read_nominal
 from enginediag_cli.identification.problem import TrainingRecording
-from enginediag_cli.mismatch.fit.identified import stacked
+from enginediag_cli.mismatch.fit.identified import stack_column
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
 from enginediag_cli.recordings.read import read_all
@@ -227,7 +227,7 @@ def bled(flights: Path, run: Run, folder: Path) -> np.ndarray:
     if first.states is None or first.switch_lr < max(first.threshold, first.continuous_lr):
         return np.zeros(len(run.time))
     own = found.of(Path(run.flight).name)
-    at, states = stacked(found.evidence, "time_s")[own], found.states[own]
+    at, states = stack_column(found.evidence, "time_s")[own], found.states[own]
     edges = 0.5 * (at[1:] + at[:-1])
     return states[np.searchsorted(edges, run.time)] * run.air
 

@@ -31,15 +31,15 @@ from citation_mismatch import (
 )
 from ground_recordings import public_data
 
-from enginediag_cli.mismatch.fit.identified import stacked
+from enginediag_cli.mismatch.fit.identified import stack_column
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 
 NAME = "@".join(BLEED)
 NO_GAIN = 0.98
 """Of χ² without anything: rivals that leave more of it on both engines are not told."""
 
-Trials = Mapping[str, Mapping[str, Trial]]
+Trials = Mapping[str, Mapping[str, HypothesisFit]]
 
 
 def row(title: str, cell: Callable[[str], str]) -> None:
@@ -50,7 +50,8 @@ def checks(found: Mapping[str, Found], trials: Trials, flights: Path) -> None:
     print("| check | left | right |\n|---|---|---|")
     row("records of flight_ref inferred on", lambda s: seen_on(found[s]))
     left, right = (
-        dict(zip(stacked(f.evidence, "time_s")[f.of(B22)], f.states[f.of(B22)], strict=True)) for f in found.values()
+        dict(zip(stack_column(f.evidence, "time_s")[f.of(B22)], f.states[f.of(B22)], strict=True))
+        for f in found.values()
     )
     both = [t for t in left if t in right]
     same = sum(left[t] == right[t] for t in both)
@@ -73,7 +74,7 @@ def seen_on(f: Found) -> str:
     return f"{f.states[f.of(REF)].sum():.0f} of {f.of(REF).sum()}"
 
 
-def fitted(trial: Trial, best: bool) -> str:
+def fitted(trial: HypothesisFit, best: bool) -> str:
     """χ² and the coefficients; bold where it is the lowest."""
     values = ", ".join(f"{v:.3g} ± {s:.2g}" for v, s in trial.coefficients.values())
     limit = ", at its limit" if trial.at_bound else ""

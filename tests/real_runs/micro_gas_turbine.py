@@ -20,10 +20,10 @@ from ground_recordings import CONFIGS, public_data
 
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.intake.selection import Source
-from enginediag_cli.mismatch.explain.story import named_effects, tell
-from enginediag_cli.mismatch.fit.evidence import Evidence
+from enginediag_cli.mismatch.explain.story import explain_mismatch, named_effects
+from enginediag_cli.mismatch.fit.evidence import Dataset
 from enginediag_cli.mismatch.fit.identified import nuisance
-from enginediag_cli.mismatch.fit.load import Case, load_case
+from enginediag_cli.mismatch.fit.load import RecordedCase, load_case
 from enginediag_cli.mismatch.refine.refine import fit_both
 from enginediag_cli.mismatch.refine.switch import judged_by_trained_noise
 from enginediag_cli.mismatch.refine.unseen import concealed, predicted
@@ -34,23 +34,25 @@ RECORDER = CONFIGS / "recorders" / "micro_gas_turbine.yaml"
 LAG = ("load_control_lag", "generator")
 
 
-def evidence_of(files: Sequence[str], tests: Sequence[str]) -> tuple[Evidence, list[int]]:
+def evidence_of(files: Sequence[str], tests: Sequence[str]) -> tuple[Dataset, list[int]]:
     """The runs as `refine` reads them, and the positions of those to judge by."""
     source = Source((*files, *tests), recorder=str(RECORDER))
-    loaded = load_case(Case(str(ENGINE), source), lambda flights: [f for f in flights if f.file not in tests])
+    loaded = load_case(RecordedCase(str(ENGINE), source), lambda flights: [f for f in flights if f.file not in tests])
     unseen = [k for k, f in enumerate(loaded.evidence.flights) if f.file in tests]
     return judged_by_trained_noise(loaded.evidence, unseen), unseen
 
 
 def named(files: Sequence[str]) -> tuple[tuple[Effect, ...], dict[str, list[float]]]:
     """What `explain` names from these runs, and 95 % intervals of its coefficients."""
-    evidence = load_case(Case(str(ENGINE), Source(tuple(files), recorder=str(RECORDER))), identified=True).evidence
-    story = tell(evidence, advise=False)
+    evidence = load_case(
+        RecordedCase(str(ENGINE), Source(tuple(files), recorder=str(RECORDER))), identified=True
+    ).evidence
+    story = explain_mismatch(evidence, advise=False)
     found = story.answer.explanations[:1]
     return named_effects(story), {c.name: [c.low, c.high] for x in found for c in x.coefficients}
 
 
-def left(evidence: Evidence, unseen: list[int], effects: Sequence[Effect]) -> tuple[list[np.ndarray], list[np.ndarray]]:
+def left(evidence: Dataset, unseen: list[int], effects: Sequence[Effect]) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Residuals in W of each test run, without and with the effects, which are fitted to the others."""
     along = nuisance(concealed(evidence, unseen))
     trials = fit_both(concealed(evidence, unseen), effects, along)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from ground_recordings import enginediag, public_data, table
 
-from enginediag_cli.mismatch.fit.identified import stacked
+from enginediag_cli.mismatch.fit.identified import stack_column
 
 pytestmark = [pytest.mark.shared_data, pytest.mark.slow]
 
@@ -70,7 +70,7 @@ def test_two_states_are_found_and_none_of_flight_ref_is_on(found, side):
 
 def test_the_engines_agree_on_every_record(found):
     left, right = (
-        dict(zip(stacked(f.evidence, "time_s")[f.of(story.B22)], f.states[f.of(story.B22)], strict=True))
+        dict(zip(stack_column(f.evidence, "time_s")[f.of(story.B22)], f.states[f.of(story.B22)], strict=True))
         for f in found.values()
     )
     both = [t for t in left if t in right]

@@ -8,7 +8,7 @@ from ground_recordings import CONFIGS, public_data
 from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.identification.problem import TrainingRecording
-from enginediag_cli.mismatch.controlled.find import Found, find_law
+from enginediag_cli.mismatch.controlled.find import ControlSearchResult, find_law
 from enginediag_cli.mismatch.refine.controlled import refine_control
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.recorder_file import load_recorder
@@ -32,13 +32,13 @@ def year(number: int) -> TrainingRecording:
 
 
 @pytest.fixture(scope="module")
-def found(plant: tuple[EngineDescription, Engine]) -> Found:
+def found(plant: tuple[EngineDescription, Engine]) -> ControlSearchResult:
     law = find_law(*plant, [year(2011)])
     assert law is not None
     return law
 
 
-def test_guide_vanes_hold_the_exhaust_at_550_degrees_until_they_are_open(found: Found) -> None:
+def test_guide_vanes_hold_the_exhaust_at_550_degrees_until_they_are_open(found: ControlSearchResult) -> None:
     law = found.best.law
     assert (law.actuator.name, law.hold) == ("compressor.vane_closing_deg", "T5_K")
     assert law.set_point == pytest.approx(823.15, abs=0.1)
@@ -46,13 +46,15 @@ def test_guide_vanes_hold_the_exhaust_at_550_degrees_until_they_are_open(found: 
     assert found.held == pytest.approx(0.64, abs=0.02)
 
 
-def test_that_they_hold_the_power_instead_is_plainly_worse(found: Found) -> None:
+def test_that_they_hold_the_power_instead_is_plainly_worse(found: ControlSearchResult) -> None:
     assert not found.rivals
     [power] = [t for t in found.worse if t.law.hold == "power_W"]
     assert power.gain < 0.5 * found.best.gain
 
 
-def test_2012_is_predicted_at_part_load_and_in_base_load(plant: tuple[EngineDescription, Engine], found: Found) -> None:
+def test_2012_is_predicted_at_part_load_and_in_base_load(
+    plant: tuple[EngineDescription, Engine], found: ControlSearchResult
+) -> None:
     r = refine_control(found, *plant, [year(2011)], [year(2012)])
     assert r.accepted and r.runs == 1.0
     after = {(q.sensor, q.regime): q.rms for q in r.after}

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from ground_recordings import CONFIGS, public_data
 
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
-from enginediag_cli.mismatch.fit.freeform import Location, locations_of
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Hypothesis, Nuisance, nuisance
-from enginediag_cli.mismatch.fit.load import Asked, build_evidence
-from enginediag_cli.mismatch.unrecorded.control_law import Held, Stop, by_law, held_readings, stop_of
+from enginediag_cli.mismatch.fit.evidence import Dataset, Flight
+from enginediag_cli.mismatch.fit.freeform import Location, list_locations
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, Hypothesis, Nuisance, nuisance
+from enginediag_cli.mismatch.fit.load import MismatchQuery, build_dataset
+from enginediag_cli.mismatch.unrecorded.control_law import HeldReading, Stop, by_law, find_stop, held_readings
 from enginediag_cli.mismatch.unrecorded.per_record import PerRecord, amplitudes_at, fit_per_record, scan
 from enginediag_cli.mismatch.unrecorded.per_record_effects import BLOCK, Beside, Rows, effects_beside, inflation
 from enginediag_cli.physics.engine_file import load_engine
@@ -45,7 +45,7 @@ class Year:
     """Steady hours of one year, every `thin`-th: the evidence, what identification carries along, and the recorded
     humidity (N,), which is not in the evidence unless it was asked for."""
 
-    evidence: Evidence
+    evidence: Dataset
     along: Nuisance
     humidity: np.ndarray
 
@@ -77,7 +77,7 @@ def load_years(
         if humidity is not None:
             given["humidity_kg_kg"] = humidity * moist[-1]
         flights.append(Flight(str(year), "", given))
-    evidence = build_evidence(load_engine(ENGINE), flights, Asked(model_error=map_accuracy))
+    evidence = build_dataset(load_engine(ENGINE), flights, MismatchQuery(model_error=map_accuracy))
     along, found, first = nuisance(evidence), [], 0
     for k, w in enumerate(moist):
         own = {name: curve[first : first + len(w)] for name, curve in along.curves.items()}
@@ -87,7 +87,7 @@ def load_years(
 
 
 def places(year: Year) -> list[Location]:
-    return locations_of(year.evidence.engine, tuple(year.evidence.noise.sigma))
+    return list_locations(year.evidence.engine, tuple(year.evidence.noise.sigma))
 
 
 def place(year: Year) -> Location:
@@ -108,7 +108,7 @@ def hypothesis(year: Year, *labels: str) -> Hypothesis:
 
 def vanes(year: Year, *labels: str, start: PerRecord | None = None) -> PerRecord:
     """Compressor flow free in every hour, with these effects."""
-    h = hypothesis(year, *labels) if labels else NO_HYPOTHESIS
+    h = hypothesis(year, *labels) if labels else NULL_HYPOTHESIS
     return fit_per_record(year.evidence, place(year), year.along, h, (start,) if start else (None,))
 
 
@@ -141,12 +141,12 @@ class Position:
     """What the hidden amplitude looks like: its stop, what it holds, and what that law alone predicts (per cent)."""
 
     stop: Stop
-    held: tuple[Held, ...]
+    held: tuple[HeldReading, ...]
     law: Mapping[str, float]
 
 
 def position(year: Year, fit: PerRecord) -> Position:
-    stop = stop_of(fit, year.columns["ambient_temperature_K"])
+    stop = find_stop(fit, year.columns["ambient_temperature_K"])
     held = held_readings(year.evidence, fit, year.along, stop)
     error = by_law(year.evidence, fit, year.along, held[0], part_load(year.columns))
     return Position(stop, tuple(held), {SENSORS[s]: 100.0 * rms / mean for s, (rms, mean) in error.items()})

@@ -22,8 +22,8 @@ from ground_recordings import CONFIGS, public_data
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.intake.selection import Source
 from enginediag_cli.mismatch.explain.answer import Answer
-from enginediag_cli.mismatch.explain.story import tell
-from enginediag_cli.mismatch.fit.load import Case, load_case
+from enginediag_cli.mismatch.explain.story import explain_mismatch
+from enginediag_cli.mismatch.fit.load import RecordedCase, load_case
 from enginediag_cli.physics.registry import candidates
 
 VANES = ("guide_vanes", "guide_vanes_load")
@@ -37,10 +37,10 @@ TOLD = 4
 
 def searched(engine: Path, files: list[Path], recorder: Path, without: tuple[str, ...]) -> Answer:
     """The answer of `explain` with a library that lacks these terms."""
-    case = Case(str(engine), Source(tuple(map(str, files)), recorder=str(recorder)))
+    case = RecordedCase(str(engine), Source(tuple(map(str, files)), recorder=str(recorder)))
     evidence = load_case(case, identified=True).evidence
     left: list[Effect] = [e for e in candidates(evidence.engine) if e.term.NAME not in without]
-    return tell(evidence, left, advise=False).answer
+    return explain_mismatch(evidence, left, advise=False).answer
 
 
 def vanes() -> Answer:

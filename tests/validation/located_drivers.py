@@ -18,7 +18,7 @@ from pathlib import Path
 
 from enginediag_cli.intake.selection import Source
 from enginediag_cli.mismatch.fit.evidence import Noise
-from enginediag_cli.mismatch.fit.load import Asked, Case, load_case
+from enginediag_cli.mismatch.fit.load import MismatchQuery, RecordedCase, load_case
 from enginediag_cli.mismatch.locate.locate import Located, locate
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
@@ -36,8 +36,8 @@ def mapped(sealed: Sealed, recorded: Recorded, seed: int) -> Located:
     """What `locate` says of the concealed recordings."""
     with tempfile.TemporaryDirectory() as folder:
         path, files = write_open(Path(folder), load_engine(ENGINE), recorded, sealed.training)
-        asked = Asked(kinds.MODEL_ERROR[sealed.truth], drivers=hour_columns(), noise="specified", seed=seed)
-        evidence = load_case(Case(str(path), Source(tuple(map(str, files))), asked=asked)).evidence
+        asked = MismatchQuery(kinds.MODEL_ERROR[sealed.truth], drivers=hour_columns(), noise="specified", seed=seed)
+        evidence = load_case(RecordedCase(str(path), Source(tuple(map(str, files))), asked=asked)).evidence
     known = Noise(evidence.noise.sigma, {}, dict(sealed.noise.inputs or {}), dict(sealed.noise.input_shares or {}))
     return locate(replace(evidence, noise=known))
 

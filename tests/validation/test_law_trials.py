@@ -11,21 +11,21 @@ from click.testing import CliRunner
 
 from enginediag_cli.cli.prove import prove
 from enginediag_cli.mismatch.explain.answer import (
-    FAILED,
-    LAW,
-    NAMED,
-    NONE,
-    NOTHING,
+    FORMULA,
+    IDENTIFIED,
+    NO_DISCREPANCY,
+    NOT_CONVERGED,
+    UNEXPLAINED,
     Answer,
     Coefficient,
     Explanation,
 )
-from enginediag_cli.mismatch.fit.freeform import locations_of
+from enginediag_cli.mismatch.fit.freeform import list_locations
 from enginediag_cli.mismatch.fit.identified import Hypothesis
-from enginediag_cli.mismatch.fit.options import LAW as OPTION_LAW
+from enginediag_cli.mismatch.fit.options import FORMULA_OPTION as OPTION_LAW
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.laws.finding import FittedLaw, LawFinding
-from enginediag_cli.mismatch.laws.scan import Known
+from enginediag_cli.mismatch.laws.scan import KnownVariable
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.laws.declared import entry_of
 from enginediag_cli.physics.laws.expression import Expression
@@ -63,7 +63,7 @@ from enginediag_cli.validation.formula_marks import (
     same_driver,
     worse,
 )
-from enginediag_cli.validation.formula_marks import NONE as NO_LAW
+from enginediag_cli.validation.formula_marks import UNEXPLAINED as NO_LAW
 from enginediag_cli.validation.marks import Said, evidence_of
 from enginediag_cli.validation.score_sheet import right_less_stated, sheet
 from enginediag_cli.validation.separability import separability
@@ -102,7 +102,7 @@ class Answers:
 
 def law_answer(place, component, variables, entry, probability=0.9):
     return {
-        "status": LAW,
+        "status": FORMULA,
         "law": {
             "places": [{"location": place, "component": component, "probability": probability}],
             "drivers": [{"variables": [[v] for v in variables], "probability": probability}],
@@ -179,7 +179,10 @@ def test_every_form_outside_the_grammar_makes_a_formula_that_is_nothing_at_the_d
     known = variables_of(turbojet.network)
     rng = np.random.default_rng(3)
     names = ("turbine_reynolds_index", "nozzle_pressure_ratio")
-    of = [Known(known[n], np.linspace(0.55, 1.1, 40) + 0.01 * rng.standard_normal(40), k) for k, n in enumerate(names)]
+    of = [
+        KnownVariable(known[n], np.linspace(0.55, 1.1, 40) + 0.01 * rng.standard_normal(40), k)
+        for k, n in enumerate(names)
+    ]
     shaped = of_none(of[: 1 + any(letter in OUTSIDE[name].replace("exp", "") for letter in "yv")], rng)
     f = Expression.parsed(shaped.text)
     assert abs(f.at({"a": 1.0, **dict.fromkeys(names, 1.0)})) < 1e-12
@@ -245,7 +248,7 @@ def test_what_is_found_of_a_law_is_told_with_the_coefficients_that_were_fitted(t
         None,
     )
     nothing = Answer(
-        LAW, "", (explained,), (), (), (), (), (0.0, 0.0), 0.0, 0.0, 0, {}, {}, np.zeros(0, int), law=finding
+        FORMULA, "", (explained,), (), (), (), (), (0.0, 0.0), 0.0, 0.0, 0, {}, {}, np.zeros(0, int), law=finding
     )
     raw = {"explanations": [{"laws": entries(explained)}], **law_told(nothing)}
     told = ToldLaw.of(json.loads(json.dumps(raw)))
@@ -254,7 +257,7 @@ def test_what_is_found_of_a_law_is_told_with_the_coefficients_that_were_fitted(t
     (effect,) = all_built(turbojet, told.entries)
     assert effect.values["a"] == pytest.approx(0.7 * value, rel=1e-5)
     assert raw["law"]["laws"][0]["entry"] == raw["explanations"][0]["laws"][0]
-    assert ToldLaw.of({"status": NONE}) is None
+    assert ToldLaw.of({"status": UNEXPLAINED}) is None
 
 
 @pytest.mark.slow
@@ -268,7 +271,7 @@ def test_what_is_concealed_is_in_no_answer_of_the_explainer_but_its_own(few):
     found = run_trial(Plan(PATH, SEED, (kinds.SAME_MODEL,), (SINGLE_LAW,)), 0, asked)
     assert not found["error"] and found["engine"] == "turbojet" and found["marks"]["no_verdict"] is False
     assert "concealed" not in str(asked.told)
-    if found["status"] == LAW:
+    if found["status"] == FORMULA:
         assert asked.told["law"]["places"] and found["law"]["found"]
 
 
@@ -311,17 +314,17 @@ def test_the_truth_is_the_truth_where_a_large_law_has_driven_the_fit_without_it_
     assert r["marks"]["law_gain_unseen"] == [pytest.approx(1.0, abs=0.01)]
 
 
-@pytest.mark.parametrize("status", [NOTHING, NONE])
+@pytest.mark.parametrize("status", [NO_DISCREPANCY, UNEXPLAINED])
 def test_silence_finds_nothing_and_says_nothing_false(few, status):
     m = run({"status": status})["marks"]
-    assert m["law_given"] is False and m["law_found"] is (status == NONE) and m["law_wrong_name"] is False
+    assert m["law_given"] is False and m["law_found"] is (status == UNEXPLAINED) and m["law_wrong_name"] is False
     assert not any(m[f"law_{name}_of_all"] for name in ("place", "driver", "curve"))
     assert "law_place" not in m and "law_worse" not in m
 
 
 def test_a_law_at_a_wrong_place_along_a_wrong_variable_is_wrong_and_predicts_worse_than_none(few, turbojet):
     law = drawn(turbojet).law
-    place = next(p for p in locations_of(turbojet, list(turbojet.sensors)) if p.name == "compressor.flow_capacity")
+    place = next(p for p in list_locations(turbojet, list(turbojet.sensors)) if p.name == "compressor.flow_capacity")
     assert place.name != law.place.name
     entry = entry_of(law.effect) | {
         "at": place.parameter,
@@ -335,12 +338,12 @@ def test_a_law_at_a_wrong_place_along_a_wrong_variable_is_wrong_and_predicts_wor
 
 
 def test_where_nothing_is_concealed_any_law_is_false():
-    assert null_marks(Said.of({"status": LAW, "explanations": []}))["law_false"] is True
-    quiet = null_marks(Said.of({"status": NOTHING, "explanations": []}))
+    assert null_marks(Said.of({"status": FORMULA, "explanations": []}))["law_false"] is True
+    quiet = null_marks(Said.of({"status": NO_DISCREPANCY, "explanations": []}))
     assert not (quiet["law_false"] or quiet["law_false_name"] or quiet["law_false_finding"])
-    named = null_marks(Said.of({"status": NAMED, "explanations": []}))
+    named = null_marks(Said.of({"status": IDENTIFIED, "explanations": []}))
     assert named["law_false_name"] and not named["law_false"]
-    assert null_marks(Said.of({"error": "it broke"})) == {"no_verdict": True} and FAILED != LAW
+    assert null_marks(Said.of({"error": "it broke"})) == {"no_verdict": True} and NOT_CONVERGED != FORMULA
 
 
 def test_a_driver_is_right_where_every_variable_is_told_by_a_group_of_its_own():

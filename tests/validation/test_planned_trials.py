@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from enginediag_cli.cli.prove import prove
-from enginediag_cli.mismatch.explain.answer import NAMED, NOTHING
+from enginediag_cli.mismatch.explain.answer import IDENTIFIED, NO_DISCREPANCY
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.planning.flights import AIRLINER, RECORDS, SWEEP, WEATHER, flights
 from enginediag_cli.validation import kinds
@@ -88,12 +88,12 @@ def test_every_arm_flies_one_of_the_flights_whatever_their_order_but_the_plan_th
 def test_rivals_are_resolved_when_the_truth_is_alone_or_as_good_as_certain():
     t, other = frozenset({"a"}), frozenset({"b"})
 
-    def said(aliases, probabilities, status=NAMED):
+    def said(aliases, probabilities, status=IDENTIFIED):
         return Said(status, tuple(aliases), tuple(probabilities), {})
 
     assert is_resolved(said([t], [0.5]), t) and is_resolved(said([t, other], [0.96, 0.03]), t)
     assert not is_resolved(said([t, other], [0.9, 0.1]), t)
-    assert not is_resolved(said([other, t], [0.96, 0.04]), t) and not is_resolved(said([], [], NOTHING), t)
+    assert not is_resolved(said([other, t], [0.96, 0.04]), t) and not is_resolved(said([], [], NO_DISCREPANCY), t)
 
 
 def test_the_sheet_compares_the_plan_with_chance_and_with_hindsight():

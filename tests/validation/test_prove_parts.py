@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, NAMED, NONE, NOTHING
+from enginediag_cli.mismatch.explain.answer import HIDDEN_STATE, IDENTIFIED, NO_DISCREPANCY, NOT_CONVERGED, UNEXPLAINED
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import term_names
 from enginediag_cli.validation import kinds
@@ -211,74 +211,74 @@ def single(turbofan):
 
 
 def test_the_right_name_is_exact_covered_and_tight(single):
-    m = marks(single, FAR, said(NAMED, ["a@x"]))
+    m = marks(single, FAR, said(IDENTIFIED, ["a@x"]))
     assert m["exact"] and m["covered"] and m["tight"] and m["set_score"] == [1.0] and not m["false_name"]
 
 
 def test_a_right_name_among_two_is_covered_not_tight_and_scores_half(single):
-    m = marks(single, FAR, said(NAMED, ["b@x"], ["a@x"]))
+    m = marks(single, FAR, said(IDENTIFIED, ["b@x"], ["a@x"]))
     assert not m["exact"] and m["covered"] and not m["tight"] and m["set_score"] == [0.5] and not m["false_name"]
 
 
 def test_an_unavoidable_alias_is_no_false_name_and_not_in_the_denominator_of_exact(single):
     far = replace(FAR, nearest=3.0, aliases=frozenset({frozenset({"b@x"})}))
-    m = marks(single, far, said(NAMED, ["b@x"]))
+    m = marks(single, far, said(IDENTIFIED, ["b@x"]))
     assert not m["false_name"] and "exact" not in m and not m["covered"]
 
 
 def test_a_wrong_name_is_false_and_none_of_these_is_wrongly_none(single):
-    assert marks(single, FAR, said(NAMED, ["c@x"]))["false_name"]
-    m = marks(single, FAR, said(NONE))
+    assert marks(single, FAR, said(IDENTIFIED, ["c@x"]))["false_name"]
+    m = marks(single, FAR, said(UNEXPLAINED))
     assert m["wrongly_none"] and not m["covered"] and m["set_score"] == [0.0] and not m["false_name"]
 
 
 def test_any_name_is_false_where_nothing_is_missing(single):
     null = replace(single, kind=kinds.NULL, causes=())
-    assert marks(null, None, said(NAMED, ["a@x"]))["false_name"]
-    assert marks(null, None, said(HIDDEN))["false_name"]
-    m = marks(null, None, said(NONE))
+    assert marks(null, None, said(IDENTIFIED, ["a@x"]))["false_name"]
+    assert marks(null, None, said(HIDDEN_STATE))["false_name"]
+    m = marks(null, None, said(UNEXPLAINED))
     assert not m["false_name"] and m["false_finding"]
-    assert not marks(null, None, said(NOTHING))["false_finding"]
+    assert not marks(null, None, said(NO_DISCREPANCY))["false_finding"]
 
 
 def test_a_grey_trial_has_no_mark_but_a_false_name(single):
     grey = replace(FAR, total=12.0, given=(12.0,))
-    assert set(marks(single, grey, said(NOTHING))) == {"no_verdict", "false_name"}
+    assert set(marks(single, grey, said(NO_DISCREPANCY))) == {"no_verdict", "false_name"}
 
 
 def test_a_search_that_failed_is_no_verdict_and_nothing_else(single):
-    assert marks(single, FAR, said(FAILED)) == {"no_verdict": True}
+    assert marks(single, FAR, said(NOT_CONVERGED)) == {"no_verdict": True}
     assert marks(single, FAR, Said.of({"error": "it broke"})) == {"no_verdict": True}
 
 
 def test_none_of_these_is_right_only_when_every_rival_is_far(single):
     withheld = replace(single, kind=kinds.WITHHELD)
-    assert marks(withheld, FAR, said(NONE))["none_right"]
-    assert not marks(withheld, FAR, said(NAMED, ["b@x"]))["none_right"]
-    assert "none_right" not in marks(withheld, replace(FAR, nearest=20.0), said(NONE))
+    assert marks(withheld, FAR, said(UNEXPLAINED))["none_right"]
+    assert not marks(withheld, FAR, said(IDENTIFIED, ["b@x"]))["none_right"]
+    assert "none_right" not in marks(withheld, replace(FAR, nearest=20.0), said(UNEXPLAINED))
 
 
 def test_a_part_of_the_truth_is_not_a_false_name(single):
     pair = replace(single, kind=kinds.PAIR, causes=(Cause("a@x"), Cause("b@x")))
     far = Separability(400.0, (300.0, 90.0), 60.0, "c@x", frozenset(), True)
-    m = marks(pair, far, said(NAMED, ["a@x"]))
+    m = marks(pair, far, said(IDENTIFIED, ["a@x"]))
     assert not m["false_name"] and not m["covered"]
-    assert marks(pair, far, said(NAMED, ["b@x", "a@x"]))["exact_no_alias"]
+    assert marks(pair, far, said(IDENTIFIED, ["b@x", "a@x"]))["exact_no_alias"]
 
 
 def test_interval_asks_the_explanation_that_is_the_truth(turbofan, single):
     one = replace(single, effects=tuple(drawable(turbofan)[:1]))
-    inside = said(NAMED, ["b@x"], ["a@x"], coefficients={"a.x.k": [1.1, 0.9, 1.3]})
+    inside = said(IDENTIFIED, ["b@x"], ["a@x"], coefficients={"a.x.k": [1.1, 0.9, 1.3]})
     assert interval_marks(one, inside) == {"interval": [1.0]}
-    outside = said(NAMED, ["a@x"], coefficients={"a.x.k": [1.5, 1.2, 1.8]})
+    outside = said(IDENTIFIED, ["a@x"], coefficients={"a.x.k": [1.5, 1.2, 1.8]})
     assert interval_marks(one, outside) == {"interval": [0.0]}
-    assert interval_marks(one, said(NAMED, ["b@x"])) == {}
+    assert interval_marks(one, said(IDENTIFIED, ["b@x"])) == {}
 
 
 def test_states_of_a_hidden_switch_are_marked_where_the_records_show_it():
     states, snr = np.array([0.0, 1.0, 1.0, 0.0]), np.array([3.0, 3.0, 3.0, 0.5])
     raw = {
-        "status": HIDDEN,
+        "status": HIDDEN_STATE,
         "explanations": [],
         "hidden": [{"component": "hpc", "number": [0, 1, 2, 3], "states": [0.1, 0.9, 0.2, 0.9], "sign": 1}],
     }

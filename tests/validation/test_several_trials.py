@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from enginediag_cli.mismatch.explain.answer import FAILED, NAMED, NOTHING
+from enginediag_cli.mismatch.explain.answer import IDENTIFIED, NO_DISCREPANCY, NOT_CONVERGED
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.laws.declared import entry_of
 from enginediag_cli.physics.laws.law import Law
@@ -65,7 +65,7 @@ class Names:
             "coefficients": {n: [v, v, v] for n, v in (coefficients or {}).items()},
             "laws": list(laws),
         }
-        status, found = (NAMED, [explained]) if causes else (NOTHING, [])
+        status, found = (IDENTIFIED, [explained]) if causes else (NO_DISCREPANCY, [])
         self.told = {"status": status, "explanations": found, "hidden": [], "unexplained": unexplained}
 
     def ask(self, question):
@@ -192,7 +192,7 @@ def test_a_search_that_failed_is_no_verdict():
             return {"error": "it broke"}
 
     found = run(Breaks(), TWO)
-    assert found["marks"] == {"no_verdict": True} and found["status"] == FAILED
+    assert found["marks"] == {"no_verdict": True} and found["status"] == NOT_CONVERGED
 
 
 def test_pairs_triples_and_fours_are_counted_apart():

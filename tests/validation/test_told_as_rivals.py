@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from enginediag_cli.mismatch.explain.answer import NAMED
+from enginediag_cli.mismatch.explain.answer import IDENTIFIED
 from enginediag_cli.validation.causes import Cause
 from enginediag_cli.validation.formula_marks import ToldLaw
 from enginediag_cli.validation.marks import Said
@@ -18,7 +18,7 @@ def explanation(*causes: str, laws=()):
 
 
 def told(*explanations) -> Said:
-    return Said.of({"status": NAMED, "explanations": list(explanations), "hidden": []})
+    return Said.of({"status": IDENTIFIED, "explanations": list(explanations), "hidden": []})
 
 
 def test_what_every_explanation_has_is_told_as_being_there():

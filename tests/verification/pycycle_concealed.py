@@ -21,13 +21,13 @@ import yaml
 
 from enginediag_cli.config.reading import outside_allowed
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.mismatch.explain.answer import HIDDEN, NAMED, Answer
+from enginediag_cli.mismatch.explain.answer import HIDDEN_STATE, IDENTIFIED, Answer
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise, Settings
+from enginediag_cli.mismatch.fit.evidence import Dataset, Flight, Noise, Settings
 from enginediag_cli.mismatch.fit.held_out import held_out_objectives
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with
-from enginediag_cli.mismatch.fit.options import together
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with
+from enginediag_cli.mismatch.fit.options import combine_options
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.unrecorded.hidden import hidden_amplitudes
 from enginediag_cli.physics.engine_file import load_engine
@@ -86,7 +86,7 @@ def engine(scratch: Path) -> Engine:
         return load_engine(path)
 
 
-def evidence(of: Engine, name: str, seed: int = 0) -> Evidence:
+def evidence(of: Engine, name: str, seed: int = 0) -> Dataset:
     """The recording with noise, its records dealt to four flights in turn."""
     recorded, rng = columns(name), np.random.default_rng(seed)
     for c in of.sensors:
@@ -95,28 +95,28 @@ def evidence(of: Engine, name: str, seed: int = 0) -> Evidence:
         Flight(f"{name} {k + 1}", "", {c: v[k::FLIGHTS] for c, v in recorded.items()}) for k in range(FLIGHTS)
     )
     nuisance = {n: 0.02 for n in of.monitored} | {f"sensor.{s.quantity}.scale": 0.002 for s in of.sensors.values()}
-    return Evidence(of, flights, Noise({c: s.noise_sigma for c, s in of.sensors.items()}), Settings(nuisance))
+    return Dataset(of, flights, Noise({c: s.noise_sigma for c, s in of.sensors.items()}), Settings(nuisance))
 
 
-def search(given: Evidence) -> Found:
+def search(given: Dataset) -> Found:
     s = Search(given, hidden=hidden_search(given))
     answer = s.run()
     n = len(s.base.projection.frame.record)
     before = float(held_out_objectives(s.base.projection).sum()) / n
-    if answer.status == NAMED:
-        fit = identify_with(given, together(*answer.explanations[0].options), s.along, s.base.found)
+    if answer.status == IDENTIFIED:
+        fit = identify_with(given, combine_options(*answer.explanations[0].options), s.along, s.base.found)
         return Found(answer, before, float(held_out_objectives(Projection(fit)).sum()) / n)
-    if answer.status == HIDDEN:
+    if answer.status == HIDDEN_STATE:
         return Found(answer, *_sensors_left_out(given, s, answer.hidden[0].location.name))
     return Found(answer, before, before)
 
 
-def _sensors_left_out(given: Evidence, s: Search, place: str) -> tuple[float, float, np.ndarray]:
+def _sensors_left_out(given: Dataset, s: Search, place: str) -> tuple[float, float, np.ndarray]:
     """χ² per reading of the unused sensors without and with the amplitude that the other sensors give, after the best
     constant offset of each sensor, and that amplitude in the order of the recording."""
     others = {c: x for c, x in given.noise.sigma.items() if c not in UNUSED}
     less = replace(given, noise=Noise(others))
-    base = identify_with(less, NO_HYPOTHESIS, s.along)
+    base = identify_with(less, NULL_HYPOTHESIS, s.along)
     found = hidden_amplitudes(base, Projection(base), level=0.05, rng=np.random.default_rng(0))
     first = next(f for f in found if f.location.name == place)
     where = first.location
@@ -153,12 +153,12 @@ def row(name: str, found: Found) -> str:
     a, truth, healthy = found.answer, opened(name), opened("nominal")
     changed = {k: v for k, v in truth.items() if np.abs(v - healthy[k][0]).max() > 0}
     answer = "nothing is missing"
-    if a.status == NAMED:
+    if a.status == IDENTIFIED:
         answer = "; ".join(
             ", ".join(f"{c.name} {c.value:.3f} ± {c.standard_error:.3f}" for c in x.coefficients)
             for x in a.explanations
         )
-    elif a.status == HIDDEN:
+    elif a.status == HIDDEN_STATE:
         first, second = a.hidden[:2]
         answer = (
             f"an unrecorded driver at {first.location.name} (ln likelihood ratio {first.gain:.0f}; next "
@@ -173,7 +173,7 @@ def row(name: str, found: Found) -> str:
     told = ", ".join(
         f"{k} {v[0]:g}" if np.ptp(v) == 0 else f"{k} {v.min():.3g} to {v.max():.3g}" for k, v in changed.items()
     )
-    misfit = f"{found.before:.2f} → {found.after:.2f}" if a.status in (NAMED, HIDDEN) else "–"
+    misfit = f"{found.before:.2f} → {found.after:.2f}" if a.status in (IDENTIFIED, HIDDEN_STATE) else "–"
     return f"| `{name}` | {answer} | {told or 'nothing'} | {misfit} | {f'{r[0]:.3f}' if r else '–'} |"
 
 
@@ -201,9 +201,9 @@ def main() -> None:
             for x in a.explanations:
                 values = ", ".join(f"{c.name} {c.value:.3f} ± {c.standard_error:.3f}" for c in x.coefficients)
                 print(f"  {100 * x.probability:.0f} %: {values}")
-            for h in a.hidden[: 3 * (a.status == HIDDEN)]:
+            for h in a.hidden[: 3 * (a.status == HIDDEN_STATE)]:
                 print(f"  {h.location.name}: ln likelihood ratio {h.lr:.0f}, after refit {h.gain:.0f}")
-            if a.status in (NAMED, HIDDEN):
+            if a.status in (IDENTIFIED, HIDDEN_STATE):
                 print(f"  χ² per reading that was not used: {found.before:.2f} before, {found.after:.2f} after")
             healthy = opened("nominal")
             changed = {k: v for k, v in truth.items() if np.abs(v - healthy[k][0]).max() > 0}

@@ -20,10 +20,10 @@ import shared_data
 from enginediag_cli.drivers import REYNOLDS_INDEX
 from enginediag_cli.engine.dual import value
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.mismatch.explain.answer import LAW, Answer, Explanation
+from enginediag_cli.mismatch.explain.answer import FORMULA, Answer, Explanation
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search
-from enginediag_cli.mismatch.laws.scan import Known, known_variables
+from enginediag_cli.mismatch.laws.scan import KnownVariable, known_variables
 from enginediag_cli.physics.laws.law import Law
 from enginediag_cli.physics.registry import candidates
 
@@ -40,7 +40,7 @@ def searched(engine: Engine, name: str) -> tuple[Search, Answer]:
     return search, search.run()
 
 
-def slopes(explanation: Explanation, known: list[Known]) -> dict[str, float]:
+def slopes(explanation: Explanation, known: list[KnownVariable]) -> dict[str, float]:
     """What each law of one variable changes over a decade of that, by least squares over the records, by its place."""
     fitted = {c.name: c.value for c in explanation.coefficients}
     found = {}
@@ -57,7 +57,7 @@ def slopes(explanation: Explanation, known: list[Known]) -> dict[str, float]:
 def report(engine: Engine, name: str) -> str:
     search, answer = searched(engine, name)
     lines = [f"{name}: {answer.status}. {answer.reason}".rstrip()]
-    if answer.status != LAW or answer.law is None:
+    if answer.status != FORMULA or answer.law is None:
         lines += [f"  {x.probability:.0%} {x.label}" for x in answer.explanations[:3]]
         return "\n".join(lines)
     told = answer.law

@@ -7,7 +7,7 @@ import pycycle_concealed as concealed
 import pytest
 import shared_data
 
-from enginediag_cli.mismatch.explain.answer import HIDDEN, NAMED, NOTHING
+from enginediag_cli.mismatch.explain.answer import HIDDEN_STATE, IDENTIFIED, NO_DISCREPANCY
 
 pytestmark = [
     pytest.mark.shared_data,
@@ -23,7 +23,7 @@ def engine(tmp_path_factory):
 
 @pytest.mark.parametrize("name", ["nominal", "fault_1", "fault_2"])
 def test_nothing_is_missing_where_only_health_differs(engine, name):
-    assert concealed.search(concealed.evidence(engine, name)).answer.status == NOTHING
+    assert concealed.search(concealed.evidence(engine, name)).answer.status == NO_DISCREPANCY
 
 
 @pytest.mark.parametrize(
@@ -35,7 +35,7 @@ def test_nothing_is_missing_where_only_health_differs(engine, name):
 )
 def test_an_amplitude_that_no_column_shows_is_located_and_followed(engine, name, place, column):
     found = concealed.search(concealed.evidence(engine, name))
-    assert found.answer.status == HIDDEN
+    assert found.answer.status == HIDDEN_STATE
     assert found.answer.hidden[0].location.name == place
     truth = concealed.opened(name)[column]
     good = np.isfinite(found.amplitude)
@@ -45,7 +45,7 @@ def test_an_amplitude_that_no_column_shows_is_located_and_followed(engine, name,
 
 def test_reynolds_effects_on_three_components_are_named_together(engine):
     found = concealed.search(concealed.evidence(engine, "concealed_3"))
-    assert found.answer.status == NAMED
+    assert found.answer.status == IDENTIFIED
     labels = {o.label for o in found.answer.explanations[0].options}
     assert labels == {"reynolds_efficiency@fan", "reynolds_efficiency@hpc", "reynolds_turbine_efficiency@lpt"}
     assert found.after < 0.6 * found.before

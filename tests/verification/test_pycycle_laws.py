@@ -8,7 +8,7 @@ import pytest
 import shared_data
 
 from enginediag_cli.drivers import REYNOLDS_INDEX
-from enginediag_cli.mismatch.explain.answer import HIDDEN, LAW
+from enginediag_cli.mismatch.explain.answer import FORMULA, HIDDEN_STATE
 from enginediag_cli.mismatch.laws.scan import known_variables
 
 pytestmark = [
@@ -25,7 +25,7 @@ def engine(tmp_path_factory):
 
 def test_reynolds_effects_without_their_terms_are_laws_at_the_three_machines_with_their_slopes(engine):
     search, answer = laws.searched(engine, "concealed_3")
-    assert answer.status == LAW and answer.law is not None
+    assert answer.status == FORMULA and answer.law is not None
     best = answer.explanations[0]
     assert all(o.driver == REYNOLDS_INDEX for o in best.options)
     found = laws.slopes(best, known_variables(search.base.found))
@@ -36,4 +36,4 @@ def test_reynolds_effects_without_their_terms_are_laws_at_the_three_machines_wit
 
 @pytest.mark.parametrize("name", ["concealed_1", "concealed_2", "concealed_4"])
 def test_what_moves_from_record_to_record_is_no_law(engine, name):
-    assert laws.searched(engine, name)[1].status == HIDDEN
+    assert laws.searched(engine, name)[1].status == HIDDEN_STATE

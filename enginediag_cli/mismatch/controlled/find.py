@@ -34,7 +34,7 @@ SEPARATED = 0.05
 
 
 @dataclass(frozen=True)
-class Tried:
+class FittedControlLaw:
     """A law as fitted: `gain`: mean fall of ln error against the model without it, in `blocks` of the blocks; `engine`:
     with it; `fit` of the records that laws are compared by."""
 
@@ -46,19 +46,19 @@ class Tried:
 
 
 @dataclass(frozen=True)
-class Found:
+class ControlSearchResult:
     """`best`: the law that is found, with its numbers as fitted; `standard_errors` by key of its entry; `at_limit`:
     share of the records at each stop, `released`: of those in which it does not act; `held`: of those in which it
     holds the reading; `rivals`: not told from it; `worse`: other laws that were fitted; `still`: what stood
     still; `without`: the fit of the model without a law."""
 
-    best: Tried
+    best: FittedControlLaw
     standard_errors: dict[str, float]
     held: float
     at_limit: dict[str, float]
     released: float
-    rivals: tuple[Tried, ...]
-    worse: tuple[Tried, ...]
+    rivals: tuple[FittedControlLaw, ...]
+    worse: tuple[FittedControlLaw, ...]
     still: Still
     without: Fitted
 
@@ -77,7 +77,9 @@ def records_of(engine: Engine, flights: Sequence[TrainingRecording]) -> Records:
 
 
 @stage("looking for a control")
-def find_law(described: EngineDescription, engine: Engine, flights: Sequence[TrainingRecording]) -> Found | None:
+def find_law(
+    described: EngineDescription, engine: Engine, flights: Sequence[TrainingRecording]
+) -> ControlSearchResult | None:
     """The control law that the flights show and the engine lacks; None where nothing stands still without a reason, or
     no law predicts the other readings better."""
     records = records_of(engine, flights)
@@ -108,7 +110,7 @@ def find_law(described: EngineDescription, engine: Engine, flights: Sequence[Tra
 
 def _tried(
     law: ControlLaw, described: EngineDescription, engine: Engine, flights: Sequence[TrainingRecording], without: Fitted
-) -> Tried | None:
+) -> FittedControlLaw | None:
     try:
         with_law = law.engine(described, engine.power_setting)
     except ConfigError:
@@ -116,17 +118,17 @@ def _tried(
     fit = fitted(with_law, flights)
     if fit is None or not fit.converged:
         return None
-    return Tried(law.fitted(fit.values), with_law, fit, *gain(fit.errors, without.errors))
+    return FittedControlLaw(law.fitted(fit.values), with_law, fit, *gain(fit.errors, without.errors))
 
 
 def _found(
     records: Records,
-    best: Tried,
-    near: tuple[Tried, ...],
-    worse: tuple[Tried, ...],
+    best: FittedControlLaw,
+    near: tuple[FittedControlLaw, ...],
+    worse: tuple[FittedControlLaw, ...],
     still: Still,
     without: Fitted,
-) -> Found:
+) -> ControlSearchResult:
     law, fit = best.law, best.fit
     values = {n: v for n, v in fit.values.items() if n in best.engine.parameters}
     now = best.engine.predict(records.inputs, values, sensors=records.sensors)
@@ -139,7 +141,7 @@ def _found(
         for end, name in law.stops.items()
     }
     away = float((released & now.ok).sum() / ok)
-    return Found(
+    return ControlSearchResult(
         best,
         {"set_point": still.standard_error, **law.errors(fit.standard_errors)},
         1.0 - away - sum(at_limit.values()),

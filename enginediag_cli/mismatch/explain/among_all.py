@@ -20,7 +20,7 @@ import numpy as np
 from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.fitted_sets import FittedSets
 from enginediag_cli.mismatch.explain.members import Held, held
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 
 SETTLED = 3.0
 """Odds against the same without them from which members of a set are told to act. Judgement."""
@@ -33,7 +33,7 @@ def among_all(sets: FittedSets, named: Sequence[Explanation]) -> list[Explanatio
         return []
     own = [held(x.options) for x in named]
     evidence = [sets.evidence(sets.fits.fitted[x.label]) for x in named]
-    rivals: dict[Held, Trial] = {}
+    rivals: dict[Held, HypothesisFit] = {}
     for trial in sets.likeliest():
         has = held(trial.options)
         if not any(mine <= has for mine in own):
@@ -50,6 +50,6 @@ def among_all(sets: FittedSets, named: Sequence[Explanation]) -> list[Explanatio
     return found
 
 
-def _simpler(sets: FittedSets, trial: Trial, probability: float) -> Explanation:
+def _simpler(sets: FittedSets, trial: HypothesisFit, probability: float) -> Explanation:
     fits = sets.fits
     return fits.explanation(trial, probability, fits.left(trial).surprise, fits.flights(trial))

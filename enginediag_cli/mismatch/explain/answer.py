@@ -12,8 +12,15 @@ from enginediag_cli.mismatch.fit.freeform import Cell, Place
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.laws.finding import LawFinding
 
-NOTHING, NAMED, LAW, NONE, HIDDEN, FAILED = "nothing", "named", "law", "none of these", "hidden", "did not converge"
-STATUSES = (NOTHING, NAMED, LAW, NONE, HIDDEN, FAILED)
+NO_DISCREPANCY, IDENTIFIED, FORMULA, UNEXPLAINED, HIDDEN_STATE, NOT_CONVERGED = (
+    "nothing",
+    "named",
+    "law",
+    "none of these",
+    "hidden",
+    "did not converge",
+)
+STATUSES = (NO_DISCREPANCY, IDENTIFIED, FORMULA, UNEXPLAINED, HIDDEN_STATE, NOT_CONVERGED)
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from enginediag_cli.intake.loader import Intake, every_record
-from enginediag_cli.mismatch.fit.identified import Identified, Nuisance
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis, Nuisance
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
 from enginediag_cli.mismatch.unrecorded.switched import states_of, switched_parameters, switched_trials
 from enginediag_cli.mismatch.unrecorded.timed import timed
@@ -14,7 +14,7 @@ MOST_FILES = 8
 
 
 def with_times(
-    finding: HiddenFinding, refitted: list[Trial], base: Identified, along: Nuisance, intake: Intake
+    finding: HiddenFinding, refitted: list[HypothesisFit], base: IdentifiedHypothesis, along: Nuisance, intake: Intake
 ) -> HiddenFinding:
     """The finding with its changes timed by unsteady records; as it is where there are none. `refitted`: listed effects
     at its states, best first; without one the place itself is refitted at them."""
@@ -33,7 +33,7 @@ def with_times(
     return timed(finding, best, base.evidence, raw) if best is not None else finding
 
 
-def _of_place(finding: HiddenFinding, base: Identified, along: Nuisance) -> Identified | None:
+def _of_place(finding: HiddenFinding, base: IdentifiedHypothesis, along: Nuisance) -> IdentifiedHypothesis | None:
     """The fit with the place, as a parameter of the engine, in the finding's states; None where it is none, or did not
     converge."""
     place = finding.location

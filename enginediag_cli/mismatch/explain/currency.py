@@ -26,10 +26,10 @@ import numpy as np
 
 from enginediag_cli.drivers import TIME
 from enginediag_cli.mismatch.fit.families import Scored
-from enginediag_cli.mismatch.fit.options import EFFECT, LAW, Option
+from enginediag_cli.mismatch.fit.options import EFFECT, FORMULA_OPTION, Option
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.remainder import SHARES
-from enginediag_cli.mismatch.fit.trial import MEMORY_PRICE, Trial
+from enginediag_cli.mismatch.fit.trial import MEMORY_PRICE, HypothesisFit
 from enginediag_cli.mismatch.laws.posterior import HELD, held
 
 EFFECTS, CHANGES, FREE_FORM = SHARES
@@ -58,7 +58,7 @@ class Prices:
     def __init__(self, library: Sequence[Option]):
         self.own: dict[str, float] = {}
         self.of_laws: Callable[[Sequence[Option]], float] = lambda laws: sum(self.own[o.label] for o in laws)
-        self.within: Callable[[Trial], float] = lambda trial: 0.0
+        self.within: Callable[[HypothesisFit], float] = lambda trial: 0.0
         effects = {o.label for o in library if o.driver != TIME}
         self._effect = float(np.log(max(len(effects), 1) / EFFECTS))
         self._change = float(np.log(max(sum(o.driver == TIME for o in library), 1) / CHANGES))
@@ -72,15 +72,15 @@ class Prices:
         """In ln probability. Of effects that remember a further coefficient has its price as in `Trial.weighed`."""
         if option.label in self.own:
             return self.own[option.label]
-        if option.kind not in (EFFECT, LAW):
+        if option.kind not in (EFFECT, FORMULA_OPTION):
             return self._change
         more = sum(len(e.amplitudes) - 1 for e in option.hypothesis.effects if e.tried)
         return self._effect + 0.5 * MEMORY_PRICE * more
 
-    def evidence(self, trial: Trial) -> float:
+    def evidence(self, trial: HypothesisFit) -> float:
         """ln p(y, S) of a trial, but for a constant that all of the same readings share."""
-        paid = sum(self.of(o) for o in trial.options if o.kind != LAW)
-        laws = [o for o in trial.options if o.kind == LAW]
+        paid = sum(self.of(o) for o in trial.options if o.kind != FORMULA_OPTION)
+        laws = [o for o in trial.options if o.kind == FORMULA_OPTION]
         paid += self.of_laws(laws) + HELD * held(trial, [n for o in laws for n in o.hypothesis.names])
         return self.within(trial) - 0.5 * trial.objective - narrowed(trial.projection) - paid
 

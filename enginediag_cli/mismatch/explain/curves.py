@@ -15,7 +15,7 @@ from enginediag_cli.drivers import CONSTANT, TIME, polynomials
 from enginediag_cli.engine.term import DriverValues
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.freeform import DEGREE, Cell, Location
-from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified, Nuisance, identify_with
+from enginediag_cli.mismatch.fit.identified import Hypothesis, IdentifiedHypothesis, Nuisance, identify_with
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.progress import stage
 
@@ -59,13 +59,13 @@ def best_places(cells: Sequence[Cell]) -> list[Cell]:
 
 
 @stage("fitting free-form curves")
-def fitted_curves(base: Identified, objective: float, cells: Sequence[Cell], along: Nuisance) -> list[Curve]:
+def fitted_curves(base: IdentifiedHypothesis, objective: float, cells: Sequence[Cell], along: Nuisance) -> list[Curve]:
     """The cells refitted, best first, those that did not converge last; `objective` is that of the fit `base`."""
     found = [_fitted(base, objective, c, along) for c in cells[:REFITTED]]
     return sorted(found, key=lambda c: (not c.converged, -c.gain + 2 * c.dof))
 
 
-def _fitted(base: Identified, objective: float, cell: Cell, along: Nuisance) -> Curve:
+def _fitted(base: IdentifiedHypothesis, objective: float, cell: Cell, along: Nuisance) -> Curve:
     place, driver = cell.location, cell.driver
     N = len(driver.values)
     columns = np.ones((N, 1)) if driver.driver == CONSTANT else polynomials(driver.values, DEGREE)

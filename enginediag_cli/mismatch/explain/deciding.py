@@ -12,8 +12,8 @@ from enginediag_cli.mismatch.explain.judging import ALIAS
 from enginediag_cli.mismatch.explain.members import MOST_MEMBERS, add, at_once, different, identity
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.fit.freeform import Cell
-from enginediag_cli.mismatch.fit.options import FREE, LAW
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.options import FORMULA_OPTION, FREE
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 
 UNLISTED, CURVES = 2, 2
 """Free curves that a set must be likelier than, and how many are tried for each of them."""
@@ -24,9 +24,9 @@ class Deciding:
 
     def __init__(self, sets: FittedSets, best: Cell | None, proposers: Sequence[Proposer] = ()):
         self.sets, self.best, self.proposers = sets, best, tuple(proposers)
-        self._only_unlisted: Trial | None = None
+        self._only_unlisted: HypothesisFit | None = None
 
-    def only_unlisted(self) -> Trial:
+    def only_unlisted(self) -> HypothesisFit:
         """The likeliest set of free curves alone, of none (the base) to UNLISTED of them."""
         sets = self.sets
         if self._only_unlisted is None:
@@ -42,7 +42,7 @@ class Deciding:
             self._only_unlisted = trial
         return self._only_unlisted
 
-    def settled(self, beam: Sequence[Trial], proposers: Sequence[Proposer] = ()) -> list[Explanation]:
+    def settled(self, beam: Sequence[HypothesisFit], proposers: Sequence[Proposer] = ()) -> list[Explanation]:
         """The alias set of the likeliest sets, where one of them is adequate. What is proposed is tried in the place of
         each member that is no law: it may imitate unlisted physics."""
         sets, good, best = self.sets, self._good(beam), float("-inf")
@@ -50,7 +50,7 @@ class Deciding:
             return []
         while good is not None and sets.evidence(good) > best:
             best = sets.evidence(good)
-            listed = [o for o in good.options if o.kind != LAW]
+            listed = [o for o in good.options if o.kind != FORMULA_OPTION]
             new = exchanges(sets, good, (*self.proposers, sets.unlisted), sets.near(good))
             for other in exchanges(sets, good, proposers, sets.near(good), listed):
                 add(new, other)
@@ -60,7 +60,7 @@ class Deciding:
         near = different([t for t in near if self._counts(t) and not self.imitates(t)])
         return sets.fits.named(near, sets.weighed)
 
-    def _good(self, beam: Sequence[Trial]) -> Trial | None:
+    def _good(self, beam: Sequence[HypothesisFit]) -> HypothesisFit | None:
         """The likeliest set that is adequate and counts, what is not needed dropped."""
         sets = self.sets
         for _ in range(MOST_MEMBERS):
@@ -84,7 +84,7 @@ class Deciding:
         told = self.sets.fits.fitted.get(label)
         return told is not None and any(_paid(t) < _paid(told) for t in self._with_curves())
 
-    def imitates(self, trial: Trial) -> bool:
+    def imitates(self, trial: HypothesisFit) -> bool:
         """Whether a set with a free curve is likelier: members of this one imitate unlisted physics then. What such a
         set does not need is dropped first."""
         sets = self.sets
@@ -95,7 +95,7 @@ class Deciding:
                 break
             sets.fit(fewer)
         mixed = self._with_curves()
-        own = {identity(o) for o in trial.options if o.kind != LAW}
+        own = {identity(o) for o in trial.options if o.kind != FORMULA_OPTION}
         if len(own) < len(trial.options):
             # a curve in the place of a law says no more of what is listed beside it
             mixed = [t for t in mixed if not own <= set(map(identity, t.options))]
@@ -104,11 +104,11 @@ class Deciding:
         sets.fits.rejected[trial.label] = Rejected(Reason.ONE_UNLISTED)
         return True
 
-    def _with_curves(self) -> list[Trial]:
+    def _with_curves(self) -> list[HypothesisFit]:
         """Sets that hold a free curve, likeliest first."""
         return [t for t in self.sets.likeliest() if any(o.kind == FREE for o in t.options)]
 
-    def _counts(self, trial: Trial) -> bool:
+    def _counts(self, trial: HypothesisFit) -> bool:
         """Whether a set of listed options, each of them needed, is likelier than unlisted physics."""
         sets = self.sets
         if not sets.fits.counts(trial, self.best):
@@ -119,6 +119,6 @@ class Deciding:
         return False
 
 
-def _paid(trial: Trial) -> float:
+def _paid(trial: HypothesisFit) -> float:
     """χ² that a trial leaves, and two for each coefficient (H. Akaike, 1974)."""
     return trial.objective + 2.0 * len(trial.hypothesis.names)

@@ -10,8 +10,8 @@ from collections.abc import Iterable, Sequence
 
 from enginediag_cli.mismatch.explain.fitted_sets import FittedSets, Proposer
 from enginediag_cli.mismatch.explain.members import MOST_MEMBERS, Held, Members, add, held
-from enginediag_cli.mismatch.fit.options import LAW, Option, begun_with
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.options import FORMULA_OPTION, Option, begun_with
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 
 EXCHANGED = 2
 """Options that are tried in the place of each member of a set."""
@@ -22,7 +22,11 @@ RIVALS = 2
 
 
 def exchanges(
-    sets: FittedSets, trial: Trial, proposers: Sequence[Proposer], enough: float, of: Iterable[Option] | None = None
+    sets: FittedSets,
+    trial: HypothesisFit,
+    proposers: Sequence[Proposer],
+    enough: float,
+    of: Iterable[Option] | None = None,
 ) -> list[Members]:
     """Sets with something else in the place of one member, of all or of these, that promise more than `enough`. A
     change in time has the onset that suits what is left, and that of the change in whose place it is: everything else
@@ -44,11 +48,11 @@ def exchanges(
     return new
 
 
-def two_for_a_law(sets: FittedSets, trial: Trial, enough: float) -> list[Members]:
+def two_for_a_law(sets: FittedSets, trial: HypothesisFit, enough: float) -> list[Members]:
     """Sets with two listed options in the place of a law, that promise more than `enough`. A law is free in form and
     may be as likely as two effects at once, either of which alone promises far too little to be tried in its place."""
     new: list[Members] = []
-    for half in (h for o in trial.options if o.kind == LAW for h in _with_one_more(sets, trial, o)):
+    for half in (h for o in trial.options if o.kind == FORMULA_OPTION for h in _with_one_more(sets, trial, o)):
         for second in sets.offered(half, (), EXCHANGED):
             both = (*half.options, second.option)
             if sets.hope(half, second) > enough and not sets.known(both):
@@ -56,7 +60,7 @@ def two_for_a_law(sets: FittedSets, trial: Trial, enough: float) -> list[Members
     return new
 
 
-def _with_one_more(sets: FittedSets, trial: Trial, law: Option) -> list[Trial]:
+def _with_one_more(sets: FittedSets, trial: HypothesisFit, law: Option) -> list[HypothesisFit]:
     """The set without its law, with each of the best listed options in its place."""
     without = sets.fitted(tuple(o for o in trial.options if o is not law))
     if without is None:
@@ -65,12 +69,14 @@ def _with_one_more(sets: FittedSets, trial: Trial, law: Option) -> list[Trial]:
     return [f for f in fits if f is not None]
 
 
-def in_rivals(sets: FittedSets, settled: Trial, unlisted: Proposer, least: float, enough: float) -> list[Members]:
+def in_rivals(
+    sets: FittedSets, settled: HypothesisFit, unlisted: Proposer, least: float, enough: float
+) -> list[Members]:
     """Exchanges of listed options in the likeliest sets that hold something else than the settled one, neither more
     nor less of the same, and are likelier than `least`; and such a set with the free curve that says most beside it:
     what was settled may imitate what nobody has listed."""
     own = held(settled.options)
-    first: dict[Held, Trial] = {}
+    first: dict[Held, HypothesisFit] = {}
     for t in sets.likeliest(listed=True):
         other = held(t.options)
         if sets.evidence(t) > least and not (other <= own or own <= other):

@@ -22,12 +22,12 @@ import numpy as np
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.explain.among_all import among_all
 from enginediag_cli.mismatch.explain.answer import (
-    FAILED,
-    HIDDEN,
-    LAW,
-    NAMED,
-    NONE,
-    NOTHING,
+    FORMULA,
+    HIDDEN_STATE,
+    IDENTIFIED,
+    NO_DISCREPANCY,
+    NOT_CONVERGED,
+    UNEXPLAINED,
     Answer,
     Explanation,
 )
@@ -43,14 +43,14 @@ from enginediag_cli.mismatch.explain.rejected import Reason
 from enginediag_cli.mismatch.explain.repeated import repeated
 from enginediag_cli.mismatch.explain.shortlist import shortlisted
 from enginediag_cli.mismatch.explain.stepwise import Stepwise
-from enginediag_cli.mismatch.fit.evidence import Evidence
+from enginediag_cli.mismatch.fit.evidence import Dataset
 from enginediag_cli.mismatch.fit.freeform import places
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with
 from enginediag_cli.mismatch.fit.noise import doubtful, estimated_noise, with_noise
 from enginediag_cli.mismatch.fit.options import EFFECT
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.remainder import Gates, Remainder, remainder
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.finding import LawFinding
 from enginediag_cli.mismatch.laws.posterior import evidence_of
 from enginediag_cli.mismatch.laws.shortlist import Proposal
@@ -78,13 +78,13 @@ TWICE = 2.0
 """A refit as two states seldom more than doubles the LR of a place: as long as twice the largest would not outweigh
 what is recorded, single effects come first."""
 
-HiddenSearch = Callable[[Trial], HiddenScan]
+HiddenSearch = Callable[[HypothesisFit], HiddenScan]
 
 
 class Search(Fits):
     """One search for what the evidence shows; `run` gives the answer."""
 
-    def __init__(self, evidence: Evidence, effects: Sequence[Effect] | None = None, hidden: HiddenSearch | None = None):
+    def __init__(self, evidence: Dataset, effects: Sequence[Effect] | None = None, hidden: HiddenSearch | None = None):
         super().__init__(evidence, effects)
         self.hidden, self.hidden_gate = hidden, np.inf
         self.proposers: Sequence[Proposer] = ()
@@ -93,22 +93,24 @@ class Search(Fits):
         self.rng = np.random.default_rng(evidence.settings.seed)
 
     def run(self) -> Answer:
-        found = identify_with(self.evidence, NO_HYPOTHESIS, self.along)
+        found = identify_with(self.evidence, NULL_HYPOTHESIS, self.along)
         projection = Projection(found)
         shared = with_shared_errors(projection) if found.converged else None
         if shared is not None:
             self.evidence = shared
-            found = identify_with(shared, NO_HYPOTHESIS, self.along, found)
+            found = identify_with(shared, NULL_HYPOTHESIS, self.along, found)
             projection = Projection(found)
-        self.base = Trial((), found, projection)
+        self.base = HypothesisFit((), found, projection)
         if not found.converged:
-            return self.answer(FAILED, f"the model as it is could not be fitted: {found.reason}", Remainder((), ()))
+            return self.answer(
+                NOT_CONVERGED, f"the model as it is could not be fitted: {found.reason}", Remainder((), ())
+            )
         self.look_from(self.base)
         rest = remainder(self.base, self.library, self.along_drivers)
         if self.evidence.settings.noise == "estimate":
             rest = self._with_estimated_noise(rest)
             if not self.base.converged:
-                return self.answer(FAILED, f"the model could not be fitted: {self.base.found.reason}", rest)
+                return self.answer(NOT_CONVERGED, f"the model could not be fitted: {self.base.found.reason}", rest)
         rest = self.weighed(rest)
         if self.hidden:
             self._scan = self.hidden(self.base)
@@ -117,7 +119,7 @@ class Search(Fits):
             return self.decide(rest)
         if self.unrecorded():
             return self._hidden(rest)
-        return self.answer(NOTHING, "nothing stands out of noise and identified parameters", rest)
+        return self.answer(NO_DISCREPANCY, "nothing stands out of noise and identified parameters", rest)
 
     def weighed(self, rest: Remainder) -> Remainder:
         """What the base leaves, with the gates that it is judged by: set here."""
@@ -148,13 +150,13 @@ class Search(Fits):
         unfitted, singles = singles is None, singles or []
         named = self._or_sets(rest, singles, self.named(singles))
         if named and recorded <= named[0].gain + ALIAS:
-            return self.answer(NAMED, "", rest, named)
+            return self.answer(IDENTIFIED, "", rest, named)
         laws = LawsAlone(self.laws)
         law = laws.single()
         if named and not (law.explanations and law.evidence > self._evidence_of(named[0])):
-            return self.answer(NAMED, "", rest, named)
+            return self.answer(IDENTIFIED, "", rest, named)
         if named:
-            return self.answer(LAW, "", rest, law.explanations, law=law.finding)
+            return self.answer(FORMULA, "", rest, law.explanations, law=law.finding)
         # listed ones that explain no more than a law that explains all need not be found
         search, named = self._of_sets(rest, singles, laws.most - LISTED_FIRST if law.explanations else -np.inf)
         of_set = max((self._evidence_of(x) for x in named[:1]), default=0.0)
@@ -163,28 +165,28 @@ class Search(Fits):
             law = laws.double()
         of_set = max(of_set, mixed.evidence)
         if law.explanations and law.evidence > max(self._hidden_at_most, of_set):
-            return self.answer(LAW, "", rest, law.explanations, law=law.finding)
+            return self.answer(FORMULA, "", rest, law.explanations, law=law.finding)
         hidden, evidence = self.unrecorded(), _evidence(self.unrecorded())
         if law.explanations and law.evidence > max(evidence, of_set):
-            return self.answer(LAW, "", rest, law.explanations, hidden, law.finding)
+            return self.answer(FORMULA, "", rest, law.explanations, hidden, law.finding)
         if mixed.explanations and mixed.evidence > evidence:
-            return self.answer(NAMED, "", rest, mixed.explanations, hidden, mixed.finding)
+            return self.answer(IDENTIFIED, "", rest, mixed.explanations, hidden, mixed.finding)
         # an amplitude of its own in every record follows any driver: it must be the better account of the two
         if named and evidence < 0.5 * (named[0].gain - 2.0 * len(named[0].coefficients)):
-            return self.answer(NAMED, "", rest, named, hidden)
+            return self.answer(IDENTIFIED, "", rest, named, hidden)
         # that no column records the driver is only a finding where the best recorded one explains less
         if hidden and (named or evidence > 0.5 * recorded):
             return self._hidden(rest, named or mixed.explanations)
         if mixed.explanations:
-            return self.answer(NAMED, "", rest, mixed.explanations, hidden, mixed.finding)
+            return self.answer(IDENTIFIED, "", rest, mixed.explanations, hidden, mixed.finding)
         part = in_part(search, self.few)
         if part is not None:
-            told = self.answer(NAMED, "", rest, (part.explanation,), hidden)
+            told = self.answer(IDENTIFIED, "", rest, (part.explanation,), hidden)
             return replace(told, unexplained=part.unexplained, rest=part.cells)
         if unfitted:
-            return self.answer(FAILED, "no explanation could be fitted", rest, hidden=hidden)
+            return self.answer(NOT_CONVERGED, "no explanation could be fitted", rest, hidden=hidden)
         return self.answer(
-            NONE,
+            UNEXPLAINED,
             f"no listed effect or change in time, nor up to {MOST_MEMBERS} together, explains the mismatch",
             rest,
             hidden=hidden,
@@ -197,10 +199,12 @@ class Search(Fits):
         also = outweighing(hidden[0], _evidence(hidden), self) if self.few.are_all else []
         law = LawsAlone(self.laws, also).single() if also else None
         if law is not None and law.explanations and law.explanations[0].label in {p.option.label for (p,) in also}:
-            return self.answer(LAW, "", rest, law.explanations, hidden, law.finding)
-        return self.answer(HIDDEN, "", rest, named, hidden)
+            return self.answer(FORMULA, "", rest, law.explanations, hidden, law.finding)
+        return self.answer(HIDDEN_STATE, "", rest, named, hidden)
 
-    def _of_sets(self, rest: Remainder, singles: Sequence[Trial], least: float) -> tuple[Stepwise, list[Explanation]]:
+    def _of_sets(
+        self, rest: Remainder, singles: Sequence[HypothesisFit], least: float
+    ) -> tuple[Stepwise, list[Explanation]]:
         """The search of sets, and what it names: sought on few of many records. `rest` and `singles` are of all;
         `least`: ln evidence that a set must promise."""
         few, best = self.few, rest.cells[0] if rest.cells else None
@@ -212,7 +216,9 @@ class Search(Fits):
         named = search.named(few.singles(left), left.scores)
         return search, few.judged(named, search.sets.weighed, lambda t: self.counts(t, best))
 
-    def _or_sets(self, rest: Remainder, singles: Sequence[Trial], named: list[Explanation]) -> list[Explanation]:
+    def _or_sets(
+        self, rest: Remainder, singles: Sequence[HypothesisFit], named: list[Explanation]
+    ) -> list[Explanation]:
         """What is named of single options, or of sets where these are likelier: sought where another single one, for
         all that it leaves, may be right and lack something beside it. Where neither is plainly likelier both are
         told."""
@@ -226,7 +232,7 @@ class Search(Fits):
         """What is named, with its probabilities among all sets of this search; of few of many records as it is."""
         return among_all(search.sets, named) if self.few.are_all else named
 
-    def _lacks_another(self, trial: Trial, than: Trial) -> bool:
+    def _lacks_another(self, trial: HypothesisFit, than: HypothesisFit) -> bool:
         """Whether a trial that leaves a misfit may explain more than another with something that makes up for it: more
         is over the gates than it is behind, in ln likelihood."""
         why, gates, behind = self.rejected.get(trial.label), self.adequate, trial.weighed - than.weighed
@@ -273,8 +279,8 @@ class Search(Fits):
         for _ in range(NOISE_PASSES):
             noise, before = estimated_noise(self.base.projection, rest.beside_noise()), self.evidence.noise
             self.evidence = with_noise(self.evidence, noise)
-            found = identify_with(self.evidence, NO_HYPOTHESIS, self.along, self.base.found)
-            self.base = Trial((), found, Projection(found))
+            found = identify_with(self.evidence, NULL_HYPOTHESIS, self.along, self.base.found)
+            self.base = HypothesisFit((), found, Projection(found))
             rest = remainder(self.base, self.library, self.along_drivers)
             if all(abs(v / before.sigma[s] - 1.0) < SAME_NOISE for s, v in noise.sigma.items()):
                 break
@@ -325,7 +331,7 @@ class Search(Fits):
         law: LawFinding | None = None,
     ) -> Answer:
         base, self._scan = self.base, None  # a look holds rows of every record
-        told = status in (NAMED, LAW)
+        told = status in (IDENTIFIED, FORMULA)
         return Answer(
             status,
             reason,
@@ -342,7 +348,7 @@ class Search(Fits):
             base.found.theta,
             base.found.number,
             law,
-            unexplained=1.0 if status == NONE else left_by(named[0].objective, base) if told else None,
+            unexplained=1.0 if status == UNEXPLAINED else left_by(named[0].objective, base) if told else None,
         )
 
 
@@ -369,7 +375,7 @@ def _together(first: Sequence[Explanation], others: Sequence[Explanation]) -> tu
     return tuple(replace(x, probability=x.probability / most) for x in every)
 
 
-def explain(evidence: Evidence, effects: Sequence[Effect] | None = None, hidden: HiddenSearch | None = None) -> Answer:
+def explain(evidence: Dataset, effects: Sequence[Effect] | None = None, hidden: HiddenSearch | None = None) -> Answer:
     """What the evidence shows that the engine's model lacks. `effects`: the library, default all that the model does
     not carry; `hidden`: finds effects of an unrecorded driver at a trial."""
     return Search(evidence, effects, hidden).run()

@@ -20,12 +20,12 @@ from enginediag_cli.mismatch.explain.judging import Fits
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.explain.repeated import repeated
 from enginediag_cli.mismatch.explain.shortlist import shortlisted
-from enginediag_cli.mismatch.fit.evidence import Evidence
+from enginediag_cli.mismatch.fit.evidence import Dataset
 from enginediag_cli.mismatch.fit.identified import identify_with
-from enginediag_cli.mismatch.fit.options import FREE, Option, onset, stepping, together
+from enginediag_cli.mismatch.fit.options import FREE, Option, combine_options, onset, stepping
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.remainder import Remainder, remainder
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 
 ENOUGH = 1000
 """Records that say which sets of options are likely."""
@@ -55,25 +55,30 @@ class Few:
         rest = remainder(self.fits.base, self.fits.library, self.fits.along_drivers)
         return repeated(rest, self.fits.base.projection, self.fits.detect) if self.fits.from_recordings else rest
 
-    def singles(self, rest: Remainder) -> list[Trial]:
+    def singles(self, rest: Remainder) -> list[HypothesisFit]:
         """Single options fitted to the few, best first."""
         return self.fits.refit([(self.fits.timed(s.option),) for s in shortlisted(rest.scores)]) or []
 
-    def on_all(self, trial: Trial, unlisted: Unlisted | None = None) -> Trial:
+    def on_all(self, trial: HypothesisFit, unlisted: Unlisted | None = None) -> HypothesisFit:
         """A trial of the few fitted to all records, from where it ended; `unlisted`: what has offered its free
         curves."""
         if self.are_all or trial is self.fits.base:
             return self.whole.base if trial is self.fits.base else trial
         options = [self._carried(o, unlisted) for o in trial.options]
-        found = identify_with(self.whole.evidence, together(*options), self.whole.along, trial.found, roughly=True)
-        fitted = Trial(tuple(options), found, Projection(found))
+        found = identify_with(
+            self.whole.evidence, combine_options(*options), self.whole.along, trial.found, roughly=True
+        )
+        fitted = HypothesisFit(tuple(options), found, Projection(found))
         self.whole.fitted[fitted.label] = fitted
         if not fitted.converged:
             self.whole.rejected[fitted.label] = Rejected(Reason.NOT_CONVERGED, what=found.reason)
         return fitted
 
     def judged(
-        self, named: Sequence[Explanation], weighed: Callable[[Trial], float], worth: Callable[[Trial], bool]
+        self,
+        named: Sequence[Explanation],
+        weighed: Callable[[HypothesisFit], float],
+        worth: Callable[[HypothesisFit], bool],
     ) -> list[Explanation]:
         """What is named of the few, judged on all records: of the sets that are `worth` it, in the order of
         `weighed`."""
@@ -91,7 +96,7 @@ class Few:
         return stepping(option, self.whole.evidence, _record(onset(option), self.fits.evidence, self.whole.evidence))
 
 
-def _record(k: int, few: Evidence, whole: Evidence) -> int:
+def _record(k: int, few: Dataset, whole: Dataset) -> int:
     """A record of few as one of all, both counted over their evidence."""
     ends = np.cumsum([len(f) for f in few.flights])
     flight = int(np.searchsorted(ends, k, "right"))

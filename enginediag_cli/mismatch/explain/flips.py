@@ -27,12 +27,12 @@ from enginediag_cli.engine.instrument_errors import suspected
 from enginediag_cli.error_model.maps import QUANTITIES
 from enginediag_cli.isolation.flips.errors import INPUT, MAP, PERCENT, PLAUSIBLE, PRIOR, SENSOR, STATED, SingleError
 from enginediag_cli.isolation.flips.flips import MOST, Flip, Flips
-from enginediag_cli.mismatch.explain.answer import LAW, NAMED, Answer
+from enginediag_cli.mismatch.explain.answer import FORMULA, IDENTIFIED, Answer
 from enginediag_cli.mismatch.explain.judging import Fits
 from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.families import Sums, grid
-from enginediag_cli.mismatch.fit.identified import Identified
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.progress import stage
 
 RIVALS = 3
@@ -55,7 +55,7 @@ class _Direction:
 @stage("looking for what would flip the answer")
 def flips_of_answer(answer: Answer, fits: Fits) -> Flips | None:
     """Of the first explanation; None where nothing is named, or where what is named was not fitted to these records."""
-    if answer.status not in (NAMED, LAW) or not answer.explanations:
+    if answer.status not in (IDENTIFIED, FORMULA) or not answer.explanations:
         return None
     named = fits.fitted.get(answer.explanations[0].label)
     if named is None or not named.converged:
@@ -90,7 +90,7 @@ def flips_of_answer(answer: Answer, fits: Fits) -> Flips | None:
     return Flips(tuple(sorted(_the_nearer(told), key=lambda flip: flip.times)), first, len(directions))
 
 
-def named_gain(fits: Fits, named: Trial) -> float:
+def named_gain(fits: Fits, named: HypothesisFit) -> float:
     """By how much χ² falls with what is named beyond what chance alone reaches at the gate of detection."""
     coefficients = max(len(named.hypothesis.names), 1)
     gate = float(special.chdtri(coefficients, np.exp(-min(fits.detect.effects, 600.0))))
@@ -135,14 +135,14 @@ def shortest(gap: float, g: np.ndarray, G: np.ndarray) -> np.ndarray | None:
     return np.asarray(vectors @ at(high))
 
 
-def _comparable(trial: Trial, named: Trial) -> bool:
+def _comparable(trial: HypothesisFit, named: HypothesisFit) -> bool:
     """Whether a fit is another story of the same size, behind the one that is named."""
     same = len(trial.options) == len(named.options) and trial.converged
     return same and not trial.at_bound and trial.weighed >= named.weighed
 
 
 def _products(
-    trial: Trial,
+    trial: HypothesisFit,
     directions: Sequence[_Direction],
     names: Sequence[str],
     curves: np.ndarray,
@@ -157,7 +157,7 @@ def _products(
     return found
 
 
-def _directions(found: Identified) -> tuple[list[_Direction], list[str], np.ndarray, list[list[int]]]:
+def _directions(found: IdentifiedHypothesis) -> tuple[list[_Direction], list[str], np.ndarray, list[list[int]]]:
     """Errors that are tried at a fit, names of the parameters and inputs along which they act, curves (N, Φ), and
     which of these stand together."""
     N = len(found.problem.recording)
@@ -190,7 +190,7 @@ def _directions(found: Identified) -> tuple[list[_Direction], list[str], np.ndar
     return directions, names, np.stack(columns, axis=1), blocks
 
 
-def _instruments(found: Identified) -> Iterator[tuple[str, SingleError, np.ndarray | None, float]]:
+def _instruments(found: IdentifiedHypothesis) -> Iterator[tuple[str, SingleError, np.ndarray | None, float]]:
     """Zero and span of each instrument: the parameter or input along which it acts, its error, the curve where it is
     not constant, and the sign of what is recorded where readings fall with the column."""
     engine, problem = found.evidence.engine, found.problem

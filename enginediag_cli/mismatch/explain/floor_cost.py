@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.options import EFFECT, Option, option_scores
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.progress import stage
 
 VISIBLE = 25.0
@@ -39,14 +39,14 @@ class FloorCost:
 
 
 @stage("weighing the accuracy of the maps")
-def floor_cost(base: Trial, library: Sequence[Option]) -> list[FloorCost]:
+def tolerance_cost(base: HypothesisFit, library: Sequence[Option]) -> list[FloorCost]:
     """Of the library's effects at the fit that carries none, most expensive first; empty without a floor, or when the
     model cannot be fitted without it."""
     evidence = base.found.evidence
     if evidence.settings.map_accuracy <= 0.0:
         return []
     bare = replace(evidence, settings=replace(evidence.settings, map_accuracy=0.0))
-    found = identify_with(bare, NO_HYPOTHESIS, nuisance(bare), base.found)
+    found = identify_with(bare, NULL_HYPOTHESIS, nuisance(bare), base.found)
     if not found.converged:
         return []
     effects = [o for o in library if o.kind == EFFECT]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from enginediag_cli.mismatch.fit.identified import Identified
-from enginediag_cli.mismatch.laws.scan import Known
+from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis
+from enginediag_cli.mismatch.laws.scan import KnownVariable
 from enginediag_cli.mismatch.unrecorded.latched import Latched, States, latched
 from enginediag_cli.mismatch.unrecorded.recorded_driver import Hidden
 
@@ -17,15 +17,15 @@ AS_WELL = 3.0
 
 
 @dataclass(frozen=True)
-class Follows:
+class HysteresisFit:
     """Thresholds of a variable that give the states of a switch back, and of so many `changes` in all."""
 
-    of: Known
+    of: KnownVariable
     latch: Latched
     changes: int
 
 
-def followed(finding: Hidden, found: Identified, known: Sequence[Known]) -> tuple[Follows, ...]:
+def followed(finding: Hidden, found: IdentifiedHypothesis, known: Sequence[KnownVariable]) -> tuple[HysteresisFit, ...]:
     """Those of the variables `known` in a fit whose thresholds give the states of a finding back, best first; none
     where records are not the course of anything."""
     clock = known[0].clock if known else None
@@ -35,5 +35,5 @@ def followed(finding: Hidden, found: Identified, known: Sequence[Known]) -> tupl
     states = States.of(np.array([probability.get(n, 0.5) for n in found.number.tolist()]), clock)
     latches = latched(states, [k.values for k in known])
     return tuple(
-        Follows(known[x.variable], x, len(states.changes)) for x in latches if x.gain > latches[0].gain - AS_WELL
+        HysteresisFit(known[x.variable], x, len(states.changes)) for x in latches if x.gain > latches[0].gain - AS_WELL
     )

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.mismatch.explain.answer import Explanation
-from enginediag_cli.mismatch.fit.evidence import Evidence
-from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified, Nuisance, identify_with
-from enginediag_cli.mismatch.fit.options import together
+from enginediag_cli.mismatch.fit.evidence import Dataset
+from enginediag_cli.mismatch.fit.identified import Hypothesis, IdentifiedHypothesis, Nuisance, identify_with
+from enginediag_cli.mismatch.fit.options import combine_options
 from enginediag_cli.mismatch.fit.projection import Projection
 
 NOISE = {"K": 0.002, "Pa": 0.004, "rpm": 0.001}
@@ -20,7 +20,7 @@ SCALE = 0.002
 
 
 @dataclass(frozen=True)
-class Foreseen:
+class PredictedReadings:
     """Readings (k, m) over σ, and what they answer to (k, m, q) per standard deviation of what is known of it: all that
     the explanation may adapt, offsets of a new recording among it; `ok` (k,): where there is a prediction."""
 
@@ -28,19 +28,19 @@ class Foreseen:
     columns: np.ndarray
     ok: np.ndarray
 
-    def at(self, rows: slice) -> Foreseen:
+    def at(self, rows: slice) -> PredictedReadings:
         """Of some of the records."""
-        return Foreseen(self.readings[rows], self.columns[rows], self.ok[rows])
+        return PredictedReadings(self.readings[rows], self.columns[rows], self.ok[rows])
 
-    def read_by(self, sensors: Sequence[int]) -> Foreseen:
+    def read_by(self, sensors: Sequence[int]) -> PredictedReadings:
         """Of some of the readings."""
-        return Foreseen(self.readings[:, sensors], self.columns[:, sensors], self.ok)
+        return PredictedReadings(self.readings[:, sensors], self.columns[:, sensors], self.ok)
 
 
 class Rival:
     """An explanation fitted to the evidence together with everything that identification may absorb."""
 
-    def __init__(self, explanation: Explanation, evidence: Evidence, along: Nuisance, start: Identified):
+    def __init__(self, explanation: Explanation, evidence: Dataset, along: Nuisance, start: IdentifiedHypothesis):
         self.explanation = explanation
         hypothesis = _further(_begun(explanation), evidence)
         self.curves = {**along.curves, **hypothesis.curves}
@@ -63,7 +63,7 @@ class Rival:
 
     def foresee(
         self, inputs: Mapping[str, np.ndarray], rows: slice | np.ndarray, without: str = "", more: Sequence[str] = ()
-    ) -> Foreseen:
+    ) -> PredictedReadings:
         """Of records with these inputs (k,), at the places `rows` of the evidence; `without`: an effect that is
         switched off; `more`: columns of further sensors that are recorded as well."""
         p = self.found.problem
@@ -87,7 +87,7 @@ class Rival:
         for j, s in enumerate(scale):
             wrong[:, len(p.sensors) + j, j] = SCALE * s / sigma[len(p.sensors) + j]
         columns = np.concatenate([X @ self._root, offsets, wrong], axis=2)
-        return Foreseen(y / sigma + X @ self._step, columns, ok)
+        return PredictedReadings(y / sigma + X @ self._step, columns, ok)
 
     def _offsets(
         self, given: Mapping[str, np.ndarray], y: np.ndarray, by_input: np.ndarray, read: Sequence[str]
@@ -134,7 +134,7 @@ def _unit(column: str) -> str:
 
 def _begun(explanation: Explanation) -> Hypothesis:
     """The explanation's hypothesis, where effects that are tried at some size begin at the size that was found."""
-    h = together(*explanation.options)
+    h = combine_options(*explanation.options)
     values = {c.name: c.value for c in explanation.coefficients}
     effects = []
     for e in h.effects:
@@ -144,7 +144,7 @@ def _begun(explanation: Explanation) -> Hypothesis:
     return replace(h, effects=tuple(effects))
 
 
-def _further(h: Hypothesis, evidence: Evidence) -> Hypothesis:
+def _further(h: Hypothesis, evidence: Dataset) -> Hypothesis:
     """Curves over further records of the evidence: as the first engine's flights ended."""
     total, mine = evidence.records, evidence.engines[0]
     longer = {}

@@ -15,7 +15,7 @@ from enginediag_cli.mismatch.fit.freeform import DEGREE, Cell, machine_cells
 from enginediag_cli.mismatch.fit.identified import Hypothesis
 from enginediag_cli.mismatch.fit.options import FREE, Option
 from enginediag_cli.mismatch.fit.remainder import remainder
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 
 CELLS = 12
 """Cells, most surprising first, whose promise is asked for."""
@@ -28,7 +28,7 @@ class Unlisted:
         self.prices, self.drivers = prices, drivers
         self._offered: dict[str, Cell] = {}
 
-    def __call__(self, trial: Trial) -> list[Offer]:
+    def __call__(self, trial: HypothesisFit) -> list[Offer]:
         left = remainder(trial, (), self.drivers).cells
         cells = [c for c in left if c.driver.driver != TIME and not c.score.absorbed]
         price = float(np.log(max(len(cells), 1) / FREE_FORM))

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.intake.loader import Intake
-from enginediag_cli.mismatch.fit.evidence import Evidence
+from enginediag_cli.mismatch.fit.evidence import Dataset
 
 
 @dataclass(frozen=True)
-class Gated:
+class UnsteadyRecords:
     """`records` of `of` that were left out because the engine was not steady, counted in `unit`; `effects`, by label,
     that remember and would show there and nowhere else."""
 
@@ -22,11 +22,11 @@ class Gated:
     effects: tuple[str, ...]
 
 
-def gated_out(evidence: Evidence, effects: Sequence[Effect], intake: Intake | None) -> Gated | None:
+def gated_out(evidence: Dataset, effects: Sequence[Effect], intake: Intake | None) -> UnsteadyRecords | None:
     """None where no gate has left records out, or where those that it kept know their past all the same."""
     if intake is None or any(MOMENT in f.columns for f in evidence.flights):
         return None
     gates = [left.gate for left in intake.left_out if left.gate is not None]
     out = sum(g.total - g.kept for g in gates)
     labels = tuple(e.label for e in effects if MOMENT in e.term.INPUTS)
-    return Gated(out, sum(g.total for g in gates), gates[0].unit, labels) if out and labels else None
+    return UnsteadyRecords(out, sum(g.total for g in gates), gates[0].unit, labels) if out and labels else None

@@ -33,7 +33,7 @@ from enginediag_cli.mismatch.fit.freeform import Cell
 from enginediag_cli.mismatch.fit.needed import is_needed
 from enginediag_cli.mismatch.fit.options import FREE, Option
 from enginediag_cli.mismatch.fit.remainder import remainder
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 
 NEARLY_AS_LIKELY = 4.6
 """ln of the odds, a hundred to one, within which sets must agree on a member. Judgement."""
@@ -96,7 +96,7 @@ def in_part(search: Stepwise, few: Few | None = None) -> Part | None:
     return Part(told, max(share, beyond), left.cells)
 
 
-def left_by(objective: float, base: Trial) -> float | None:
+def left_by(objective: float, base: HypothesisFit) -> float | None:
     """Share of the excess χ² of the base that stays with an `objective`. χ² of n readings is known to √(2n): what is
     within that of n is nothing; None where the base has no more."""
     chance = NORMAL_95 * float(np.sqrt(2.0 * base.projection.dof))
@@ -106,11 +106,11 @@ def left_by(objective: float, base: Trial) -> float | None:
     return float(min(stays / excess, 1.0))
 
 
-def listed(trial: Trial) -> list[Option]:
+def listed(trial: HypothesisFit) -> list[Option]:
     return [o for o in trial.options if o.kind != FREE]
 
 
-def _stands(option: Option, best: Trial, within: Sequence[Trial], sets: FittedSets) -> bool:
+def _stands(option: Option, best: HypothesisFit, within: Sequence[HypothesisFit], sets: FittedSets) -> bool:
     """Whether every likely set holds it, and the best one needs it."""
     if not all(identity(option) in map(identity, t.options) for t in within):
         return False
@@ -126,7 +126,7 @@ def _gate(option: Option, fits: Fits) -> float:
     return fits.detect.effects if option.driver != TIME else fits.detect.faults
 
 
-def _steady(option: Option, best: Trial, alone: Trial) -> bool:
+def _steady(option: Option, best: HypothesisFit, alone: HypothesisFit) -> bool:
     """Whether its coefficients are the same in both fits, within their errors or a share of themselves."""
     for name in option.hypothesis.sizes:
         (v, s), (w, r) = best.coefficients[name], alone.coefficients[name]

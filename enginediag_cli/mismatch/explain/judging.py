@@ -14,15 +14,15 @@ from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.explain.repeated import repeated
 from enginediag_cli.mismatch.explain.worth_fitting import reach_of, worth_fitting
 from enginediag_cli.mismatch.fit.attempt import attempt
-from enginediag_cli.mismatch.fit.evidence import Evidence
+from enginediag_cli.mismatch.fit.evidence import Dataset
 from enginediag_cli.mismatch.fit.freeform import Cell
 from enginediag_cli.mismatch.fit.handed import trials_handed
 from enginediag_cli.mismatch.fit.held_out import flights_gained
 from enginediag_cli.mismatch.fit.identified import (
-    NO_HYPOTHESIS,
-    Identified,
-    Reach,
-    drivers_of,
+    NULL_HYPOTHESIS,
+    FitBudget,
+    IdentifiedHypothesis,
+    driver_values,
     identify_with,
     nuisance,
     objective_of,
@@ -33,7 +33,7 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.remainder import Gates, Remainder, remainder
 from enginediag_cli.mismatch.fit.response import response_error
 from enginediag_cli.mismatch.fit.share import every_so_often
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.physics.registry import candidates
 from enginediag_cli.progress import each
 from enginediag_cli.side_by_side import side_by_side
@@ -62,18 +62,18 @@ class Fits:
     what a trial leaves; `detect`, `adequate`: the gates of its judgement; `fitted`: trials by label; `rejected`: why
     they are no explanation, by label."""
 
-    base: Trial
+    base: HypothesisFit
     library: Sequence[Option]
     along_drivers: Sequence[DriverValues]
 
-    def __init__(self, evidence: Evidence, effects: Sequence[Effect] | None = None):
+    def __init__(self, evidence: Dataset, effects: Sequence[Effect] | None = None):
         self.evidence = evidence
         self.effects = list(candidates(evidence.engine)) if effects is None else list(effects)
         self.along = nuisance(evidence)
         self.onward = False
         self.detect = self.adequate = Gates()
         self.rejected: dict[str, Rejected] = {}
-        self.fitted: dict[str, Trial] = {}  # without what scores need
+        self.fitted: dict[str, HypothesisFit] = {}  # without what scores need
         self._left: dict[str, Remainder] = {}
 
     @property
@@ -81,11 +81,11 @@ class Fits:
         """Whether the noise is known from recordings alone, not stated."""
         return self.evidence.noise.estimated or self.evidence.settings.noise == "estimate"
 
-    def look_from(self, base: Trial) -> None:
+    def look_from(self, base: HypothesisFit) -> None:
         """Look for what this fit lacks: options and drivers are those of its records."""
         self.base = base
         self.library = [*effect_options(self.effects), *fault_options(base.found)]
-        self.along_drivers = drivers_of(self.evidence, base.found.theta)
+        self.along_drivers = driver_values(self.evidence, base.found.theta)
 
     def on_few(self, most: int) -> Fits:
         """The same of about `most` of the records, judged by the same gates, its base fitted to these; itself where
@@ -95,17 +95,17 @@ class Fits:
             return self
         fits = Fits(few, self.effects)
         fits.onward, fits.detect, fits.adequate = True, self.detect, self.adequate
-        found = identify_with(few, NO_HYPOTHESIS, fits.along)
-        fits.look_from(Trial((), found, Projection(found)))
+        found = identify_with(few, NULL_HYPOTHESIS, fits.along)
+        fits.look_from(HypothesisFit((), found, Projection(found)))
         return fits
 
     def timed(self, option: Option) -> Option:
         """A change in time with the onset that suits what the base leaves best; anything else as it is."""
         return with_best_onset(self.base.found, self.base.projection, option)
 
-    def refit(self, sets: Sequence[tuple[Option, ...]]) -> list[Trial] | None:
+    def refit(self, sets: Sequence[tuple[Option, ...]]) -> list[HypothesisFit] | None:
         """Trials that converged, best first; None when there were some and none did."""
-        trials: list[Trial] = []
+        trials: list[HypothesisFit] = []
         near, behind = worth_fitting(sets, self.base.found, self.along)
         for options, worse in behind:
             told = Rejected(Reason.WORSE, worse, "on a few of the records")
@@ -130,17 +130,19 @@ class Fits:
             return None
         return sorted(trials, key=lambda t: t.weighed)
 
-    def _attempted(self, sets: Sequence[tuple[tuple[Option, ...], Fit | None]], reach: Reach) -> list[Trial]:
+    def _attempted(
+        self, sets: Sequence[tuple[tuple[Option, ...], Fit | None]], reach: FitBudget
+    ) -> list[HypothesisFit]:
         """Fits of these sets, no further than is worth it, side by side."""
 
-        def fitted(k: int) -> Trial:
+        def fitted(k: int) -> HypothesisFit:
             options, of_few = sets[k]
             return attempt(options, self._nearest(options), self.along, of_few, reach, onward=self.onward)
 
         every = list({o.label: o for options, _ in sets for o in options}.values())
         return side_by_side(fitted, len(sets), trials_handed(self.evidence, self.along, every))
 
-    def _nearest(self, options: Sequence[Option]) -> Identified:
+    def _nearest(self, options: Sequence[Option]) -> IdentifiedHypothesis:
         """The fit that a fit of these goes on from: that with most of them, where these are few records; the base."""
         if not self.onward:
             return self.base.found
@@ -149,13 +151,13 @@ class Fits:
         return max(inner, key=lambda t: len(t.options), default=self.base).found
 
     def named(
-        self, trials: Sequence[Trial], weighed: Callable[[Trial], float] = lambda t: t.weighed
+        self, trials: Sequence[HypothesisFit], weighed: Callable[[HypothesisFit], float] = lambda t: t.weighed
     ) -> list[Explanation]:
         """The alias set of the best adequate trial, best first; empty when none is adequate. `trials` are in the order
         of `weighed`, in units of χ². What is as far behind one that leaves a misfit is no explanation either: it only
         leaves more of it where nothing looks so closely."""
-        adequate: list[tuple[Trial, float, float]] = []
-        first: Trial | None = None  # that explains most, whether or not it explains all
+        adequate: list[tuple[HypothesisFit, float, float]] = []
+        first: HypothesisFit | None = None  # that explains most, whether or not it explains all
         elsewhere = 0.0  # odds of what is too far behind to be told
         for trial in trials:
             behind = 0.0 if first is None else weighed(trial) - weighed(first)
@@ -180,7 +182,7 @@ class Fits:
             for (t, left, flights), p in zip(adequate, odds / (odds.sum() + elsewhere), strict=True)
         ]
 
-    def judge(self, trial: Trial, needed: bool = False) -> tuple[float, float, Rejected | None]:
+    def judge(self, trial: HypothesisFit, needed: bool = False) -> tuple[float, float, Rejected | None]:
         """What is left, share of flights gained, and why the trial is no explanation (None when it is one). `needed`:
         its members are known to be."""
         if trial.at_bound:
@@ -196,14 +198,14 @@ class Fits:
         few = flights < MOST_FLIGHTS
         return left.surprise, flights, Rejected(Reason.FEW_FLIGHTS, flights) if few else None
 
-    def flights(self, trial: Trial) -> float:
+    def flights(self, trial: HypothesisFit) -> float:
         """Share of the flights, held out in turn, that gain by a trial; NaN where that is not asked: of exact maps, and
         of changes in time."""
         if self.evidence.settings.map_accuracy > 0.0 and all(o.driver != TIME for o in trial.options):
             return flights_gained(self.base, trial)
         return float("nan")
 
-    def left(self, trial: Trial) -> Remainder:
+    def left(self, trial: HypothesisFit) -> Remainder:
         """What a trial leaves, no further than to the first that is over the gates. Of the last few it is kept."""
         if trial.label not in self._left:
             self._left[trial.label] = left = self._looked(trial)
@@ -213,7 +215,7 @@ class Fits:
                 del self._left[first]
         return self._left[trial.label]
 
-    def _looked(self, trial: Trial) -> Remainder:
+    def _looked(self, trial: HypothesisFit) -> Remainder:
         left = remainder(trial, self.library, self.along_drivers, self.adequate)
         share = response_error(trial.found) ** 2 * max(self.base.objective - trial.objective, 0.0)
         if share > 0.0 and left.over(self.adequate):
@@ -226,7 +228,7 @@ class Fits:
             left = remainder(trial, self.library, self.along_drivers)
         return repeated(left, trial.projection, self.adequate)
 
-    def counts(self, trial: Trial, best: Cell | None) -> bool:
+    def counts(self, trial: HypothesisFit, best: Cell | None) -> bool:
         """Whether a set is worth judging: every member is needed beside the others, and
         drop − 2·p > T − 2·dof of the best single free-form block, else one unlisted effect is the simpler story."""
         idle = not_needed(trial, self.adequate.effects)
@@ -239,7 +241,7 @@ class Fits:
         self.rejected[trial.label] = Rejected(Reason.ONE_UNLISTED)
         return False
 
-    def explanation(self, t: Trial, probability: float, left: float, flights: float) -> Explanation:
+    def explanation(self, t: HypothesisFit, probability: float, left: float, flights: float) -> Explanation:
         """A trial as it is told: its probability, −ln p of what it leaves, share of flights gained."""
         parameters = t.found.model.parameters
         found = tuple(Coefficient(n, parameters[n].unit, v, s, *t.intervals[n]) for n, (v, s) in t.coefficients.items())

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from enginediag_cli.mismatch.explain.follows import Follows, followed
+from enginediag_cli.mismatch.explain.follows import HysteresisFit, followed
 from enginediag_cli.mismatch.explain.judging import Fits
 from enginediag_cli.mismatch.fit.freeform import Location
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.fitted import Fitted
 from enginediag_cli.mismatch.laws.grammar import FALLING, RISING, SWITCHING, span
 from enginediag_cli.mismatch.laws.scan import (
@@ -29,7 +29,7 @@ from enginediag_cli.mismatch.laws.scan import (
     share_of_variables,
 )
 from enginediag_cli.mismatch.laws.shortlist import Proposal, proposal
-from enginediag_cli.mismatch.unrecorded.latched import Way
+from enginediag_cli.mismatch.unrecorded.latched import SwitchingDirection
 from enginediag_cli.mismatch.unrecorded.recorded_driver import Hidden
 
 WIDTHS = (0.08, 0.03)
@@ -37,7 +37,12 @@ WIDTHS = (0.08, 0.03)
 VARIABLES, PLACES = 2, 3
 """That are tried, best first."""
 
-FORM = {Way.ABOVE: SWITCHING, Way.BELOW: SWITCHING, Way.RISING: RISING, Way.FALLING: FALLING}
+FORM = {
+    SwitchingDirection.ABOVE: SWITCHING,
+    SwitchingDirection.BELOW: SWITCHING,
+    SwitchingDirection.RISING: RISING,
+    SwitchingDirection.FALLING: FALLING,
+}
 
 
 def outweighing(finding: Hidden, evidence: float, fits: Fits) -> list[tuple[Proposal, ...]]:
@@ -55,12 +60,12 @@ def outweighing(finding: Hidden, evidence: float, fits: Fits) -> list[tuple[Prop
     return [(p,) for p in found.values()]
 
 
-def _proposals(formulas: Sequence[Formula], places: Sequence[Location], base: Trial) -> list[Proposal]:
+def _proposals(formulas: Sequence[Formula], places: Sequence[Location], base: HypothesisFit) -> list[Proposal]:
     found = scored(base.found, base.projection, places, formulas, prior_of_a_place(base.found))
     return [proposal(c, base.found.evidence.engine) for c in found]
 
 
-def _formula(follows: Follows, width: float, groups: int) -> Formula:
+def _formula(follows: HysteresisFit, width: float, groups: int) -> Formula:
     of, latch = follows.of, follows.latch
     form = FORM[latch.way]
     shape = {"c": latch.lower, "h": 0.5 * (latch.upper - latch.lower), "w": width * span(of.values)}

@@ -20,9 +20,9 @@ import numpy as np
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.mismatch.explain.currency import FREE_FORM, Offer, Prices
 from enginediag_cli.mismatch.fit.freeform import Location, locations
-from enginediag_cli.mismatch.fit.identified import Identified
-from enginediag_cli.mismatch.fit.options import LAW, Option
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis
+from enginediag_cli.mismatch.fit.options import FORMULA_OPTION, Option
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.elsewhere_too import elsewhere_too, likes
 from enginediag_cli.mismatch.laws.fitted import ln_within
 from enginediag_cli.mismatch.laws.refined import reshaped
@@ -53,7 +53,7 @@ Curves = Sequence[Offer]
 class LawMembers:
     """Offers laws for what a trial leaves; `prices` tell what all the laws of a set cost. `known`: by label."""
 
-    base: Identified
+    base: IdentifiedHypothesis
     prices: Prices
     known: dict[str, Proposal] = field(default_factory=dict)
 
@@ -72,9 +72,9 @@ class LawMembers:
                 self.known[p.option.label] = p
                 self.prices.own[p.option.label] = self.price([p.option])
 
-    def offers(self, trial: Trial, curves: Curves) -> list[Offer]:
+    def offers(self, trial: HypothesisFit, curves: Curves) -> list[Offer]:
         """Laws beside what a trial has, at the places of these free curves and beside its own laws."""
-        carried = [self.known[o.label] for o in trial.options if o.kind == LAW]
+        carried = [self.known[o.label] for o in trial.options if o.kind == FORMULA_OPTION]
         targets = [d.target for c in curves for d in c.option.hypothesis.discrepancies]
         names = list(dict.fromkeys(targets))[:PLACES]
         here = [p for p in self.where if p.parameter in names]
@@ -99,13 +99,13 @@ class LawMembers:
             paid -= prior
         return paid
 
-    def within(self, trial: Trial) -> float:
+    def within(self, trial: HypothesisFit) -> float:
         """What physics says of the laws of a trial: ln, 0 or less."""
-        return ln_within([self.known[o.label] for o in trial.options if o.kind == LAW], trial)
+        return ln_within([self.known[o.label] for o in trial.options if o.kind == FORMULA_OPTION], trial)
 
-    def _offer(self, p: Proposal, trial: Trial) -> Offer:
+    def _offer(self, p: Proposal, trial: HypothesisFit) -> Offer:
         """Its promise is its weight without the prior that it was scored with, less what it adds to the price."""
-        laws = [o for o in trial.options if o.kind == LAW]
+        laws = [o for o in trial.options if o.kind == FORMULA_OPTION]
         more = self.price([*laws, p.option]) - self.price(laws)
         return Offer(p.option, self.prices.own[p.option.label], p.candidate.weight - p.candidate.prior - more)
 
@@ -127,7 +127,7 @@ class LawMembers:
         """ln of the probability of all formulas of these variables."""
         return float(np.log(sum(np.exp(f.prior) / f.tried for f in self.formulas if f.groups <= groups)))
 
-    def _along_the_same(self, trial: Trial, place: Location, carried: Sequence[Proposal]) -> list[Proposal]:
+    def _along_the_same(self, trial: HypothesisFit, place: Location, carried: Sequence[Proposal]) -> list[Proposal]:
         """Further forms of the variables that its laws at a place have."""
         own = [p.candidate.formula for p in carried if p.candidate.location.name == place.name]
         groups: frozenset[int] = frozenset().union(*(f.groups for f in own))
@@ -138,11 +138,11 @@ class LawMembers:
         return [proposal(c, self._engine) for c in best if c.formula.what not in known]
 
     def _scored(
-        self, trial: Trial, where: Sequence[Location], laws: Sequence[Formula], prior: float
+        self, trial: HypothesisFit, where: Sequence[Location], laws: Sequence[Formula], prior: float
     ) -> list[Candidate]:
         return scored(trial.found, trial.projection, where, laws, prior)
 
-    def _usable(self, trial: Trial) -> list[Formula]:
+    def _usable(self, trial: HypothesisFit) -> list[Formula]:
         """Formulas over the records that the trial has, of variables as it has them."""
         if not np.array_equal(trial.found.number, self.base.number):
             return list(formulas(known_variables(trial.found)))

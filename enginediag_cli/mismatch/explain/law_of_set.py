@@ -16,8 +16,8 @@ from enginediag_cli.mismatch.explain.law_members import LawMembers
 from enginediag_cli.mismatch.explain.lawful import AS_GOOD, JUDGED, LISTED_FIRST, Judged, adequate
 from enginediag_cli.mismatch.explain.members import Held, Members, held
 from enginediag_cli.mismatch.fit.needed import is_needed
-from enginediag_cli.mismatch.fit.options import LAW, Option
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.options import FORMULA_OPTION, Option
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.finding import LawFinding
 from enginediag_cli.mismatch.laws.fitted import Fitted
 from enginediag_cli.mismatch.laws.posterior import shares
@@ -80,7 +80,7 @@ class LawOfSet:
         near = (t for t in self.sets.likeliest(listed=True) if self.sets.evidence(t) > least)
         first: dict[Held, Members] = {}
         for options in (*(x.options for x in named), *(t.options for t in near)):
-            if any(o.kind == LAW for o in options) and _held(options):
+            if any(o.kind == FORMULA_OPTION for o in options) and _held(options):
                 first.setdefault(_held(options), tuple(options))
         return list(first.values())[:SEARCHED]
 
@@ -90,8 +90,8 @@ class LawOfSet:
     def _searched_again(self, options: Members) -> _Told | None:
         """Explanations that hold the same but for their laws, with their law searched beside the rest; what it leaves
         nothing to do is dropped, and the law searched again. None where none that is found explains."""
-        beside = [o for o in options if o.kind != LAW]
-        also, found = tuple(self.members.known[o.label] for o in options if o.kind == LAW), None
+        beside = [o for o in options if o.kind != FORMULA_OPTION]
+        also, found = tuple(self.members.known[o.label] for o in options if o.kind == FORMULA_OPTION), None
         while beside:
             further = self._searched(tuple(beside), also)
             if further is None:
@@ -142,7 +142,7 @@ class _Searched:
     judged: Judged
 
     @property
-    def first(self) -> Trial:
+    def first(self) -> HypothesisFit:
         return self.judged.fitted[0].trial
 
 
@@ -161,4 +161,4 @@ def _the_same(f: Fitted) -> bool:
 
 def _held(options: Sequence[Option]) -> Held:
     """What a set holds but for its laws."""
-    return held([o for o in options if o.kind != LAW])
+    return held([o for o in options if o.kind != FORMULA_OPTION])

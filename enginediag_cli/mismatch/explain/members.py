@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 from enginediag_cli.drivers import TIME
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.mismatch.fit.options import EFFECT, FREE, LAW, Option, effect_option
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.options import EFFECT, FORMULA_OPTION, FREE, Option, effect_option
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.physics.registry import each
 
 MOST_MEMBERS = 6
@@ -33,26 +33,28 @@ def held(options: Sequence[Option]) -> Held:
 
 
 def _what(option: Option) -> tuple[str, ...]:
-    if option.kind not in (LAW, FREE):
+    if option.kind not in (FORMULA_OPTION, FREE):
         return identity(option)
     moved = [d.target for d in option.hypothesis.discrepancies] + [e.site.name for e in option.hypothesis.effects]
     return ("unlisted", *dict.fromkeys(moved))
 
 
-def at_once(trial: Trial) -> int:
+def at_once(trial: HypothesisFit) -> int:
     """At how many places anything acts."""
     effects = (e for o in trial.options for e in o.hypothesis.effects)
     return sum(len(each(e)) for e in effects) + sum(bool(o.hypothesis.discrepancies) for o in trial.options)
 
 
-def law_places(trial: Trial) -> int:
+def law_places(trial: HypothesisFit) -> int:
     """At how many places it has laws."""
-    return len({n for o in trial.options if o.kind == LAW for e in o.hypothesis.effects for n in e.site.acts_on})
+    return len(
+        {n for o in trial.options if o.kind == FORMULA_OPTION for e in o.hypothesis.effects for n in e.site.acts_on}
+    )
 
 
-def different(trials: Sequence[Trial]) -> list[Trial]:
+def different(trials: Sequence[HypothesisFit]) -> list[HypothesisFit]:
     """The first of those that hold the same: begun at another time they are no rivals."""
-    first: dict[frozenset[tuple[str, ...]], Trial] = {}
+    first: dict[frozenset[tuple[str, ...]], HypothesisFit] = {}
     for t in trials:
         first.setdefault(frozenset(map(identity, t.options)), t)
     return list(first.values())
@@ -73,14 +75,14 @@ def add(sets: list[Members], new: Members) -> None:
         sets.append(new)
 
 
-def too_far(best: Trial, gained: float) -> bool:
+def too_far(best: HypothesisFit, gained: float) -> bool:
     """Whether a set of MOST_MEMBERS would leave a misfit: ½ (χ² − its degrees of freedom) of the likeliest set, at
     PACE times what the last round `gained`."""
     left = 0.5 * (best.objective - best.projection.dof)
     return left > PACE * gained * (MOST_MEMBERS - len(best.options))
 
 
-def tied(trial: Trial, places: Mapping[str, Effect]) -> Members:
+def tied(trial: HypothesisFit, places: Mapping[str, Effect]) -> Members:
     """Its members with one size in the place of several, where an effect acts at places of one kind; else none.
     `places`: label of each effect that may → the one that acts at all of them."""
     at: dict[str, list[Option]] = {}

@@ -15,8 +15,8 @@ from enginediag_cli.mismatch.explain.currency import Offer
 from enginediag_cli.mismatch.explain.law_members import LawMembers
 from enginediag_cli.mismatch.explain.law_of_set import LawOfSet
 from enginediag_cli.mismatch.explain.stepwise import Stepwise
-from enginediag_cli.mismatch.fit.options import LAW
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.options import FORMULA_OPTION
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.finding import LawFinding
 from enginediag_cli.mismatch.laws.shortlist import Proposal
 
@@ -39,11 +39,11 @@ def with_laws(search: Stepwise, tried: Iterable[Proposal] = ()) -> Mixed:
     members = LawMembers(sets.fits.base.found, sets.prices)
     members.learn(p for p in tried if p.candidate.formula.form.listed)
 
-    def propose(trial: Trial) -> Sequence[Offer]:
+    def propose(trial: HypothesisFit) -> Sequence[Offer]:
         return members.offers(trial, sets.offered_by(sets.unlisted, trial))
 
     named = search.grown((propose,))
-    if not named or all(o.kind == LAW for o in named[0].options):
+    if not named or all(o.kind == FORMULA_OPTION for o in named[0].options):
         return Mixed()
     told = LawOfSet(sets, members).of(named)
     first = sets.fits.fitted[told.explanations[0].label]

@@ -22,24 +22,32 @@ import numpy as np
 
 from enginediag_cli.drivers import TIME
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, LAW, NAMED, NONE, NOTHING, Answer
+from enginediag_cli.mismatch.explain.answer import (
+    FORMULA,
+    HIDDEN_STATE,
+    IDENTIFIED,
+    NO_DISCREPANCY,
+    NOT_CONVERGED,
+    UNEXPLAINED,
+    Answer,
+)
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.in_part import left_by
 from enginediag_cli.mismatch.explain.pairs import EXTENDED, forward
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
-from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, with_own_noise
-from enginediag_cli.mismatch.fit.evidence import Evidence
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nearer
+from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, refit_noise_without_switches
+from enginediag_cli.mismatch.fit.evidence import Dataset
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, nearer
 from enginediag_cli.mismatch.fit.options import (
     Option,
+    combine_options,
     option_scores,
-    together,
     with_best_onset,
 )
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.remainder import remainder
 from enginediag_cli.mismatch.fit.share import on_share
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.unrecorded.elsewhere import flights_that_switch
 from enginediag_cli.progress import each
 
@@ -74,17 +82,17 @@ class Judged:
     share: Search
     answer: Answer
     searched: Searched
-    fit: Trial | None = None
+    fit: HypothesisFit | None = None
 
 
-def searched_on_share(whole: Evidence, effects: Sequence[Effect] | None) -> tuple[Judged, Answer]:
+def searched_on_share(whole: Dataset, effects: Sequence[Effect] | None) -> tuple[Judged, Answer]:
     """The answer of a search of a share of long recordings, judged on all of them; and the share's own.
 
     Where the fit to all records leaves flights in which something switches, the share is searched again with these
     whole; where the share has something that switches, all records are, while they can be held."""
     also: Sequence[int] = ()
     for _ in range(2):
-        evidence = with_own_noise(on_share(whole, also))
+        evidence = refit_noise_without_switches(on_share(whole, also))
         share = Search(evidence, effects, hidden_search(evidence))
         first = share.run()
         judged = judged_on_all(share, first, whole)
@@ -93,7 +101,7 @@ def searched_on_share(whole: Evidence, effects: Sequence[Effect] | None) -> tupl
         also = flights_that_switch(judged.fit.projection, share.hidden_gate)
         if not also:
             break
-    if first.status == HIDDEN and _bytes(share, whole) <= HELD_BYTES:
+    if first.status == HIDDEN_STATE and _bytes(share, whole) <= HELD_BYTES:
         evidence = _all_of(share, whole)
         search = Search(evidence, effects, hidden_search(evidence))
         first = search.run()
@@ -101,17 +109,17 @@ def searched_on_share(whole: Evidence, effects: Sequence[Effect] | None) -> tupl
     return judged, first
 
 
-def judged_on_all(share: Search, answer: Answer, whole: Evidence) -> Judged:
+def judged_on_all(share: Search, answer: Answer, whole: Dataset) -> Judged:
     """The answer of a search of a share, judged on the whole evidence; as it is where it names no recorded driver: an
     amplitude of its own in every record, or none of what is listed."""
     searched = Searched(share.evidence.records, whole.records, False)
     if answer.in_part:  # what leaves a misfit on a share leaves more on all records
         return Judged(share, share, answer, searched)
-    faint = answer.status == NAMED and not answer.hidden and answer.explanations[0].gain < FAINT
-    if answer.status in (NAMED, LAW) and not faint:
+    faint = answer.status == IDENTIFIED and not answer.hidden and answer.explanations[0].gain < FAINT
+    if answer.status in (IDENTIFIED, FORMULA) and not faint:
         told, fit = _named(share, answer, _all_of(share, whole))
         return Judged(share, share, told, replace(searched, judged=True), fit)
-    if answer.status == NOTHING or faint:
+    if answer.status == NO_DISCREPANCY or faint:
         search = Search(_all_of(share, whole), share.effects)
         told = _anything(search, share)
         fit = search.base if search.base.converged else None
@@ -119,24 +127,24 @@ def judged_on_all(share: Search, answer: Answer, whole: Evidence) -> Judged:
     return Judged(share, share, answer, searched)
 
 
-def _bytes(share: Search, whole: Evidence) -> int:
+def _bytes(share: Search, whole: Dataset) -> int:
     """What the rows of a search of all records by record would take, with the offsets of every flight."""
     found = share.base.projection.found
     wide = len(share.base.projection.R) + len(whole.flights) * found.fit.z.shape[1]
     return 8 * whole.records * len(found.problem.sensors) * wide
 
 
-def _all_of(share: Search, whole: Evidence) -> Evidence:
+def _all_of(share: Search, whole: Dataset) -> Dataset:
     """All records with the noise and the errors that the share's search has found."""
     own = share.evidence
     return replace(whole, noise=own.noise, settings=own.settings, owed=None)
 
 
-def _named(share: Search, answer: Answer, evidence: Evidence) -> tuple[Answer, Trial | None]:
+def _named(share: Search, answer: Answer, evidence: Dataset) -> tuple[Answer, HypothesisFit | None]:
     """The answer, and the best fit to all records of what it names."""
     whole = Search(evidence, share.effects)
-    found = nearer(evidence, NO_HYPOTHESIS, whole.along, share.base.found)
-    whole.look_from(Trial((), found, Projection(found)))
+    found = nearer(evidence, NULL_HYPOTHESIS, whole.along, share.base.found)
+    whole.look_from(HypothesisFit((), found, Projection(found)))
     whole.detect, whole.adequate = share.detect, share.adequate
     trials = [_fitted(whole, t) for t in each(_worth_it(share, answer), "fitting to all records")]
     named = whole.named(_best_first(whole, trials))
@@ -150,7 +158,7 @@ def _named(share: Search, answer: Answer, evidence: Evidence) -> tuple[Answer, T
     on_share = {k: replace(v, what=v.what or "on a share of the records") for k, v in rejected.items()}
     judged = replace(
         answer,
-        status=answer.status if named else NONE,
+        status=answer.status if named else UNEXPLAINED,
         reason="" if named else "what explains a share of the records leaves a misfit behind on all of them",
         explanations=tuple(named),
         objective=whole.base.objective,
@@ -163,24 +171,24 @@ def _named(share: Search, answer: Answer, evidence: Evidence) -> tuple[Answer, T
 
 def _anything(whole: Search, share: Search) -> Answer:
     """What all records show where a share shows nothing; of an unrecorded driver, what the share did."""
-    found = identify_with(whole.evidence, NO_HYPOTHESIS, whole.along, share.base.found)
-    whole.look_from(Trial((), found, Projection(found)))
+    found = identify_with(whole.evidence, NULL_HYPOTHESIS, whole.along, share.base.found)
+    whole.look_from(HypothesisFit((), found, Projection(found)))
     whole.detect, whole.adequate = share.detect, share.adequate
     rest = remainder(whole.base, whole.library, whole.along_drivers)
     if not found.converged:
-        return whole.answer(FAILED, f"the model could not be fitted to all records: {found.reason}", rest)
+        return whole.answer(NOT_CONVERGED, f"the model could not be fitted to all records: {found.reason}", rest)
     rest = whole.weighed(rest)
     if not rest.over(whole.detect):
-        return whole.answer(NOTHING, "nothing stands out of noise and identified parameters", rest)
+        return whole.answer(NO_DISCREPANCY, "nothing stands out of noise and identified parameters", rest)
     return whole.decide(rest)
 
 
-def _worth_it(share: Search, answer: Answer) -> Sequence[Trial]:
+def _worth_it(share: Search, answer: Answer) -> Sequence[HypothesisFit]:
     """Trials on the share that are named, and those not surely behind, best first."""
     named = {x.label for x in answer.explanations}
     best = min(t.objective for t in share.fitted.values() if t.label in named)
 
-    def near(t: Trial) -> bool:
+    def near(t: HypothesisFit) -> bool:
         why = share.rejected.get(t.label)
         return t.label in named or bool(
             t.converged and why and why.reason is Reason.WORSE and t.objective - best < SURELY_BEHIND
@@ -189,16 +197,16 @@ def _worth_it(share: Search, answer: Answer) -> Sequence[Trial]:
     return sorted((t for t in share.fitted.values() if near(t)), key=lambda t: t.objective)[:MOST]
 
 
-def _fitted(whole: Search, trial: Trial) -> Trial:
+def _fitted(whole: Search, trial: HypothesisFit) -> HypothesisFit:
     """A trial on a share, fitted to all records from where it ended."""
     share = trial.found.evidence
     engines = ["" if o.driver != TIME else _engine_of(o, share) for o in trial.options]
     return _attempt(whole, [_carried(o, whole, e) for o, e in zip(trial.options, engines, strict=True)], trial)
 
 
-def _attempt(whole: Search, options: Sequence[Option], start: Trial) -> Trial:
-    found = identify_with(whole.evidence, together(*options), whole.along, start.found)
-    return Trial(tuple(options), found, Projection(found))
+def _attempt(whole: Search, options: Sequence[Option], start: HypothesisFit) -> HypothesisFit:
+    found = identify_with(whole.evidence, combine_options(*options), whole.along, start.found)
+    return HypothesisFit(tuple(options), found, Projection(found))
 
 
 def _carried(option: Option, whole: Search, engine: str) -> Option:
@@ -218,13 +226,13 @@ def _target(option: Option) -> str:
     return option.hypothesis.discrepancies[0].target if option.driver == TIME else ""
 
 
-def _engine_of(option: Option, evidence: Evidence) -> str:
+def _engine_of(option: Option, evidence: Dataset) -> str:
     """Whose a change in time is."""
     onset = int(np.flatnonzero(option.hypothesis.curves[option.hypothesis.discrepancies[0].curve])[0])
     return evidence.flights[int(np.searchsorted(np.cumsum([len(f) for f in evidence.flights]), onset, "right"))].engine
 
 
-def _best_first(whole: Search, trials: Sequence[Trial]) -> list[Trial]:
+def _best_first(whole: Search, trials: Sequence[HypothesisFit]) -> list[HypothesisFit]:
     for t in trials:
         if not t.converged:
             whole.rejected[t.label] = Rejected(Reason.NOT_CONVERGED, what=t.found.reason)

@@ -12,7 +12,7 @@ from enginediag_cli.mismatch.explain.members import Members, add
 from enginediag_cli.mismatch.fit.families import first_products
 from enginediag_cli.mismatch.fit.options import Option, OptionScore, with_best_onset
 from enginediag_cli.mismatch.fit.remainder import remainder
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 
 MOST = 60
 """Options that pairs are made of: 1,770 pairs, a second's work."""
@@ -74,7 +74,7 @@ def _wrong(ranked: Sequence[OptionScore], coefficients: np.ndarray) -> np.ndarra
     return bad
 
 
-def forward(library: Sequence[Option], singles: Sequence[Trial]) -> list[Members]:
+def forward(library: Sequence[Option], singles: Sequence[HypothesisFit]) -> list[Members]:
     """Each single option with the effect, and with the change in time, that says most about what it leaves."""
     wider: list[Members] = []
     for trial in singles:

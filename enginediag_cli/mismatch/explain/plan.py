@@ -19,10 +19,10 @@ from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.explain.answer import Explanation
-from enginediag_cli.mismatch.explain.foreseen import Foreseen, Rival
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
+from enginediag_cli.mismatch.explain.foreseen import PredictedReadings, Rival
+from enginediag_cli.mismatch.fit.evidence import Dataset, Flight
 from enginediag_cli.mismatch.fit.extended import NUMBER
-from enginediag_cli.mismatch.fit.identified import Identified, inputs_of, nuisance, stacked
+from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis, input_values, nuisance, stack_column
 from enginediag_cli.physics.laws.law import Law
 from enginediag_cli.planning.flights import PlannedFlight, flights, manoeuvres
 from enginediag_cli.planning.separation import (
@@ -74,18 +74,18 @@ def remembers(explanation: Explanation) -> bool:
 
 
 @stage("looking for recordings that separate rivals")
-def plan(base: Identified, explanations: Sequence[Explanation]) -> Advice | None:
+def advise_flights_for_explanations(base: IdentifiedHypothesis, explanations: Sequence[Explanation]) -> Advice | None:
     """What would separate explanations fitted to the evidence of `base`; None where fewer than two of them are, or can
     be fitted again."""
     rivals = whatever_the_form(explanations)[:MOST_RIVALS]
     if len(rivals) < 2:
         return None
-    engine, flown = base.evidence.engine, inputs_of(base.evidence)
+    engine, flown = base.evidence.engine, input_values(base.evidence)
     chosen = flights(engine, flown)
     if any(map(remembers, rivals)):
         chosen += manoeuvres(engine, flown)
-    course = Course(base.evidence, chosen)
-    fitted = fitted_rivals(course, base, rivals)
+    course = PlannedEvidence(base.evidence, chosen)
+    fitted = fitted_alternatives(course, base, rivals)
     if len(fitted) < 2:
         return None
     weight = np.array([max(r.explanation.probability, 1e-300) for r in fitted])
@@ -114,19 +114,21 @@ def _what(effect: Effect) -> tuple[str, frozenset[str]]:
     return (law.acts.leaf, frozenset(law.variables)) if isinstance(law, Law) else (effect.label, frozenset())
 
 
-def fitted_rivals(course: Course, base: Identified, explanations: Sequence[Explanation]) -> list[Rival]:
+def fitted_alternatives(
+    course: PlannedEvidence, base: IdentifiedHypothesis, explanations: Sequence[Explanation]
+) -> list[Rival]:
     """Explanations fitted to the flights of a course, from a fit to these; those that converged."""
     along = nuisance(course.evidence)
     return [r for r in (Rival(x, course.evidence, along, base) for x in explanations) if r.converged]
 
 
-class Course:
+class PlannedEvidence:
     """The evidence with all planned flights behind it, as records without readings: the curves of what the maps may err
     by are then the same over both. `planned`: each flight with its places; `recorded`: records before them."""
 
-    def __init__(self, evidence: Evidence, chosen: Sequence[PlannedFlight]):
+    def __init__(self, evidence: Dataset, chosen: Sequence[PlannedFlight]):
         self.recorded = evidence.records
-        self.flown = inputs_of(evidence)
+        self.flown = input_values(evidence)
         engine, past = evidence.engine, any(MOMENT in f.columns for f in evidence.flights)
         self.planned: list[tuple[PlannedFlight, slice]] = []
         parts, at = [], self.recorded
@@ -147,13 +149,13 @@ class Course:
         model = rival.found.model
         known = {c: np.nan for c in model.inputs} | dict(model.optional_inputs)
         return {
-            c: stacked(self.evidence, c, default)[rows]
+            c: stack_column(self.evidence, c, default)[rows]
             for c, default in known.items()
             if c not in rival.curves and c != NUMBER
         }
 
 
-def columns_of(engine: Engine, evidence: Evidence, flight: PlannedFlight, records: int) -> dict[str, np.ndarray]:
+def columns_of(engine: Engine, evidence: Dataset, flight: PlannedFlight, records: int) -> dict[str, np.ndarray]:
     """Columns (records,) of a planned flight without its readings: time, inputs, and what else is recorded as it was at
     the end of the flights; hours go on."""
     time = flight.time(records)
@@ -171,7 +173,9 @@ def columns_of(engine: Engine, evidence: Evidence, flight: PlannedFlight, record
     return found
 
 
-def outlook(weight: np.ndarray, foreseen: Sequence[Foreseen], whitening: np.ndarray) -> Outlook | None:
+def expected_separation(
+    weight: np.ndarray, foreseen: Sequence[PredictedReadings], whitening: np.ndarray
+) -> Outlook | None:
     """What typical records promise of rivals with these weights; None where too few can be computed."""
     ok = np.all([f.ok for f in foreseen], axis=0)
     if ok.mean() < COMPUTED:
@@ -186,7 +190,9 @@ def outlook(weight: np.ndarray, foreseen: Sequence[Foreseen], whitening: np.ndar
     return Outlook(weight / weight.sum(), pairs)
 
 
-def of_flights(rivals: Sequence[Rival], course: Course) -> Iterator[tuple[slice, list[Foreseen], np.ndarray]]:
+def predictions_by_flight(
+    rivals: Sequence[Rival], course: PlannedEvidence
+) -> Iterator[tuple[slice, list[PredictedReadings], np.ndarray]]:
     """Of each planned flight its places, what each rival foresees of it, and the whitening of its records."""
     if not course.planned:
         return
@@ -199,16 +205,18 @@ def of_flights(rivals: Sequence[Rival], course: Course) -> Iterator[tuple[slice,
         yield rows, [f.at(own) for f in foreseen], whitening[own]
 
 
-def _of_flights(rivals: Sequence[Rival], weight: np.ndarray, course: Course) -> Iterator[Suggestion]:
-    given = {c: stacked(course.evidence, c) for c in course.evidence.engine.inputs}
-    for (flight, _), (rows, foreseen, whitening) in zip(course.planned, of_flights(rivals, course), strict=True):
-        found = outlook(weight, foreseen, whitening)
+def _of_flights(rivals: Sequence[Rival], weight: np.ndarray, course: PlannedEvidence) -> Iterator[Suggestion]:
+    given = {c: stack_column(course.evidence, c) for c in course.evidence.engine.inputs}
+    for (flight, _), (rows, foreseen, whitening) in zip(
+        course.planned, predictions_by_flight(rivals, course), strict=True
+    ):
+        found = expected_separation(weight, foreseen, whitening)
         if found is not None:
             known = keeps_to(course.flown, {c: v[rows] for c, v in given.items()})
             yield Suggestion.judged(found, flight.kind, flight.words, flight, known)
 
 
-def _of_records(rivals: Sequence[Rival], weight: np.ndarray, course: Course) -> Iterator[Suggestion]:
+def _of_records(rivals: Sequence[Rival], weight: np.ndarray, course: PlannedEvidence) -> Iterator[Suggestion]:
     """More records like these, as they are, with an effect switched off in every other, and with a further sensor."""
     number = rivals[0].found.number
     rows = number[np.unique(np.linspace(0, len(number) - 1, SAMPLE).astype(int))]
@@ -217,19 +225,19 @@ def _of_records(rivals: Sequence[Rival], weight: np.ndarray, course: Course) -> 
     m, more = whitening.shape[1], _readable(rivals[0], inputs[0], rows)
     wide = [r.foresee(i, rows, more=more) for r, i in zip(rivals, inputs, strict=True)]
     as_they_are = [r.foresee(i, rows) for r, i in zip(rivals, inputs, strict=True)]
-    found = outlook(weight, as_they_are, whitening)
+    found = expected_separation(weight, as_they_are, whitening)
     if found is not None:
         yield Suggestion.judged(found, SAME)
     for label in _switchable(rivals):
         off = [r.foresee(i, rows, without=label) for r, i in zip(rivals, inputs, strict=True)]
         both = [_joined(a, b) for a, b in zip(as_they_are, off, strict=True)]
-        found = outlook(weight, both, np.concatenate([whitening, whitening]))
+        found = expected_separation(weight, both, np.concatenate([whitening, whitening]))
         if found is not None:
             yield Suggestion.judged(found, SWITCH, label)
     wider = np.zeros((len(rows), m + 1, m + 1))
     wider[:, :m, :m], wider[:, m, m] = whitening, 1.0
     for j, column in enumerate(more):
-        found = outlook(weight, [f.read_by([*range(m), m + j]) for f in wide], wider)
+        found = expected_separation(weight, [f.read_by([*range(m), m + j]) for f in wide], wider)
         if found is not None:
             yield Suggestion.judged(found, SENSOR, column)
 
@@ -240,8 +248,8 @@ def _switchable(rivals: Sequence[Rival]) -> list[str]:
     return list(dict.fromkeys(e.label for e in effects if e.term.SWITCHES))
 
 
-def _joined(a: Foreseen, b: Foreseen) -> Foreseen:
-    return Foreseen(
+def _joined(a: PredictedReadings, b: PredictedReadings) -> PredictedReadings:
+    return PredictedReadings(
         np.concatenate([a.readings, b.readings]),
         np.concatenate([a.columns, b.columns]),
         np.concatenate([a.ok, b.ok]),

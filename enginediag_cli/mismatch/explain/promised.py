@@ -8,10 +8,10 @@ from enginediag_cli.drivers import TIME
 from enginediag_cli.mismatch.explain.currency import Offer, Prices, scales_of
 from enginediag_cli.mismatch.explain.members import clashes, identity
 from enginediag_cli.mismatch.fit.options import OptionScore, option_scores, with_best_onset
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 
 
-def promising(prices: Prices, trial: Trial, scores: Iterable[OptionScore], most: int) -> list[Offer]:
+def promising(prices: Prices, trial: HypothesisFit, scores: Iterable[OptionScore], most: int) -> list[Offer]:
     """Of each that may join the trial its best score; the `most` of these that promise most, each with the onset that
     suits what the trial leaves, and of them what promises a gain then, best first. Onsets are scored some records
     apart: beside offsets of every flight a change that promises nothing there may explain all at its own record."""
@@ -31,7 +31,7 @@ def _offer(prices: Prices, s: OptionScore) -> Offer:
     return Offer(s.option, price, prices.promise(s, scales_of(s.option), price))
 
 
-def _at_best_onset(prices: Prices, trial: Trial, offer: Offer) -> Offer:
+def _at_best_onset(prices: Prices, trial: HypothesisFit, offer: Offer) -> Offer:
     """A change in time as it promises most; anything else as it is."""
     if offer.option.driver != TIME:
         return offer

@@ -13,13 +13,13 @@ import numpy as np
 
 from enginediag_cli.mismatch.explain.answer import Answer, Coefficient, Explanation
 from enginediag_cli.mismatch.explain.rejected import Reason
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 
 REACH = 14.0
 """Units of χ² behind the best up to which an explanation counts: odds of a thousand to one. Judgement."""
 
 
-def within_reach(answer: Answer, fitted: Mapping[str, Trial]) -> Sequence[Explanation]:
+def near_alternatives(answer: Answer, fitted: Mapping[str, HypothesisFit]) -> Sequence[Explanation]:
     """The explanations of an answer that has rivals, and after them those of the `fitted`, by label, that are within
     REACH, likeliest first; none where one stands alone."""
     told = answer.explanations
@@ -33,11 +33,11 @@ def within_reach(answer: Answer, fitted: Mapping[str, Trial]) -> Sequence[Explan
     return (*told, *(_explanation(t, told[0].probability * float(np.exp(-0.5 * f))) for f, t in sorted(near, key=_by)))
 
 
-def _by(pair: tuple[float, Trial]) -> float:
+def _by(pair: tuple[float, HypothesisFit]) -> float:
     return pair[0]
 
 
-def _explanation(t: Trial, probability: float) -> Explanation:
+def _explanation(t: HypothesisFit, probability: float) -> Explanation:
     parameters = t.found.model.parameters
     found = tuple(Coefficient(n, parameters[n].unit, v, s, *t.intervals[n]) for n, (v, s) in t.coefficients.items())
     return Explanation(t.options, found, t.objective, np.nan, probability, np.nan, np.nan, t.at_bound)

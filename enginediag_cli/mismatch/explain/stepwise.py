@@ -35,8 +35,8 @@ from enginediag_cli.mismatch.explain.members import (
 )
 from enginediag_cli.mismatch.explain.pairs import EXTENDED, best_pairs, forward
 from enginediag_cli.mismatch.fit.freeform import Cell
-from enginediag_cli.mismatch.fit.options import FREE, LAW, OptionScore
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.options import FORMULA_OPTION, FREE, OptionScore
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.physics.registry import kinds_of_places
 
 PAIRS = 4
@@ -73,7 +73,7 @@ class Stepwise:
         effects = [e for o in fits.library for e in o.hypothesis.effects]
         self.places = kinds_of_places(effects, fits.evidence.engine.network)
 
-    def named(self, singles: Sequence[Trial], scores: Sequence[OptionScore]) -> list[Explanation]:
+    def named(self, singles: Sequence[HypothesisFit], scores: Sequence[OptionScore]) -> list[Explanation]:
         """The alias set of pairs, or of the larger sets that grow from them; empty when none is adequate. `singles`:
         fitted single options, best first; `scores` of all options at the base."""
         sets = self.sets
@@ -88,7 +88,7 @@ class Stepwise:
             named = self._with_rivals(named[0], fitted)
         return self.deciding.unless_outdone(named) or self._grown(self.proposers)
 
-    def _with_rivals(self, first: Explanation, pairs: Sequence[Trial]) -> list[Explanation]:
+    def _with_rivals(self, first: Explanation, pairs: Sequence[HypothesisFit]) -> list[Explanation]:
         """The alias set of a pair, with what explains as much in the place of either member, or began at another
         time: its own fit without the other did not propose it. Empty where a free curve does in the place of one."""
         sets = self.sets
@@ -110,7 +110,7 @@ class Stepwise:
         adequate."""
         return self._grown((*self.proposers, *proposers))
 
-    def with_unlisted(self) -> list[Trial]:
+    def with_unlisted(self) -> list[HypothesisFit]:
         """All sets, likeliest first, when free curves have been among what may be a member."""
         self._grown((*self.proposers, self.sets.unlisted), settle=False)
         return self.sets.likeliest()
@@ -163,7 +163,7 @@ class Stepwise:
         named = self.deciding.settled(sets.beam(listed=True), proposers) or named
         return self.deciding.unless_outdone(named)
 
-    def _proposed(self, beam: Sequence[Trial], proposers: Sequence[Proposer], enough: float) -> list[Members]:
+    def _proposed(self, beam: Sequence[HypothesisFit], proposers: Sequence[Proposer], enough: float) -> list[Members]:
         """Sets that were not fitted and promise to be likelier than the one that they grow from, the most promising
         first; and those that something is dropped from. None that promises less than `enough`."""
         sets = self.sets
@@ -179,5 +179,5 @@ class Stepwise:
             if promise > enough and not sets.known(members):
                 add(new, members)
         most = TRIED_OF_MANY if sets.many else TRIED
-        of_library = [n for n in new if n[-1].kind not in (FREE, LAW)]
-        return [*of_library[:most], *[n for n in new if n[-1].kind in (FREE, LAW)][:most]]
+        of_library = [n for n in new if n[-1].kind not in (FREE, FORMULA_OPTION)]
+        return [*of_library[:most], *[n for n in new if n[-1].kind in (FREE, FORMULA_OPTION)][:most]]

@@ -15,36 +15,43 @@ from scipy import special
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.intake.loader import Intake
 from enginediag_cli.isolation.flips.flips import Flips
-from enginediag_cli.mismatch.controlled.find import Found
-from enginediag_cli.mismatch.explain.answer import FAILED, LAW, NAMED, NONE, NOTHING, Answer
+from enginediag_cli.mismatch.controlled.find import ControlSearchResult
+from enginediag_cli.mismatch.explain.answer import (
+    FORMULA,
+    IDENTIFIED,
+    NO_DISCREPANCY,
+    NOT_CONVERGED,
+    UNEXPLAINED,
+    Answer,
+)
 from enginediag_cli.mismatch.explain.change_times import with_times
 from enginediag_cli.mismatch.explain.curves import Curve, best_places, fitted_curves
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.flips import flips_of_answer
-from enginediag_cli.mismatch.explain.floor_cost import FloorCost, floor_cost
-from enginediag_cli.mismatch.explain.follows import Follows, followed
-from enginediag_cli.mismatch.explain.gated import Gated, gated_out
+from enginediag_cli.mismatch.explain.floor_cost import FloorCost, tolerance_cost
+from enginediag_cli.mismatch.explain.follows import HysteresisFit, followed
+from enginediag_cli.mismatch.explain.gated import UnsteadyRecords, gated_out
 from enginediag_cli.mismatch.explain.on_all import Searched, searched_on_share
-from enginediag_cli.mismatch.explain.plan import Advice, plan
-from enginediag_cli.mismatch.explain.reach import within_reach
-from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, with_own_noise
+from enginediag_cli.mismatch.explain.plan import Advice, advise_flights_for_explanations
+from enginediag_cli.mismatch.explain.reach import near_alternatives
+from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, refit_noise_without_switches
 from enginediag_cli.mismatch.explain.unseen import Unseen, unseen_effects
-from enginediag_cli.mismatch.fit.evidence import Evidence
+from enginediag_cli.mismatch.fit.evidence import Dataset
 from enginediag_cli.mismatch.fit.options import EFFECT
-from enginediag_cli.mismatch.fit.options import LAW as OF_A_LAW
+from enginediag_cli.mismatch.fit.options import FORMULA_OPTION as OF_A_LAW
 from enginediag_cli.mismatch.fit.share import is_long
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.scan import known_variables
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding, effects_at
 from enginediag_cli.mismatch.unrecorded.switched import effects_that_switch
 
 
 @dataclass(frozen=True)
-class Story:
+class ExplanationResult:
     """`answer`, and around it; `evidence` with the noise that the answer rests on. `only_exact`: effects that would
     stand out if the maps were exact."""
 
-    evidence: Evidence
+    evidence: Dataset
     answer: Answer
     hidden: tuple[HiddenFinding, ...]
     hidden_effects: tuple[tuple[Effect, ...], ...]  # listed effects that may be each of `hidden`
@@ -53,27 +60,29 @@ class Story:
     only_exact: tuple[FloorCost, ...]
     advice: Advice | None  # what would tell the explanations apart
     unseen: tuple[Unseen, ...] = ()  # of `answer.unseen`, by the kind of effect that was looked for
-    switched: tuple[Trial, ...] = ()  # effects that may be the first of `hidden`, refitted at its states, best first
+    switched: tuple[
+        HypothesisFit, ...
+    ] = ()  # effects that may be the first of `hidden`, refitted at its states, best first
     searched: Searched | None = None  # None: all records
-    control: Found | None = None  # that the engine file lacks and the engine that was searched has
-    gated: Gated | None = None  # what was left out of the search with the records that are not steady
+    control: ControlSearchResult | None = None  # that the engine file lacks and the engine that was searched has
+    gated: UnsteadyRecords | None = None  # what was left out of the search with the records that are not steady
     flips: Flips | None = None  # what would change the first name, None where nothing is named
-    follows: tuple[Follows, ...] = ()  # what the first of `hidden` follows after all, best first
+    follows: tuple[HysteresisFit, ...] = ()  # what the first of `hidden` follows after all, best first
     planned: bool = False  # whether the best recording of every kind is asked for
 
     @property
     def found_nothing(self) -> bool:
-        return self.control is None and self.answer.status == NOTHING
+        return self.control is None and self.answer.status == NO_DISCREPANCY
 
 
-def tell(
-    evidence: Evidence,
+def explain_mismatch(
+    evidence: Dataset,
     effects: Sequence[Effect] | None = None,
     *,
     advise: bool = True,
     intake: Intake | None = None,
     every_record: bool = False,
-) -> Story:
+) -> ExplanationResult:
     """Search and everything around it. `effects`: the library, default all that the model does not carry; `intake`: by
     which records that were left out as unsteady are read, where something has switched between them. Of long recordings
     a share is searched, unless `every_record` is to be."""
@@ -81,9 +90,9 @@ def tell(
     if is_long(evidence.flights) and not every_record:
         judged, first = searched_on_share(evidence, effects)
         search, share, answer, searched = judged.search, judged.share, judged.answer, judged.searched
-        first = _still_named(first, answer) if first.status in (NAMED, LAW) else answer
+        first = _still_named(first, answer) if first.status in (IDENTIFIED, FORMULA) else answer
     else:
-        evidence = with_own_noise(evidence)
+        evidence = refit_noise_without_switches(evidence)
         search = share = Search(evidence, effects, hidden_search(evidence))
         answer = first = search.run()
     # of a strong effect nearly every place is significant; those that can be told from the first are its shadows
@@ -91,9 +100,9 @@ def tell(
     hidden = tuple(f for f in found if f is found[0] or f.location in found[0].rivals)
     engine = search.evidence.engine
     at = tuple(tuple(e for e in effects_at(f.location, engine) if _listed(e, search.effects)) for f in hidden)
-    if answer.status == FAILED:
-        return Story(search.evidence, answer, hidden, at, (), (), (), None, searched=searched)
-    trials: list[Trial] = []
+    if answer.status == NOT_CONVERGED:
+        return ExplanationResult(search.evidence, answer, hidden, at, (), (), (), None, searched=searched)
+    trials: list[HypothesisFit] = []
     refitted = effects_that_switch(found, search.effects, search.base, search.along)
     if refitted is not None:
         lead, trials = refitted
@@ -108,13 +117,13 @@ def tell(
         hidden = (with_times(hidden[0], trials, base.found, search.along, intake), *hidden[1:])
     curves = (
         fitted_curves(base.found, base.objective, best_places(answer.cells), search.along)
-        if answer.status == NONE
+        if answer.status == UNEXPLAINED
         else []
     )
-    floor = floor_cost(base, search.library)
+    floor = tolerance_cost(base, search.library)
     only_exact = _only_exact(answer, floor)
-    rivals = within_reach(first, share.fitted) if advise and answer.status in (NAMED, LAW) else ()
-    return Story(
+    rivals = near_alternatives(first, share.fitted) if advise and answer.status in (IDENTIFIED, FORMULA) else ()
+    return ExplanationResult(
         search.evidence,
         answer,
         hidden,
@@ -122,7 +131,7 @@ def tell(
         tuple(curves),
         tuple(floor),
         tuple(only_exact),
-        plan(share.base.found, rivals),
+        advise_flights_for_explanations(share.base.found, rivals),
         # what a gate has left out is not taken up by identification
         tuple(unseen_effects(share.base, share.library, [n for n in answer.unseen if n not in _labels(gated)])),
         tuple(trials),
@@ -133,7 +142,7 @@ def tell(
     )
 
 
-def _labels(gated: Gated | None) -> tuple[str, ...]:
+def _labels(gated: UnsteadyRecords | None) -> tuple[str, ...]:
     return gated.effects if gated is not None else ()
 
 
@@ -146,13 +155,13 @@ def _still_named(share: Answer, answer: Answer) -> Answer:
 def _only_exact(answer: Answer, floor: Sequence[FloorCost]) -> list[FloorCost]:
     """Effects over the gate of detection without the floor alone; where something was found, scores of others are its
     shadows."""
-    if answer.status != NOTHING:
+    if answer.status != NO_DISCREPANCY:
         return []
     gate = float(special.chdtri(1.0, np.exp(-answer.gates[0])))
     return [c for c in floor if c.score <= gate < c.score_without]
 
 
-def named_effects(story: Story) -> tuple[Effect, ...]:
+def named_effects(story: ExplanationResult) -> tuple[Effect, ...]:
     """Effects of the first explanation; empty when it is none or holds a change in time."""
     if not story.answer.explanations:
         return ()

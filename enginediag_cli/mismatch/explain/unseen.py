@@ -16,7 +16,7 @@ from enginediag_cli.engine.term import Driver
 from enginediag_cli.mismatch.explain.floor_cost import VISIBLE
 from enginediag_cli.mismatch.fit.freeform import of_effect
 from enginediag_cli.mismatch.fit.options import Option
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.unrecorded.refit import location_columns
 from enginediag_cli.mismatch.unrecorded.whitened_rows import Basis, basis, direction
 
@@ -35,7 +35,7 @@ class Unseen:
     switching: float = np.inf
 
 
-def unseen_effects(base: Trial, library: Sequence[Option], labels: Sequence[str]) -> list[Unseen]:
+def unseen_effects(base: HypothesisFit, library: Sequence[Option], labels: Sequence[str]) -> list[Unseen]:
     """Of options by label, at a fit that carries none of them."""
     # an effect that is tried at several sizes is several options
     chosen = list({o.label: o for o in library if o.label in set(labels) and o.hypothesis.effects}.values())

@@ -7,10 +7,24 @@ from dataclasses import replace
 
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.identification.gauss_newton import Fit
-from enginediag_cli.mismatch.fit.identified import ANY_REACH, Hypothesis, Identified, Nuisance, Reach, identify_with
-from enginediag_cli.mismatch.fit.options import LAW, Option, effect_option, effect_options, option_scores, together
+from enginediag_cli.mismatch.fit.identified import (
+    ANY_REACH,
+    FitBudget,
+    Hypothesis,
+    IdentifiedHypothesis,
+    Nuisance,
+    identify_with,
+)
+from enginediag_cli.mismatch.fit.options import (
+    FORMULA_OPTION,
+    Option,
+    combine_options,
+    effect_option,
+    effect_options,
+    option_scores,
+)
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial import Trial, remembered
+from enginediag_cli.mismatch.fit.trial import HypothesisFit, remembered
 
 LEFT_BEHIND = 0.2
 """Of two limits one that is found this much below the other may be where it is because nothing showed it. Judgement."""
@@ -18,12 +32,12 @@ LEFT_BEHIND = 0.2
 
 def attempt(
     options: Sequence[Option],
-    start: Identified,
+    start: IdentifiedHypothesis,
     along: Nuisance,
     of_few: Fit | None = None,
-    reach: Reach = ANY_REACH,
+    reach: FitBudget = ANY_REACH,
     onward: bool = False,
-) -> Trial:
+) -> HypothesisFit:
     """Fit nuisance and options together to the evidence of another fit. It begins at the prior means, the nominal
     state: the other fit, without the options, is bent by what they explain; or where a fit `of_few` records ended.
     `reach`: how far it is worth its time. `onward`: it begins at the other fit and ends roughly, which is enough to
@@ -41,30 +55,30 @@ def attempt(
 
 def _one_behind_the_other(options: Sequence[Option]) -> bool:
     """Whether two of the options remember and act on the same thing; a law follows what both leave."""
-    effects = [e for o in options if o.kind != LAW for e in o.hypothesis.effects if remembered(e)]
+    effects = [e for o in options if o.kind != FORMULA_OPTION for e in o.hypothesis.effects if remembered(e)]
     acts_on = [n for e in effects for n in e.site.acts_on]
     return len(acts_on) > len(set(acts_on))
 
 
 def _attempt(
     options: Sequence[Option],
-    start: Identified,
+    start: IdentifiedHypothesis,
     along: Nuisance,
     of_few: Fit | None,
-    reach: Reach,
+    reach: FitBudget,
     onward: bool = False,
-) -> Trial:
+) -> HypothesisFit:
     """The options in this order."""
     begun = start if onward else None
-    found = identify_with(start.evidence, together(*options), along, begun, of_few, reach, onward)
-    trial = Trial(tuple(options), found, Projection(found))
+    found = identify_with(start.evidence, combine_options(*options), along, begun, of_few, reach, onward)
+    trial = HypothesisFit(tuple(options), found, Projection(found))
     evened = [_evened(o, found.theta) for o in options]
     if all(o is None for o in evened):
         return trial
     # where nothing met one of two limits, no derivative shows it: it is tried at the size of the other
     other = [e or o for e, o in zip(evened, options, strict=True)]
-    again = identify_with(start.evidence, together(*other), along, reach=reach)
-    second = Trial(tuple(other), again, Projection(again))
+    again = identify_with(start.evidence, combine_options(*other), along, reach=reach)
+    second = HypothesisFit(tuple(other), again, Projection(again))
     return second if second.converged and second.objective < trial.objective else trial
 
 
@@ -78,7 +92,7 @@ def _evened(option: Option, theta: Mapping[str, float]) -> Option | None:
     return None
 
 
-def begun(effects: Sequence[Effect], found: Identified) -> list[Option]:
+def begun(effects: Sequence[Effect], found: IdentifiedHypothesis) -> list[Option]:
     """Options of these effects, those that are tried at some size at the one that says most about what a fit without
     them leaves."""
     projection = Projection(found)

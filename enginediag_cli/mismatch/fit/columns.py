@@ -9,14 +9,14 @@ import numpy as np
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.identification import normal_equations
 from enginediag_cli.mismatch.fit.extended import ExtendedModel
-from enginediag_cli.mismatch.fit.identified import Identified
+from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis
 from enginediag_cli.mismatch.fit.projection import KEPT_BYTES, Projection, Rows, Whitening, derivatives
 
 
 class Columns:
     """∂y/∂θ at a fit by name of the parameter, of the fit's model with effects that it does not carry."""
 
-    def __init__(self, found: Identified, names: Iterable[str], effects: Iterable[Effect]):
+    def __init__(self, found: IdentifiedHypothesis, names: Iterable[str], effects: Iterable[Effect]):
         engine = found.evidence.engine
         carried = {e.label for e in (*engine.effects, *found.hypothesis.effects)}
         further = {e.label: e for e in effects if e.label not in carried}

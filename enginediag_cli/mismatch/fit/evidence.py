@@ -94,7 +94,7 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class Dataset:
     """`engine` carries what its file says and nothing else."""
 
     engine: Engine
@@ -113,7 +113,7 @@ class Evidence:
     def engines(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(f.engine for f in self.flights))
 
-    def only(self, keep: list[int]) -> Evidence:
+    def only(self, keep: list[int]) -> Dataset:
         """The same with some of the flights, by position."""
         from dataclasses import replace
 

@@ -19,7 +19,7 @@ from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Driver, DriverValues, Effect
 from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.families import Scored, Sums, grid
-from enginediag_cli.mismatch.fit.identified import Identified
+from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.parameters import Parameter, spelled
 from enginediag_cli.physics.registry import effect, term
@@ -66,12 +66,12 @@ def parameter_at(place: Location, engine: Engine) -> Parameter:
     return next(p for p in place.through.parameters() if p.name == place.parameter)
 
 
-def locations(found: Identified) -> list[Location]:
+def locations(found: IdentifiedHypothesis) -> list[Location]:
     """Every health parameter, loss, nozzle area and cooling flow, every bleed and shaft load, every recorded sensor."""
-    return locations_of(found.evidence.engine, found.problem.sensors)
+    return list_locations(found.evidence.engine, found.problem.sensors)
 
 
-def locations_of(engine: Engine, sensors: Sequence[str]) -> list[Location]:
+def list_locations(engine: Engine, sensors: Sequence[str]) -> list[Location]:
     """The same for an engine of which these sensor columns are recorded: the parameters that say how far they roam,
     and the effects of LEVERS."""
     known = [p for p in engine.parameters.values() if p.roams is not None]
@@ -139,7 +139,7 @@ class Cell(Scored):
 
 @stage("scoring places and drivers")
 def free_form(
-    found: Identified, projection: Projection, along: Sequence[DriverValues], columns: Columns | None = None
+    found: IdentifiedHypothesis, projection: Projection, along: Sequence[DriverValues], columns: Columns | None = None
 ) -> list[Cell]:
     """The map's cells, most surprising first; drivers' values are of all records of the evidence. `columns`: of at
     least the `locations`, if known."""

@@ -12,11 +12,11 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from enginediag_cli.identification.gauss_newton import Fit
-from enginediag_cli.mismatch.fit.evidence import Evidence
-from enginediag_cli.mismatch.fit.identified import Identified, Nuisance, problem_with
-from enginediag_cli.mismatch.fit.options import Option, together
+from enginediag_cli.mismatch.fit.evidence import Dataset
+from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis, Nuisance, problem_with
+from enginediag_cli.mismatch.fit.options import Option, combine_options
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.side_by_side import Handing
 
 
@@ -31,19 +31,19 @@ class Handed:
     projected: Mapping[str, Any]
 
 
-def trials_handed(evidence: Evidence, along: Nuisance, options: Sequence[Option]) -> Handing:
+def trials_handed(evidence: Dataset, along: Nuisance, options: Sequence[Option]) -> Handing:
     """How trials of these options come, that begin at no other fit."""
 
-    def pack(trial: Trial) -> Handed:
+    def pack(trial: HypothesisFit) -> Handed:
         found = trial.found
         return Handed(trial.options, found.fit, found.settled, found.model.memory, trial.projection.kept)
 
-    def unpack(of: Handed) -> Trial:
-        hypothesis = together(*of.options)
+    def unpack(of: Handed) -> HypothesisFit:
+        hypothesis = combine_options(*of.options)
         model, problem, rho = problem_with(evidence, hypothesis, along)
         model.remember(of.memory)
-        found = Identified(evidence, hypothesis, model, problem, of.fit, of.settled, rho)
-        return Trial(of.options, found, Projection.again(found, of.projected))
+        found = IdentifiedHypothesis(evidence, hypothesis, model, problem, of.fit, of.settled, rho)
+        return HypothesisFit(of.options, found, Projection.again(found, of.projected))
 
     parts = [getattr(e, f.name) for o in options for e in o.hypothesis.effects for f in fields(e)]
     return Handing(pack, unpack, [*options, *parts])

@@ -11,10 +11,10 @@ from itertools import groupby
 import numpy as np
 
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 
 
-def flights_gained(base: Trial, trial: Trial) -> float:
+def flights_gained(base: HypothesisFit, trial: HypothesisFit) -> float:
     """Share of the flights whose held-out χ² falls with the trial's options; 1 with a single flight."""
     before, after = held_out_objectives(base.projection), held_out_objectives(trial.projection)
     if len(before) < 2:

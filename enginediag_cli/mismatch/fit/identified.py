@@ -13,7 +13,7 @@ from enginediag_cli.errors import NoVerdictError
 from enginediag_cli.identification.gauss_newton import HOPE, Fit, solve
 from enginediag_cli.identification.nominal import with_regimes
 from enginediag_cli.identification.problem import IdentificationSettings, Problem, TrainingRecording, build_problem
-from enginediag_cli.mismatch.fit.evidence import Evidence
+from enginediag_cli.mismatch.fit.evidence import Dataset
 from enginediag_cli.mismatch.fit.extended import NUMBER, Discrepancy, ExtendedModel
 from enginediag_cli.mismatch.fit.nuisance import constants, floor, found_floor, read_wrong
 from enginediag_cli.physics.registry import own_drivers
@@ -47,7 +47,7 @@ MAX_LOST = 0.1
 
 
 @dataclass(frozen=True)
-class Reach:
+class FitBudget:
     """How far a fit is worth its time. `hopeless`: the objective (`objective_of`) above which nobody wants it, and it
     is given up; `behind`: above which it is only ranked: there it has settled as soon as it cannot come below."""
 
@@ -55,7 +55,7 @@ class Reach:
     behind: float = np.inf
 
 
-ANY_REACH = Reach()
+ANY_REACH = FitBudget()
 
 
 @dataclass(frozen=True)
@@ -82,18 +82,18 @@ class Hypothesis:
         return " + ".join((*(e.label for e in self.effects), *(d.name for d in self.discrepancies))) or "nothing"
 
 
-NO_HYPOTHESIS = Hypothesis()
+NULL_HYPOTHESIS = Hypothesis()
 
 
 @dataclass(frozen=True)
-class Identified:
+class IdentifiedHypothesis:
     """A fit of the nuisance and a hypothesis to the evidence. Look at `converged` first.
 
     `number` (N,): place of each record of the problem in the evidence; `nuisance` curves and discrepancies are those
     of the floor and of the fleet.
     """
 
-    evidence: Evidence
+    evidence: Dataset
     hypothesis: Hypothesis
     model: ExtendedModel
     problem: Problem
@@ -126,7 +126,7 @@ class Identified:
         return self.problem.inputs[NUMBER].astype(int)
 
 
-def stacked(evidence: Evidence, column: str, default: float = np.nan) -> np.ndarray:
+def stack_column(evidence: Dataset, column: str, default: float = np.nan) -> np.ndarray:
     """A column over all flights, (N,); `default` where a flight has none."""
     parts = []
     for f in evidence.flights:
@@ -135,21 +135,21 @@ def stacked(evidence: Evidence, column: str, default: float = np.nan) -> np.ndar
     return np.concatenate(parts)
 
 
-def inputs_of(evidence: Evidence) -> dict[str, np.ndarray]:
+def input_values(evidence: Dataset) -> dict[str, np.ndarray]:
     """The engine's inputs over all flights, (N,) each."""
     engine = evidence.engine
-    found = {c: stacked(evidence, c) for c in engine.inputs}
+    found = {c: stack_column(evidence, c) for c in engine.inputs}
     for c, default in engine.optional_inputs.items():
-        found[c] = stacked(evidence, c, default)
+        found[c] = stack_column(evidence, c, default)
     return found
 
 
-def drivers_of(evidence: Evidence, theta: Mapping[str, float]) -> list[DriverValues]:
+def driver_values(evidence: Dataset, theta: Mapping[str, float]) -> list[DriverValues]:
     """Drivers of all records of the evidence, with its further columns, at the engine's parameters among `theta`."""
     engine = evidence.engine
     at = {n: v for n, v in theta.items() if n in engine.parameters}
-    recorded = {c: stacked(evidence, c) for c in evidence.drivers}
-    return drivers(engine, inputs_of(evidence), at, recorded, own_drivers())
+    recorded = {c: stack_column(evidence, c) for c in evidence.drivers}
+    return drivers(engine, input_values(evidence), at, recorded, own_drivers())
 
 
 @dataclass(frozen=True)
@@ -161,10 +161,10 @@ class Nuisance:
     curves: Mapping[str, np.ndarray]
 
 
-def nuisance(evidence: Evidence) -> Nuisance:
+def nuisance(evidence: Dataset) -> Nuisance:
     """Floor and fleet of the evidence, at the prior mean of its parameters."""
     s, engine = evidence.settings, evidence.engine
-    inputs = inputs_of(evidence)
+    inputs = input_values(evidence)
     known = {n: v for n, v in s.prior_mean.items() if n in engine.parameters}
     if s.maps is not None and s.map_accuracy > 0.0:
         discrepancies, curves = found_floor(engine, inputs, s.maps)
@@ -187,14 +187,14 @@ def nuisance(evidence: Evidence) -> Nuisance:
 
 @stage("fitting the model")
 def identify_with(
-    evidence: Evidence,
+    evidence: Dataset,
     hypothesis: Hypothesis,
     along: Nuisance,
-    start: Identified | None = None,
+    start: IdentifiedHypothesis | None = None,
     of_few: Fit | None = None,
-    reach: Reach = ANY_REACH,
+    reach: FitBudget = ANY_REACH,
     roughly: bool = False,
-) -> Identified:
+) -> IdentifiedHypothesis:
     """Fit nuisance and hypothesis together, from another fit where one is given; `of_few`: from what `fit_of_few` has
     found of the same hypothesis. A start from a share of the records is as good as one from few of them. `reach`:
     how far it is worth its time; `roughly`: only to compare it with others."""
@@ -210,18 +210,20 @@ def identify_with(
         fit, settled = _fit(problem, first, ROUGHLY[0], reach, (ROUGHLY[0] * ROUGHLY[1], NEARLY_SETTLED))
     else:
         fit, settled = _fit(problem, first, iterations, reach)
-    return Identified(evidence, hypothesis, model, problem, fit, settled, rho)
+    return IdentifiedHypothesis(evidence, hypothesis, model, problem, fit, settled, rho)
 
 
-def nearer(evidence: Evidence, hypothesis: Hypothesis, along: Nuisance, start: Identified) -> Identified:
+def nearer(
+    evidence: Dataset, hypothesis: Hypothesis, along: Nuisance, start: IdentifiedHypothesis
+) -> IdentifiedHypothesis:
     """NEARER steps of a fit from one of a share of the records: nearer the optimum, which lies far off where the model
     lacks something. A projection goes the last one."""
     model, problem, rho = problem_with(evidence, hypothesis, along, start)
     fit = solve(problem, _start(problem, start, hypothesis), max_iterations=NEARER, tolerance=TOLERANCE)
-    return Identified(evidence, hypothesis, model, problem, fit, fit.converged, rho)
+    return IdentifiedHypothesis(evidence, hypothesis, model, problem, fit, fit.converged, rho)
 
 
-def fit_of_few(evidence: Evidence, hypothesis: Hypothesis, along: Nuisance, start: Identified) -> Fit | None:
+def fit_of_few(evidence: Dataset, hypothesis: Hypothesis, along: Nuisance, start: IdentifiedHypothesis) -> Fit | None:
     """A fit to few records, evenly chosen, to compare hypotheses by and to go on from; None where there are few anyway,
     or where it did not settle. Another fit is where it begins if it is of the same hypothesis, else the prior means:
     what the other lacks has bent it."""
@@ -249,7 +251,7 @@ def _fit(
     problem: Problem,
     start: tuple[np.ndarray, np.ndarray] | None,
     iterations: int = ITERATIONS,
-    reach: Reach = ANY_REACH,
+    reach: FitBudget = ANY_REACH,
     enough: tuple[int, float] = (ROUNDS * ITERATIONS, SETTLED),
 ) -> tuple[Fit, bool]:
     """The fit, and whether it has converged or settled; `enough`: iterations after the first round at most, and what
@@ -278,7 +280,7 @@ def _fit(
 
 
 def problem_with(
-    evidence: Evidence, hypothesis: Hypothesis, along: Nuisance, start: Identified | None = None
+    evidence: Dataset, hypothesis: Hypothesis, along: Nuisance, start: IdentifiedHypothesis | None = None
 ) -> tuple[ExtendedModel, Problem, np.ndarray]:
     """Model and problem of nuisance and hypothesis together, and each sensor's lag-1 correlation (m,). Readings that
     another fit, `start`, has as well are held once."""
@@ -323,7 +325,7 @@ def _shared(problem: Problem, other: Problem) -> Problem:
     )
 
 
-def _recordings(evidence: Evidence, curves: Mapping[str, np.ndarray]) -> list[TrainingRecording]:
+def _recordings(evidence: Dataset, curves: Mapping[str, np.ndarray]) -> list[TrainingRecording]:
     found, first = [], 0
     for f in evidence.flights:
         n = len(next(iter(f.columns.values())))
@@ -352,7 +354,7 @@ def _begun(problem: Problem, hypothesis: Hypothesis) -> tuple[np.ndarray, np.nda
 
 
 def _start(
-    problem: Problem, other: Identified | None, hypothesis: Hypothesis = NO_HYPOTHESIS
+    problem: Problem, other: IdentifiedHypothesis | None, hypothesis: Hypothesis = NULL_HYPOTHESIS
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """The other fit's values for what both estimate."""
     if other is None:

@@ -37,8 +37,8 @@ from enginediag_cli.intake.agreement import agreement_with_engine, agreement_wit
 from enginediag_cli.intake.excluded import GrossCounts
 from enginediag_cli.intake.loader import Intake, Thinning, whole_flights
 from enginediag_cli.intake.selection import Baseline, Source, columns_of, open_baseline
-from enginediag_cli.mismatch.controlled.find import Found, find_law
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise, Owed, Settings, as_recordings
+from enginediag_cli.mismatch.controlled.find import ControlSearchResult, find_law
+from enginediag_cli.mismatch.fit.evidence import Dataset, Flight, Noise, Owed, Settings, as_recordings
 from enginediag_cli.mismatch.fit.noise import larger_noise
 from enginediag_cli.mismatch.fit.nuisance import amounts_of
 from enginediag_cli.mismatch.fit.self_identified import SelfIdentified, left_by_the_fit, self_identified
@@ -55,7 +55,7 @@ SCALE_SIGMA = 0.002
 
 
 @dataclass(frozen=True)
-class Asked:
+class MismatchQuery:
     """Choices of the user. `model_error`: relative accuracy of the maps, None for the engine file's; `drivers`:
     further recorded columns that may drive an effect; `noise`: "specified" or "estimate", None for the engine file's
     choice."""
@@ -73,7 +73,7 @@ class Asked:
 
 
 @dataclass(frozen=True)
-class Case:
+class RecordedCase:
     """What a user asks about: an engine file, recordings, perhaps a nominal file; `accept_changed_engine`: go on
     although the engine file is not the one that was identified."""
 
@@ -81,31 +81,31 @@ class Case:
     source: Source
     nominal: str | None = None
     accept_changed_engine: bool = False
-    asked: Asked = field(default_factory=Asked)
+    asked: MismatchQuery = field(default_factory=MismatchQuery)
 
 
 @dataclass(frozen=True)
-class Loaded:
+class LoadedCase:
     """The evidence, the intake that it came through, which knows what was left out, and the nominal state, if any.
     `control`: the control that the engine of the file lacks and that of the evidence has, None without one;
     `as_described`: the engine without it, and its description, where one was sought; `thinning`: how many of the
     records were kept."""
 
-    evidence: Evidence
+    evidence: Dataset
     intake: Intake
     baseline: Baseline | None = None
-    control: Found | None = None
+    control: ControlSearchResult | None = None
     as_described: tuple[EngineDescription, Engine] | None = None
     thinning: Thinning = field(default_factory=Thinning)
 
 
 def load_case(
-    case: Case,
+    case: RecordedCase,
     fitted: Callable[[Sequence[Flight]], list[Flight]] = list,
     *,
     identified: bool = False,
     controls: bool = False,
-) -> Loaded:
+) -> LoadedCase:
     """Read everything that a case names. `fitted`: of all flights those by which an engine may be identified, where
     that must be done first. `identified`: what instruments, maps and noise err by is to come from the flights, too,
     where nobody vouches for the noise; of long recordings a share tells it. `controls`: a control that the engine lacks
@@ -131,7 +131,7 @@ def load_case(
     flights = [Flight(f.recording.label, f.engine, f.recording.columns, f.file) for f in whole]
     healthy = share_of(fitted(flights)) if identified else fitted(flights)
     nominal: Nominal | SelfIdentified | None = baseline.nominal if baseline else None
-    control: Found | None = None
+    control: ControlSearchResult | None = None
     described: tuple[EngineDescription, Engine] | None = None
     if controls:
         described = _described(engine, baseline), engine
@@ -142,30 +142,30 @@ def load_case(
     if nominal is None and not case.asked.vouched and engine.declared.get("identification"):
         # an engine whose design is not known must be identified before anything can be missing
         nominal = self_identified(engine, healthy)
-    evidence = build_evidence(engine, flights, case.asked, nominal=nominal)
+    evidence = build_dataset(engine, flights, case.asked, nominal=nominal)
     if baseline and engine.declared.get("identification"):
         # instruments differ from flight to flight by more than one flight's nominal knows
-        own = build_evidence(engine, flights, case.asked, nominal=self_identified(engine, healthy))
+        own = build_dataset(engine, flights, case.asked, nominal=self_identified(engine, healthy))
         owed = Owed(evidence.noise, priors=False)
         instruments = evidence.settings.instruments or own.settings.instruments
         settings = replace(evidence.settings, instruments=instruments)
         evidence = replace(evidence, noise=larger_noise(evidence.noise, own.noise), settings=settings, owed=owed)
     elif nominal is not None:
-        stated, settings = build_evidence(engine, flights, case.asked).noise, evidence.settings
+        stated, settings = build_dataset(engine, flights, case.asked).noise, evidence.settings
         settings = with_stated_priors(settings, engine) if baseline is None else settings
         evidence = replace(evidence, settings=settings, owed=Owed(stated, priors=True))
     elif identified and case.asked.noise is None:
-        own = build_evidence(engine, flights, case.asked, nominal=self_identified(engine, healthy))
+        own = build_dataset(engine, flights, case.asked, nominal=self_identified(engine, healthy))
         evidence = _with_errors_of(evidence, own)
     evidence, gross = without_gross_errors(evidence)
     for left in intake.left_out:
         left.gross = sum(
             (c for (file, name), c in gross.items() if file == left.file and left.engine in ("", name)), left.gross
         )
-    return Loaded(evidence, intake, baseline, control, described, thinning)
+    return LoadedCase(evidence, intake, baseline, control, described, thinning)
 
 
-def without_gross_errors(evidence: Evidence) -> tuple[Evidence, dict[tuple[str, str], GrossCounts]]:
+def without_gross_errors(evidence: Dataset) -> tuple[Dataset, dict[tuple[str, str], GrossCounts]]:
     """The evidence with gross errors as missing readings, and what was rejected of each file and engine. Judged on the
     residual where priors have the engine; what the model lacks is no gross error, since it lasts or concerns several
     readings."""
@@ -193,7 +193,7 @@ def _described(engine: Engine, baseline: Baseline | None) -> EngineDescription:
     return EngineDescription.of(engine.path, engine.declared)
 
 
-def _with_errors_of(evidence: Evidence, own: Evidence) -> Evidence:
+def _with_errors_of(evidence: Dataset, own: Dataset) -> Dataset:
     """The evidence of an engine whose design is known, with noise, instruments and errors of maps as an identification
     of the same flights finds them. What the engine is expected to be stays as stated: priors about what the flights
     made of it would hold half of what is looked for."""
@@ -203,18 +203,18 @@ def _with_errors_of(evidence: Evidence, own: Evidence) -> Evidence:
     return replace(evidence, noise=wider, settings=settings, owed=Owed(noise, priors=False))
 
 
-def build_evidence(
+def build_dataset(
     engine: Engine,
     flights: Sequence[Flight],
-    asked: Asked | None = None,
+    asked: MismatchQuery | None = None,
     *,
     nominal: Nominal | SelfIdentified | None = None,
-) -> Evidence:
+) -> Dataset:
     """Evidence from flights that are in memory.
 
     Raises DataError for a name in the engine's settings, or a driver, that does not exist.
     """
-    asked = asked or Asked()
+    asked = asked or MismatchQuery()
     block: Mapping[str, Any] = engine.declared.get("mismatch") or {f.name: f.default for f in MISMATCH.fields}
     stated = settings_from_mapping(engine.declared.get("identification"))
     sensors = _sensors(engine, flights, stated)
@@ -246,7 +246,7 @@ def build_evidence(
         seed=asked.seed,
     )
     held = {n: v for n, v in theta0.items() if n not in sigma}
-    return Evidence(
+    return Dataset(
         engine.at(held),
         tuple(flights),
         _noise(engine, sensors, stated, nominal, block),
@@ -255,7 +255,7 @@ def build_evidence(
     )
 
 
-def searched_again(evidence: Evidence, freed: Sequence[Flight]) -> Evidence:
+def searched_again(evidence: Dataset, freed: Sequence[Flight]) -> Dataset:
     """The evidence with noise, and with priors where they are its own, as an identification of the same flights with
     other readings finds them."""
     assert evidence.owed is not None

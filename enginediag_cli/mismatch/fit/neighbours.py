@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from enginediag_cli.mismatch.fit.identified import Identified
+    from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis
 
 TIME = "time_s"
 """Column with the time of a record, s."""
@@ -61,11 +61,11 @@ class Neighbours:
         return (self.gap > 0.0) & (self.gap <= NEXT) & (self.apart < 1.0)
 
 
-def neighbours_of(found: Identified) -> Neighbours:
+def neighbours_of(found: IdentifiedHypothesis) -> Neighbours:
     """Of the records of a fit."""
-    from enginediag_cli.mismatch.fit.identified import stacked
+    from enginediag_cli.mismatch.fit.identified import stack_column
 
-    time = stacked(found.evidence, TIME)[found.number]
+    time = stack_column(found.evidence, TIME)[found.number]
     engine = found.evidence.engine
     widths = {c: high - low for c, (low, high) in engine.envelope.items()}
     inputs = {c: found.problem.inputs[c] for c in engine.inputs}

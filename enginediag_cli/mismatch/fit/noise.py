@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import special
 
-from enginediag_cli.mismatch.fit.evidence import Evidence, Noise
+from enginediag_cli.mismatch.fit.evidence import Dataset, Noise
 from enginediag_cli.mismatch.fit.families import Scored
 from enginediag_cli.mismatch.fit.neighbours import Neighbours
 from enginediag_cli.mismatch.fit.projection import Projection
@@ -97,7 +97,7 @@ def larger_noise(a: Noise, b: Noise) -> Noise:
     )
 
 
-def with_noise(evidence: Evidence, noise: Noise) -> Evidence:
+def with_noise(evidence: Dataset, noise: Noise) -> Dataset:
     return replace(evidence, noise=noise)
 
 

@@ -14,15 +14,15 @@ import numpy as np
 from enginediag_cli.drivers import TIME
 from enginediag_cli.engine.term import Driver, Effect
 from enginediag_cli.mismatch.fit.columns import Columns
-from enginediag_cli.mismatch.fit.evidence import Evidence
+from enginediag_cli.mismatch.fit.evidence import Dataset
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.families import Candidates, Scored, Sums, grid
-from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified
+from enginediag_cli.mismatch.fit.identified import Hypothesis, IdentifiedHypothesis
 from enginediag_cli.mismatch.fit.nuisance import READ_WRONG, scales_not_identified
 from enginediag_cli.mismatch.fit.projection import Projection, Score
 from enginediag_cli.parameters import Parameter
 
-EFFECT, LAW, FAULT, SENSOR_FAULT = "effect", "law", "fault", "sensor fault"
+EFFECT, FORMULA_OPTION, FAULT, SENSOR_FAULT = "effect", "law", "fault", "sensor fault"
 FREE = "free form"
 """Kind of an unlisted effect: free curves of one place along one driver."""
 PARTS_OF_FLIGHT = 4
@@ -93,7 +93,7 @@ def effect_options(effects: Iterable[Effect]) -> list[Option]:
     return found
 
 
-def together(*options: Option) -> Hypothesis:
+def combine_options(*options: Option) -> Hypothesis:
     """All of them at once."""
     hypotheses = [o.hypothesis for o in options]
     return Hypothesis(
@@ -103,7 +103,7 @@ def together(*options: Option) -> Hypothesis:
     )
 
 
-def fault_options(found: Identified) -> list[Option]:
+def fault_options(found: IdentifiedHypothesis) -> list[Option]:
     """A step in time of every health parameter that is identified, and of every recorded sensor's scale, on each
     engine: an instrument may go wrong whether or not its constant error is identified."""
     evidence = found.evidence
@@ -133,7 +133,7 @@ def fault_options(found: Identified) -> list[Option]:
     return result
 
 
-def _steps(found: Identified) -> dict[str, np.ndarray]:
+def _steps(found: IdentifiedHypothesis) -> dict[str, np.ndarray]:
     """Curves (records of the evidence,) that step from 0 to 1, per engine, by a name that says when."""
     steps: dict[str, np.ndarray] = {}
     evidence = found.evidence
@@ -151,7 +151,7 @@ def _steps(found: Identified) -> dict[str, np.ndarray]:
     return steps
 
 
-def _step(evidence: Evidence, onset: int) -> dict[str, np.ndarray]:
+def _step(evidence: Dataset, onset: int) -> dict[str, np.ndarray]:
     """The curve that steps at a record, counted over the evidence, on that record's engine; none too near an end."""
     flight = np.repeat(
         np.arange(len(evidence.flights)), [len(next(iter(f.columns.values()))) for f in evidence.flights]
@@ -166,7 +166,7 @@ def _step(evidence: Evidence, onset: int) -> dict[str, np.ndarray]:
     return {f"since {own.moment(onset - first)} of {own.label}": curve}
 
 
-def with_best_onset(found: Identified, projection: Projection, option: Option) -> Option:
+def with_best_onset(found: IdentifiedHypothesis, projection: Projection, option: Option) -> Option:
     """A change in time with the onset, to the record, that scores best about its own; any other option as it is."""
     if option.driver != TIME:
         return option
@@ -199,7 +199,7 @@ def onset(option: Option) -> int:
     return int(np.flatnonzero(option.hypothesis.curves[d.curve])[0])
 
 
-def stepping(option: Option, evidence: Evidence, at: int) -> Option:
+def stepping(option: Option, evidence: Dataset, at: int) -> Option:
     """A change in time as one that begins with a record of this evidence, which is not too near an end."""
     ((name, curve),) = _step(evidence, at).items()
     return _begun(option, name, curve)
@@ -237,7 +237,7 @@ def parameters_of(options: Sequence[Option]) -> list[str]:
 
 
 def option_scores(
-    found: Identified, projection: Projection, options: Sequence[Option], columns: Columns | None = None
+    found: IdentifiedHypothesis, projection: Projection, options: Sequence[Option], columns: Columns | None = None
 ) -> list[OptionScore]:
     """Scores of options that the fit does not carry; `columns` of at least `parameters_of` them, if known. An option is
     of effects or of discrepancies, not of both."""

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 from enginediag_cli.identification.normal_equations import normal_equations
 from enginediag_cli.intervals import NORMAL_95
-from enginediag_cli.mismatch.fit.identified import Identified
+from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis
 from enginediag_cli.mismatch.fit.projection import Projection
 
 RISEN = 0.5 * NORMAL_95**2
@@ -24,7 +24,7 @@ FARTHER, STEPS = 2.0, 8
 """By how much farther from the estimate an end is tried, and how often."""
 
 
-def interval_at(found: Identified, name: str, standard_error: float) -> tuple[float, float]:
+def interval_at(found: IdentifiedHypothesis, name: str, standard_error: float) -> tuple[float, float]:
     """95 % interval of a coefficient of a fit, within its bounds."""
     j = found.problem.names.index(name)
     lower, upper = float(found.problem.lower[j]), float(found.problem.upper[j])
@@ -35,7 +35,7 @@ def interval_at(found: Identified, name: str, standard_error: float) -> tuple[fl
     )
 
 
-def _end(found: Identified, j: int, least: float, at: float, end: float, bound: float) -> float:
+def _end(found: IdentifiedHypothesis, j: int, least: float, at: float, end: float, bound: float) -> float:
     """From an estimate by a first end to a bound."""
     for _ in range(STEPS):
         if end == bound or not _objective(found, j, end) < least + RISEN:
@@ -45,7 +45,7 @@ def _end(found: Identified, j: int, least: float, at: float, end: float, bound: 
     return end
 
 
-def _objective(found: Identified, j: int, value: float) -> float:
+def _objective(found: IdentifiedHypothesis, j: int, value: float) -> float:
     """χ² with one parameter kept at a value."""
     fit, problem = found.fit, found.problem
     x, kept = fit.x.copy(), fit.at_bound.copy()

@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.identification.normal_equations import Block, blocks
-from enginediag_cli.mismatch.fit.identified import Identified
+from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis
 from enginediag_cli.mismatch.fit.neighbours import neighbours_of
 from enginediag_cli.mismatch.fit.scores import surprise
 
@@ -51,7 +51,7 @@ AT_ONCE = 4096
 class Frame:
     """The rows of a fit: which readings count, and how a (N, m, k) array becomes whitened rows (n, k)."""
 
-    def __init__(self, found: Identified):
+    def __init__(self, found: IdentifiedHypothesis):
         p, e = found.problem, found.fit.equations.residual
         self.sigma, self.rho = p.sigma, found.rho
         self.keep = np.isfinite(e)
@@ -113,7 +113,7 @@ class Whitening:
         return own if before is None else own - before
 
 
-def _input_whitening(found: Identified, keep: np.ndarray) -> np.ndarray | None:
+def _input_whitening(found: IdentifiedHypothesis, keep: np.ndarray) -> np.ndarray | None:
     """L⁻¹ (N, m, m) with L Lᵀ = 1 + G Gᵀ, G = σ⁻¹ ∂y/∂u σ_u: an error of an input moves all readings of its record.
     None where the inputs are exact. Exact for noise that is white in time."""
     noise = found.evidence.noise
@@ -194,7 +194,7 @@ class Projection:
     are no nuisance at a bound; `pull` = Qᵀe (p,) of the free parameters, `step` what is left of the way to the
     whitened optimum (p,), with the offsets eliminated; `objective`: χ² of readings and priors at the optimum."""
 
-    def __init__(self, found: Identified):
+    def __init__(self, found: IdentifiedHypothesis):
         self.found, self.frame = found, Frame(found)
         fit = found.fit
         self.names = (*found.problem.names,)
@@ -239,7 +239,7 @@ class Projection:
         return {name: value for name, value in vars(self).items() if name != "found"}
 
     @classmethod
-    def again(cls, found: Identified, kept: Mapping[str, Any]) -> Projection:
+    def again(cls, found: IdentifiedHypothesis, kept: Mapping[str, Any]) -> Projection:
         """What another process has `kept`, of the same fit."""
         new = cls.__new__(cls)
         vars(new).update(kept, found=found)
@@ -351,12 +351,14 @@ def runs(recording: np.ndarray, rows: slice) -> Iterator[tuple[int, slice]]:
         yield int(own[a]), slice(rows.start + int(a), rows.start + int(b))
 
 
-def offset_columns(found: Identified, b: Block) -> np.ndarray:
+def offset_columns(found: IdentifiedHypothesis, b: Block) -> np.ndarray:
     """∂y/∂z (n, m, q) of the offsets of each record's own recording."""
     return np.nan_to_num(b.offset_columns(found.problem))
 
 
-def derivatives(found: Identified, names: Sequence[str], model: object = None, rows: slice = slice(None)) -> np.ndarray:
+def derivatives(
+    found: IdentifiedHypothesis, names: Sequence[str], model: object = None, rows: slice = slice(None)
+) -> np.ndarray:
     """∂y/∂θ (n, m, k) of parameters of the model, or of another model of the same records, at the fit; 0 where the
     fit has no prediction. Offsets of scale are not applied: they are of the order of 1 %."""
     m = found.model if model is None else model
@@ -367,7 +369,7 @@ def derivatives(found: Identified, names: Sequence[str], model: object = None, r
     return np.asarray(J)
 
 
-def nuisance_columns(found: Identified) -> tuple[np.ndarray, np.ndarray]:
+def nuisance_columns(found: IdentifiedHypothesis) -> tuple[np.ndarray, np.ndarray]:
     """Jacobians of the parameters (N, m, p) and of the recordings' offsets (N, m, R·q), in prior deviations."""
     problem, fit = found.problem, found.fit
     N, m, (R, q) = len(problem.recording), len(problem.sensors), fit.z.shape

@@ -25,7 +25,7 @@ from enginediag_cli.mismatch.fit.options import (
 )
 from enginediag_cli.mismatch.fit.response import tolerated
 from enginediag_cli.mismatch.fit.scores import critical_surprise
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.progress import stage
 
@@ -130,7 +130,7 @@ def _goes_by_readings(option: Option) -> bool:
 
 @stage("scoring effects")
 def remainder(
-    trial: Trial, library: Sequence[Option], drivers: Sequence[DriverValues], enough: Gates | None = None
+    trial: HypothesisFit, library: Sequence[Option], drivers: Sequence[DriverValues], enough: Gates | None = None
 ) -> Remainder:
     """Scores of what the trial does not carry; drivers are over the records of the evidence. The map is left out where
     an option is already over the gates `enough`."""

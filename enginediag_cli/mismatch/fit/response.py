@@ -15,7 +15,7 @@ import numpy as np
 
 from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.mismatch.fit.families import Scored
-from enginediag_cli.mismatch.fit.identified import Identified
+from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis
 from enginediag_cli.mismatch.fit.projection import Score
 from enginediag_cli.mismatch.fit.scores import surprise
 
@@ -23,7 +23,7 @@ STEEPER = 3.0
 """Slope of a cubic's error over the range, in units of the error. Judgement."""
 
 
-def response_error(found: Identified) -> float:
+def response_error(found: IdentifiedHypothesis) -> float:
     """Relative error of the response to what moves, by the accuracy of the maps that is stated; 0 where a fit carries
     no effect that remembers."""
     remembers = any(MOMENT in e.term.INPUTS for e in found.hypothesis.effects)

@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from enginediag_cli.engine.moving.tape import MOMENT
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
+from enginediag_cli.mismatch.fit.evidence import Dataset, Flight
 
 MANY, SHARE = 5000, 2000
 """Records from which on a share is taken, and about how many it is of. A year of hours and a handful of flights are
@@ -71,14 +71,14 @@ def chosen(lengths: Sequence[int], share: int = SHARE, stretch: int = STRETCH) -
     return found
 
 
-def on_share(evidence: Evidence, whole: Collection[int] = ()) -> Evidence:
+def on_share(evidence: Dataset, whole: Collection[int] = ()) -> Dataset:
     """The evidence with a share of its records, and all of some flights; itself where they are few."""
     if not is_long(evidence.flights):
         return evidence
     return replace(evidence, flights=tuple(share_of(evidence.flights, whole)))
 
 
-def every_so_often(evidence: Evidence, most: int) -> Evidence:
+def every_so_often(evidence: Dataset, most: int) -> Dataset:
     """The evidence with every k-th record of each flight, so that about `most` are left; itself where it has no more:
     what many sets of options are compared by. Of a lag-1 correlation ρ of noise the k-th power is left, of a negative
     one, which changes sign from record to record, nothing."""

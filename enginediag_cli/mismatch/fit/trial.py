@@ -11,8 +11,8 @@ import numpy as np
 from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.intervals import NORMAL_95
-from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified
-from enginediag_cli.mismatch.fit.options import LAW, Option
+from enginediag_cli.mismatch.fit.identified import Hypothesis, IdentifiedHypothesis
+from enginediag_cli.mismatch.fit.options import FORMULA_OPTION, Option
 from enginediag_cli.mismatch.fit.plateau import interval_at
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.response import response_error
@@ -25,11 +25,11 @@ gains so much one time in seventy. Judgement: effects with memory are nested in 
 
 
 @dataclass(frozen=True)
-class Trial:
+class HypothesisFit:
     """A fit with some options. `objective` is its χ² of readings and priors."""
 
     options: tuple[Option, ...]
-    found: Identified
+    found: IdentifiedHypothesis
     projection: Projection
 
     @property
@@ -80,7 +80,7 @@ class Trial:
         free = np.cumsum(projection.free) - 1
         error = np.sqrt(np.diag(projection.covariance()))
         result = {}
-        of_laws = {n for o in self.options if o.kind == LAW for n in o.hypothesis.names}
+        of_laws = {n for o in self.options if o.kind == FORMULA_OPTION for n in o.hypothesis.names}
         for n in self.hypothesis.names:
             j = index[n]
             scale = problem.prior_sigma[j]

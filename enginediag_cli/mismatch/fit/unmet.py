@@ -21,7 +21,7 @@ from enginediag_cli.mismatch.fit.families import Sums, grid
 from enginediag_cli.mismatch.fit.projection import Projection, Rows, Whitening
 
 if TYPE_CHECKING:
-    from enginediag_cli.mismatch.fit.identified import Identified
+    from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis
 
 WITHIN = 9
 """Sizes that are tried where it begins to be noticed."""
@@ -36,7 +36,7 @@ UNTOLD = 0.5
 class _Given(Columns):
     """What sizes (k,) of one coefficient change of the readings of a fit, (N, m, k)."""
 
-    def __init__(self, found: Identified, name: str, sizes: np.ndarray):
+    def __init__(self, found: IdentifiedHypothesis, name: str, sizes: np.ndarray):
         super().__init__(found, (), ())
         self.at = {_at(k): k for k in range(len(sizes))}
         inputs, sensors = found.problem.inputs, found.problem.sensors

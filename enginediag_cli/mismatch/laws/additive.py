@@ -22,7 +22,7 @@ from enginediag_cli.mismatch.laws.linear import Linear, ln_mean
 from enginediag_cli.mismatch.laws.polynomials import Polynomials
 from enginediag_cli.mismatch.laws.posterior import shares
 from enginediag_cli.mismatch.laws.said import Says
-from enginediag_cli.mismatch.laws.scan import Known
+from enginediag_cli.mismatch.laws.scan import KnownVariable
 from enginediag_cli.mismatch.laws.steps import formula_of, steps_over, tried_of
 
 THE_SAME = 0.1
@@ -34,7 +34,7 @@ class Additive:
     """The average of smooth curves of variables, or of sums of them: `sizes` of as many steps of each as it takes, of
     which `count` are along most of it; `evidence`: ln, of all, against the fit without the law that is carried."""
 
-    of: tuple[Known, ...]
+    of: tuple[KnownVariable, ...]
     count: int
     sizes: tuple[np.ndarray, ...]
     evidence: float
@@ -51,7 +51,7 @@ class Additive:
         return " + ".join(formula_of(k, self.count, a) for k, a in zip(self.of, self.sizes, strict=True))
 
 
-def additive_of(says: Says, of: Sequence[Known]) -> Additive:
+def additive_of(says: Says, of: Sequence[KnownVariable]) -> Additive:
     """Of what a place says of curves of one variable, or of two."""
     tried = tried_of(says, of)
     kinds: list[list[Linear]] = [[*tried.values()], [Polynomials.of(of).at(says, float(np.std(says.f)))]]
@@ -65,7 +65,7 @@ def additive_of(says: Says, of: Sequence[Known]) -> Additive:
 
 
 def _fewest(
-    says: Says, of: Sequence[Known], counts: Sequence[int], curve: np.ndarray
+    says: Says, of: Sequence[KnownVariable], counts: Sequence[int], curve: np.ndarray
 ) -> tuple[int, tuple[np.ndarray, ...]]:
     """How many steps are the fewest that a curve (N,) cannot be told from, and their sizes of each variable; else the
     most."""

@@ -17,7 +17,7 @@ import numpy as np
 from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.families import Sums, grid
 from enginediag_cli.mismatch.fit.freeform import Location
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 
 ALIKE = 11.0
 """λ_sep from which two accounts are told apart: 3.3 standard errors along the one direction in which they differ, as
@@ -26,7 +26,9 @@ SMALLEST = 1e-10
 """Eigenvalue of CᵀC, over the largest, below which a direction is what identification has taken."""
 
 
-def places_alike(base: Trial, place: Location, f: np.ndarray, others: Sequence[Location]) -> tuple[Location, ...]:
+def places_alike(
+    base: HypothesisFit, place: Location, f: np.ndarray, others: Sequence[Location]
+) -> tuple[Location, ...]:
     """Those of `others` that cannot be told from `place`, where a law is f (N,) over the records of the base, which is
     fitted without it."""
     others = [p for p in others if p.name != place.name]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import islice
 
 from enginediag_cli.engine.warm import apart
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.carried import carried
 from enginediag_cli.mismatch.laws.fitted import Fitted, Where
 from enginediag_cli.mismatch.laws.grammar import FORMS, LATCHES
@@ -16,7 +16,7 @@ from enginediag_cli.mismatch.laws.said import Said, Says
 from enginediag_cli.mismatch.laws.scan import (
     Candidate,
     Formula,
-    Known,
+    KnownVariable,
     Scan,
     formulas_of,
     formulas_over,
@@ -46,7 +46,7 @@ class AtPlace:
     says: Says
 
 
-def said_at_places(base: Trial, scan: Scan, laws: Sequence[Fitted]) -> list[AtPlace]:
+def said_at_places(base: HypothesisFit, scan: Scan, laws: Sequence[Fitted]) -> list[AtPlace]:
     """At the places of these laws, where a fit that carries them converges."""
     tries, prior = scan.formulas, prior_of_a_place(base.found)
 
@@ -60,14 +60,14 @@ def said_at_places(base: Trial, scan: Scan, laws: Sequence[Fitted]) -> list[AtPl
     return [here for here in side_by_side(at_place, len(laws), handing) if here is not None]
 
 
-def in_both(known: Sequence[Known]) -> list[object]:
+def in_both(known: Sequence[KnownVariable]) -> list[object]:
     """What a process and its copies both have of formulas: variables, forms, and shapes, of which those that were tried
     are kept with a variable that has moved."""
     forms = dict.fromkeys((*FORMS, *LATCHES))
     return [*known, *(k.variable for k in known), *forms, *(s for f in forms for s in f.shapes)]
 
 
-def said_at(base: Trial, law: Fitted, scan: Scan) -> Said | None:
+def said_at(base: HypothesisFit, law: Fitted, scan: Scan) -> Said | None:
     """At the place of a law, where a fit that carries it converges."""
     at = carried(base, law.trial, law.effects, law.laws[0].candidate.location, scan.known)
     return Said(at) if at.found.converged else None

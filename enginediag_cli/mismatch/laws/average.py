@@ -20,7 +20,7 @@ from enginediag_cli.mismatch.laws.grammar import Form
 from enginediag_cli.mismatch.laws.mean import Along, Mean, Member, mean_of
 from enginediag_cli.mismatch.laws.proposed import AMPLITUDE, DIGITS, acting, statement_of
 from enginediag_cli.mismatch.laws.said import Says
-from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known, number_of_groups
+from enginediag_cli.mismatch.laws.scan import Candidate, Formula, KnownVariable, number_of_groups
 from enginediag_cli.mismatch.laws.shortlist import Proposal, carrying, proposal
 from enginediag_cli.mismatch.laws.smooth import prior_of_variables
 from enginediag_cli.mismatch.laws.steps import OWN, Bends
@@ -84,7 +84,7 @@ def _shares(mean: Mean) -> tuple[Share, ...]:
     )
 
 
-def smooth_member(says: Says, of: Sequence[Known], groups: int, prior: float) -> Member:
+def smooth_member(says: Says, of: Sequence[KnownVariable], groups: int, prior: float) -> Member:
     """All smooth curves of variables, of so many groups in all, as one of what may be, as likely beforehand as laws
     that have no listed form are; `prior`: ln, of the place."""
     smooth = additive_of(says, of)
@@ -100,10 +100,12 @@ class Sought:
     sought: Sequence[Candidate]
     bends: Mapping[Where, Bends]
 
-    def along(self, where: Where, known: Sequence[Known], totals: Mapping[Where, float], engine: Engine) -> list[Along]:
+    def along(
+        self, where: Where, known: Sequence[KnownVariable], totals: Mapping[Where, float], engine: Engine
+    ) -> list[Along]:
         """What a law at a place may be along the variables of `where`, and then along others of which anything is
         known there and that are likely enough to be a part; `totals`: ln evidence of each place and variables."""
-        of: dict[Where, tuple[Known, ...]] = {}
+        of: dict[Where, tuple[KnownVariable, ...]] = {}
         for f in self.fitted:
             if f.at_one_place and not f.remembers:
                 of.setdefault(f.where, _named(f.names, known))
@@ -117,7 +119,9 @@ class Sought:
         kept = [where, *sorted(others, key=lambda w: -totals[w])][:MOST_SETS]
         return [Along(of[w], totals[w], tuple(self.members(w[0], of[w], known, engine))) for w in kept]
 
-    def members(self, place: str, of: Sequence[Known], known: Sequence[Known], engine: Engine) -> list[Member]:
+    def members(
+        self, place: str, of: Sequence[KnownVariable], known: Sequence[KnownVariable], engine: Engine
+    ) -> list[Member]:
         """Laws at a place along these variables, single smooth curves apart."""
         names = {k.variable.name for k in of}
         found, forms = list[Member](), set[tuple[str, ...]]()
@@ -144,7 +148,7 @@ class Sought:
         return found
 
 
-def _named(names: frozenset[str], known: Sequence[Known]) -> tuple[Known, ...]:
+def _named(names: frozenset[str], known: Sequence[KnownVariable]) -> tuple[KnownVariable, ...]:
     return tuple(k for k in known if k.variable.name in names)
 
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from enginediag_cli.engine.dual import value
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.mismatch.fit.trial import Trial
-from enginediag_cli.mismatch.laws.scan import Known, past_of
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
+from enginediag_cli.mismatch.laws.scan import KnownVariable, past_of
 from enginediag_cli.physics.laws.expression import Past
 from enginediag_cli.physics.laws.law import Law
 
@@ -34,7 +34,7 @@ BEYOND, ABOVE_ZERO = 1.0, 0.05
 """How far beyond what was flown forms are followed, in ranges of the variable, which is a ratio and stays above
 zero."""
 
-Weighed = tuple[Sequence[Effect], Trial, float]
+Weighed = tuple[Sequence[Effect], HypothesisFit, float]
 """Laws that act together at one place, the trial that has fitted them, and their probability."""
 
 
@@ -44,7 +44,7 @@ class Band:
     `unit`, about the mean. `parts`: the nearest values, below and above these, at which likely forms differ by APART of
     what the law changes; None where they do not as far as BEYOND."""
 
-    of: Known
+    of: KnownVariable
     at: np.ndarray
     change: np.ndarray
     standard_error: np.ndarray
@@ -52,7 +52,9 @@ class Band:
     parts: tuple[float | None, float | None]
 
 
-def curve_of(effects: Sequence[Effect], trial: Trial, known: Sequence[Known]) -> tuple[np.ndarray, np.ndarray]:
+def curve_of(
+    effects: Sequence[Effect], trial: HypothesisFit, known: Sequence[KnownVariable]
+) -> tuple[np.ndarray, np.ndarray]:
     """Fitted laws at one place together over the fit's records (N,), about their mean, with the standard error (N,)."""
     told = trial.coefficients
     names = [e.parameter_name(c.name) for e in effects for c in e.term.COEFFICIENTS]
@@ -69,7 +71,7 @@ def curve_of(effects: Sequence[Effect], trial: Trial, known: Sequence[Known]) ->
     return f, np.sqrt(np.maximum(np.einsum("in,ij,jn->n", slopes, C, slopes), 0.0))
 
 
-def band_of(laws: Sequence[Weighed], known: Sequence[Known], unit: str) -> Band | None:
+def band_of(laws: Sequence[Weighed], known: Sequence[KnownVariable], unit: str) -> Band | None:
     """The band of laws at one place that all vary with one variable or its likes; None where one has two."""
     variables = [variables_in(effects) for effects, _, _ in laws]
     if not laws or any(len(own) != 1 for own in variables):
@@ -89,7 +91,7 @@ def band_of(laws: Sequence[Weighed], known: Sequence[Known], unit: str) -> Band 
     return Band(of, of.values[rows], mean[rows], sigma[rows], unit, _parting(same, of, of.values[rows]))
 
 
-def _parting(laws: Sequence[Weighed], of: Known, flown: np.ndarray) -> tuple[float | None, float | None]:
+def _parting(laws: Sequence[Weighed], of: KnownVariable, flown: np.ndarray) -> tuple[float | None, float | None]:
     """Where laws of one variable part, below and above what was flown."""
     low, high = float(flown[0]), float(flown[-1])
     reach = BEYOND * (high - low)
@@ -103,7 +105,7 @@ def _parting(laws: Sequence[Weighed], of: Known, flown: np.ndarray) -> tuple[flo
     return found[0], found[1]
 
 
-def _along(effects: Sequence[Effect], trial: Trial, of: Known, x: np.ndarray) -> np.ndarray:
+def _along(effects: Sequence[Effect], trial: HypothesisFit, of: KnownVariable, x: np.ndarray) -> np.ndarray:
     """Laws of one variable at values of it, about their mean over the records."""
     c = trial.values
     name = of.variable.name
@@ -116,12 +118,12 @@ def variables_in(effects: Sequence[Effect]) -> frozenset[str]:
     return frozenset(n for e in effects if isinstance(e.term, Law) for n in e.term.variables)
 
 
-def _centred(effects: Sequence[Effect], known: Sequence[Known], c: Mapping[str, float]) -> np.ndarray:
+def _centred(effects: Sequence[Effect], known: Sequence[KnownVariable], c: Mapping[str, float]) -> np.ndarray:
     f = summed(effects, known, c)
     return np.asarray(f - np.nanmean(f))
 
 
-def summed(effects: Sequence[Effect], known: Sequence[Known], c: Mapping[str, float]) -> np.ndarray:
+def summed(effects: Sequence[Effect], known: Sequence[KnownVariable], c: Mapping[str, float]) -> np.ndarray:
     """Σ f over the fit's records (N,), of variables known there; `c`: coefficients by parameter name."""
     return _total(effects, {k.variable.name: k.values for k in known}, c, past_of(known))
 
@@ -140,7 +142,7 @@ def _total(
     return total
 
 
-def _covariance(trial: Trial, names: Sequence[str]) -> np.ndarray:
+def _covariance(trial: HypothesisFit, names: Sequence[str]) -> np.ndarray:
     """Of coefficients, in their units; none of those at a bound."""
     position = {n: j for j, n in enumerate(trial.found.problem.names)}
     own = [position[n] for n in names]

@@ -10,11 +10,11 @@ import numpy as np
 
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.freeform import Location
-from enginediag_cli.mismatch.fit.identified import Identified, identify_with, nuisance
+from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.band import summed
-from enginediag_cli.mismatch.laws.scan import Known, seen_at
+from enginediag_cli.mismatch.laws.scan import KnownVariable, seen_at
 
 
 @dataclass(frozen=True)
@@ -22,15 +22,17 @@ class Carried:
     """A fit whose engine carries a law at a place, which is f (N,) over the records; `gain`: half of the χ² that the
     fit without it had more; `known`: variables as this fit has them."""
 
-    found: Identified
+    found: IdentifiedHypothesis
     projection: Projection
     place: Location
     f: np.ndarray
     gain: float
-    known: tuple[Known, ...]
+    known: tuple[KnownVariable, ...]
 
 
-def carried(base: Trial, trial: Trial, laws: Sequence[Effect], place: Location, known: Sequence[Known]) -> Carried:
+def carried(
+    base: HypothesisFit, trial: HypothesisFit, laws: Sequence[Effect], place: Location, known: Sequence[KnownVariable]
+) -> Carried:
     """The fit of an engine that carries the laws of a trial, all at one place, as this has fitted them, beside what the
     base has. What identification absorbs is that of the base: a floor's curves along what a law moves would be curves
     of the law."""

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from enginediag_cli.mismatch.fit.freeform import Location
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.scan import Candidate, Formula, over_records, scored, seen_at
 from enginediag_cli.mismatch.laws.shortlist import Proposal, proposal
 
@@ -24,7 +24,7 @@ RIVAL = 2.0
 """ln evidence by which a further place may be behind, to be told with the probability that it has."""
 
 
-def elsewhere_too(laws: Sequence[Proposal], trial: Trial, where: Sequence[Location]) -> Proposal | None:
+def elsewhere_too(laws: Sequence[Proposal], trial: HypothesisFit, where: Sequence[Location]) -> Proposal | None:
     """Where the formula of one of these laws, as it was fitted, says most of what they leave; None where it says
     less than a rival would have to. `where`: all places of the engine."""
     taken = {p.candidate.location.name for p in laws}
@@ -46,7 +46,7 @@ def likes(place: Location, where: Sequence[Location]) -> list[Location]:
     return [w for w in where if w.quantity == place.quantity and not (w.of_sensor or place.of_sensor)]
 
 
-def _as_fitted(law: Proposal, trial: Trial) -> Formula:
+def _as_fitted(law: Proposal, trial: HypothesisFit) -> Formula:
     """Its formula with the fitted shape, free of the prior that it has paid."""
     formula = law.candidate.formula
     effect = law.option.hypothesis.effects[0]

@@ -9,11 +9,11 @@ import numpy as np
 
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.options import Option
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.band import curve_of, summed
 from enginediag_cli.mismatch.laws.finding import Share
 from enginediag_cli.mismatch.laws.posterior import evidence_of
-from enginediag_cli.mismatch.laws.scan import Known, seen_at
+from enginediag_cli.mismatch.laws.scan import KnownVariable, seen_at
 from enginediag_cli.mismatch.laws.shortlist import Proposal
 from enginediag_cli.mismatch.laws.within import Room
 
@@ -31,19 +31,19 @@ class Fitted:
     it is an average of, nothing for a law of one form."""
 
     laws: tuple[Proposal, ...]
-    trial: Trial
+    trial: HypothesisFit
     evidence: float
     beside: float = 0.0
     forms: tuple[Share, ...] = ()
     told_for: Where | None = None
 
     @classmethod
-    def to(cls, base: Trial, laws: tuple[Proposal, ...], trial: Trial) -> Fitted:
+    def to(cls, base: HypothesisFit, laws: tuple[Proposal, ...], trial: HypothesisFit) -> Fitted:
         """A trial of laws, weighed against the base of the same records."""
         prior = sum(p.candidate.prior for p in laws)
         return cls(laws, trial, evidence_of(base, trial, prior) + ln_within(laws, trial))
 
-    def again(self, base: Trial, trial: Trial) -> Fitted:
+    def again(self, base: HypothesisFit, trial: HypothesisFit) -> Fitted:
         """The same laws fitted to other records."""
         return replace(Fitted.to(base, self.laws, trial), beside=self.beside, forms=self.forms, told_for=self.told_for)
 
@@ -74,7 +74,7 @@ class Fitted:
         """Of the variables of all its laws."""
         return frozenset(k.variable.name for p in self.laws for k in p.candidate.formula.of)
 
-    def curve(self, known: Sequence[Known]) -> np.ndarray:
+    def curve(self, known: Sequence[KnownVariable]) -> np.ndarray:
         """All its laws together over the records (N,)."""
         return summed(self.effects, known, self.trial.values)
 
@@ -94,7 +94,7 @@ class Fitted:
         return len({p.candidate.location.name for p in self.laws}) == 1
 
 
-def ln_within(laws: Sequence[Proposal], trial: Trial) -> float:
+def ln_within(laws: Sequence[Proposal], trial: HypothesisFit) -> float:
     """What physics says (`within`) of laws that a trial has fitted, at each of their places; nothing where they were
     found on other records."""
     total, fitted = 0.0, {o.label: o for o in trial.options}

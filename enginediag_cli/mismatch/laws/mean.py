@@ -36,7 +36,7 @@ from scipy.optimize import nnls
 from enginediag_cli.mismatch.fit.any_curve import AnyCurve
 from enginediag_cli.mismatch.laws.posterior import shares
 from enginediag_cli.mismatch.laws.proposed import DIGITS
-from enginediag_cli.mismatch.laws.scan import Known
+from enginediag_cli.mismatch.laws.scan import KnownVariable
 from enginediag_cli.physics.laws.expression import LONGEST
 
 COARSE = 0.5
@@ -68,7 +68,7 @@ class Member:
 class Along:
     """What a law at a place may be along some variables: `evidence`, ln, of all that, and its members."""
 
-    of: tuple[Known, ...]
+    of: tuple[KnownVariable, ...]
     evidence: float
     members: tuple[Member, ...]
 
@@ -78,7 +78,7 @@ class Part:
     """A member with its variables, its probability, and the `weight` that it is written with, 0 where it is not."""
 
     member: Member
-    of: tuple[Known, ...]
+    of: tuple[KnownVariable, ...]
     probability: float
     weight: float = 0.0
 

@@ -15,14 +15,14 @@ import numpy as np
 from enginediag_cli.engine.dual import Dual, Value, value
 from enginediag_cli.engine.moving.filters import Clock, Filter
 from enginediag_cli.engine.moving.tape import MOMENT
-from enginediag_cli.mismatch.fit.identified import Identified
+from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis
 from enginediag_cli.physics.laws.expression import Followed, Past
 
 COURSE = 8
 """Records that a stretch has on average, from which a recording tells a course."""
 
 
-def clock_of(found: Identified) -> Clock | None:
+def clock_of(found: IdentifiedHypothesis) -> Clock | None:
     """The clock of a fit's records; None where these are not the course of anything: their past is not known, or most
     of them stand alone."""
     moment = found.problem.inputs.get(MOMENT)

@@ -16,7 +16,7 @@ import numpy as np
 
 from enginediag_cli.mismatch.laws.linear import Linear
 from enginediag_cli.mismatch.laws.said import Says
-from enginediag_cli.mismatch.laws.scan import Known
+from enginediag_cli.mismatch.laws.scan import KnownVariable
 
 SIZES = (0.1, 0.4, 1.6)
 """A of the parts of a law over its size: the standard deviation of one that a fit carries, or of what is plausible."""
@@ -35,7 +35,7 @@ class Polynomials:
     variances: np.ndarray
 
     @staticmethod
-    def of(known: Sequence[Known]) -> Polynomials:
+    def of(known: Sequence[KnownVariable]) -> Polynomials:
         parts, degrees = zip(*product(range(len(known)), range(HIGHEST)), strict=True)
         return Polynomials(np.hstack([from_design(k, HIGHEST) for k in known]), variances(parts, degrees))
 
@@ -44,7 +44,7 @@ class Polynomials:
         return Linear.of(says, self.columns, size**2 * self.variances)
 
 
-def from_design(k: Known, degree: int) -> np.ndarray:
+def from_design(k: KnownVariable, degree: int) -> np.ndarray:
     """Polynomials (N, degree) less what they are at the record that is nearest to the design point: beyond what was
     flown they are anything."""
     q = orthonormal(k.values, degree)

@@ -16,9 +16,9 @@ from typing import TypeVar
 import numpy as np
 
 from enginediag_cli.mismatch.fit.freeform import Location
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.finding import Group
-from enginediag_cli.mismatch.laws.scan import Known
+from enginediag_cli.mismatch.laws.scan import KnownVariable
 
 HELD = 4.0
 """ln probability that a shape at its bound costs, −ln(0.05 · 0.4): what says the same lies within a twentieth of the
@@ -27,7 +27,7 @@ prior's standard deviation of the bound. A width that is narrower than any two r
 T = TypeVar("T")
 
 
-def evidence_of(base: Trial, trial: Trial, prior: float) -> float:
+def evidence_of(base: HypothesisFit, trial: HypothesisFit, prior: float) -> float:
     """ln B of a trial against the base, of what this does not have already; `prior`: ln of that of place, variables and
     form, of all its laws."""
     position = {n: j for j, n in enumerate(trial.found.problem.names)}
@@ -40,7 +40,7 @@ def evidence_of(base: Trial, trial: Trial, prior: float) -> float:
     return 0.5 * (base.objective - trial.objective) + 0.5 * min(narrowed, 0.0) - shapes + prior
 
 
-def held(trial: Trial, names: Sequence[str]) -> int:
+def held(trial: HypothesisFit, names: Sequence[str]) -> int:
     """How many of these coefficients stand at a bound."""
     at_bound = dict(zip(trial.found.problem.names, trial.found.fit.at_bound, strict=True))
     return sum(bool(at_bound[n]) for n in names)
@@ -60,13 +60,13 @@ def places_of(laws: Sequence[tuple[Location, frozenset[int], float]]) -> list[tu
 
 
 def variables_of_laws(
-    laws: Sequence[tuple[Location, frozenset[int], float]], known: Sequence[Known], first: Sequence[str]
+    laws: Sequence[tuple[Location, frozenset[int], float]], known: Sequence[KnownVariable], first: Sequence[str]
 ) -> list[tuple[tuple[Group, ...], float]]:
     """Groups of variables with their probabilities, likeliest first; variables named `first` lead their groups."""
     return _summed((groups, groups_of(groups, known, first), p) for _, groups, p in laws)
 
 
-def groups_of(groups: frozenset[int], known: Sequence[Known], first: Sequence[str] = ()) -> tuple[Group, ...]:
+def groups_of(groups: frozenset[int], known: Sequence[KnownVariable], first: Sequence[str] = ()) -> tuple[Group, ...]:
     """The variables of each group."""
     leading = sorted(known, key=lambda k: k.variable.name not in first)
     return tuple(tuple(k.variable for k in leading if k.group == g) for g in sorted(groups))

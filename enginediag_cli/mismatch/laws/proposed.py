@@ -10,7 +10,7 @@ import numpy as np
 from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.laws.grammar import Form
-from enginediag_cli.mismatch.laws.scan import Candidate, Known
+from enginediag_cli.mismatch.laws.scan import Candidate, KnownVariable
 from enginediag_cli.parameters import Parameter, spelled
 from enginediag_cli.physics.laws.expression import Expression
 from enginediag_cli.physics.laws.law import Acts, Law, at_lever, varies_itself
@@ -57,7 +57,7 @@ def acting(location: Location, parameter: Parameter) -> tuple[Acts, str]:
     return Acts(parameter.name, parameter.component, unit, factor) if through is None else at_lever(through), unit
 
 
-def statement_of(location: Location, parameter: Parameter, form: Form, of: Sequence[Known]) -> str:
+def statement_of(location: Location, parameter: Parameter, form: Form, of: Sequence[KnownVariable]) -> str:
     """A law in words."""
     words = " and ".join(k.variable.words for k in of)
     place = (parameter.words if location.through is None else location.words) or spelled(parameter.name)

@@ -11,11 +11,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.carried import Carried
 from enginediag_cli.mismatch.laws.proposed import possible
 from enginediag_cli.mismatch.laws.said import Said
-from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known, of_same_groups, of_same_variables
+from enginediag_cli.mismatch.laws.scan import Candidate, Formula, KnownVariable, of_same_groups, of_same_variables
 from enginediag_cli.mismatch.laws.shaping import Shaping
 from enginediag_cli.mismatch.laws.within import Room, ends_of
 from enginediag_cli.progress import stage
@@ -27,7 +27,7 @@ ROUNDS = 12
 
 
 @stage("shaping laws")
-def refined(said: Said, tries: Sequence[Formula], known: Sequence[Known], prior: float) -> list[Candidate]:
+def refined(said: Said, tries: Sequence[Formula], known: Sequence[KnownVariable], prior: float) -> list[Candidate]:
     """Every form of the same variables once, likeliest first, from these tries; the likeliest also of all variables of
     the same groups. `prior`: ln, of the place. `weight`: ln evidence against the base."""
     found = _sought(said, tries, prior)
@@ -37,7 +37,7 @@ def refined(said: Said, tries: Sequence[Formula], known: Sequence[Known], prior:
     return sorted([*found, *(c for c in more if _form_of(c) not in of)], key=lambda c: -c.weight)
 
 
-def reshaped(trial: Trial, candidates: Sequence[Candidate], most: int) -> list[Candidate]:
+def reshaped(trial: HypothesisFit, candidates: Sequence[Candidate], most: int) -> list[Candidate]:
     """The best candidates of as many forms, likeliest first, beside what a trial has, each with the shape that suits
     it."""
     best: dict[object, Candidate] = {}

@@ -18,7 +18,7 @@ from enginediag_cli.engine.term import STILL
 from enginediag_cli.mismatch.fit.any_curve import AnyCurve
 from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.laws.carried import Carried
-from enginediag_cli.mismatch.laws.scan import Formula, Known
+from enginediag_cli.mismatch.laws.scan import Formula, KnownVariable
 from enginediag_cli.mismatch.laws.shaping import Shaping
 
 AT_ONCE = 500
@@ -41,7 +41,7 @@ class Says:
     any: AnyCurve
     f: np.ndarray
     gain: float
-    known: tuple[Known, ...]
+    known: tuple[KnownVariable, ...]
 
     def of(self, curves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Products (K, k, k), and pulls (K, k) of what is left and carried, of sets of curves (N, K, k)."""

@@ -24,7 +24,7 @@ from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.extended import ExtendedModel
 from enginediag_cli.mismatch.fit.families import Sums, grid
 from enginediag_cli.mismatch.fit.freeform import Location, locations
-from enginediag_cli.mismatch.fit.identified import Identified
+from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.laws.grammar import FORMS, Form, Shape
 from enginediag_cli.mismatch.laws.past import clock_of, past_along
@@ -40,7 +40,7 @@ MOVED = 0.01
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownVariable:
     """A variable with its values in the fit's records (N,); `group`: variables of one number cannot be told apart
     there; `clock`: of these records, None where they are no course; `tries`: of shapes, and of finer ones, once they
     were asked for."""
@@ -64,7 +64,7 @@ class Formula:
     that of form and variables, which the `tried` shapes share."""
 
     form: Form
-    of: tuple[Known, ...]
+    of: tuple[KnownVariable, ...]
     shape: Mapping[str, float]
     curve: np.ndarray
     prior: float
@@ -93,18 +93,18 @@ class Candidate:
     prior: float
 
 
-def known_variables(found: Identified) -> list[Known]:
+def known_variables(found: IdentifiedHypothesis) -> list[KnownVariable]:
     """Variables that move in the fit's records, in groups that these cannot tell apart."""
-    result, clock = list[Known](), clock_of(found)
+    result, clock = list[KnownVariable](), clock_of(found)
     for v, x in _values(found, list(variables_of(found.evidence.engine.network).values())):
         if np.std(x) <= STILL * max(1e-300, float(np.mean(np.abs(x)))):
             continue
         alike = (k.group for k in result if abs(float(np.corrcoef(k.values, x)[0, 1])) > SAME)
-        result.append(Known(v, x, next(alike, 1 + max((k.group for k in result), default=-1)), clock))
+        result.append(KnownVariable(v, x, next(alike, 1 + max((k.group for k in result), default=-1)), clock))
     return result
 
 
-def seen_at(found: Identified, known: Sequence[Known]) -> tuple[Known, ...]:
+def seen_at(found: IdentifiedHypothesis, known: Sequence[KnownVariable]) -> tuple[KnownVariable, ...]:
     """The same variables, in the same groups, as another fit of the same records has them: a model without a large law
     is worn where it lacks it, and computes other pressures and temperatures. As they are where nothing has moved, or
     the records are others."""
@@ -119,7 +119,7 @@ def seen_at(found: Identified, known: Sequence[Known]) -> tuple[Known, ...]:
     )
 
 
-def _values(found: Identified, variables: Sequence[Variable]) -> Iterator[tuple[Variable, np.ndarray]]:
+def _values(found: IdentifiedHypothesis, variables: Sequence[Variable]) -> Iterator[tuple[Variable, np.ndarray]]:
     """Variables that the inputs and the fitted engine tell, with all that it was fitted with, over the fit's records
     (N,): what is in the gas path, whatever sensors read of it."""
     columns = tuple(dict.fromkeys(c for v in variables if not v.recorded for c in v.columns))
@@ -135,7 +135,7 @@ def _values(found: Identified, variables: Sequence[Variable]) -> Iterator[tuple[
             yield v, np.where(np.isfinite(x), x, np.nanmedian(x))
 
 
-def formulas(known: Sequence[Known], forms: Sequence[Form] = FORMS) -> Iterator[Formula]:
+def formulas(known: Sequence[KnownVariable], forms: Sequence[Form] = FORMS) -> Iterator[Formula]:
     """All forms of all variables, and of those that stand for their groups in pairs."""
     firsts = [next(k for k in known if k.group == g) for g in dict.fromkeys(k.group for k in known)]
     for of in (*((k,) for k in known), *combinations(firsts, 2)):
@@ -143,7 +143,7 @@ def formulas(known: Sequence[Known], forms: Sequence[Form] = FORMS) -> Iterator[
 
 
 def formulas_of(
-    of: Sequence[Known], known: Sequence[Known], forms: Sequence[Form] = FORMS, finer: bool = False
+    of: Sequence[KnownVariable], known: Sequence[KnownVariable], forms: Sequence[Form] = FORMS, finer: bool = False
 ) -> Iterator[Formula]:
     """All forms of one variable, or of two together, with their prior among all of the variables `known`: variables
     that cannot be told apart have that of their group. `finer`: with more tries of their shapes."""
@@ -156,7 +156,7 @@ def formulas_of(
             yield from _shaped(form, tuple(order), part, finer)
 
 
-def forms_of(of: Sequence[Known], forms: Sequence[Form] = FORMS) -> list[Form]:
+def forms_of(of: Sequence[KnownVariable], forms: Sequence[Form] = FORMS) -> list[Form]:
     """Those of one variable, or of two, whose values over the records may have them."""
     return [f for f in forms if f.pairs == (len(of) == 2) and not (f.remembers and of[0].clock is None)]
 
@@ -166,12 +166,12 @@ def share_of_form(form: Form, own: Sequence[Form]) -> float:
     return form.weight / sum(f.weight for f in own)
 
 
-def formulas_over(seen: Sequence[Known], known: Sequence[Known], own: list[Formula]) -> list[Formula]:
+def formulas_over(seen: Sequence[KnownVariable], known: Sequence[KnownVariable], own: list[Formula]) -> list[Formula]:
     """All formulas of variables as another fit has them; `own`, those of `known`, where nothing has moved."""
     return own if all(k is as_it_was for k, as_it_was in zip(seen, known, strict=True)) else list(formulas(seen))
 
 
-def number_of_groups(known: Sequence[Known]) -> int:
+def number_of_groups(known: Sequence[KnownVariable]) -> int:
     """Of variables that cannot be told apart."""
     return len({k.group for k in known})
 
@@ -181,7 +181,7 @@ def share_of_variables(count: int, groups: int) -> float:
     return (1.0 - PAIRS) / groups if count == 1 else PAIRS / (groups * (groups - 1) / 2.0)
 
 
-def _shaped(form: Form, of: tuple[Known, ...], share: float, finer: bool) -> Iterator[Formula]:
+def _shaped(form: Form, of: tuple[KnownVariable, ...], share: float, finer: bool) -> Iterator[Formula]:
     if form.ratios and any(k.variable.recorded for k in of):
         return
     tried = list(product(*(of[s.of].tried(s, finer) for s in form.shapes)))
@@ -200,7 +200,7 @@ class Scan:
     """`candidates`, likeliest first, and the variables that they are of."""
 
     candidates: tuple[Candidate, ...]
-    known: tuple[Known, ...]
+    known: tuple[KnownVariable, ...]
 
     @property
     def formulas(self) -> list[Formula]:
@@ -208,19 +208,19 @@ class Scan:
         return list({id(c.formula): c.formula for c in self.candidates}.values())
 
 
-def over_records(form: Form, of: Sequence[Known], shape: Mapping[str, float | np.ndarray]) -> np.ndarray:
+def over_records(form: Form, of: Sequence[KnownVariable], shape: Mapping[str, float | np.ndarray]) -> np.ndarray:
     """A form of variables over their records (N,), amplitude 1; (tries, N) where its shape has (tries, 1) each; not
     finite where it is nothing."""
     with np.errstate(all="ignore"):
         return np.asarray(form.expression.at({**letters_of(of), **shape, "a": 1.0}, past_of(of)), float)
 
 
-def past_of(known: Sequence[Known]) -> Past | None:
+def past_of(known: Sequence[KnownVariable]) -> Past | None:
     """Of formulas of variables over their records."""
     return past_along(known[0].clock) if known else None
 
 
-def letters_of(of: Sequence[Known]) -> dict[str, Value]:
+def letters_of(of: Sequence[KnownVariable]) -> dict[str, Value]:
     """What the letters of a form's variables stand for over their records (N,), shape and amplitude apart."""
     letters: dict[str, Value] = {n: k.values for n, k in zip("xy", of, strict=False)}
     return letters | {f"{n}0": k.variable.reference for n, k in zip("xy", of, strict=False)}
@@ -236,20 +236,24 @@ def prior_of_shape(formula: Formula) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 @stage("scoring laws")
-def scanned(found: Identified, projection: Projection) -> Scan:
+def scanned(found: IdentifiedHypothesis, projection: Projection) -> Scan:
     """Every formula at every place."""
     known = known_variables(found)
     share = prior_of_a_place(found)
     return Scan(tuple(scored(found, projection, locations(found), list(formulas(known)), share)), tuple(known))
 
 
-def prior_of_a_place(found: Identified) -> float:
+def prior_of_a_place(found: IdentifiedHypothesis) -> float:
     """ln: beforehand one is as likely as another."""
     return -float(np.log(max(len(locations(found)), 1)))
 
 
 def scored(
-    found: Identified, projection: Projection, where: Sequence[Location], laws: Sequence[Formula], prior: float
+    found: IdentifiedHypothesis,
+    projection: Projection,
+    where: Sequence[Location],
+    laws: Sequence[Formula],
+    prior: float,
 ) -> list[Candidate]:
     """These formulas at these places, likeliest first; `prior`: ln, of a place."""
     if not laws or not where:
@@ -275,7 +279,7 @@ def scored(
     return sorted(result, key=lambda c: -c.weight)
 
 
-def of_same_groups(formula: Formula, known: Sequence[Known]) -> list[Formula]:
+def of_same_groups(formula: Formula, known: Sequence[KnownVariable]) -> list[Formula]:
     """A formula's form with every other choice of variables that the records cannot tell from its own."""
     groups = [[k for k in known if k.group == of.group] for of in formula.of]
     found: list[Formula] = []

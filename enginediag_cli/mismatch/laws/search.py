@@ -13,7 +13,7 @@ import numpy as np
 
 from enginediag_cli.mismatch.fit.freeform import Location, locations
 from enginediag_cli.mismatch.fit.options import Option
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.at_place import said_at, said_at_places
 from enginediag_cli.mismatch.laws.average import Sought, average_of
 from enginediag_cli.mismatch.laws.band import curve_of
@@ -67,7 +67,7 @@ PLACES, WITHIN = 3, 15.0
 """Places at which variables are weighed whatever the form, at most, and by how much of ln evidence the best law at one
 may be behind."""
 
-Fitting = Callable[[Sequence[tuple[Option, ...]]], Sequence[Trial] | None]
+Fitting = Callable[[Sequence[tuple[Option, ...]]], Sequence[HypothesisFit] | None]
 """Fits sets of options; trials that converged."""
 
 
@@ -77,7 +77,7 @@ class LawSearch:
     `single` and `double`: those that were fitted, likeliest first; `says`: what places say of any curve, by name;
     `averages`: of places and variables whose form is not settled."""
 
-    base: Trial
+    base: HypothesisFit
     scan: Scan
     fit: Fitting
     also: Sequence[tuple[Proposal, ...]] = ()

@@ -12,8 +12,8 @@ from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.freeform import parameter_at
 from enginediag_cli.mismatch.fit.identified import Hypothesis
-from enginediag_cli.mismatch.fit.options import LAW, Option
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.options import FORMULA_OPTION, Option
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.proposed import possible, proposed
 from enginediag_cli.mismatch.laws.refined import reshaped
 from enginediag_cli.mismatch.laws.scan import (
@@ -55,7 +55,7 @@ def elsewhere(candidates: Sequence[Candidate], engine: Engine, most: int = WHERE
     return [proposal(c, engine) for c in list(best.values())[:most]]
 
 
-def along_the_same(scan: Scan, laws: Sequence[Proposal], fitted: Trial) -> list[Proposal]:
+def along_the_same(scan: Scan, laws: Sequence[Proposal], fitted: HypothesisFit) -> list[Proposal]:
     """What may be added to laws at their first one's place, of formulas of the same variables or of some of them, by
     what the fit of these laws leaves. Beforehand one of such formulas is as likely as another, by their priors. What
     remembers is a law by itself: a fit of it takes whole recordings, some times over."""
@@ -92,4 +92,6 @@ def proposal(candidate: Candidate, engine: Engine) -> Proposal:
 def carrying(candidate: Candidate, effect: Effect) -> Proposal:
     """A candidate by the effect that is its law."""
     driver = candidate.formula.of[0].variable.driver
-    return Proposal(candidate, Option(LAW, effect.label, candidate.location.component, driver, Hypothesis((effect,))))
+    return Proposal(
+        candidate, Option(FORMULA_OPTION, effect.label, candidate.location.component, driver, Hypothesis((effect,)))
+    )

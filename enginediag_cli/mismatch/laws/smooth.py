@@ -28,7 +28,7 @@ from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.laws.linear import linear_evidence, ln_mean
 from enginediag_cli.mismatch.laws.polynomials import orthonormal, variances
 from enginediag_cli.mismatch.laws.said import Said
-from enginediag_cli.mismatch.laws.scan import Known, number_of_groups, share_of_variables
+from enginediag_cli.mismatch.laws.scan import KnownVariable, number_of_groups, share_of_variables
 from enginediag_cli.progress import stage
 
 UNLISTED, UNLISTED_OF_TWO = 0.3, 0.02
@@ -46,7 +46,7 @@ class Smooth:
     """ln evidence of all smooth curves of variables `of` at a place, with the prior of the groups that they are of."""
 
     place: Location
-    of: tuple[Known, ...]
+    of: tuple[KnownVariable, ...]
     evidence: float
 
     @property
@@ -84,17 +84,17 @@ ROUGH, FINE = Degrees(7, 5, 5), Degrees(11, 8, 8)
 class Block:
     """Columns of the features of some variables, with the part of the surface and the degree of each."""
 
-    of: tuple[Known, ...]
+    of: tuple[KnownVariable, ...]
     columns: tuple[int, ...]
     parts: tuple[int, ...]
     degrees: tuple[int, ...]
 
 
 @stage("weighing variables of laws")
-def smooth_evidence(said: Said, known: Sequence[Known], prior: float) -> list[Smooth]:
+def smooth_evidence(said: Said, known: Sequence[KnownVariable], prior: float) -> list[Smooth]:
     """All variables and pairs of them at a place, likeliest first, of what that says by linearisation at the fit that
     carries a law there. ln evidence against the base; `prior`: ln, of the place."""
-    every: list[tuple[Known, ...]] = [(k,) for k in known]
+    every: list[tuple[KnownVariable, ...]] = [(k,) for k in known]
     every += [pair for pair in combinations(known, 2) if pair[0].group != pair[1].group]
     found = _weighed(said, every, ROUGH)
     order = sorted(range(len(every)), key=lambda k: -found[k])[:BEST]
@@ -108,12 +108,12 @@ def smooth_evidence(said: Said, known: Sequence[Known], prior: float) -> list[Sm
     return sorted(weighed, key=lambda s: (-s.evidence, sorted(s.names)))
 
 
-def prior_of_variables(of: Sequence[Known], groups: int) -> float:
+def prior_of_variables(of: Sequence[KnownVariable], groups: int) -> float:
     """ln of that of a law of variables that has no listed form: those that cannot be told apart have their group's."""
     return float(np.log((UNLISTED if len(of) == 1 else UNLISTED_OF_TWO) * share_of_variables(len(of), groups)))
 
 
-def _weighed(said: Said, sets: Sequence[tuple[Known, ...]], to: Degrees) -> list[float]:
+def _weighed(said: Said, sets: Sequence[tuple[KnownVariable, ...]], to: Degrees) -> list[float]:
     """ln evidence of each set of variables, against the fit without the law that is carried."""
     curves, blocks = _features(sets, to)
     (G,), (g,), _ = said.of(curves[:, None, :])
@@ -128,7 +128,7 @@ def _weighed(said: Said, sets: Sequence[tuple[Known, ...]], to: Degrees) -> list
     return found
 
 
-def _features(sets: Sequence[tuple[Known, ...]], to: Degrees) -> tuple[np.ndarray, list[Block]]:
+def _features(sets: Sequence[tuple[KnownVariable, ...]], to: Degrees) -> tuple[np.ndarray, list[Block]]:
     """Curves (N, F), and which of them each set of one variable or two has."""
     known = {k.variable.name: k for of in sets for k in of}
     most = max(to.alone, to.beside)

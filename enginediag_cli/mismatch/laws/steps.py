@@ -23,7 +23,7 @@ from enginediag_cli.mismatch.laws.grammar import EDGES_OF_STEPS, FORMS, Form, sp
 from enginediag_cli.mismatch.laws.linear import Linear, evidence_of_all
 from enginediag_cli.mismatch.laws.proposed import acting, statement_of
 from enginediag_cli.mismatch.laws.said import Says
-from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known, share_of_variables
+from enginediag_cli.mismatch.laws.scan import Candidate, Formula, KnownVariable, share_of_variables
 from enginediag_cli.mismatch.laws.shortlist import Proposal, carrying
 from enginediag_cli.mismatch.laws.smooth import prior_of_variables
 from enginediag_cli.physics.laws.expression import LONGEST, Expression
@@ -58,7 +58,7 @@ class Part:
     its name where there are more of the same variables."""
 
     form: Form
-    of: tuple[Known, ...]
+    of: tuple[KnownVariable, ...]
     terms: tuple[str, ...]
     by: str = ""
     number: str = ""
@@ -77,7 +77,7 @@ class Part:
         return "_".join((self.form.name, *(k.variable.name for k in self.of), *filter(None, [self.number])))
 
 
-def tried_of(says: Says, of: Sequence[Known]) -> dict[tuple[int, ...], Linear]:
+def tried_of(says: Says, of: Sequence[KnownVariable]) -> dict[tuple[int, ...], Linear]:
     """All numbers of steps along one variable, or along each of two, with every σ."""
     sizes, found = float(np.std(says.f)) * np.array(SHARES), dict[tuple[int, ...], Linear]()
     for counts in product(ALONE if len(of) == 1 else OF_TWO, repeat=len(of)):
@@ -92,14 +92,14 @@ class Bends:
     `size` their σ, both the likeliest; `evidence`: ln, of all that were tried, against the fit without the law that is
     carried; `choice`: ln, what having chosen the likeliest costs, 0 or less."""
 
-    of: tuple[Known, ...]
+    of: tuple[KnownVariable, ...]
     counts: tuple[int, ...]
     size: float
     evidence: float
     choice: float
 
 
-def bends_of(says: Says, of: Sequence[Known]) -> Bends:
+def bends_of(says: Says, of: Sequence[KnownVariable]) -> Bends:
     """Of what a place says of curves of a variable, or of sums of them."""
     tried = tried_of(says, of)
     counts, best = max(tried.items(), key=lambda t: float(t[1].evidence.max()))
@@ -135,7 +135,7 @@ def as_curve(place: Location, bends: Bends, prior: float, here: float, engine: E
 
 
 def as_surface(
-    place: Location, of: tuple[Known, Known], size: float, prior: float, here: float, engine: Engine
+    place: Location, of: tuple[KnownVariable, KnownVariable], size: float, prior: float, here: float, engine: Engine
 ) -> tuple[Proposal, ...]:
     """Laws that together are a smooth surface of two variables at a place; `size`: standard deviation of a curve there
     over the records, `prior`: ln, of variables, `here` of the place, which the first law bears. None where the
@@ -155,7 +155,7 @@ def _proposals(
     return tuple(_proposal(place, p, size, priors if p is parts[0] else (0.0, 0.0), engine) for p in parts)
 
 
-def _grid(k: Known, count: int, beyond: float = BEYOND) -> tuple[list[float], float]:
+def _grid(k: KnownVariable, count: int, beyond: float = BEYOND) -> tuple[list[float], float]:
     """Places of steps of a variable and their width: so many evenly over most of what was flown, and on from there to
     its ends, where few records may lie far from all others."""
     low, high = (float(q) for q in np.quantile(k.values, EDGES_OF_STEPS))
@@ -165,14 +165,14 @@ def _grid(k: Known, count: int, beyond: float = BEYOND) -> tuple[list[float], fl
     return [_rounded(low + w * j) for j in range(-before, count + after)], w
 
 
-def steps_over(k: Known, count: int) -> np.ndarray:
+def steps_over(k: KnownVariable, count: int) -> np.ndarray:
     """Steps of a variable over the records (N, n), n at least `count`."""
     places, w = _grid(k, count)
     c = np.array(places)
     return np.asarray(np.tanh((k.values[:, None] - c) / w) - np.tanh((k.variable.reference - c) / w))
 
 
-def _steps(k: Known, count: int, beyond: float = BEYOND) -> tuple[str, ...]:
+def _steps(k: KnownVariable, count: int, beyond: float = BEYOND) -> tuple[str, ...]:
     """Steps of a variable."""
     name, x0 = k.variable.name, k.variable.reference
     places, w = _grid(k, count, beyond)
@@ -182,7 +182,7 @@ def _steps(k: Known, count: int, beyond: float = BEYOND) -> tuple[str, ...]:
     return tuple(found)
 
 
-def formula_of(k: Known, count: int, sizes: np.ndarray) -> str:
+def formula_of(k: KnownVariable, count: int, sizes: np.ndarray) -> str:
     """Steps of a variable with numbers in the places of their sizes (n,), 0 at the design point."""
     (places, w), x0 = _grid(k, count), k.variable.reference
     told = [float(f"{a:.{DIGITS_OF_SIZES}g}") for a in sizes]

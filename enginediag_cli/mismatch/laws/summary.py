@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from enginediag_cli.mismatch.fit.freeform import locations
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.alike import places_alike
 from enginediag_cli.mismatch.laws.band import EDGES, Weighed, band_of, curve_of
 from enginediag_cli.mismatch.laws.finding import FittedLaw, LawFinding
@@ -20,7 +20,7 @@ UNLIKELY = 5.0
 """ln evidence by which a form is behind the best that has no say in the curve any more."""
 
 
-def summary(search: LawSearch, best: Sequence[Fitted], base: Trial, noise_known: bool) -> LawFinding:
+def summary(search: LawSearch, best: Sequence[Fitted], base: HypothesisFit, noise_known: bool) -> LawFinding:
     """Of a search; `best`: laws that are told, likeliest first, and `base` the fit without them; `noise_known`: not
     from the recordings alone."""
     known = seen_at(best[0].trial.found, search.scan.known)

@@ -14,16 +14,16 @@ import numpy as np
 from enginediag_cli.mismatch.fit.any_curve import AnyCurve
 from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.freeform import locations
-from enginediag_cli.mismatch.fit.identified import Identified
+from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.laws.linear import evidence_of_all
 from enginediag_cli.mismatch.laws.polynomials import Polynomials
 from enginediag_cli.mismatch.laws.said import Says
-from enginediag_cli.mismatch.laws.scan import Known, number_of_groups, prior_of_a_place
+from enginediag_cli.mismatch.laws.scan import KnownVariable, number_of_groups, prior_of_a_place
 from enginediag_cli.mismatch.laws.smooth import prior_of_variables
 
 
-def any_curve_at_all(found: Identified, projection: Projection, known: Sequence[Known]) -> float:
+def any_curve_at_all(found: IdentifiedHypothesis, projection: Projection, known: Sequence[KnownVariable]) -> float:
     """ln evidence of all smooth curves of the likeliest variable at its place, priors included; −∞ without any."""
     where = locations(found)
     columns = Columns(found, [p.parameter for p in where], [p.through for p in where if p.through is not None])

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from enginediag_cli.mismatch.fit.freeform import Location, parameter_at
-from enginediag_cli.mismatch.fit.identified import Identified
+from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Room:
     doubt: float
 
     @staticmethod
-    def at(found: Identified, place: Location, mean: float = 0.0) -> Room:
+    def at(found: IdentifiedHypothesis, place: Location, mean: float = 0.0) -> Room:
         """Of a fit, that carries a law of this mean there."""
         p = parameter_at(place, found.evidence.engine)
         stands = float(np.clip(found.theta.get(p.name, p.nominal) + mean, p.lower, p.upper))

@@ -19,15 +19,15 @@ import numpy as np
 
 from enginediag_cli.drivers import TIME, groups
 from enginediag_cli.engine.term import DriverValues
-from enginediag_cli.mismatch.fit.evidence import Evidence
+from enginediag_cli.mismatch.fit.evidence import Dataset
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.freeform import Cell, free_form, machine_cells
 from enginediag_cli.mismatch.fit.identified import (
-    NO_HYPOTHESIS,
+    NULL_HYPOTHESIS,
     Hypothesis,
-    Identified,
+    IdentifiedHypothesis,
     Nuisance,
-    drivers_of,
+    driver_values,
     identify_with,
     nuisance,
 )
@@ -112,7 +112,7 @@ class Located:
 
     converged: bool
     reason: str
-    found: Identified
+    found: IdentifiedHypothesis
     projection: Projection | None = None
     presence: Presence | None = None
     places: tuple[Place, ...] = ()
@@ -136,22 +136,22 @@ class Located:
         return Projection(fit) if fit.converged else None
 
 
-def locate(evidence: Evidence) -> Located:
+def locate(evidence: Dataset) -> Located:
     """The map of a mismatch. Raises DataError where the recordings make no problem."""
     rng = np.random.default_rng(evidence.settings.seed)
     along = nuisance(evidence)
-    found = identify_with(evidence, NO_HYPOTHESIS, along)
+    found = identify_with(evidence, NULL_HYPOTHESIS, along)
     if not found.converged:
         return Located(False, found.reason, found)
     projection = Projection(found)
-    conditions = [*drivers_of(evidence, found.theta), *moving_drivers(evidence)]
+    conditions = [*driver_values(evidence, found.theta), *moving_drivers(evidence)]
     everything = [*conditions, *step_drivers(evidence)]
     cells = free_form(found, projection, everything)
     if evidence.settings.noise == "estimate":
         for _ in range(NOISE_PASSES):
             noise = estimated_noise(projection, [c for c in cells if not c.score.absorbed])
             evidence = with_noise(evidence, noise)
-            found = identify_with(evidence, NO_HYPOTHESIS, along, found)
+            found = identify_with(evidence, NULL_HYPOTHESIS, along, found)
             if not found.converged:
                 return Located(False, found.reason, found)
             projection = Projection(found)
@@ -198,7 +198,7 @@ def _stable(places: Sequence[Place], drawn: np.ndarray) -> list[Place]:
 
 
 @stage("fitting the leading places")
-def _refitted(places: Sequence[Place], found: Identified, along: Nuisance, base: Projection) -> list[Place]:
+def _refitted(places: Sequence[Place], found: IdentifiedHypothesis, along: Nuisance, base: Projection) -> list[Place]:
     """The first few with the fall of χ² of a fit with the full model instead of the score."""
     result: list[Place] = []
     reach = REACH + BENT * places[0].statistic if places else 0.0
@@ -216,7 +216,7 @@ def _refitted(places: Sequence[Place], found: Identified, along: Nuisance, base:
     return result
 
 
-def free_hypothesis(cell: Cell, found: Identified) -> Hypothesis:
+def free_hypothesis(cell: Cell, found: IdentifiedHypothesis) -> Hypothesis:
     """The cell as something to fit: its curves on its parameter, with a prior too wide to matter."""
     n = sum(len(next(iter(f.columns.values()))) for f in found.evidence.flights)
     curves, discrepancies = {}, []

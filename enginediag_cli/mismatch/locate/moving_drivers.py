@@ -14,18 +14,18 @@ from enginediag_cli.engine.moving.filters import Lag, RateOfChange
 from enginediag_cli.engine.moving.tape import MOMENT, NO_MOMENT, Tape
 from enginediag_cli.engine.term import DriverValues
 from enginediag_cli.identification.instruments import stretches
-from enginediag_cli.mismatch.fit.evidence import Evidence
-from enginediag_cli.mismatch.fit.identified import stacked
+from enginediag_cli.mismatch.fit.evidence import Dataset
+from enginediag_cli.mismatch.fit.identified import stack_column
 
 LAGS_S = (6.0, 20.0, 60.0)
 """Time constants, s: of actuators and probes, of thin metal, of casings; what lies between is like one of them."""
 
 
-def moving_drivers(evidence: Evidence) -> list[DriverValues]:
+def moving_drivers(evidence: Dataset) -> list[DriverValues]:
     """Over all records of the evidence, 0 where an engine's past is not known; none where no recording shows how an
     engine moves."""
     engine = evidence.engine
-    moment = stacked(evidence, MOMENT, NO_MOMENT)
+    moment = stack_column(evidence, MOMENT, NO_MOMENT)
     shown = stretches(engine.tapes, moment) >= 0
     if not shown.any():
         return []

@@ -26,7 +26,7 @@ class Shown:
     bins: tuple[tuple[float, float, float, float], ...]
 
 
-def shown(projection: Projection, cell: Cell) -> Shown:
+def residual_curve_points(projection: Projection, cell: Cell) -> Shown:
     """Residuals of the most affected sensor; records without a value of the driver are left out."""
     found, frame = projection.found, projection.frame
     fitted = cell.sums.rows_along(cell.candidates, cell.score.coefficients)[frame.keep]

@@ -6,7 +6,7 @@ import numpy as np
 
 from enginediag_cli.drivers import TIME
 from enginediag_cli.engine.term import DriverValues
-from enginediag_cli.mismatch.fit.evidence import Evidence
+from enginediag_cli.mismatch.fit.evidence import Dataset
 
 ONSETS = 11
 """Onsets that are tried on one engine, evenly over its records: a change is seen from 1/12 of them on."""
@@ -14,7 +14,7 @@ ONSETS = 11
 LEAST_RECORDS = 8  # on either side of an onset
 
 
-def step_drivers(evidence: Evidence) -> list[DriverValues]:
+def step_drivers(evidence: Dataset) -> list[DriverValues]:
     """One driver per engine and onset, over all records of the evidence: 0 before, 1 from then on, 0 for the other
     engines. Onsets at the beginning of a flight are preferred to those within it."""
     sizes = [len(next(iter(f.columns.values()))) for f in evidence.flights]

@@ -51,7 +51,7 @@ class Kind:
         return len(self.names) == 1
 
 
-def kind_of(located: Located) -> Kind:
+def classify_verdict(located: Located) -> Kind:
     """Judge a map."""
     if not located.converged or located.projection is None or located.presence is None:
         return Kind((NO_VERDICT,))

@@ -16,7 +16,7 @@ from enginediag_cli.detection.verdict import FAULT, NO_VERDICT, NOTHING_REQUIRED
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.problem import TrainingRecording, settings_from_mapping
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
+from enginediag_cli.mismatch.fit.evidence import Dataset, Flight
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.monitor import monitor_from_nominal
 from enginediag_cli.residuals.pipeline import window_statistics
@@ -53,7 +53,7 @@ class Alarms:
         return float(found.low), float(found.high)
 
 
-def alarms(engine: Engine, evidence: Evidence, unseen: Sequence[int], window: int) -> Alarms:
+def alarms(engine: Engine, evidence: Dataset, unseen: Sequence[int], window: int) -> Alarms:
     """Of the unseen flights of the evidence, by this engine, in windows of so many records."""
     judged = without = found = misfits = 0
     ratios: list[float] = []

@@ -12,7 +12,7 @@ from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.identification.nominal import SensorQuality, sensor_quality
 from enginediag_cli.identification.problem import TrainingRecording
-from enginediag_cli.mismatch.controlled.find import MOST_BLOCKS, Found
+from enginediag_cli.mismatch.controlled.find import MOST_BLOCKS, ControlSearchResult
 from enginediag_cli.mismatch.controlled.fitted import Errors, Fitted, fitted, gain
 from enginediag_cli.mismatch.controlled.law import ControlLaw
 from enginediag_cli.progress import stage
@@ -51,7 +51,7 @@ class ControlRefinement:
 
 @stage("fitting with and without the control")
 def refine_control(
-    found: Found,
+    found: ControlSearchResult,
     described: EngineDescription,
     engine: Engine,
     training: Sequence[TrainingRecording],

@@ -31,10 +31,10 @@ def refined_text(path: str, effects: Sequence[Effect], errors: Mapping[str, floa
     `errors`: standard errors by parameter name; `source`: data and command. Raises ConfigError for a file that cannot
     be read, DataError for one whose text cannot be edited.
     """
-    return appended(moved_text(path, place), path, "physics", [_entry(e, errors, source) for e in effects])
+    return appended(relocated_text(path, place), path, "physics", [_entry(e, errors, source) for e in effects])
 
 
-def moved_text(path: str, place: str) -> str:
+def relocated_text(path: str, place: str) -> str:
     """Text of the engine file at `path` as it is to stand in the folder of `place`. Raises ConfigError for a file that
     cannot be read."""
     root = load_document(path)

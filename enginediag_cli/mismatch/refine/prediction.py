@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from enginediag_cli.mismatch.fit.identified import Identified
+from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis
 from enginediag_cli.mismatch.fit.projection import Frame
 from enginediag_cli.mismatch.fit.stretches import by_stretches
 from enginediag_cli.mismatch.refine.criteria import Prediction, Records
@@ -35,7 +35,7 @@ class Change:
 
     def add(
         self,
-        pair: tuple[Identified, Identified],
+        pair: tuple[IdentifiedHypothesis, IdentifiedHypothesis],
         parts: tuple[np.ndarray, np.ndarray],
         of: Records,
         on: np.ndarray | None = None,
@@ -78,7 +78,7 @@ class Change:
         return Prediction(of, share, S, dispersion, error, found.effective, found.length, int(told.sum()))
 
 
-def _zeros(there: Identified, frame: Frame) -> np.ndarray:
+def _zeros(there: IdentifiedHypothesis, frame: Frame) -> np.ndarray:
     """Whitened rows (n, R m) of a free zero of every sensor in every recording."""
     recording, m = there.problem.recording, len(there.problem.sensors)
     count = int(recording.max()) + 1

@@ -13,13 +13,13 @@ import numpy as np
 
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.attempt import attempt, begun
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Nuisance, drivers_of, identify_with, nuisance
+from enginediag_cli.mismatch.fit.evidence import Dataset, Flight
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, Nuisance, driver_values, identify_with, nuisance
 from enginediag_cli.mismatch.fit.noise import estimated_noise, with_noise
 from enginediag_cli.mismatch.fit.options import effect_options
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.remainder import remainder
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.refine.alarms import Alarms, alarms
 from enginediag_cli.mismatch.refine.criteria import Criterion, Prediction, Verdict, verdict
 from enginediag_cli.mismatch.refine.significance import significance
@@ -45,8 +45,8 @@ class Refinement:
     failed: str
     effects: tuple[Effect, ...]
     standard_errors: dict[str, float]  # by parameter name
-    before: Trial
-    after: Trial | None = None
+    before: HypothesisFit
+    after: HypothesisFit | None = None
     unseen: Unseen | None = None
     criteria: tuple[Criterion, ...] = ()
     alarms_before: Alarms | None = None
@@ -60,7 +60,7 @@ class Refinement:
 
 
 def refine(
-    evidence: Evidence,
+    evidence: Dataset,
     unseen: Sequence[int],
     effects: Sequence[Effect],
     *,
@@ -110,31 +110,31 @@ def refine(
 
 
 @stage("fitting with and without the effect")
-def fit_both(hidden: Evidence, effects: Sequence[Effect], along: Nuisance) -> tuple[Trial, Trial]:
+def fit_both(hidden: Dataset, effects: Sequence[Effect], along: Nuisance) -> tuple[HypothesisFit, HypothesisFit]:
     """The model as it is and with the effects, fitted to the same flights."""
-    found = identify_with(hidden, NO_HYPOTHESIS, along)
+    found = identify_with(hidden, NULL_HYPOTHESIS, along)
     after = attempt(begun(effects, found), found, along)
-    return Trial((), found, Projection(found)), after
+    return HypothesisFit((), found, Projection(found)), after
 
 
 def _with_estimated_noise(
-    evidence: Evidence, unseen: Sequence[int], effects: Sequence[Effect], along: Nuisance
-) -> Evidence:
+    evidence: Dataset, unseen: Sequence[int], effects: Sequence[Effect], along: Nuisance
+) -> Dataset:
     """The evidence with the noise that the fitted flights show where nothing explains the readings."""
     for _ in range(NOISE_PASSES):
         after = fit_both(concealed(evidence, unseen), effects, along)[1]
         library = effect_options(candidates(evidence.engine))
-        rest = remainder(after, library, drivers_of(after.found.evidence, after.found.theta))
+        rest = remainder(after, library, driver_values(after.found.evidence, after.found.theta))
         evidence = with_noise(evidence, estimated_noise(after.projection, rest.beside_noise()))
     return evidence
 
 
-def still_missing(after: Trial) -> str:
+def still_missing(after: HypothesisFit) -> str:
     """The most surprising thing that the fitted flights show beyond the effects; empty when nothing stands out."""
     engine = after.found.evidence.engine
     carried = {own.label for e in after.hypothesis.effects for own in each(e)}
     library = effect_options(e for e in candidates(engine) if e.label not in carried)
-    rest = remainder(after, library, drivers_of(after.found.evidence, after.found.theta))
+    rest = remainder(after, library, driver_values(after.found.evidence, after.found.theta))
     if rest.surprise <= STANDS_OUT:
         return ""
     if rest.scores and rest.scores[0].surprise >= rest.surprise:
@@ -143,7 +143,7 @@ def still_missing(after: Trial) -> str:
     return f"something at {cell.location.name} that varies with {cell.driver.name} (−ln p = {cell.surprise:.1f})"
 
 
-def _fitted(effects: Sequence[Effect], trial: Trial) -> tuple[tuple[Effect, ...], dict[str, float]]:
+def _fitted(effects: Sequence[Effect], trial: HypothesisFit) -> tuple[tuple[Effect, ...], dict[str, float]]:
     """The effects with the fit's coefficients, and the standard errors of these; what acts at several places by one
     size as an effect at each of them."""
     found: list[Effect] = []
@@ -159,7 +159,7 @@ def _fitted(effects: Sequence[Effect], trial: Trial) -> tuple[tuple[Effect, ...]
     return tuple(found), errors
 
 
-def _check(evidence: Evidence, unseen: Sequence[int]) -> None:
+def _check(evidence: Dataset, unseen: Sequence[int]) -> None:
     training = {f.engine for k, f in enumerate(evidence.flights) if k not in unseen}
     if not training:
         raise ValueError("no flight is left to fit the effects to")

@@ -18,16 +18,16 @@ import numpy as np
 
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.spread import spread_of
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.refine.criteria import Significance
 
 
-def significance(effects: Sequence[Effect], trial: Trial) -> tuple[Significance, ...]:
+def significance(effects: Sequence[Effect], trial: HypothesisFit) -> tuple[Significance, ...]:
     """Of each of the effects that the trial has fitted, none at a bound."""
     return tuple(_of_one(e, trial) for e in effects)
 
 
-def _of_one(e: Effect, trial: Trial) -> Significance:
+def _of_one(e: Effect, trial: HypothesisFit) -> Significance:
     problem, projection = trial.found.problem, trial.projection
     index = [problem.names.index(n) for n in e.sizes]
     absent = np.array([c.absent for c in e.term.amplitudes() if not c.free])

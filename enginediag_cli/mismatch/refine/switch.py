@@ -19,11 +19,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, with_own_noise
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Identified, Nuisance, identify_with, nuisance
+from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, refit_noise_without_switches
+from enginediag_cli.mismatch.fit.evidence import Dataset, Flight
+from enginediag_cli.mismatch.fit.identified import (
+    NULL_HYPOTHESIS,
+    IdentifiedHypothesis,
+    Nuisance,
+    identify_with,
+    nuisance,
+)
 from enginediag_cli.mismatch.fit.projection import Frame, Projection
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.refine.criteria import Prediction, Records
 from enginediag_cli.mismatch.refine.prediction import Change
 from enginediag_cli.mismatch.refine.unseen import (
@@ -65,7 +71,7 @@ def switch_column(effect: Effect) -> str:
     return f"{effect.term.NAME}_{effect.site.name}_on"
 
 
-def with_states(evidence: Evidence, training: Sequence[int], finding: HiddenFinding, column: str) -> Evidence:
+def with_states(evidence: Dataset, training: Sequence[int], finding: HiddenFinding, column: str) -> Dataset:
     """The evidence with the finding's states (its records are those of the training flights, in order) in a column;
     0 on all other flights."""
     assert finding.states is not None
@@ -77,22 +83,22 @@ def with_states(evidence: Evidence, training: Sequence[int], finding: HiddenFind
     return replace(evidence, flights=flights)
 
 
-def judged_by_trained_noise(evidence: Evidence, unseen: Sequence[int]) -> Evidence:
+def judged_by_trained_noise(evidence: Dataset, unseen: Sequence[int]) -> Dataset:
     """The evidence with noise and priors that the flights that are fitted show, freed of what switches in them, as the
     search for what is missing takes them: fit, search and judgement rest on one and the same."""
     training = evidence.only([k for k in range(len(evidence.flights)) if k not in unseen])
-    freed = with_own_noise(training)
+    freed = refit_noise_without_switches(training)
     return replace(evidence, noise=freed.noise, settings=freed.settings, owed=freed.owed)
 
 
 @stage("looking for what switches")
-def find_switch(training: Evidence, effect: Effect) -> HiddenFinding | None:
+def find_switch(training: Dataset, effect: Effect) -> HiddenFinding | None:
     """The likeliest switch on these flights at a place where the effect acts; None when there is none."""
     along = nuisance(training)
-    fit = identify_with(training, NO_HYPOTHESIS, along)
+    fit = identify_with(training, NULL_HYPOTHESIS, along)
     if not fit.converged:
         return None
-    base = Trial((), fit, Projection(fit))
+    base = HypothesisFit((), fit, Projection(fit))
     for f in hidden_search(training)(base).refitted():
         if f.significant and f.is_switch and effect.label in {e.label for e in effects_at(f.location, training.engine)}:
             return f
@@ -100,8 +106,13 @@ def find_switch(training: Evidence, effect: Effect) -> HiddenFinding | None:
 
 
 def compare_switched(
-    evidence: Evidence, unseen: Sequence[int], before: Trial, after: Trial, along: Nuisance, effect: Effect
-) -> tuple[Unseen, tuple[Prediction, ...], Evidence]:
+    evidence: Dataset,
+    unseen: Sequence[int],
+    before: HypothesisFit,
+    after: HypothesisFit,
+    along: Nuisance,
+    effect: Effect,
+) -> tuple[Unseen, tuple[Prediction, ...], Dataset]:
     """As `compare`, states of the unseen flights inferred; also the evidence with these states in its column. What a
     sensor is judged by are the states that the others show: with its own it would be fitted, not predicted. A flight
     in which the effect is never on cannot judge it, and is left to the log density."""
@@ -147,13 +158,13 @@ class OneFlight:
     """An unseen flight by the fit with the effect, all off: `moves` (N, m), what the effect on moves the prediction by,
     and its amplitude."""
 
-    there: Identified
+    there: IdentifiedHypothesis
     moves: np.ndarray
     amplitude: float
-    after: Trial
+    after: HypothesisFit
 
     @classmethod
-    def put(cls, evidence: Evidence, k: int, after: Trial, along: Nuisance, effect: Effect) -> OneFlight:
+    def put(cls, evidence: Dataset, k: int, after: HypothesisFit, along: Nuisance, effect: Effect) -> OneFlight:
         """Flight k (by position); the column of its states holds 0."""
         column = switch_column(effect)
         there = predicted(evidence, [k], after, along)
@@ -180,12 +191,12 @@ class OneFlight:
         return Inferred(there.number, states.on, states.evidence + 0.5 / NARROW**2)
 
 
-def inferred(evidence: Evidence, k: int, after: Trial, along: Nuisance, effect: Effect) -> Inferred:
+def inferred(evidence: Dataset, k: int, after: HypothesisFit, along: Nuisance, effect: Effect) -> Inferred:
     """States of flight k (by position), everything else known from the fit."""
     return OneFlight.put(evidence, k, after, along, effect).inferred()
 
 
-def _known(after: Trial, there: Identified) -> Basis:
+def _known(after: HypothesisFit, there: IdentifiedHypothesis) -> Basis:
     """Rows of an unseen flight with the fit's posterior, and the flight's own offsets, as nuisance of prior N(0, 1)."""
     e, B = row_parts(after, there)
     n, q = B.shape

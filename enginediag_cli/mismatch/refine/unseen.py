@@ -20,10 +20,10 @@ import numpy as np
 from enginediag_cli.identification.gauss_newton import Fit
 from enginediag_cli.identification.nominal import EVERYTHING, SensorQuality, sensor_quality
 from enginediag_cli.identification.normal_equations import normal_equations
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
-from enginediag_cli.mismatch.fit.identified import Identified, Nuisance, problem_with
+from enginediag_cli.mismatch.fit.evidence import Dataset, Flight
+from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis, Nuisance, problem_with
 from enginediag_cli.mismatch.fit.projection import Frame, nuisance_columns
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.refine.criteria import Prediction, Records
 from enginediag_cli.mismatch.refine.prediction import Change
 
@@ -57,7 +57,7 @@ class Unseen:
         return float(self.flight_gains.sum())
 
 
-def concealed(evidence: Evidence, unseen: Sequence[int]) -> Evidence:
+def concealed(evidence: Dataset, unseen: Sequence[int]) -> Dataset:
     """The same evidence with the readings of some flights taken away; their operating points stay."""
     sensors = evidence.engine.sensors
 
@@ -68,7 +68,7 @@ def concealed(evidence: Evidence, unseen: Sequence[int]) -> Evidence:
     return replace(evidence, flights=flights)
 
 
-def predicted(evidence: Evidence, unseen: Sequence[int], trial: Trial, along: Nuisance) -> Identified:
+def predicted(evidence: Dataset, unseen: Sequence[int], trial: HypothesisFit, along: Nuisance) -> IdentifiedHypothesis:
     """The trial's fit put to the unseen flights of the evidence (with their readings), nothing estimated."""
     starts = np.cumsum([0, *(len(next(iter(f.columns.values()))) for f in evidence.flights)])
     rows = np.concatenate([np.arange(starts[k], starts[k + 1]) for k in unseen])
@@ -80,11 +80,11 @@ def predicted(evidence: Evidence, unseen: Sequence[int], trial: Trial, along: Nu
     z = np.zeros((len(problem.labels), len(problem.offsets)))
     equations = normal_equations(problem, trial.found.fit.x, z)
     fit = Fit(trial.found.fit.x, z, equations, trial.found.fit.at_bound, True, "", ())
-    return Identified(there, hypothesis, model, problem, fit, settled=True, rho=rho)
+    return IdentifiedHypothesis(there, hypothesis, model, problem, fit, settled=True, rho=rho)
 
 
 def compare(
-    evidence: Evidence, unseen: Sequence[int], before: Trial, after: Trial, along: Nuisance
+    evidence: Dataset, unseen: Sequence[int], before: HypothesisFit, after: HypothesisFit, along: Nuisance
 ) -> tuple[Unseen, Prediction]:
     """Both trials, fitted to `concealed` evidence, on the unseen flights."""
     pair, lost = comparable(*(predicted(evidence, unseen, t, along) for t in (before, after)))
@@ -95,14 +95,19 @@ def compare(
     return unseen_of(pair, density, lost), change.judged(Records.ALL)
 
 
-def comparable(one: Identified, other: Identified) -> tuple[tuple[Identified, Identified], int]:
+def comparable(
+    one: IdentifiedHypothesis, other: IdentifiedHypothesis
+) -> tuple[tuple[IdentifiedHypothesis, IdentifiedHypothesis], int]:
     """Both with the readings that both can compute, and the records that one of them cannot."""
     both = np.isfinite(one.fit.equations.residual) & np.isfinite(other.fit.equations.residual)
     return (only(one, both), only(other, both)), int(np.sum(one.fit.failed | other.fit.failed))
 
 
 def unseen_of(
-    pair: tuple[Identified, Identified], density: Sequence[np.ndarray], lost: int, on: np.ndarray | None = None
+    pair: tuple[IdentifiedHypothesis, IdentifiedHypothesis],
+    density: Sequence[np.ndarray],
+    lost: int,
+    on: np.ndarray | None = None,
 ) -> Unseen:
     """What two models leave of the same readings; `on` (N, m): whether a hidden switch is on there."""
     one, other = pair
@@ -126,13 +131,13 @@ def unseen_of(
     )
 
 
-def _quality(p: Identified, keep: np.ndarray) -> Quality:
+def _quality(p: IdentifiedHypothesis, keep: np.ndarray) -> Quality:
     e = np.where(keep, p.fit.equations.residual, np.nan)
     everything = np.full(len(e), EVERYTHING)
     return sensor_quality(p.problem.sensors, e, p.fit.equations.predicted, p.problem.sigma, everything)
 
 
-def log_density(trial: Trial, there: Identified, unit: np.ndarray) -> np.ndarray:
+def log_density(trial: HypothesisFit, there: IdentifiedHypothesis, unit: np.ndarray) -> np.ndarray:
     """ℓ (U,) of each unit of the records; `unit` (N,) is the number of each record's, from 0."""
     frame = Frame(there)
     e, B = row_parts(trial, there)
@@ -150,7 +155,7 @@ def log_density(trial: Trial, there: Identified, unit: np.ndarray) -> np.ndarray
     return np.array(result)
 
 
-def row_parts(trial: Trial, there: Identified) -> tuple[np.ndarray, np.ndarray]:
+def row_parts(trial: HypothesisFit, there: IdentifiedHypothesis) -> tuple[np.ndarray, np.ndarray]:
     """Whitened readings e (n,) and B (n, q) as above."""
     frame = Frame(there)
     J, offsets = nuisance_columns(there)
@@ -161,12 +166,12 @@ def row_parts(trial: Trial, there: Identified) -> tuple[np.ndarray, np.ndarray]:
     return e, np.concatenate([frame.rows(J[:, :, free]) @ root, frame.rows(offsets)], axis=1)
 
 
-def only(there: Identified, keep: np.ndarray) -> Identified:
+def only(there: IdentifiedHypothesis, keep: np.ndarray) -> IdentifiedHypothesis:
     """The same with the readings (N, m) that are kept."""
     e = there.fit.equations
     return with_residual(there, np.where(keep, e.residual, np.nan))
 
 
-def with_residual(there: Identified, residual: np.ndarray) -> Identified:
+def with_residual(there: IdentifiedHypothesis, residual: np.ndarray) -> IdentifiedHypothesis:
     """The same with other residuals (N, m)."""
     return replace(there, fit=replace(there.fit, equations=replace(there.fit.equations, residual=residual)))

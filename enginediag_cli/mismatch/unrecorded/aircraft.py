@@ -17,7 +17,7 @@ import numpy as np
 from enginediag_cli.mismatch.fit.neighbours import TIME, neighbours_of
 
 if TYPE_CHECKING:
-    from enginediag_cli.mismatch.fit.identified import Identified
+    from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis
 
 Columns = Mapping[str, np.ndarray]
 
@@ -52,7 +52,7 @@ class Grid:
         return found
 
 
-def grid_of(found: Identified) -> Grid | None:
+def grid_of(found: IdentifiedHypothesis) -> Grid | None:
     """The grid of a fit's records; None where no two engines fly together."""
     flights, recording = found.evidence.flights, found.problem.recording
     partner = _companions(found)
@@ -82,7 +82,7 @@ def grid_of(found: Identified) -> Grid | None:
     return Grid(at, seat, first, 1 + int(seat.max()), np.concatenate(gap))
 
 
-def _companions(found: Identified) -> dict[int, list[int]]:
+def _companions(found: IdentifiedHypothesis) -> dict[int, list[int]]:
     """Flight → the flights of other engines of its aircraft, by position; the first of them only."""
     flights, engine = found.evidence.flights, found.evidence.engine
     air = [c for c in engine.inputs if c != engine.power_setting]

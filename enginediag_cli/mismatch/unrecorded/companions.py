@@ -19,7 +19,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from enginediag_cli.mismatch.fit.evidence import Evidence
+from enginediag_cli.mismatch.fit.evidence import Dataset
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.unrecorded.aircraft import grid_of
 
@@ -27,7 +27,7 @@ LEAST_PAIRS = 20
 """Times at which two engines are read, below which nothing is known of what they share."""
 
 
-def with_shared_errors(projection: Projection) -> Evidence | None:
+def with_shared_errors(projection: Projection) -> Dataset | None:
     """The evidence of a fit with the noise of engines that fly side by side; None where none do, or share nothing."""
     found = projection.found
     grid = grid_of(found)

@@ -14,8 +14,8 @@ from itertools import pairwise
 import numpy as np
 
 from enginediag_cli.mismatch.controlled.still import robust_scatter
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
-from enginediag_cli.mismatch.fit.identified import Nuisance, stacked
+from enginediag_cli.mismatch.fit.evidence import Dataset, Flight
+from enginediag_cli.mismatch.fit.identified import Nuisance, stack_column
 from enginediag_cli.mismatch.unrecorded.per_record import PerRecord, amplitudes_at
 
 GRID = 120
@@ -40,7 +40,7 @@ class Stop:
 
 
 @dataclass(frozen=True)
-class Held:
+class HeldReading:
     """A reading off the stop: its median, its scatter (robust), and what that would be with the amplitude of the
     stop."""
 
@@ -54,7 +54,7 @@ class Held:
         return self.scatter < HELD * self.free_scatter
 
 
-def stop_of(fit: PerRecord, along: np.ndarray, count: int = 6) -> Stop:
+def find_stop(fit: PerRecord, along: np.ndarray, count: int = 6) -> Stop:
     """In each of `count` equally filled bands of the driver `along` (N,) the amplitudes are divided into three classes;
     the stop is the outer class, upper or lower, that is tighter within bands and lies at the same level in all."""
     a = np.where(np.isfinite(fit.amplitude), fit.amplitude, np.nanmedian(fit.amplitude))
@@ -89,20 +89,20 @@ def _looseness(bands: tuple[tuple[float, float, int, float, float], ...]) -> flo
     return float(np.sqrt(np.mean(scatter**2) + np.var(level))) if bands else np.inf
 
 
-def held_readings(evidence: Evidence, fit: PerRecord, along: Nuisance, stop: Stop) -> list[Held]:
+def held_readings(evidence: Dataset, fit: PerRecord, along: Nuisance, stop: Stop) -> list[HeldReading]:
     """Every reading off the stop, the one that is held best first."""
-    measured = np.column_stack([stacked(evidence, s)[fit.number] for s in fit.sensors])
+    measured = np.column_stack([stack_column(evidence, s)[fit.number] for s in fit.sensors])
     frozen = replace(fit, amplitude=np.full(len(fit.amplitude), stop.level))
     at_stop = measured - amplitudes_at(evidence, frozen, along, ()).residual * fit.sigma
     found = []
     for j, s in enumerate(fit.sensors):
         y, free = measured[~stop.at, j], at_stop[~stop.at, j]
-        found.append(Held(s, float(np.nanmedian(y)), robust_scatter(y), robust_scatter(free)))
+        found.append(HeldReading(s, float(np.nanmedian(y)), robust_scatter(y), robust_scatter(free)))
     return sorted(found, key=lambda h: h.scatter / h.free_scatter)
 
 
 def by_law(
-    evidence: Evidence, fit: PerRecord, along: Nuisance, held: Held, records: np.ndarray
+    evidence: Dataset, fit: PerRecord, along: Nuisance, held: HeldReading, records: np.ndarray
 ) -> Mapping[str, tuple[float, float]]:
     """Error of every other reading when the amplitude of `records` (N,) is what holds `held` at its value: sensor →
     root mean square, and mean reading. No coefficient is fitted, and no reading used."""
@@ -116,7 +116,7 @@ def by_law(
     for j, s in enumerate(lawful.sensors):
         if s != held.sensor:
             e = (lawful.residual[:, j] * lawful.sigma[j])[records]
-            y = stacked(evidence, s)[lawful.number][records]
+            y = stack_column(evidence, s)[lawful.number][records]
             error[s] = float(np.sqrt(np.nanmean(e**2))), float(np.nanmean(y))
     return error
 

@@ -23,7 +23,7 @@ from enginediag_cli.engine.term import Effect
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.fit.believable import switching
 from enginediag_cli.mismatch.fit.freeform import Location, locations, of_effect
-from enginediag_cli.mismatch.fit.identified import Identified, Nuisance, nuisance, stacked
+from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis, Nuisance, nuisance, stack_column
 from enginediag_cli.mismatch.fit.neighbours import TIME
 from enginediag_cli.mismatch.fit.noise import doubtful_ratio
 from enginediag_cli.mismatch.fit.projection import Projection
@@ -58,7 +58,7 @@ class Scan:
     """Every location's amplitude at a fit that carries no such effect, before any is refitted: `findings`, the
     likeliest first, and the `gate` that they are judged by; look at `significant`."""
 
-    def __init__(self, found: Identified, projection: Projection, level: float, rng: np.random.Generator):
+    def __init__(self, found: IdentifiedHypothesis, projection: Projection, level: float, rng: np.random.Generator):
         of, places, directions = _geometry(found, projection)
         draws = of.noise(draws_for(len(of.gap)), rng)
         both = likelihoods(of, directions, [of.left[:, :, None], draws], believed_of(found, places))
@@ -117,7 +117,7 @@ class Scan:
 
 @stage("looking for a driver that is not recorded")
 def hidden_amplitudes(
-    found: Identified,
+    found: IdentifiedHypothesis,
     projection: Projection,
     *,
     level: float = 0.05,
@@ -134,7 +134,7 @@ def hidden_amplitudes(
     return Scan(found, projection, level, rng).refitted(along, refitted)
 
 
-def _worth_a_refit(findings: list[HiddenFinding], found: Identified) -> list[HiddenFinding]:
+def _worth_a_refit(findings: list[HiddenFinding], found: IdentifiedHypothesis) -> list[HiddenFinding]:
     """Where something that is commanded explains more than a part that breathes, the part is not the place of a
     switch."""
     parameters = found.evidence.engine.parameters
@@ -144,19 +144,23 @@ def _worth_a_refit(findings: list[HiddenFinding], found: Identified) -> list[Hid
     return [f for f in findings if f.lr >= best or switching(f.location, parameters)]
 
 
-def hidden_gate(found: Identified, projection: Projection, *, level: float, rng: np.random.Generator) -> float:
+def hidden_gate(
+    found: IdentifiedHypothesis, projection: Projection, *, level: float, rng: np.random.Generator
+) -> float:
     """LR that the likeliest of all locations exceeds with probability `level` when nothing is missing."""
     gate = threshold(null_ratios(found, projection, draws_for(len(found.number)), rng), level)
     return _doubted(gate, found, projection)
 
 
-def _doubted(gate: float, found: Identified, projection: Projection) -> float:
+def _doubted(gate: float, found: IdentifiedHypothesis, projection: Projection) -> float:
     """The gate, higher where noise is estimated from few independent readings."""
     estimated = found.evidence.noise.estimated or found.evidence.settings.noise == "estimate"
     return doubtful_ratio(gate, projection) if estimated else gate
 
 
-def null_ratios(found: Identified, projection: Projection, count: int, rng: np.random.Generator) -> np.ndarray:
+def null_ratios(
+    found: IdentifiedHypothesis, projection: Projection, count: int, rng: np.random.Generator
+) -> np.ndarray:
     """Largest LR over all locations of `count` draws with nothing missing, (count,)."""
     of, places, directions = _geometry(found, projection)
     return largest(likelihoods(of, directions, [of.noise(count, rng)], believed_of(found, places)))
@@ -183,7 +187,7 @@ def effects_at(location: Location, engine: Engine) -> list[Effect]:
 
 
 def finding_at(
-    effect: Effect, like: HiddenFinding, found: Identified, projection: Projection, along: Nuisance
+    effect: Effect, like: HiddenFinding, found: IdentifiedHypothesis, projection: Projection, along: Nuisance
 ) -> HiddenFinding:
     """The amplitude and two states of one effect at the same fit, judged by the threshold of another finding."""
     place = of_effect(effect)
@@ -193,7 +197,7 @@ def finding_at(
     return _with_states(_finding(found, of, place, d, f, like.threshold), found, of, d, along)
 
 
-def _geometry(found: Identified, projection: Projection) -> tuple[Basis, list[Location], list[Direction]]:
+def _geometry(found: IdentifiedHypothesis, projection: Projection) -> tuple[Basis, list[Location], list[Direction]]:
     """Rows of the fit, and the locations that its readings answer to with their directions."""
     of, places = basis(projection), locations(found)
     columns = location_columns(found, places)
@@ -202,7 +206,9 @@ def _geometry(found: Identified, projection: Projection) -> tuple[Basis, list[Lo
     return of, [places[k] for k in seen], [directions[k] for k in seen]
 
 
-def _finding(found: Identified, of: Basis, place: Location, d: Direction, f: Likelihood, gate: float) -> HiddenFinding:
+def _finding(
+    found: IdentifiedHypothesis, of: Basis, place: Location, d: Direction, f: Likelihood, gate: float
+) -> HiddenFinding:
     a, error, alone = (of.of_records(v) for v in (f.amplitude, f.error, np.sqrt(d.diagonal)))
     engine = found.evidence.engine
     unit = (place.through.parameters()[0] if place.through else engine.parameters[place.parameter]).unit
@@ -250,7 +256,9 @@ def _rivals(
     return tuple(found)
 
 
-def _with_states(f: HiddenFinding, found: Identified, of: Basis, d: Direction, along: Nuisance) -> HiddenFinding:
+def _with_states(
+    f: HiddenFinding, found: IdentifiedHypothesis, of: Basis, d: Direction, along: Nuisance
+) -> HiddenFinding:
     """The finding with its two states, refitted."""
     bounds, sign = bounds_of(found, f.location)
     a = of.of_rows(-f.amplitude if sign < 0 else f.amplitude)
@@ -286,7 +294,7 @@ def _doubtful(new: Refit) -> tuple[Doubtful, ...]:
     """Runs of records whose state is not told, of one flight each."""
     unsure = np.abs(new.states.on - 0.5) <= SURE
     recording = new.found.problem.recording
-    time = stacked(new.found.evidence, TIME)[new.found.number]
+    time = stack_column(new.found.evidence, TIME)[new.found.number]
     edge = np.flatnonzero((unsure[1:] != unsure[:-1]) | (recording[1:] != recording[:-1])) + 1
     ends = [0, *edge.tolist(), len(unsure)]
     return tuple(
@@ -303,7 +311,7 @@ def _switches(new: Refit) -> tuple[Switch, ...]:
     flights = new.found.evidence.flights
     first = np.cumsum([0, *(len(next(iter(f.columns.values()))) for f in flights)])
     at = np.flatnonzero((on[1:] != on[:-1]) & (recording[1:] == recording[:-1])) + 1
-    time = stacked(new.found.evidence, TIME)[number]
+    time = stack_column(new.found.evidence, TIME)[number]
     sure = np.abs(new.states.on - 0.5) > SURE
     found = []
     for k in at:

@@ -35,7 +35,7 @@ LEAST = 3.0
 """Gain from which states are said to follow: twenty to one, everything that was tried counted."""
 
 
-class Way(Enum):
+class SwitchingDirection(Enum):
     """When the second of two states is on: from the upper threshold on until below the lower one, the other way round,
     or between the two, having come from above or from below."""
 
@@ -70,7 +70,7 @@ class Latched:
     records that are told at all; `gain`, in nats."""
 
     variable: int
-    way: Way
+    way: SwitchingDirection
     lower: float
     upper: float
     turns: int
@@ -81,7 +81,7 @@ class Latched:
 
 def latched(states: States, variables: Sequence[np.ndarray]) -> list[Latched]:
     """Of each of the variables (N,) that gives the states back the best, best first; none without changes."""
-    price = float(np.log(len(variables) * len(Way) * GRID * (GRID - 1) // 2)) if variables else 0.0
+    price = float(np.log(len(variables) * len(SwitchingDirection) * GRID * (GRID - 1) // 2)) if variables else 0.0
     found = []
     for k, x in enumerate(variables):
         levels = _levels(states, x)
@@ -122,11 +122,11 @@ def _tried(states: States, variable: int, x: np.ndarray, levels: tuple[np.ndarra
                 yield Latched(variable, way, float(low), float(highs[j]), *counts, float(gain[j]))
 
 
-def _ways(latch: np.ndarray, between: np.ndarray) -> Iterator[tuple[Way, np.ndarray]]:
-    yield Way.ABOVE, latch
-    yield Way.BELOW, ~latch
-    yield Way.FALLING, latch & between
-    yield Way.RISING, ~latch & between
+def _ways(latch: np.ndarray, between: np.ndarray) -> Iterator[tuple[SwitchingDirection, np.ndarray]]:
+    yield SwitchingDirection.ABOVE, latch
+    yield SwitchingDirection.BELOW, ~latch
+    yield SwitchingDirection.FALLING, latch & between
+    yield SwitchingDirection.RISING, ~latch & between
 
 
 def _levels(states: States, x: np.ndarray) -> np.ndarray:

@@ -22,8 +22,14 @@ from dataclasses import replace
 import numpy as np
 
 from enginediag_cli.mismatch.fit.believable import switching
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Identified, Nuisance, identify_with, nuisance
+from enginediag_cli.mismatch.fit.evidence import Dataset, Flight, Noise
+from enginediag_cli.mismatch.fit.identified import (
+    NULL_HYPOTHESIS,
+    IdentifiedHypothesis,
+    Nuisance,
+    identify_with,
+    nuisance,
+)
 from enginediag_cli.mismatch.fit.load import searched_again
 from enginediag_cli.mismatch.fit.noise import larger_noise
 from enginediag_cli.mismatch.fit.projection import Projection
@@ -46,7 +52,7 @@ switches, and ends nowhere."""
 
 
 @stage("weighing what may switch against the noise")
-def freed_of_switches(evidence: Evidence, *, level: float, rng: np.random.Generator) -> Evidence:
+def freed_of_switches(evidence: Dataset, *, level: float, rng: np.random.Generator) -> Dataset:
     """The evidence with noise, and priors that are its own, from readings without what switches in them; as it is where
     nothing does, or where they come from elsewhere. Weighed once: it owes nothing afterwards. `level` as of
     `hidden_amplitudes`."""
@@ -68,11 +74,11 @@ def freed_of_switches(evidence: Evidence, *, level: float, rng: np.random.Genera
     return as_it_is
 
 
-def _quieter(evidence: Evidence, along: Nuisance) -> Iterator[Identified]:
+def _quieter(evidence: Dataset, along: Nuisance) -> Iterator[IdentifiedHypothesis]:
     """Fits with less and less noise, down to what steps hardly touch: a switch that is seen at one of them is. Each
     begins at the prior means: the one before is bent by what switches, and walks from there."""
     assert evidence.owed is not None
-    noise, found = evidence.noise, identify_with(evidence, NO_HYPOTHESIS, along)
+    noise, found = evidence.noise, identify_with(evidence, NULL_HYPOTHESIS, along)
     for _ in range(ROUNDS):
         if not found.converged:
             return
@@ -80,12 +86,12 @@ def _quieter(evidence: Evidence, along: Nuisance) -> Iterator[Identified]:
         if not any(noise.sigma[s] > WORTH * quiet.sigma[s] for s in quiet.sigma):
             return
         noise = replace(quiet, sigma={s: max(v, noise.sigma[s] / QUIETER) for s, v in quiet.sigma.items()})
-        found = identify_with(replace(evidence, noise=noise), NO_HYPOTHESIS, along)
+        found = identify_with(replace(evidence, noise=noise), NULL_HYPOTHESIS, along)
         if found.converged:
             yield found
 
 
-def _quiet(found: Identified, least: Noise) -> Noise:
+def _quiet(found: IdentifiedHypothesis, least: Noise) -> Noise:
     """Noise that steps hardly touch, no smaller than what is known without these recordings."""
     e, recording = found.fit.equations.residual, found.problem.recording
     sigma, rho = {}, {}
@@ -105,7 +111,7 @@ def _spreads(e: np.ndarray) -> np.ndarray:
     return np.asarray(e[: len(e) // RUN * RUN].reshape(-1, RUN).std(axis=1, ddof=1))
 
 
-def _without(finding: HiddenFinding, found: Identified) -> Sequence[Flight]:
+def _without(finding: HiddenFinding, found: IdentifiedHypothesis) -> Sequence[Flight]:
     """The flights with readings freed of what switches, to first order."""
     assert finding.states is not None
     column = location_columns(found, [finding.location])[:, :, 0]

@@ -22,10 +22,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.drivers import INLET_TEMPERATURE, drivers
-from enginediag_cli.mismatch.fit.evidence import Evidence
+from enginediag_cli.mismatch.fit.evidence import Dataset
 from enginediag_cli.mismatch.fit.extended import NUMBER
 from enginediag_cli.mismatch.fit.freeform import Location
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Hypothesis, Nuisance, inputs_of, problem_with
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, Hypothesis, Nuisance, input_values, problem_with
 from enginediag_cli.mismatch.unrecorded.refit import with_lever
 from enginediag_cli.progress import each
 
@@ -99,10 +99,10 @@ class PerRecord:
 
 
 def fit_per_record(
-    evidence: Evidence,
+    evidence: Dataset,
     place: Location | None,
     along: Nuisance,
-    hypothesis: Hypothesis = NO_HYPOTHESIS,
+    hypothesis: Hypothesis = NULL_HYPOTHESIS,
     starts: Sequence[PerRecord | None] = (None,),
 ) -> PerRecord:
     """The best of the fits from the starts (None: prior means): from one start only, a local optimum of the rivals
@@ -112,7 +112,7 @@ def fit_per_record(
 
 
 def scan(
-    evidence: Evidence, places: Sequence[Location], along: Nuisance, hypothesis: Hypothesis = NO_HYPOTHESIS
+    evidence: Dataset, places: Sequence[Location], along: Nuisance, hypothesis: Hypothesis = NULL_HYPOTHESIS
 ) -> list[PerRecord]:
     """Every place with a free amplitude per record, best first, the fit without any among them. Rivals of the winner
     are fitted again from its θ."""
@@ -128,22 +128,22 @@ def scan(
     return sorted([none, *found], key=lambda f: f.objective)
 
 
-def amplitudes_at(evidence: Evidence, trained: PerRecord, along: Nuisance, sensors: Sequence[str]) -> PerRecord:
+def amplitudes_at(evidence: Dataset, trained: PerRecord, along: Nuisance, sensors: Sequence[str]) -> PerRecord:
     """Amplitudes of other recordings at the trained θ, from some of the sensors alone; residuals are of all sensors,
     so those left out are predicted."""
     fit = _Fit(evidence, trained.location, along, trained.hypothesis)
     return fit.run(trained, sensors=tuple(sensors))
 
 
-def thinned(evidence: Evidence, every: int) -> Evidence:
+def thin_records(evidence: Dataset, every: int) -> Dataset:
     """Every so many-th record of each flight."""
     flights = [replace(f, columns={c: v[::every] for c, v in f.columns.items()}) for f in evidence.flights]
     return replace(evidence, flights=tuple(flights))
 
 
-def inlet_temperature(evidence: Evidence, fit: PerRecord) -> np.ndarray:
+def inlet_temperature(evidence: Dataset, fit: PerRecord) -> np.ndarray:
     """Of each record of the fit, (N,); their order in time where it does not move."""
-    found = drivers(evidence.engine, inputs_of(evidence), {})
+    found = drivers(evidence.engine, input_values(evidence), {})
     values = next((d.values[fit.number] for d in found if d.driver == INLET_TEMPERATURE), None)
     return fit.number.astype(float) if values is None or not np.isfinite(values).all() else values
 
@@ -151,7 +151,7 @@ def inlet_temperature(evidence: Evidence, fit: PerRecord) -> np.ndarray:
 class _Fit:
     """Problem and present point of one fit."""
 
-    def __init__(self, evidence: Evidence, place: Location | None, along: Nuisance, hypothesis: Hypothesis):
+    def __init__(self, evidence: Dataset, place: Location | None, along: Nuisance, hypothesis: Hypothesis):
         if place is not None:
             sigma = {n: s for n, s in along.sigma.items() if n != place.parameter}
             evidence, along = with_lever(evidence, place), replace(along, sigma=sigma)

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.mismatch.fit.evidence import Evidence
+from enginediag_cli.mismatch.fit.evidence import Dataset
 from enginediag_cli.mismatch.fit.options import effect_option
 from enginediag_cli.mismatch.fit.projection import ABSORBED
 from enginediag_cli.mismatch.unrecorded.per_record import PerRecord
@@ -70,7 +70,7 @@ class Rows:
         return np.asarray(c - self.Q @ (self.Q.T @ c))
 
 
-def effects_beside(evidence: Evidence, fit: PerRecord, effects: Sequence[Effect], block: int = BLOCK) -> list[Beside]:
+def effects_beside(evidence: Dataset, fit: PerRecord, effects: Sequence[Effect], block: int = BLOCK) -> list[Beside]:
     """Scores of effects that the fit does not carry, those that can be ranked first, by z of blocks."""
     carried = {e.label for e in (*evidence.engine.effects, *fit.hypothesis.effects)}
     effects = [e for e in effects if e.label not in carried and e.amplitudes]
@@ -99,7 +99,7 @@ def effects_beside(evidence: Evidence, fit: PerRecord, effects: Sequence[Effect]
 
 
 @dataclass(frozen=True)
-class Alike:
+class SimilarEffect:
     """An effect that acts where the amplitude does, and the share of the amplitude's variance that a multiple of it,
     of a sign that physics allows, follows (R²)."""
 
@@ -107,7 +107,7 @@ class Alike:
     share: float
 
 
-def alike(evidence: Evidence, fit: PerRecord, effects: Sequence[Effect]) -> list[Alike]:
+def similar_effects(evidence: Dataset, fit: PerRecord, effects: Sequence[Effect]) -> list[SimilarEffect]:
     """Effects that act on the amplitude's own parameter, the one that follows it best first. An effect's column along
     the amplitude's direction, cᵀJ/|c|², is what it would do to the amplitude."""
     own = [e for e in effects if _parameter(fit) in e.site.acts_on and e.amplitudes]
@@ -122,7 +122,7 @@ def alike(evidence: Evidence, fit: PerRecord, effects: Sequence[Effect]) -> list
         r = float(s @ a / np.sqrt((s @ s) * (a @ a))) if (s @ s) > 0 else 0.0
         p = e.parameters()[0]
         allowed = p.upper > p.nominal if r > 0 else p.lower < p.nominal
-        found.append(Alike(e, r * r if allowed else 0.0))
+        found.append(SimilarEffect(e, r * r if allowed else 0.0))
     return sorted(found, key=lambda x: -x.share)
 
 
@@ -141,7 +141,7 @@ def inflation(fit: PerRecord) -> float:
     return max(1.0, float(np.nansum(e**2)) / max(1, int(free))) * (1.0 + mean) / (1.0 - mean)
 
 
-def effect_columns(evidence: Evidence, fit: PerRecord, effects: Sequence[Effect]) -> np.ndarray:
+def effect_columns(evidence: Dataset, fit: PerRecord, effects: Sequence[Effect]) -> np.ndarray:
     """Whitened ∂y/∂(first amplitude) (N, m, k) of effects at the fit."""
     if fit.location is not None:
         evidence = with_lever(evidence, fit.location)

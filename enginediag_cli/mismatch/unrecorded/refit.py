@@ -13,10 +13,10 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.mismatch.fit.believable import FAST_S, along_driver, hidden
-from enginediag_cli.mismatch.fit.evidence import Evidence
+from enginediag_cli.mismatch.fit.evidence import Dataset
 from enginediag_cli.mismatch.fit.extended import Discrepancy, ExtendedModel
 from enginediag_cli.mismatch.fit.freeform import Location
-from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified, Nuisance, identify_with
+from enginediag_cli.mismatch.fit.identified import Hypothesis, IdentifiedHypothesis, Nuisance, identify_with
 from enginediag_cli.mismatch.fit.neighbours import neighbours_of
 from enginediag_cli.mismatch.fit.projection import Projection, derivatives
 from enginediag_cli.mismatch.unrecorded.aircraft import grid_of
@@ -37,7 +37,7 @@ class Refit:
     against off, in the unit of the location's parameter; `continuous`: ln evidence of a continuous amplitude at the
     same point, to compare with `states.evidence`; both are against `objective`, χ² without the effect there."""
 
-    found: Identified
+    found: IdentifiedHypothesis
     states: States
     coefficient: float
     standard_error: float
@@ -49,7 +49,7 @@ class Refit:
         return self.found.converged
 
 
-def with_lever(evidence: Evidence, place: Location) -> Evidence:
+def with_lever(evidence: Dataset, place: Location) -> Dataset:
     """The evidence with an engine that has the location's parameter."""
     e = place.through
     if e is None or e.label in {c.label for c in evidence.engine.effects}:
@@ -57,7 +57,7 @@ def with_lever(evidence: Evidence, place: Location) -> Evidence:
     return replace(evidence, engine=evidence.engine.with_effects((*evidence.engine.effects, e)))
 
 
-def bounds_of(found: Identified, place: Location) -> tuple[Bounds, int]:
+def bounds_of(found: IdentifiedHypothesis, place: Location) -> tuple[Bounds, int]:
     """Bounds of the amplitude at the location, and the sign that physics gives it: +1, −1, or 0 for not known. What is
     commanded takes air or power when it is on, beyond what the engine takes anyway."""
     engine = with_lever(found.evidence, place).engine
@@ -69,7 +69,7 @@ def bounds_of(found: Identified, place: Location) -> tuple[Bounds, int]:
     return Bounds(low, high, min(p.prior_sigma, believed_of(found, [place])[0])), sign
 
 
-def believed_of(found: Identified, places: list[Location]) -> list[float]:
+def believed_of(found: IdentifiedHypothesis, places: list[Location]) -> list[float]:
     """Standard deviation of a hidden amplitude at each place, of records as far apart as those of the fit."""
     step_s = neighbours_of(found).step_s
     accuracy, engine = found.evidence.settings.map_accuracy, found.evidence.engine
@@ -88,15 +88,15 @@ def _commanded_leaves(engine: Engine) -> set[str]:
     return {leaf for t in terms if t.SWITCHES for site in t.sites(engine.network) for leaf in site.acts_on}
 
 
-def refit(found: Identified, along: Nuisance, place: Location, bounds: Bounds, states: States) -> Refit:
+def refit(found: IdentifiedHypothesis, along: Nuisance, place: Location, bounds: Bounds, states: States) -> Refit:
     """Refits from a fit without the effect; look at `converged`."""
     evidence = with_lever(found.evidence, place)
     total = sum(len(next(iter(f.columns.values()))) for f in evidence.flights)
     grid = grid_of(found)
-    fit: Identified | None = None  # the fit without the effect is bent by it
+    fit: IdentifiedHypothesis | None = None  # the fit without the effect is bent by it
     curve = np.zeros(total)
 
-    def fitted(on: np.ndarray, doubt: float) -> tuple[Identified, _Point | None]:
+    def fitted(on: np.ndarray, doubt: float) -> tuple[IdentifiedHypothesis, _Point | None]:
         """The fit at given states (N,) of the rows, and what is there; None where it did not converge."""
         sigma = (bounds.sigma**-2 + doubt) ** -0.5
         own = Discrepancy(place.parameter, CURVE, sigma, bounds.lower, bounds.upper)
@@ -137,14 +137,14 @@ class _Point:
     """A fit at given states: amplitude with its standard error, rows without the amplitude among the nuisance, and the
     location's direction there."""
 
-    found: Identified
+    found: IdentifiedHypothesis
     coefficient: float
     error: float
     of: Basis
     plain: Direction
 
 
-def _point(fit: Identified, place: Location, name: str, curve: np.ndarray) -> _Point:
+def _point(fit: IdentifiedHypothesis, place: Location, name: str, curve: np.ndarray) -> _Point:
     projection = Projection(fit)
     coefficient, error = _coefficient(fit, projection, name)
     column = location_columns(fit, [place])[:, :, 0]
@@ -160,7 +160,7 @@ def _rows_of(projection: Projection, column: np.ndarray, amplitude: np.ndarray) 
     return found
 
 
-def _coefficient(fit: Identified, projection: Projection, name: str) -> tuple[float, float]:
+def _coefficient(fit: IdentifiedHypothesis, projection: Projection, name: str) -> tuple[float, float]:
     """Value and standard error, with the whitened Newton step that the fit has left."""
     j = fit.problem.names.index(name)
     if not projection.free[j]:
@@ -170,7 +170,7 @@ def _coefficient(fit: Identified, projection: Projection, name: str) -> tuple[fl
     return fit.theta[name] + float(projection.step[k]) * scale, error * scale
 
 
-def location_columns(found: Identified, places: list[Location], rows: slice = slice(None)) -> np.ndarray:
+def location_columns(found: IdentifiedHypothesis, places: list[Location], rows: slice = slice(None)) -> np.ndarray:
     """∂y/∂θ (n, m, k) of the locations' parameters at the fit."""
     engine, carried = found.evidence.engine, found.hypothesis.effects
     there = {e.label for e in (*engine.effects, *carried)}

@@ -14,11 +14,11 @@ import numpy as np
 from enginediag_cli.drivers import SWITCH
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.attempt import attempt
-from enginediag_cli.mismatch.fit.evidence import Evidence
+from enginediag_cli.mismatch.fit.evidence import Dataset
 from enginediag_cli.mismatch.fit.extended import Discrepancy
-from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified, Nuisance
+from enginediag_cli.mismatch.fit.identified import Hypothesis, IdentifiedHypothesis, Nuisance
 from enginediag_cli.mismatch.fit.options import Option, effect_option
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding, effects_at, finding_at
 
 TIED = 11.0
@@ -30,7 +30,7 @@ STATE = "hidden_state"
 """Column with the states: 1 where the effect is on."""
 
 
-def states_of(finding: HiddenFinding, evidence: Evidence) -> np.ndarray:
+def states_of(finding: HiddenFinding, evidence: Dataset) -> np.ndarray:
     """1 for on, 0 for off, over all records of the evidence (N,); 0 for records that took no part in the fit."""
     assert finding.states is not None
     states = np.zeros(sum(len(next(iter(f.columns.values()))) for f in evidence.flights))
@@ -38,7 +38,7 @@ def states_of(finding: HiddenFinding, evidence: Evidence) -> np.ndarray:
     return states
 
 
-def with_state_column(evidence: Evidence, states: np.ndarray) -> Evidence:
+def with_state_column(evidence: Dataset, states: np.ndarray) -> Dataset:
     """The evidence with states (N,) over all its records in the column STATE."""
     flights, first = [], 0
     for f in evidence.flights:
@@ -53,7 +53,7 @@ def switched_effect(effect: Effect) -> Option:
     return effect_option(replace(effect, switch=STATE))
 
 
-def switched_parameters(label: str, component: str, targets: Sequence[str], found: Identified) -> Option:
+def switched_parameters(label: str, component: str, targets: Sequence[str], found: IdentifiedHypothesis) -> Option:
     """A change of parameters of the engine in state 1, each between its own bounds; several at once for a rival that
     takes several, such as two sensors."""
     parameters = found.model.parameters
@@ -65,7 +65,9 @@ def switched_parameters(label: str, component: str, targets: Sequence[str], foun
     return Option("effect", label, component, SWITCH, Hypothesis((), tuple(own), {}))
 
 
-def switched_trials(options: Sequence[Option], states: np.ndarray, found: Identified, along: Nuisance) -> list[Trial]:
+def switched_trials(
+    options: Sequence[Option], states: np.ndarray, found: IdentifiedHypothesis, along: Nuisance
+) -> list[HypothesisFit]:
     """Each option refitted at the states (N,) over all records of the evidence, the lowest χ² first; those that did
     not converge last. Look at `converged` and `at_bound`."""
     start = replace(found, evidence=with_state_column(found.evidence, states))
@@ -78,8 +80,8 @@ def switched_trials(options: Sequence[Option], states: np.ndarray, found: Identi
 
 
 def effects_that_switch(
-    findings: Sequence[HiddenFinding], effects: Sequence[Effect], base: Trial, along: Nuisance
-) -> tuple[HiddenFinding, list[Trial]] | None:
+    findings: Sequence[HiddenFinding], effects: Sequence[Effect], base: HypothesisFit, along: Nuisance
+) -> tuple[HiddenFinding, list[HypothesisFit]] | None:
     """Which listed effect has switched: those that act where some finding has two states, refitted with the states of
     the likeliest finding.
 

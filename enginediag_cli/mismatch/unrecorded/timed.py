@@ -14,8 +14,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
-from enginediag_cli.mismatch.fit.identified import Identified
+from enginediag_cli.mismatch.fit.evidence import Dataset, Flight
+from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis
 from enginediag_cli.mismatch.fit.neighbours import TIME
 from enginediag_cli.mismatch.unrecorded.change_time import Errors, Stretch, interval, measured
 from enginediag_cli.mismatch.unrecorded.finding import HiddenFinding, Switch
@@ -77,7 +77,7 @@ class _Span:
 
 
 @stage("looking for the times of the changes")
-def timed(finding: HiddenFinding, refitted: Identified, evidence: Evidence, raw: Raw) -> HiddenFinding:
+def timed(finding: HiddenFinding, refitted: IdentifiedHypothesis, evidence: Dataset, raw: Raw) -> HiddenFinding:
     """The finding with `earliest_s` and `latest_s` of those of its switches that unsteady records tell more of than
     the steady ones. `refitted`: with the effect in the states of the column STATE."""
     spans = [
@@ -130,7 +130,7 @@ def _told(switch: Switch, found: tuple[Stretch, Errors] | None) -> Switch:
     return replace(switch, earliest_s=low, latest_s=high)
 
 
-def _spans(finding: HiddenFinding, evidence: Evidence, k: int) -> list[_Span]:
+def _spans(finding: HiddenFinding, evidence: Dataset, k: int) -> list[_Span]:
     """Of flight k, between records whose state is told."""
     assert finding.states is not None
     first = sum(len(f) for f in evidence.flights[:k])
@@ -147,7 +147,7 @@ def _spans(finding: HiddenFinding, evidence: Evidence, k: int) -> list[_Span]:
 
 
 def _stretches(
-    spans: Sequence[_Span], refitted: Identified, evidence: Evidence, raw: Raw
+    spans: Sequence[_Span], refitted: IdentifiedHypothesis, evidence: Dataset, raw: Raw
 ) -> list[tuple[_Span, Stretch]]:
     """What the model leaves between the ends of each span, of the sensors that all their flights have; without spans
     that hold too few records with a prediction."""
@@ -189,7 +189,7 @@ def _stretch(span: _Span, t: np.ndarray, e: np.ndarray, c: np.ndarray, y: np.nda
 
 
 def _compared(
-    refitted: Identified, flight: Flight, columns: Mapping[str, np.ndarray]
+    refitted: IdentifiedHypothesis, flight: Flight, columns: Mapping[str, np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Residuals without the effect, what it moves and the prediction without it (n, m), in standard deviations; NaN
     where there is no reading or no prediction. What maps and instruments err by slowly goes with the line between the

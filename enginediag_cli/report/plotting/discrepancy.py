@@ -29,7 +29,7 @@ from enginediag_cli.report.sentences import count
 
 if TYPE_CHECKING:
     from enginediag_cli.identification.nominal import SensorQuality
-    from enginediag_cli.mismatch.explain.story import Story
+    from enginediag_cli.mismatch.explain.story import ExplanationResult
     from enginediag_cli.mismatch.refine.controlled import ControlRefinement
     from enginediag_cli.mismatch.refine.refine import Refinement
 
@@ -297,7 +297,7 @@ class _Drawn:
     told: Sequence[str]
 
 
-def explanation_picture(story: Story) -> str:
+def explanation_picture(story: ExplanationResult) -> str:
     """SVG text; ValueError where nothing that was found is a curve of one variable."""
     drawn = _of_law(story) or _of_free_curve(story)
     if drawn is None:
@@ -328,7 +328,7 @@ def explanation_picture(story: Story) -> str:
     return on.text()
 
 
-def _of_law(story: Story) -> _Drawn | None:
+def _of_law(story: ExplanationResult) -> _Drawn | None:
     law = story.answer.law
     if law is None or law.band is None:
         return None
@@ -353,7 +353,7 @@ def _of_law(story: Story) -> _Drawn | None:
     )
 
 
-def _of_free_curve(story: Story) -> _Drawn | None:
+def _of_free_curve(story: ExplanationResult) -> _Drawn | None:
     curve = next((c for c in story.curves if c.converged and c.driver.driver != CONSTANT), None)
     if curve is None:
         return None

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from enginediag_cli.mismatch.fit.freeform import locations
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.laws.additive import Additive, additive_of
 from enginediag_cli.mismatch.laws.carried import Carried
 from enginediag_cli.mismatch.laws.linear import evidence_of_all
 from enginediag_cli.mismatch.laws.polynomials import Polynomials
 from enginediag_cli.mismatch.laws.said import Said
-from enginediag_cli.mismatch.laws.scan import Known, known_variables
+from enginediag_cli.mismatch.laws.scan import KnownVariable, known_variables
 from enginediag_cli.mismatch.laws.steps import bends_of
 from enginediag_cli.physics.laws.expression import Expression
 
@@ -24,12 +24,12 @@ class Ground:
 
     def __init__(self) -> None:
         given = concealed.evidence(concealed.flights((), np.random.default_rng(1311), count=4, records=60))
-        self.found = identify_with(given, NO_HYPOTHESIS, nuisance(given))
+        self.found = identify_with(given, NULL_HYPOTHESIS, nuisance(given))
         self.projection = Projection(self.found)
         self.place = next(p for p in locations(self.found) if p.name == "hpc.efficiency")
         self.known = {k.variable.name: k for k in known_variables(self.found)}
 
-    def of(self, *names: str) -> list[Known]:
+    def of(self, *names: str) -> list[KnownVariable]:
         return [self.known[n] for n in names]
 
     def said(self, f: np.ndarray) -> Said:
@@ -42,7 +42,7 @@ def ground() -> Ground:
     return Ground()
 
 
-def share(k: Known) -> np.ndarray:
+def share(k: KnownVariable) -> np.ndarray:
     """How far along what was flown."""
     return np.asarray((k.values - k.values.min()) / np.ptp(k.values))
 

@@ -12,9 +12,9 @@ import pytest
 from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.freeform import locations
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.at_place import said_at
 from enginediag_cli.mismatch.laws.average import Averaged, Sought, average_of, smooth_member
 from enginediag_cli.mismatch.laws.band import summed
@@ -23,7 +23,7 @@ from enginediag_cli.mismatch.laws.fitted import LIKELIER, Fitted
 from enginediag_cli.mismatch.laws.mean import NEAR, Along, Member, mean_of
 from enginediag_cli.mismatch.laws.refined import refined
 from enginediag_cli.mismatch.laws.said import Said, Says
-from enginediag_cli.mismatch.laws.scan import Candidate, Known, Scan, formulas_of, known_variables
+from enginediag_cli.mismatch.laws.scan import Candidate, KnownVariable, Scan, formulas_of, known_variables
 from enginediag_cli.mismatch.laws.shortlist import proposal
 from enginediag_cli.physics.laws.declared import entry_of
 from enginediag_cli.physics.laws.expression import LONGEST, Expression
@@ -56,9 +56,9 @@ class Ground:
         law = Law("truth", Acts("hpc.efficiency", "hpc", "", True), Expression.parsed(SWING), {"mach": mach}, (size,))
         truth = Effect(law, law.acts.site, {"a": 0.02})
         given = concealed.evidence(concealed.flights((truth,), np.random.default_rng(1320), count=4, records=40))
-        found = identify_with(given, NO_HYPOTHESIS, nuisance(given))
-        self.engine, self.base = given.engine, Trial((), found, Projection(found))
-        self.known: list[Known] = [k for k in known_variables(found) if k.variable.name in ("mach", "power")]
+        found = identify_with(given, NULL_HYPOTHESIS, nuisance(given))
+        self.engine, self.base = given.engine, HypothesisFit((), found, Projection(found))
+        self.known: list[KnownVariable] = [k for k in known_variables(found) if k.variable.name in ("mach", "power")]
         place = next(p for p in locations(found) if p.name == "hpc.efficiency")
         own = [k for k in self.known if k.variable.name == "mach"]
         self.said = Said(
@@ -93,7 +93,7 @@ def test_a_curve_that_is_too_large_to_square_is_none_without_a_warning(ground: G
     assert not np.isfinite(G).all()
 
 
-def curve_of(averaged: Averaged, known: list[Known]) -> np.ndarray:
+def curve_of(averaged: Averaged, known: list[KnownVariable]) -> np.ndarray:
     (effect,) = averaged.law.option.hypothesis.effects
     size = {effect.parameter_name("a"): averaged.law.candidate.amplitude}
     return summed([effect], known, size)

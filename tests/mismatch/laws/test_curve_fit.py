@@ -8,16 +8,16 @@ import pytest
 from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.mismatch.laws.curve_fit import Response, fitted_curves
 from enginediag_cli.mismatch.laws.grammar import FORMS
-from enginediag_cli.mismatch.laws.scan import Known, formulas, over_records
+from enginediag_cli.mismatch.laws.scan import KnownVariable, formulas, over_records
 from enginediag_cli.physics.laws.law import Variable
 
 N, SIGMA = 200, 0.02
 
 
-def _known() -> list[Known]:
+def _known() -> list[KnownVariable]:
     r = np.random.default_rng(0)
     return [
-        Known(Variable(n, n, CONSTANT, (n,), lambda v: v), r.uniform(0.4, 1.6, N), k)
+        KnownVariable(Variable(n, n, CONSTANT, (n,), lambda v: v), r.uniform(0.4, 1.6, N), k)
         for k, n in enumerate(("p", "q", "s"))
     ]
 

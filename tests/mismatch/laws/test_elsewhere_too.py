@@ -9,9 +9,9 @@ import pytest
 from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.freeform import locations
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.elsewhere_too import elsewhere_too
 from enginediag_cli.mismatch.laws.posterior import evidence_of
 from enginediag_cli.mismatch.laws.scan import formulas, known_variables, scored
@@ -32,8 +32,8 @@ def _searched(*truths: Effect):
     """The base, the fitted law of the logarithm at the HPC, and what is found beside it."""
     given = concealed.evidence(concealed.flights(truths, np.random.default_rng(1100), count=4, records=40))
     along = nuisance(given)
-    found = identify_with(given, NO_HYPOTHESIS, along)
-    base = Trial((), found, Projection(found))
+    found = identify_with(given, NULL_HYPOTHESIS, along)
+    base = HypothesisFit((), found, Projection(found))
     where = locations(found)
     known = [k for k in known_variables(found) if k.variable.name == "reynolds_index"]
     law = next(f for f in formulas(known) if f.form.name == "logarithm")
@@ -45,7 +45,7 @@ def _searched(*truths: Effect):
     return base, trial, further, both
 
 
-def _slope(trial: Trial, place: str) -> tuple[float, float]:
+def _slope(trial: HypothesisFit, place: str) -> tuple[float, float]:
     return next(v for n, v in trial.coefficients.items() if f".{place}." in n)
 
 

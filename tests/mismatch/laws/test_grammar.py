@@ -18,7 +18,7 @@ from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.laws.grammar import FORMS, Form
 from enginediag_cli.mismatch.laws.past import past_along
 from enginediag_cli.mismatch.laws.proposed import proposed
-from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known, formulas
+from enginediag_cli.mismatch.laws.scan import Candidate, Formula, KnownVariable, formulas
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.laws.declared import entry_of
 from enginediag_cli.physics.laws.expression import unit_of
@@ -33,13 +33,13 @@ def _turbofan() -> Engine:
     return load_engine(TURBOFAN)
 
 
-def _known(records: int = 200) -> list[Known]:
+def _known(records: int = 200) -> list[KnownVariable]:
     """Two ratios and one variable as it stands, once a minute."""
     clock = Clock(60.0 * np.arange(records), np.arange(records) == 0)
     r = np.random.default_rng(1)
     variables = variables_of(_turbofan().network)
     ranges = {"power": (0.6, 1.1), "reynolds_index": (0.3, 1.2), "mach": (0.0, 0.8)}
-    return [Known(variables[n], r.uniform(*at, records), k, clock) for k, (n, at) in enumerate(ranges.items())]
+    return [KnownVariable(variables[n], r.uniform(*at, records), k, clock) for k, (n, at) in enumerate(ranges.items())]
 
 
 @cache

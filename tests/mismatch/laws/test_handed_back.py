@@ -9,7 +9,7 @@ import numpy as np
 
 from enginediag_cli.engine.moving.filters import Clock
 from enginediag_cli.mismatch.laws.at_place import in_both
-from enginediag_cli.mismatch.laws.scan import Known, formulas
+from enginediag_cli.mismatch.laws.scan import KnownVariable, formulas
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.laws.law import variables_of
 from enginediag_cli.side_by_side import Handing
@@ -21,7 +21,8 @@ def test_formulas_of_a_variable_that_has_moved_come_back_with_their_forms_and_sh
     variables, r = variables_of(load_engine(TURBOFAN).network), np.random.default_rng(0)
     clock = Clock(60.0 * np.arange(50), np.arange(50) == 0)
     known = [
-        Known(variables[n], r.uniform(0.5, 1.0, 50), k, clock) for k, n in enumerate(("power", "burner_temperature"))
+        KnownVariable(variables[n], r.uniform(0.5, 1.0, 50), k, clock)
+        for k, n in enumerate(("power", "burner_temperature"))
     ]
     moved = [known[0], replace(known[1], values=known[1].values * 1.1, tries={})]
     every = list(formulas(moved))

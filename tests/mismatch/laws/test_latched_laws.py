@@ -9,11 +9,11 @@ import pytest
 
 from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.intake.selection import Source
-from enginediag_cli.mismatch.explain.answer import HIDDEN, LAW
+from enginediag_cli.mismatch.explain.answer import FORMULA, HIDDEN_STATE
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.follows import followed
-from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, with_own_noise
-from enginediag_cli.mismatch.fit.load import Case, load_case
+from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, refit_noise_without_switches
+from enginediag_cli.mismatch.fit.load import RecordedCase, load_case
 from enginediag_cli.mismatch.laws.scan import known_variables
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import candidates, effect
@@ -52,15 +52,15 @@ def searched(folder: Path, bled: np.ndarray | None, band: float, seed: int) -> S
         files.append(str(folder / f"run_{run}.csv"))
         rows = np.column_stack(list(table.values()))
         np.savetxt(files[-1], rows, fmt="%.9g", delimiter=",", header=",".join(table), comments="")
-    evidence = load_case(Case(TURBOJET, Source(tuple(files))), identified=True).evidence
+    evidence = load_case(RecordedCase(TURBOJET, Source(tuple(files))), identified=True).evidence
     known = [e for e in candidates(evidence.engine) if e.term.NAME != "handling_bleed"]
-    return Search(with_own_noise(evidence), known, hidden_search(evidence))
+    return Search(refit_noise_without_switches(evidence), known, hidden_search(evidence))
 
 
 @pytest.mark.slow
 def test_a_bleed_valve_that_closes_later_than_it_opens_is_told_with_both_speeds(tmp_path: Path) -> None:
     answer = searched(tmp_path, None, 0.08, 5).run()
-    assert answer.status == LAW
+    assert answer.status == FORMULA
     (option,) = answer.explanations[0].options
     assert option.label == "rising_corrected_N1@customer_bleed.compressor.fraction"
     told = {c.name.rsplit(".", 1)[-1]: c for c in answer.explanations[0].coefficients}
@@ -75,5 +75,5 @@ def test_air_that_is_bled_at_times_follows_nothing(tmp_path: Path) -> None:
     bled = np.repeat(np.random.default_rng(17).random((3, RECORDS // 20)) < 0.5, 20, axis=1)
     search = searched(tmp_path, bled, 0.0, 7)
     answer = search.run()
-    assert answer.status == HIDDEN and answer.hidden[0].location.name == "customer_bleed@compressor"
+    assert answer.status == HIDDEN_STATE and answer.hidden[0].location.name == "customer_bleed@compressor"
     assert followed(answer.hidden[0], search.base.found, known_variables(search.base.found)) == ()

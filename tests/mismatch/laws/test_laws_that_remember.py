@@ -8,10 +8,10 @@ import pytest
 
 from enginediag_cli.__main__ import main
 from enginediag_cli.intake.selection import Source
-from enginediag_cli.mismatch.explain.answer import LAW, Answer
+from enginediag_cli.mismatch.explain.answer import FORMULA, Answer
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search
-from enginediag_cli.mismatch.fit.load import Case, load_case
+from enginediag_cli.mismatch.fit.load import RecordedCase, load_case
 from enginediag_cli.physics.registry import candidates
 
 CONFIGS = Path(__file__).parents[3] / "configs"
@@ -26,7 +26,7 @@ def explained(folder: Path, law: str, seed: int) -> Answer:
     flights.write_text(profile.replace("interval_s: 10", "interval_s: 60"), encoding="utf-8")
     flown = ["simulate", str(truth), "--flight", str(flights), "--flights", "5", "--seed", str(seed), "-q"]
     assert main([*flown, "-o", recorded]) == 0
-    evidence = load_case(Case(str(TURBOFAN), Source((recorded,))), identified=True).evidence
+    evidence = load_case(RecordedCase(str(TURBOFAN), Source((recorded,))), identified=True).evidence
     return Search(evidence, list(candidates(evidence.engine)), hidden_search(evidence)).run()
 
 
@@ -48,7 +48,7 @@ def test_losses_that_come_later_than_they_go_are_a_switch_with_hysteresis(tmp_pa
 """,
         11,
     )
-    assert answer.status == LAW
+    assert answer.status == FORMULA
     first = answer.explanations[0]
     assert first.options[0].label == "switch_corrected_N1@hpc.efficiency" and first.probability > 0.9
     told = {c.name.rsplit(".", 1)[-1]: c for c in first.coefficients}
@@ -69,7 +69,7 @@ def test_what_follows_the_power_no_faster_than_it_can_is_told_with_its_rate(tmp_
 """,
         21,
     )
-    assert answer.status == LAW
+    assert answer.status == FORMULA
     (option,) = answer.explanations[0].options
     assert option.label.startswith("limited_") and option.label.endswith("@hpt.efficiency")
     told = {c.name.rsplit(".", 1)[-1]: c for c in answer.explanations[0].coefficients}

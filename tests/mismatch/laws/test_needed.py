@@ -8,10 +8,10 @@ import numpy as np
 from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.freeform import locations
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.needed import not_needed
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.scan import formulas, known_variables, scored
 from enginediag_cli.mismatch.laws.shortlist import proposal
 from enginediag_cli.physics.laws.expression import Expression
@@ -21,7 +21,7 @@ CLEAR = 8.0
 """−ln p of a size that is needed."""
 
 
-def _step_of(slope: float) -> tuple[Trial, Trial]:
+def _step_of(slope: float) -> tuple[HypothesisFit, HypothesisFit]:
     """The fit without and with a smooth step at the HPC, where the truth is a straight line of this slope."""
     engine = concealed.turbofan()
     acts = Acts("hpc.efficiency", "hpc", "", True)
@@ -30,8 +30,8 @@ def _step_of(slope: float) -> tuple[Trial, Trial]:
     truth = [Effect(law, acts.site, {"a": slope})] if slope else []
     given = concealed.evidence(concealed.flights(truth, np.random.default_rng(1101), count=4, records=40))
     along = nuisance(given)
-    found = identify_with(given, NO_HYPOTHESIS, along)
-    base = Trial((), found, Projection(found))
+    found = identify_with(given, NULL_HYPOTHESIS, along)
+    base = HypothesisFit((), found, Projection(found))
     hpc = [w for w in locations(found) if w.name == "hpc.efficiency"]
     known = [k for k in known_variables(found) if k.variable.name == "reynolds_index"]
     steps = [f for f in formulas(known) if f.form.name == "step"]

@@ -7,7 +7,7 @@ import pytest
 
 from enginediag_cli.drivers import MACH
 from enginediag_cli.mismatch.laws.polynomials import from_design, orthonormal, variances
-from enginediag_cli.mismatch.laws.scan import Known
+from enginediag_cli.mismatch.laws.scan import KnownVariable
 from enginediag_cli.physics.laws.law import Variable
 
 X = np.linspace(0.2, 0.8, 50) ** 2
@@ -25,7 +25,7 @@ def test_they_are_orthonormal_over_the_records_and_of_their_degree() -> None:
 @pytest.mark.parametrize("reference", [float(X[17]), -3.0, 7.0])
 def test_they_are_nothing_at_the_record_that_is_nearest_to_the_design_point(reference: float) -> None:
     variable = Variable("mach", "Mach number", MACH, ("mach",), lambda x: x, design=reference, recorded=True)
-    q = from_design(Known(variable, X, 0), 4)
+    q = from_design(KnownVariable(variable, X, 0), 4)
     at = int(np.argmin(np.abs(X - reference)))
     assert not q[at].any() and np.diff(q - orthonormal(X, 4), axis=0) == pytest.approx(np.zeros((49, 4)))
 

@@ -11,9 +11,9 @@ import pytest
 from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.freeform import locations
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.alike import places_alike
 from enginediag_cli.mismatch.laws.carried import Carried, carried
 from enginediag_cli.mismatch.laws.grammar import FORMS
@@ -41,8 +41,8 @@ class Searched:
         law = Law("truth", acts, Expression.parsed(formula), {n: every[n] for n in of}, (a,))
         truth = Effect(law, acts.site, {"a": size})
         self.given = concealed.evidence(concealed.flights((truth,), np.random.default_rng(1300), count=4, records=40))
-        found = identify_with(self.given, NO_HYPOTHESIS, nuisance(self.given))
-        self.base = Trial((), found, Projection(found))
+        found = identify_with(self.given, NULL_HYPOTHESIS, nuisance(self.given))
+        self.base = HypothesisFit((), found, Projection(found))
         self.known = [k for k in known_variables(found) if k.variable.name in LISTED]
         place = next(p for p in locations(found) if p.name == "hpc.efficiency")
         one = [k for k in self.known if k.variable.name == carrying]
@@ -50,7 +50,7 @@ class Searched:
         trial = self.fitted(first)
         self.at: Carried = carried(self.base, trial, trial.hypothesis.effects, place, self.known)
 
-    def fitted(self, candidate: Candidate) -> Trial:
+    def fitted(self, candidate: Candidate) -> HypothesisFit:
         """Inside the simulator."""
         option = proposal(candidate, self.given.engine).option
         return attempt([option], self.base.found, nuisance(self.given))

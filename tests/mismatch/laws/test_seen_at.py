@@ -9,9 +9,9 @@ import pytest
 from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.freeform import locations
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.band import summed
 from enginediag_cli.mismatch.laws.carried import Carried, carried
 from enginediag_cli.mismatch.laws.scan import formulas, known_variables, scored, seen_at
@@ -33,8 +33,8 @@ class Searched:
         law = Law("truth", acts, Expression.parsed(f"a * ({ALONG} - 1)"), variables_of(engine.network), (a,))
         truth = Effect(law, acts.site, {"a": 0.06})
         given = concealed.evidence(concealed.flights((truth,), np.random.default_rng(1400), count=4, records=40))
-        found = identify_with(given, NO_HYPOTHESIS, nuisance(given))
-        self.base = Trial((), found, Projection(found))
+        found = identify_with(given, NULL_HYPOTHESIS, nuisance(given))
+        self.base = HypothesisFit((), found, Projection(found))
         self.known = [k for k in known_variables(found) if k.variable.name in (ALONG, "mach")]
         place = next(p for p in locations(found) if p.name == "sensor.P3")
         own = [f for f in formulas(self.known) if f.what == ("linear", ALONG)]

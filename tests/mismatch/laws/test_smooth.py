@@ -11,12 +11,12 @@ import pytest
 from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.freeform import locations
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.carried import carried
 from enginediag_cli.mismatch.laws.said import Said
-from enginediag_cli.mismatch.laws.scan import Known, formulas_of, known_variables, prior_of_a_place, scored
+from enginediag_cli.mismatch.laws.scan import KnownVariable, formulas_of, known_variables, prior_of_a_place, scored
 from enginediag_cli.mismatch.laws.shortlist import proposal
 from enginediag_cli.mismatch.laws.smooth import Smooth, prior_of_variables, smooth_evidence
 from enginediag_cli.mismatch.laws.steps import bends_of
@@ -34,7 +34,7 @@ def _searched(formula: str, size: float, of: tuple[str, ...], carrying: str) -> 
 
 def _said(
     formula: str, size: float, of: tuple[str, ...], carrying: str, seed: int = 1300
-) -> tuple[Said, list[Known], float]:
+) -> tuple[Said, list[KnownVariable], float]:
     """Of a law at the HPC's efficiency, at a fit that carries the best law of one variable."""
     engine = concealed.turbofan()
     acts = Acts("hpc.efficiency", "hpc", "", True)
@@ -44,8 +44,8 @@ def _said(
     given = concealed.evidence(
         concealed.flights((Effect(law, acts.site, {"a": size}),), np.random.default_rng(seed), count=4, records=40)
     )
-    found = identify_with(given, NO_HYPOTHESIS, nuisance(given))
-    base = Trial((), found, Projection(found))
+    found = identify_with(given, NULL_HYPOTHESIS, nuisance(given))
+    base = HypothesisFit((), found, Projection(found))
     known = [k for k in known_variables(found) if k.variable.name in LISTED]
     place = next(p for p in locations(found) if p.name == "hpc.efficiency")
     one = [k for k in known if k.variable.name == carrying]

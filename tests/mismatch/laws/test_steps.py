@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.mismatch.fit.freeform import locations
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.laws.carried import Carried
 from enginediag_cli.mismatch.laws.said import Said
@@ -34,7 +34,7 @@ COUNT, HERE = 8, -3.0
 @pytest.fixture(scope="module")
 def ground():
     given = concealed.evidence(concealed.flights((), np.random.default_rng(1310), count=2, records=30))
-    found = identify_with(given, NO_HYPOTHESIS, nuisance(given))
+    found = identify_with(given, NULL_HYPOTHESIS, nuisance(given))
     place = next(p for p in locations(found) if p.name == "hpc.efficiency")
     return given.engine, place, {k.variable.name: k for k in known_variables(found)}
 
@@ -114,7 +114,7 @@ def test_long_names_make_no_formula_that_cannot_be_read(ground):
 def test_as_many_steps_are_taken_as_a_curve_bends():
     """Half a wave of a variable takes few, two and a half waves many; the evidence is of all that were tried."""
     given = concealed.evidence(concealed.flights((), np.random.default_rng(1311), count=4, records=60))
-    found = identify_with(given, NO_HYPOTHESIS, nuisance(given))
+    found = identify_with(given, NULL_HYPOTHESIS, nuisance(given))
     place = next(p for p in locations(found) if p.name == "hpc.efficiency")
     mach = next(k for k in known_variables(found) if k.variable.name == "mach")
     u = (mach.values - mach.values.min()) / np.ptp(mach.values)

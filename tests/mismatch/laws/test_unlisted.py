@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine.term import Coefficient, Effect
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.laws.scan import known_variables, scanned
 from enginediag_cli.mismatch.laws.unlisted import any_curve_at_all
@@ -20,7 +20,7 @@ TWO_WAVES = "a * mach * (mach - 0.25) * (mach - 0.4) * (mach - 0.55) * (mach - 0
 def looked(*effects: Effect) -> tuple[float, float]:
     """ln evidence of any smooth curve, and of the best listed form by score."""
     given = concealed.evidence(concealed.flights(effects, np.random.default_rng(1301), count=4, records=40))
-    found = identify_with(given, NO_HYPOTHESIS, nuisance(given))
+    found = identify_with(given, NULL_HYPOTHESIS, nuisance(given))
     projection = Projection(found)
     listed = scanned(found, projection).candidates[0].weight
     return any_curve_at_all(found, projection, known_variables(found)), listed

@@ -10,9 +10,9 @@ from scipy.stats import norm
 from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.freeform import locations
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.fitted import Fitted, ln_within
 from enginediag_cli.mismatch.laws.posterior import evidence_of
 from enginediag_cli.mismatch.laws.scan import Candidate, formulas, known_variables, scored
@@ -34,14 +34,14 @@ def _searched(acts: Acts, slope: float):
     law = Law("truth", acts, Expression.parsed("a * (inlet_temperature - 1)"), known, (a,))
     truth = Effect(law, acts.site, {"a": slope})
     given = concealed.evidence(concealed.flights((truth,), np.random.default_rng(1100), count=4, records=40))
-    found = identify_with(given, NO_HYPOTHESIS, nuisance(given))
+    found = identify_with(given, NULL_HYPOTHESIS, nuisance(given))
     of = [k for k in known_variables(found) if k.variable.name == "inlet_temperature"]
     linear = [f for f in formulas(of) if f.form.name == "linear"]
-    base = Trial((), found, Projection(found))
+    base = HypothesisFit((), found, Projection(found))
     return base, {c.location.name: c for c in scored(found, base.projection, locations(found), linear, 0.0)}
 
 
-def _fitted(base: Trial, candidate: Candidate) -> tuple[Fitted, float]:
+def _fitted(base: HypothesisFit, candidate: Candidate) -> tuple[Fitted, float]:
     """The law fitted, and its evidence by readings alone."""
     law = proposal(candidate, base.found.evidence.engine)
     trial = attempt([law.option], base.found, nuisance(base.found.evidence))
