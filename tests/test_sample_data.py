@@ -25,7 +25,9 @@ RELATIVE = 1e-8
 PICTURES = [
     Path(word).name
     for line in (FOLDER / "README.md").read_text(encoding="utf-8").splitlines()
-    if line.startswith(("    enginediag demo ", "    enginediag explain ", "    enginediag trend "))
+    if line.startswith(
+        ("    enginediag demo ", "    enginediag explain ", "    enginediag trend ", "    enginediag detect ")
+    )
     for word in shlex.split(line)
     if word.endswith(".svg")
 ]

@@ -9,6 +9,7 @@ A figure stands under the command that prints it. In a document
                                                  transcripts of one NAME run in one folder, in their order
 
     <!-- made by (in NAME): COMMAND -->          as above, in the folder of the transcripts of that NAME
+    <!-- file (in NAME): PATH -->                the fenced block below is written to PATH in that folder
 
 Marks in brackets after `made by` or `transcript`, separated by `;`: `slow` (more than a few seconds; `long` says how
 long if it is minutes), `public data` (needs ../shared/data), `timings …` (when and on what machine: not compared).
@@ -32,7 +33,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = Path(os.environ.get("ENGINEDIAG_SHARED") or ROOT.parent / "shared")
 COMMENT = re.compile(
-    r"^<!-- (?P<what>made by|transcript)(?: \((?P<marks>[^)]*)\))?(?:: (?P<text>.*?))? -->$",
+    r"^<!-- (?P<what>made by|transcript|file)(?: \((?P<marks>[^)]*)\))?(?:: (?P<text>.*?))? -->$",
 )
 NUMBER = re.compile(r"(?<![\w.])[-−+]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?")
 ASSIGNMENTS = re.compile(r"""(?:\w+=(?:"[^"]*"|'[^']*'|[^\s"';|&]*)\s*(?:;\s*)?)+""")
@@ -50,13 +51,15 @@ LIMIT_S = 7200.0
 @dataclass(frozen=True)
 class Block:
     """One block: its document, the line of its comment (from 1), marks, and where its text lies (first and past the
-    last index of the document's lines, fences left out). `session`: of a transcript, "" otherwise."""
+    last index of the document's lines, fences left out). `session`: the name of a transcript, else "". `path`: where
+    a file is written, else ""."""
 
     document: Path
     line: int
     marks: tuple[str, ...]
     command: str
     session: str
+    path: str
     first: int
     last: int
     text: tuple[str, ...]
@@ -86,6 +89,8 @@ class Block:
 
     @property
     def commands(self) -> tuple[str, ...]:
+        if self.path:
+            return ()
         return tuple(c for c, _ in steps(self.text)) if self.session else (self.command,)
 
 
@@ -110,11 +115,10 @@ def blocks(document: Path, unfinished: bool = False) -> list[Block]:
         if first == last and not unfinished:
             raise ValueError(f"{document}:{i + 1}: nothing below this comment")
         marks = tuple(m.strip() for m in (at["marks"] or "").split(";") if m.strip())
-        told = at["text"] or ""
-        transcript = at["what"] == "transcript"
-        session = (told or f"line {i + 1}") if transcript else ""
-        command = "" if transcript else told
-        found.append(Block(document, i + 1, marks, command, session, first, last, tuple(lines[first:last])))
+        text = at["text"] or ""
+        kind = {"transcript": "session", "made by": "command", "file": "path"}[at["what"]]
+        own = {"command": "", "session": "", "path": "", kind: text or f"line {i + 1}"}
+        found.append(Block(document, i + 1, marks, first=first, last=last, text=tuple(lines[first:last]), **own))
     return found
 
 
@@ -198,7 +202,10 @@ class Workplace:
 
 
 def made(block: Block, place: Workplace) -> list[str]:
-    """The block as its commands make it now; of a transcript with its `$` lines."""
+    """The block as its commands make it now; of a transcript with its `$` lines. A file is written and is as it is."""
+    if block.path:
+        (place.top / block.path).write_text("".join(f"{line}\n" for line in block.text), encoding="utf-8")
+        return list(block.text)
     if not block.session:
         return place.run(block.command)
     lines = []
