@@ -53,7 +53,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.config.edit import appended, dump
+from enginediag_cli.config.document import appended, dump
 from enginediag_cli.drivers import SAME
 from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine

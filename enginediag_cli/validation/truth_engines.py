@@ -47,8 +47,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from enginediag_cli.config.document import Node, load_document
-from enginediag_cli.config.edit import dump
+from enginediag_cli.config.document import Node, dump, load_document
 from enginediag_cli.drivers import CORRECTED_SPEED
 from enginediag_cli.engine.atmosphere import P_ISA, T_ISA
 from enginediag_cli.engine.components.base import scalar

@@ -63,7 +63,7 @@ from enginediag_cli.validation.formula_marks import (
     same_driver,
     worse,
 )
-from enginediag_cli.validation.formula_marks import UNEXPLAINED as NO_LAW
+from enginediag_cli.validation.formula_marks import NONE as NO_LAW
 from enginediag_cli.validation.marks import Said, evidence_of
 from enginediag_cli.validation.score_sheet import right_less_stated, sheet
 from enginediag_cli.validation.separability import separability
