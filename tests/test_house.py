@@ -21,6 +21,7 @@ ORDER = (
     "errors",
     "units",
     "intervals",
+    "log_weights",
     "progress",
     "side_by_side",
     "safe_text",

@@ -24,10 +24,9 @@ from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.summaries import DETECT, STATISTICS
 
 if TYPE_CHECKING:
-    from enginediag_cli.detection.verdict import RequiredPower
-    from enginediag_cli.intake.selection import Source
-    from enginediag_cli.methods.base import FittedMethod, Method
-    from enginediag_cli.methods.on_recordings import WindowVerdict
+    from enginediag_cli.detection.glr import RequiredPower
+    from enginediag_cli.intake.source import Source
+    from enginediag_cli.methods.base import FittedMethod, Method, WindowVerdict
     from enginediag_cli.residuals.files import JudgedFiles
 
 __all__ = [
@@ -361,8 +360,8 @@ class MethodResult(VerdictResult):
         self.unread = files.intake.unread
 
     def _learnt(self, healthy: Source | None) -> FittedMethod:
-        from enginediag_cli.methods.on_recordings import learnt_windows
-        from enginediag_cli.report.recordings import tell_left_out
+        from enginediag_cli.methods.base import learnt_windows
+        from enginediag_cli.report.left_out import tell_left_out
         from enginediag_cli.residuals.gross_gate import GrossErrorGate
 
         if healthy is None:
@@ -376,7 +375,7 @@ class MethodResult(VerdictResult):
         return self._method.train(self._monitor, windows)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.methods.on_recordings import judged_windows, recorded_windows
+        from enginediag_cli.methods.base import judged_windows, recorded_windows
         from enginediag_cli.report.detection_rows import method_row
         from enginediag_cli.residuals.gross_gate import GrossErrorGate
 
@@ -442,7 +441,7 @@ def method_names() -> Mapping[str, str]:
     """Names of the methods of `detect_by_method`, with a line of help each."""
     from enginediag_cli.methods.registry import METHODS
 
-    return {name: method.HELP for name, method in METHODS.items()}
+    return {name: method.help for name, method in METHODS.items()}
 
 
 def chosen_method(name: str, linearise: str = "estimate") -> Method:

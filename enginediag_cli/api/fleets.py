@@ -16,9 +16,8 @@ from enginediag_cli.report.summaries import FLEET
 from enginediag_cli.shipped import own_or_shipped
 
 if TYPE_CHECKING:
-    from enginediag_cli.fleets.fleet import Fleet
-    from enginediag_cli.fleets.keeping import Merged, Standing
-    from enginediag_cli.fleets.recordings import Recorded
+    from enginediag_cli.fleets.fleet_file import Fleet, Recorded
+    from enginediag_cli.fleets.models import Merged, Standing
     from enginediag_cli.fleets.run import FleetRun
 
 __all__ = ["FleetResult", "StoreResult", "fleet", "fleet_status", "merge_stores", "prune_store"]
@@ -150,7 +149,7 @@ def fleet(
     import os
 
     from enginediag_cli.fleets.run import run_fleet
-    from enginediag_cli.fleets.runners.runner import runner_for
+    from enginediag_cli.fleets.runners import runner_for
     from enginediag_cli.fleets.store import opened_store
     from enginediag_cli.recordings.provenance import header_lines
 
@@ -215,7 +214,7 @@ def fleet_status(
     ------
     ConfigError, DataError, NoVerdictError
     """
-    from enginediag_cli.fleets.keeping import standing
+    from enginediag_cli.fleets.models import standing
     from enginediag_cli.fleets.store import Store
 
     with _described(fleet_file, recordings) as (described, found):
@@ -255,7 +254,7 @@ def prune_store(
     ------
     ConfigError, DataError, NoVerdictError, OSError
     """
-    from enginediag_cli.fleets.keeping import prune
+    from enginediag_cli.fleets.models import prune
     from enginediag_cli.fleets.store import Store
     from enginediag_cli.report.sentences import count
 
@@ -286,7 +285,7 @@ def merge_stores(into: str | Path, *others: str | Path, messages: Messages | Non
     ------
     DataError, OSError
     """
-    from enginediag_cli.fleets.keeping import merge
+    from enginediag_cli.fleets.models import merge
     from enginediag_cli.fleets.store import Store
     from enginediag_cli.report.fleet_rows import tell_merged
 
@@ -308,8 +307,7 @@ def _table(what: str) -> str:
 def _described(fleet_file: str | Path, recordings: RecordingsLike) -> Iterator[tuple[Fleet, tuple[Recorded, ...]]]:
     """The fleet and its recordings; those that came as arrays have their files within the block. Raises UsageError for
     recordings with a recorder of their own."""
-    from enginediag_cli.fleets.fleet import load_fleet
-    from enginediag_cli.fleets.recordings import recordings_of
+    from enginediag_cli.fleets.fleet_file import load_fleet, recordings_of
 
     source = as_recordings(recordings)
     if source.recorder or source.engine_instance:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from enginediag_cli.fleets.work_scope import Scoping, WorkScope
     from enginediag_cli.isolation.diagnosis import DiagnosisOptions
     from enginediag_cli.isolation.methods import IsolationOptions
-    from enginediag_cli.isolation.of_windows import IsolatedWindow, Isolating
+    from enginediag_cli.isolation.windows import IsolatedWindow, Isolating
     from enginediag_cli.parameters import Parameter
     from enginediag_cli.residuals.long_windows import KeptRecords
     from enginediag_cli.residuals.monitor import Monitor
@@ -101,8 +101,7 @@ class IsolationChoices:
 
     def diagnosis_options(self, linearise: str, isolation: IsolationOptions) -> DiagnosisOptions:
         """Everything that the diagnosis of a window needs; reads the catalogue."""
-        from enginediag_cli.faults.component_faults import FaultSet
-        from enginediag_cli.faults.fault_file import load_faults
+        from enginediag_cli.faults.catalogue import FaultSet, load_faults
         from enginediag_cli.isolation.diagnosis import DiagnosisOptions
 
         # a fault that several files hold is described best by the one that holds the fewest others
@@ -131,7 +130,7 @@ class IsolationResult(Result):
     something was isolated."""
 
     def __init__(self, comparison: Comparison, choices: IsolationChoices, options: IsolationOptions):
-        from enginediag_cli.isolation.of_windows import Isolating
+        from enginediag_cli.isolation.windows import Isolating
         from enginediag_cli.report.outputs.judgements import COMPONENTS as BY_COMPONENT
         from enginediag_cli.report.outputs.judgements import ISOLATE as BY_PARAMETER
 

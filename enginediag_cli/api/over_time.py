@@ -15,8 +15,8 @@ from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.summaries import FLIGHTS, MARGIN, TREND, TREND_COMPONENTS
 
 if TYPE_CHECKING:
-    from enginediag_cli.detection.series import Series
-    from enginediag_cli.fleets.margin_of_series import MarginQuestion, Margins
+    from enginediag_cli.detection.trend import Series
+    from enginediag_cli.fleets.maintenance import MarginQuestion, Margins
     from enginediag_cli.fleets.work_scope import Scoping
     from enginediag_cli.residuals.files import JudgedFiles
 
@@ -72,8 +72,8 @@ class MarginOptions:
 
     def question(self, *, healthy: int = 0, sensors: bool = True) -> MarginQuestion:
         """With the events of the file; healthy, sensors: as of `MarginQuestion`. Raises ConfigError."""
-        from enginediag_cli.fleets.fleet import read_events
-        from enginediag_cli.fleets.margin_of_series import MarginQuestion
+        from enginediag_cli.fleets.fleet_file import read_events
+        from enginediag_cli.fleets.maintenance import MarginQuestion
 
         return MarginQuestion(
             limits_K=dict(self.limits_K),
@@ -157,8 +157,8 @@ class TrendResult(Result):
 
     def _read(self) -> tuple[Series, Margins | None, JudgedFiles]:
         """The series of flights, its margins where they are followed, and the files that it was read from."""
-        from enginediag_cli.detection.series import series_of
-        from enginediag_cli.fleets.margin_of_series import margins_of
+        from enginediag_cli.detection.trend import series_of
+        from enginediag_cli.fleets.maintenance import margins_of
         from enginediag_cli.report.trend_rows import tell_instruments_in_flights, tell_margins
         from enginediag_cli.residuals.reduced import for_comparison
 
@@ -199,7 +199,7 @@ class TrendResult(Result):
         """Rows of what changed in each engine, and of what maintenance did."""
         from enginediag_cli.detection.series import FEWEST
         from enginediag_cli.fleets.work_scope import Scoping
-        from enginediag_cli.isolation.over_time import stories_of
+        from enginediag_cli.isolation.timeline import stories_of
         from enginediag_cli.report.trend_rows import tell_too_few
 
         choices, series = self._choices, self._series

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from enginediag_cli.engine.engine import Engine
-    from enginediag_cli.faults.component_faults import FaultSet
+    from enginediag_cli.faults.catalogue import FaultSet
     from enginediag_cli.report.output import Output
     from enginediag_cli.simulation.flights import Conditions
     from enginediag_cli.simulation.noise import ColumnNoise
@@ -354,8 +354,7 @@ def simulate(
     >>> flown.arrays()["status"].tolist()
     ['ok', 'ok', 'ok']
     """
-    from enginediag_cli.faults.component_faults import FaultSet
-    from enginediag_cli.faults.fault_file import load_faults
+    from enginediag_cli.faults.catalogue import FaultSet, load_faults
 
     choices = SimulationChoices(flight, conditions, noise, flights, records, steady, seed)
     choices.check()

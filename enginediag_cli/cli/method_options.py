@@ -73,7 +73,7 @@ class Rival:
             if is_chosen(context, option)
         }
         typed = context.get_parameter_source("linearise") is ParameterSource.COMMANDLINE
-        if typed and all(f.name != "linearise" for f in method.OPTIONS):
+        if typed and all(f.name != "linearise" for f in method.options):
             refused["--linearise"] = "it has no such choice"
         reasons = [f"{option} does not go with --method {self.name}: {why}" for option, why in refused.items()]
         if nominal is None:

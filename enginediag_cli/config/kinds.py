@@ -49,8 +49,8 @@ FILE_KINDS: dict[str, FileKind] = {
         FileKind(
             "faults",
             "faults: named directions in parameter space, their size and onset",
-            "enginediag_cli.faults.fault_file:FAULT_FILE",
-            "enginediag_cli.faults.fault_file:load_faults",
+            "enginediag_cli.faults.catalogue:FAULT_FILE",
+            "enginediag_cli.faults.catalogue:load_faults",
         ),
         FileKind(
             "recorder",
@@ -73,8 +73,8 @@ FILE_KINDS: dict[str, FileKind] = {
         FileKind(
             "fleet",
             "a fleet: engines by serial number, their recordings, maintenance and what to judge",
-            "enginediag_cli.fleets.fleet:FLEET_FILE",
-            "enginediag_cli.fleets.fleet:load_fleet",
+            "enginediag_cli.fleets.fleet_file:FLEET_FILE",
+            "enginediag_cli.fleets.fleet_file:load_fleet",
         ),
         FileKind(
             "flight",

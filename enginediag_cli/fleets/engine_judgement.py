@@ -22,8 +22,8 @@ import numpy as np
 from scipy.special import stdtr
 
 from enginediag_cli.detection.e_values import EPath, e_path, onset_law
-from enginediag_cli.detection.series import FEWEST, Series
-from enginediag_cli.fleets.finding import (
+from enginediag_cli.detection.trend import FEWEST, Series
+from enginediag_cli.fleets.findings import (
     CHANGED,
     HEALTHY,
     NO_VERDICT,
@@ -47,9 +47,9 @@ from enginediag_cli.fleets.margin import (
     severity_of,
 )
 from enginediag_cli.intervals import NORMAL_95
-from enginediag_cli.isolation.over_time import OF_A_FLEET, TrendOptions, judge_series
+from enginediag_cli.isolation.events import Story
 from enginediag_cli.isolation.prior import SetPrior
-from enginediag_cli.isolation.story import Story
+from enginediag_cli.isolation.timeline import OF_A_FLEET, TrendOptions, judge_series
 
 
 def isolated(flights: Flights, series: Series, settings: FleetSettings, history: EngineHistory) -> Story:

@@ -19,7 +19,7 @@ import numpy as np
 from enginediag_cli.detection.e_values import Rows, Suspects
 from enginediag_cli.detection.series import Readings, Series
 from enginediag_cli.engine.wrapped import WrappedModel
-from enginediag_cli.fleets.finding import EngineHistory, Event
+from enginediag_cli.fleets.findings import EngineHistory, Event
 from enginediag_cli.parameters import Parameter
 
 RENEWED = 25.0

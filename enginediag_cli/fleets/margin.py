@@ -26,7 +26,7 @@ from enginediag_cli.detection.series import Series
 from enginediag_cli.engine.wiring import hot_columns
 from enginediag_cli.engine.wrapped import WrappedModel
 from enginediag_cli.errors import DataError
-from enginediag_cli.fleets.finding import EngineFinding, Estimate, FleetSettings, Margin
+from enginediag_cli.fleets.findings import EngineFinding, Estimate, FleetSettings, Margin
 from enginediag_cli.fleets.health import FAILED, Course, Flights
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.residuals.monitor import Monitor

@@ -29,12 +29,12 @@ import numpy as np
 from enginediag_cli.engine.components.combustion import Burner
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.start import correction, total_ratios
-from enginediag_cli.isolation.adequacy import tempered
-from enginediag_cli.isolation.belief import Belief, belief_of_components
-from enginediag_cli.isolation.classes import Class
-from enginediag_cli.isolation.of_windows import IsolatedWindow
+from enginediag_cli.isolation.diagnosis import belief_of_components
+from enginediag_cli.isolation.events import Member, Story
+from enginediag_cli.isolation.posterior import Belief
 from enginediag_cli.isolation.prior import SetPrior
-from enginediag_cli.isolation.story import Member, Story
+from enginediag_cli.isolation.results import Class, tempered
+from enginediag_cli.isolation.windows import IsolatedWindow
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.monitor import Monitor
 

@@ -43,178 +43,19 @@ data that say that a change is small: one that they do not show remains as large
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from math import comb
 
 import numpy as np
 
-from enginediag_cli.detection.verdict import must_show
-from enginediag_cli.isolation.prior import Instruments, SetPrior, are_sensors, log_mass, log_wear, wear_signs
-from enginediag_cli.isolation.result import ParameterChange
+from enginediag_cli.detection.glr import must_show
+from enginediag_cli.isolation.prior import Instruments, SetPrior, are_sensors
+from enginediag_cli.isolation.results import ParameterChange
+from enginediag_cli.isolation.slab_mixture import log_mass, log_wear, slab_gaussians, wear_signs
+from enginediag_cli.isolation.subsets import MAX_SETS, all_sets, sets_of, size_limit
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.score import Score
-
-PAIRS = 2
-"""Of rare parameters, as many at once have a closed form here."""
-
-
-def all_sets(
-    beta: np.ndarray, A: np.ndarray, limit: int, few: np.ndarray | None = None, most: int = 0
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Masks (M, p) of all sets of at most `limit` parameters, quadratic forms (w, M), log determinants (w, M).
-
-    beta (w, p), A (w, p, p) positive definite: w problems over the same parameters. few (p,) bool: of these
-    parameters no set has more than `most`.
-    """
-    p = beta.shape[1]
-    rare = np.zeros(p, bool) if few is None else np.asarray(few, bool)
-    if rare.any() and most <= PAIRS:
-        return _with_pairs(beta, A, limit, rare, most)
-    masks, growing = plan(p, limit, tuple(rare.tolist()), most)
-    return masks, *_eliminated(beta, A, growing)[:2]
-
-
-def _eliminated(
-    beta: np.ndarray, A: np.ndarray, growing: tuple[np.ndarray | slice, ...]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[np.ndarray]]:
-    """Quadratic forms and log determinants (w, M) of the sets that grow by the first parameters in turn, and what is
-    then left of β (w, r, M) and of A for the r others: of each, row by row, its own entry and those to the right.
-
-    The sets lie along the last axis, so that every operation runs over them without a stride.
-    """
-    w, p = beta.shape
-    quadratic, log_det = np.zeros((w, 1)), np.zeros((w, 1))
-    # what is left of β and A for the undecided parameters, given the decided ones
-    c, rows = beta[:, :, None], [A[:, i, i:, None] for i in range(p)]
-    for grow in growing:
-        first = rows[0][:, :, grow]
-        pivot, column = first[:, :1], first[:, 1:]
-        gain, share = c[:, :1, grow] / pivot, column / pivot
-        quadratic = np.concatenate([quadratic, quadratic[:, grow] + (c[:, :1, grow] * gain)[:, 0]], axis=1)
-        log_det = np.concatenate([log_det, log_det[:, grow] + np.log(pivot[:, 0])], axis=1)
-        c = np.concatenate([c[:, 1:], c[:, 1:, grow] - column * gain], axis=2)
-        rows = [
-            np.concatenate([row, row[:, :, grow] - share[:, i : i + 1] * column[:, i:]], axis=2)
-            for i, row in enumerate(rows[1:])
-        ]
-    return quadratic, log_det, c, rows
-
-
-def _with_pairs(
-    beta: np.ndarray, A: np.ndarray, limit: int, few: np.ndarray, most: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """`all_sets` with none, one or two of the `few` parameters (p,)."""
-    order = np.argsort(few, kind="stable")
-    n, r = int(np.sum(~few)), int(np.sum(few))
-    sets = pair_plan(tuple(few.tolist()), limit, most)
-    quadratic, log_det, c, G = _eliminated(beta[:, order], A[:, order][:, :, order], plan(n, limit)[1])
-    found = np.empty((2, len(beta), len(sets.masks)))
-    filled = 0
-
-    def fill(quadratics: np.ndarray, log_dets: np.ndarray) -> None:
-        nonlocal filled
-        k = int(np.prod(quadratics.shape[1:]))
-        for whole, part in zip(found, (quadratics, log_dets), strict=True):
-            whole[:, filled : filled + k] = part.reshape(len(beta), k)
-        filled += k
-
-    fill(quadratic, log_det)
-    at: np.ndarray | slice = slice(None)
-    for size, rows in ((1, sets.with_one), (2, sets.with_two)):
-        if most < size or not r:
-            break
-        if len(rows) < len(sets.alone):
-            at = rows
-        gain = [c[:, i, at] ** 2 / G[i][:, 0, at] for i in range(r)]
-        if size == 1:
-            fill(
-                np.stack([quadratic[:, at] + gain[i] for i in range(r)], axis=1),
-                np.stack([log_det[:, at] + np.log(G[i][:, 0, at]) for i in range(r)], axis=1),
-            )
-            continue
-        for i in range(r - 1):
-            own, common = G[i][:, :1, at], G[i][:, 1:, at]
-            across = common / own
-            pivot = np.stack([G[j][:, 0, at] for j in range(i + 1, r)], axis=1)
-            pivot -= across * common
-            left = c[:, i + 1 :, at] - c[:, i : i + 1, at] * across
-            left *= left
-            left /= pivot
-            left += (quadratic[:, at] + gain[i])[:, None]
-            pivot *= own  # one logarithm for both
-            fill(left, np.log(pivot, out=pivot) + log_det[:, None, at])
-    return sets.masks, found[0], found[1]
-
-
-@dataclass(frozen=True)
-class PairPlan:
-    """Sets of at most two of the rare parameters: `masks` (M, p), none of the rare, each of them, each pair in turn; of
-    the sets of the others, which stand `alone`, get one and get two of the rare beside them."""
-
-    masks: np.ndarray
-    alone: np.ndarray
-    with_one: np.ndarray
-    with_two: np.ndarray
-
-
-@lru_cache(maxsize=8)
-def pair_plan(few: tuple[bool, ...], limit: int, most: int) -> PairPlan:
-    """The order in which `all_sets` visits sets of at most `limit` parameters, none with more than `most` (up to two)
-    of the `few`."""
-    rare = np.asarray(few, bool)
-    other, r = plan(int(np.sum(~rare)), limit)[0], int(np.sum(rare))
-    size = other.sum(axis=1)
-    rows = [np.flatnonzero(size <= limit - k) if k <= min(most, r) else np.zeros(0, int) for k in range(PAIRS + 1)]
-    pairs = np.array(np.triu_indices(r, 1))
-    beside = [
-        np.zeros((1, r), bool),
-        np.eye(r, dtype=bool),
-        np.eye(r, dtype=bool)[pairs[0]] | np.eye(r, dtype=bool)[pairs[1]],
-    ]
-    masks = np.zeros((sum(len(a) * len(b) for a, b in zip(rows, beside, strict=True)), len(few)), bool)
-    masks[:, ~rare] = np.concatenate([np.tile(other[a], (len(b), 1)) for a, b in zip(rows, beside, strict=True)])
-    masks[:, rare] = np.concatenate([np.repeat(b, len(a), axis=0) for a, b in zip(rows, beside, strict=True)])
-    masks.flags.writeable = False
-    return PairPlan(masks, rows[0], rows[1], rows[2])
-
-
-def sets_of(p: int, limit: int, few: tuple[bool, ...], most: int) -> np.ndarray:
-    """Masks (M, p) of `all_sets`, in its order."""
-    return pair_plan(few, limit, most).masks if any(few) and most <= PAIRS else plan(p, limit, few, most)[0]
-
-
-@lru_cache(maxsize=256)
-def number_of_sets(p: int, limit: int, few: int = 0, most: int = 0) -> int:
-    """How many sets of at most `limit` of p parameters there are, with no more than `most` out of `few` of them."""
-    return sum(
-        comb(few, j) * sum(comb(p - few, i) for i in range(max(limit - j, -1) + 1)) for j in range(min(most, few) + 1)
-    )
-
-
-@lru_cache(maxsize=8)
-def plan(
-    p: int, limit: int, few: tuple[bool, ...] = (), most: int = 0
-) -> tuple[np.ndarray, tuple[np.ndarray | slice, ...]]:
-    """Masks of the sets in the order in which they are visited, and per parameter the sets that may grow."""
-    masks, size, held = np.zeros((1, p), bool), np.zeros(1, int), np.zeros(1, int)
-    rare = few or (False,) * p
-    growing: list[np.ndarray | slice] = []
-    for j in range(p):
-        grow = np.flatnonzero((size < limit) & ((held < most) | (not rare[j])))
-        growing.append(slice(None) if len(grow) == len(size) else grow)
-        grown = masks[grow]
-        grown[:, j] = True
-        masks, size = np.concatenate([masks, grown]), np.concatenate([size, size[grow] + 1])
-        held = np.concatenate([held, held[grow] + rare[j]])
-    masks.flags.writeable = False
-    return masks, tuple(growing)
-
-
-MAX_SETS = 1_200_000
-"""Enough for all sets of 20 parameters, or up to five of 40; about a second."""
-
 
 ALL_LISTED = 5000
 """Up to so many sets all are listed."""
@@ -261,19 +102,6 @@ class SetPosterior:
     def credible(self, coverage: float = 0.95) -> int:
         """How many of the first sets are needed to hold probability `coverage`."""
         return min(int(np.searchsorted(np.cumsum(self.probabilities), coverage - 1e-12)) + 1, len(self.probabilities))
-
-
-def size_limit(
-    p: int, wanted: int | None = None, max_sets: int = MAX_SETS, sensors: int = 0, wrong_sensors: int = 0
-) -> int:
-    """Largest size (at most `wanted`) for which there are no more than `max_sets` sets of p parameters, of which no
-    more than `wrong_sensors` are out of `sensors` of them."""
-    limit = 0
-    while limit < (p if wanted is None else min(wanted, p)):
-        if number_of_sets(p, limit + 1, sensors, wrong_sensors) > max_sets:
-            break
-        limit += 1
-    return limit
 
 
 def set_posterior(
@@ -357,16 +185,43 @@ def _holding_nearly_all(logs: np.ndarray, none: np.ndarray) -> np.ndarray:
     return np.arange(len(logs))
 
 
+def reweighed(posterior: SetPosterior, weights: np.ndarray) -> SetPosterior:
+    """The posterior with new weights (M,) ≥ 0 of its sets, sorted and normalised again."""
+    order = np.argsort(-weights, kind="stable")
+    probabilities = weights[order] / weights.sum()
+    masks = posterior.masks[order]
+    empty = ~masks.any(axis=1)
+    healthy = float(probabilities[empty].sum())
+    evidence = float(np.log1p(-healthy) - np.log(healthy)) if 0 < healthy < 1 else posterior.log_evidence
+    return replace(
+        posterior,
+        masks=masks,
+        probabilities=probabilities,
+        inclusion=probabilities @ masks,
+        log_evidence=evidence,
+    )
+
+
 LEFT_OUT = 1e-3
 """Share of a parameter's inclusion that the sets left out hold together: a 95 % interval does not feel it."""
+
+
 MOST_SETS = 400
 """Sets averaged over at most, likeliest first."""
+
+
 WIDE = 10.0
 """Standard deviations of the widest part beyond which nothing of a mixture lies."""
+
+
 TINY = 1e-300
 """In place of a probability of zero, which has no logarithm."""
+
+
 HALVINGS = 36
 """Of the interval that holds a quantile: to ten digits."""
+
+
 MATTERS = 1 / 3
 """Share of what a shop acts on (`must_show`) from which a further change matters: 0.7 % of an efficiency, 1 % of a flow
 capacity. With two such changes beside the named one nothing is to be done that was not to be done for it alone."""
@@ -433,36 +288,6 @@ def _sets_with(posterior: SetPosterior, i: int) -> np.ndarray:
     return holding[: min(count, MOST_SETS)]
 
 
-@dataclass(frozen=True)
-class _Sets:
-    """Sets of one size d: their `rows` (S,), `members` (S, d) and, for each slab and set, its share of the set (W, S),
-    mean (W, S, d) and covariance (W, S, d, d) of the changes in widths of the prior."""
-
-    rows: np.ndarray
-    members: np.ndarray
-    share: np.ndarray
-    mean: np.ndarray
-    covariance: np.ndarray
-
-
-def _gaussians(score: Score, masks: np.ndarray, prior: SetPrior, about: Mapping[bytes, Score]) -> Iterator[_Sets]:
-    """The changes of every set of `masks` (S, p) that is not empty, those of a size together."""
-    slabs, sizes = np.asarray(prior.slabs, float), masks.sum(axis=1)
-    own = np.array([mask.tobytes() in about for mask in masks], bool)
-    groups = [(np.flatnonzero(~own & (sizes == size)), score) for size in np.unique(sizes[~own]) if size]
-    groups += [(np.array([k]), about[masks[k].tobytes()]) for k in np.flatnonzero(own) if sizes[k]]
-    for rows, local in groups:
-        b, information = prior.scaled(local)
-        size = int(sizes[rows[0]])
-        members = np.nonzero(masks[rows])[1].reshape(len(rows), size)
-        I = information[members[:, :, None], members[:, None, :]]
-        P = np.linalg.inv(I + slabs[:, None, None, None] ** -2 * np.eye(size))
-        mean = np.einsum("wsij,sj->wsi", P, b[members])
-        log = 0.5 * np.einsum("wsi,si->ws", mean, b[members]) + 0.5 * np.linalg.slogdet(P)[1]
-        log -= size * np.log(slabs)[:, None]
-        yield _Sets(rows, members, np.exp(log - np.logaddexp.reduce(log, axis=0)), mean, P)
-
-
 def _mixture(
     score: Score,
     posterior: SetPosterior,
@@ -473,7 +298,7 @@ def _mixture(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weights, means and standard deviations (K,) of parameter i, in widths of `prior`, one for each set and slab."""
     weights, means, spreads = [], [], []
-    for found in _gaussians(score, posterior.masks[sets], prior, about):
+    for found in slab_gaussians(score, posterior.masks[sets], prior, about):
         at, pick = np.argmax(found.members == i, axis=1), np.arange(len(found.rows))
         weights.append((found.share * posterior.probabilities[sets[found.rows]]).ravel())
         means.append(found.mean[:, pick, at].ravel())
@@ -489,7 +314,7 @@ def moments(
     masks, weights = _likeliest(posterior)
     weights, p = weights / weights.sum(), len(score.parameters)
     first, second = np.zeros(p), np.zeros((p, p))
-    for found in _gaussians(score, masks, prior, about or {}):
+    for found in slab_gaussians(score, masks, prior, about or {}):
         share = found.share * weights[found.rows]
         np.add.at(first, found.members, np.einsum("ws,wsi->si", share, found.mean))
         square = found.covariance + found.mean[..., :, None] * found.mean[..., None, :]
@@ -541,7 +366,7 @@ def log_too_small(score: Score, masks: np.ndarray, prior: SetPrior, about: Mappi
     least = least_that_matters(score.described, score.prior_sigma) / (score.prior_sigma * widths)
     up = np.where(signs > 0, 1 - prior.rises, np.where(signs < 0, prior.rises, 0.5))
     found = np.zeros(masks.shape)
-    for sets in _gaussians(score, masks, replace(prior, slabs=(max(prior.slabs),)), about):
+    for sets in slab_gaussians(score, masks, replace(prior, slabs=(max(prior.slabs),)), about):
         mean, spread = sets.mean[0], np.sqrt(np.einsum("sii->si", sets.covariance[0]))
         z = [(x[sets.members] - mean) / spread for x in (low, -least, np.zeros(len(low)), least, high)]
         mass, rise = [np.exp(log_mass(z[k], z[k + 1])) for k in range(4)], up[sets.members]
@@ -561,3 +386,18 @@ def _quantile(weight: np.ndarray, mean: np.ndarray, spread: np.ndarray, level: f
         middle = 0.5 * (low + high)
         low, high = (middle, high) if float(weight @ ndtr((middle - mean) / spread)) < level else (low, middle)
     return 0.5 * (low + high)
+
+
+@dataclass(frozen=True)
+class Belief:
+    """The posterior over sets with the score and the prior of which it was made; about: scores of single sets about
+    their own estimates, by the bytes of their masks, where the full model was fitted."""
+
+    score: Score
+    posterior: SetPosterior
+    prior: SetPrior
+    about: Mapping[bytes, Score] = field(default_factory=dict)
+
+    def moments(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean (p,) and covariance (p, p) of the changes of the score's parameters, in their units."""
+        return moments(self.score, self.posterior, self.prior, self.about)

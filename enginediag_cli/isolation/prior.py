@@ -25,21 +25,6 @@ RISE and REACH, none of an instrument beyond what a parameter states as its `rea
 from flight to flight is counted beside; one that is *wrong* is off by about half of that bias, by one and a half, or
 by several. Narrower ones are not seen, so that records never speak against them, and a broken probe exceeds them by so
 much that a change of the engine is found less improbable.
-
-What wear and physics do to the probability of a set: efficiencies seldom rise, and nothing goes beyond bounds.
-
-The slab prior of a change lies within what a component or an instrument can do (`SetPrior.bounds`); of one that wear
-can only make one way 1 − ρ of the mass lies there and ρ, for exchanged and repaired modules, on the other side.
-Relative to the unbounded symmetric prior the marginal likelihood of a set changes by the factor
-
-    E[Π_i h_i(x_i) | S, slab, data],     h_i = (1 − ρ)/P(0 < s x < bound) on the way of wear,
-                                              ρ/P(0 < −s x < bound) on the other, 0 beyond either bound
-
-over the parameters i of S that have bounds, with the sign s of their wear (ρ = ½ where both ways are as probable),
-where x | S, slab, data ~ N(P β, P), averaged over slabs by their posterior. The expectation is taken parameter by
-parameter: the others are carried on with the first two moments of the one that was weighed, as if they were Gaussian
-still (Mendell, N. R. and Elston, R. C. (1974) Biometrics 30, 41–57). That is exact for one parameter and for
-independent ones, and costs no integral.
 """
 
 from __future__ import annotations
@@ -51,6 +36,7 @@ from functools import cached_property
 import numpy as np
 
 from enginediag_cli.faults.chances import INSTRUMENT, MOST_AT_ONCE, PARAMETER
+from enginediag_cli.log_weights import log_mean
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.score import Score
 
@@ -207,7 +193,7 @@ class SetPrior:
 
         k = np.arange(p + 1)
         each = k[:, None] * np.log(self.chances) + (p - k)[:, None] * np.log1p(-self.chances)
-        separate = np.logaddexp.reduce(each, axis=1) - np.log(len(self.chances))
+        separate = log_mean(each, axis=1)
         with np.errstate(divide="ignore"):
             # 1/((p + 1) C(p, k)) = B(1 + k, 1 + p − k)
             return np.asarray(
@@ -277,154 +263,3 @@ class SetPrior:
             way = np.where(rng.random((count, p)) < self.rises, -wear, wear)
             size = np.where(wear == 0, size, way * np.abs(size))
         return changed, np.where(changed, size, 0.0)
-
-
-WEIGHED = 300
-"""Sets that are weighed at once, those first that could be likeliest: in the others signs and bounds are as right as
-before the data."""
-BATCHES = 10
-"""Times so many are weighed: where the likeliest are all beyond what is possible, others lead."""
-FAINT = 1e-4
-"""Of what the likeliest could weigh; sets that could weigh less are not weighed. All that changes no stated probability
-by more than 0.002."""
-
-
-def log_wear(score: Score, masks: np.ndarray, logs: np.ndarray, prior: SetPrior) -> np.ndarray:
-    """Log factors (M,) of sets (M, p) whose log weights without them are `logs` (M,); 0 of what is not weighed, and of
-    what is left when BATCHES were weighed no more than of those."""
-    bounded = np.isfinite(prior.bounds(score.described)[1])
-    found = np.zeros(len(masks))
-    if not bounded.any() or not len(masks):
-        return found
-    most = np.log(2 * max(prior.rises, 1 - prior.rises))
-    ceiling = logs + most * (masks & (wear_signs(score, prior) != 0)).sum(axis=1)
-    order = np.argsort(-ceiling, kind="stable")
-    best, weighed = -np.inf, 0
-    for _ in range(BATCHES):
-        top = order[weighed : weighed + WEIGHED]
-        top = top[ceiling[top] > max(best, ceiling[order[0]] + np.log(FAINT) if weighed == 0 else best + np.log(FAINT))]
-        if not len(top):
-            return found
-        found[top] = log_factors(score, masks[top], prior)
-        best = max(best, float((logs + found)[top].max()))
-        weighed += len(top)
-        if weighed >= len(order) or ceiling[order[weighed]] <= best + np.log(FAINT):
-            return found
-    found[order[weighed:]] = min(float(found[order[:weighed]].min()), 0.0)
-    return found
-
-
-def wear_signs(score: Score, prior: SetPrior) -> np.ndarray:
-    """Way (p,) on which wear takes each parameter, −1 or +1, 0 where both are as probable."""
-    known = prior.rises != 0.5
-    return np.array([p.wear if known else 0 for p in score.described], float)
-
-
-def log_factors(
-    score: Score,
-    masks: np.ndarray,
-    prior: SetPrior,
-    moved: np.ndarray | None = None,
-    of: np.ndarray | None = None,
-) -> np.ndarray:
-    """Log factor (w,) by which wear and bounds change the marginal likelihood of each set (w, p) bool.
-
-    moved (r, p): what is added to the score, in widths of the prior, and of (r,): to which of the sets; the factors are
-    then (r,), one for each.
-    """
-    b, information = prior.scaled(score)
-    slabs = np.asarray(prior.slabs, float)[:, None]
-    which = np.arange(len(masks)) if of is None else of
-    pulls = np.broadcast_to(b, masks.shape) if moved is None else b + moved
-    factors = np.zeros(len(which))
-    signs, widths = wear_signs(score, prior), prior.widths(score.described)
-    low, high = (end / widths for end in prior.bounds(score.described))
-    bounded = np.isfinite(high)
-    sizes, counts = masks.sum(axis=1), (masks & bounded).sum(axis=1)
-    for size, count in np.unique(np.column_stack([sizes, counts])[counts > 0], axis=0):
-        rows = np.flatnonzero((sizes == size) & (counts == count))
-        sets = np.nonzero(masks[rows])[1].reshape(len(rows), size)
-        sets = np.take_along_axis(sets, np.argsort(~bounded[sets], axis=1, kind="stable"), 1)  # bounded ones first
-        A = np.eye(size) + slabs[..., None, None] ** 2 * information[sets[:, :, None], sets[:, None, :]]
-        covariance = np.linalg.inv(A)
-        log_det = 0.5 * np.linalg.slogdet(covariance)[1]
-        place = np.full(len(masks), -1)
-        place[rows] = np.arange(len(rows))
-        told = np.flatnonzero(place[which] >= 0)
-        at = place[which[told]]
-        members, covariance = sets[at], covariance[:, at]
-        right = slabs[..., None] * np.take_along_axis(pulls[told], members, 1)
-        mean = np.einsum("wsij,wsj->wsi", covariance, right)
-        log = 0.5 * np.sum(mean * right, axis=2) + log_det[:, at]
-        share = log - np.logaddexp.reduce(log, axis=0)
-        cut = [np.broadcast_to(x[members], mean.shape).reshape(-1, size)[:, :count] for x in (signs, low, high)]
-        unit = np.broadcast_to(slabs[..., None], mean.shape).reshape(-1, size)[:, :count]
-        each = _log_expected(
-            mean.reshape(-1, size),
-            covariance.reshape(-1, size, size),
-            cut[0],
-            cut[1] / unit,
-            cut[2] / unit,
-            prior.rises,
-        )
-        factors[told] = np.logaddexp.reduce(share + each.reshape(share.shape), axis=0)
-    return factors
-
-
-def _log_expected(
-    mean: np.ndarray, covariance: np.ndarray, signs: np.ndarray, low: np.ndarray, high: np.ndarray, rises: float
-) -> np.ndarray:
-    """Log of the expectation (w,) of Gaussians, mean (w, d), covariance (w, d, d), over the first k of their variables,
-    whose signs, lowest and highest values are (w, k)."""
-    from scipy.special import ndtr
-
-    mean, covariance = mean.copy(), covariance.copy()
-    total = np.zeros(len(mean))
-    for i in range(signs.shape[1]):
-        sign = signs[:, i]
-        up = np.where(sign > 0, 1 - rises, np.where(sign < 0, rises, 0.5)) / (ndtr(high[:, i]) - 0.5)
-        down = np.where(sign < 0, 1 - rises, np.where(sign > 0, rises, 0.5)) / (0.5 - ndtr(low[:, i]))
-        spread = np.sqrt(covariance[:, i, i])
-        a, c, z = ((x - mean[:, i]) / spread for x in (low[:, i], np.zeros(len(mean)), high[:, i]))
-        log, moved, square = piecewise(a, c, z, down, up)
-        total += log
-        along = covariance[:, :, i] / spread[:, None]
-        mean += along * moved[:, None]
-        covariance += (square - moved**2 - 1.0)[:, None, None] * along[:, :, None] * along[:, None, :]
-        # of the variable itself nothing but what is within the bounds is left: keep the matrix definite
-        covariance[:, i, i] = np.maximum(covariance[:, i, i], 1e-12 * spread**2)
-    return total
-
-
-def piecewise(
-    a: np.ndarray, c: np.ndarray, z: np.ndarray, down: np.ndarray, up: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Log of the mass, mean and mean square (w,) of a standard normal variable with the weight `down` from a to c and
-    `up` from c to z, 0 beyond."""
-    below, above = np.log(down) + log_mass(a, c), np.log(up) + log_mass(c, z)
-    total = np.logaddexp(below, above)
-    density = [-0.5 * x**2 - 0.5 * np.log(2 * np.pi) for x in (a, c, z)]
-    at_a, at_c = (np.exp(np.log(down) + density[k] - total) for k in (0, 1))
-    to_c, to_z = (np.exp(np.log(up) + density[k] - total) for k in (1, 2))
-    mean = at_a - at_c + to_c - to_z
-    low, high = np.where(np.isfinite(a), a, 0.0), np.where(np.isfinite(z), z, 0.0)  # no density so far out
-    square = 1.0 + low * at_a - c * at_c + c * to_c - high * to_z
-    # far beyond a bound rounding decides: all of the mass lies at it
-    at = np.where(a > FAR, a, np.where(z < -FAR, z, np.nan))
-    mean = np.where(np.isfinite(at), at, mean)
-    square = np.where(np.isfinite(at), at**2, np.maximum(square, mean**2))
-    return total, mean, square
-
-
-FAR = 30.0
-"""Standard deviations beyond a bound from which what is left of the normal law is a point there."""
-
-
-def log_mass(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """log of the mass (w,) of the standard normal law between `low` and `high`, however far out."""
-    from scipy.special import log_ndtr
-
-    flip = low > 0
-    one, other = np.where(flip, -high, low), np.where(flip, -low, high)
-    upper, lower = log_ndtr(other), log_ndtr(one)
-    return np.asarray(upper + np.log(np.maximum(-np.expm1(np.minimum(lower - upper, -1e-300)), 1e-300)))

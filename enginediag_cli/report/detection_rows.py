@@ -13,8 +13,7 @@ from enginediag_cli.residuals.flat import window_row
 if TYPE_CHECKING:
     from enginediag_cli.detection.follow import BlockReport
     from enginediag_cli.detection.verdict import Verdict
-    from enginediag_cli.methods.base import Method
-    from enginediag_cli.methods.on_recordings import WindowVerdict
+    from enginediag_cli.methods.base import Method, WindowVerdict
     from enginediag_cli.report.messages import Messages
 
 

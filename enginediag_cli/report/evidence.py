@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.fleets.margin_of_series import MarginQuestion
-from enginediag_cli.intake.loader import Intake
-from enginediag_cli.intake.selection import Source, columns_of
+from enginediag_cli.fleets.maintenance import MarginQuestion
+from enginediag_cli.intake.intake import Intake
+from enginediag_cli.intake.source import Source
+from enginediag_cli.intake.wanted import columns_of
 from enginediag_cli.parameters import Parameter, unspecified
 from enginediag_cli.progress import each, stage
 from enginediag_cli.report import result_files as kinds
@@ -187,7 +188,7 @@ def _detected(question: Question, left_out: list[str]) -> Iterator[Row]:
 def _isolated(question: Question, windows: list[WindowStatistics]) -> Iterator[Row]:
     from enginediag_cli.isolation.diagnosis import DiagnosisOptions
     from enginediag_cli.isolation.methods import IsolationOptions
-    from enginediag_cli.isolation.of_windows import Isolating
+    from enginediag_cli.isolation.windows import Isolating
     from enginediag_cli.report.isolation_rows import isolated_rows
     from enginediag_cli.residuals.long_windows import KeptRecords
 
@@ -205,8 +206,8 @@ def _isolated(question: Question, windows: list[WindowStatistics]) -> Iterator[R
 
 @stage("following the series")
 def _series(question: Question) -> dict[kinds.Kind, list[Row]]:
-    from enginediag_cli.detection.series import series_of
-    from enginediag_cli.isolation.over_time import stories_of
+    from enginediag_cli.detection.trend import series_of
+    from enginediag_cli.isolation.timeline import stories_of
     from enginediag_cli.report.trend_rows import flight_rows, trend_rows
     from enginediag_cli.residuals.reduced import of_series
 
@@ -224,7 +225,7 @@ def _series(question: Question) -> dict[kinds.Kind, list[Row]]:
 
 @stage("following the margin")
 def _margins(question: Question, left_out: list[str]) -> list[Row]:
-    from enginediag_cli.fleets.margin_of_series import margins_of
+    from enginediag_cli.fleets.maintenance import margins_of
     from enginediag_cli.report.trend_rows import margin_rows, odd_events
     from enginediag_cli.residuals.reduced import for_comparison, of_series
 

@@ -12,9 +12,8 @@ from enginediag_cli.report.sentences import count, instrument_in_flights
 from enginediag_cli.report.trend_rows import taken_off_words
 
 if TYPE_CHECKING:
-    from enginediag_cli.fleets.finding import EngineFinding, Estimate
-    from enginediag_cli.fleets.keeping import Merged, Standing
-    from enginediag_cli.fleets.models import Model
+    from enginediag_cli.fleets.findings import EngineFinding, Estimate
+    from enginediag_cli.fleets.models import Merged, Model, Standing
     from enginediag_cli.fleets.run import FleetRun
     from enginediag_cli.residuals.instruments import FaultInFlights
 

@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from enginediag_cli.isolation.adequacy import Adequacy
-from enginediag_cli.isolation.flips.errors import ACCURACY, INPUT, MAP, PRIOR, SPREAD, STATED
-from enginediag_cli.isolation.flips.flips import Flip, Flips
-from enginediag_cli.isolation.of_windows import NextRecording
+from enginediag_cli.isolation.results import Adequacy
+from enginediag_cli.isolation.sensitivity_analysis import ACCURACY, INPUT, MAP, PRIOR, SPREAD, STATED, Flip, Flips
+from enginediag_cli.isolation.windows import NextRecording
 from enginediag_cli.report.laws import suggestion
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.outputs.judgements import COMPONENTS, ISOLATE
@@ -28,13 +27,11 @@ from enginediag_cli.units import split_column
 if TYPE_CHECKING:
     from enginediag_cli.detection.verdict import Verdict
     from enginediag_cli.fleets.work_scope import WorkScope
-    from enginediag_cli.isolation.classes import Class
-    from enginediag_cli.isolation.components import ComponentIsolation
-    from enginediag_cli.isolation.diagnosis import Diagnosis
-    from enginediag_cli.isolation.named_faults import NamedIsolation
-    from enginediag_cli.isolation.of_windows import IsolatedWindow
-    from enginediag_cli.isolation.result import IsolationResult
-    from enginediag_cli.mismatch.explain.story import ExplanationResult
+    from enginediag_cli.isolation.catalogue import NamedIsolation
+    from enginediag_cli.isolation.diagnosis import ComponentIsolation, Diagnosis
+    from enginediag_cli.isolation.results import Class, IsolationResult
+    from enginediag_cli.isolation.windows import IsolatedWindow
+    from enginediag_cli.mismatch.explain.story import Story
     from enginediag_cli.parameters import Parameter
 
 

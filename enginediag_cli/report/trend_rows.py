@@ -10,10 +10,10 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.fleets.finding import Estimate
+from enginediag_cli.fleets.findings import Estimate
 from enginediag_cli.fleets.work_scope import POWER
 from enginediag_cli.intervals import NORMAL_95
-from enginediag_cli.isolation.story import CANNOT_TELL, HALF
+from enginediag_cli.isolation.events import CANNOT_TELL, HALF
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.outputs.judgements import EVENTS, FLIGHTS, MARGIN, TREND, with_ends
 from enginediag_cli.report.sentences import change, count, listed, maintained, rounded, with_unit
@@ -21,11 +21,11 @@ from enginediag_cli.report.work_scope_rows import gain_cells, gain_words
 from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
-    from enginediag_cli.detection.series import Series, Stretch
-    from enginediag_cli.fleets.finding import EventRow, Margin
-    from enginediag_cli.fleets.margin_of_series import Brought, Followed, Margins
+    from enginediag_cli.detection.trend import Series, Stretch
+    from enginediag_cli.fleets.findings import EventRow, Margin
+    from enginediag_cli.fleets.maintenance import Brought, Followed, Margins
     from enginediag_cli.fleets.work_scope import Gain, Reference
-    from enginediag_cli.isolation.story import Event, Member, Story
+    from enginediag_cli.isolation.events import Event, Member, Story
     from enginediag_cli.parameters import Parameter
     from enginediag_cli.report.plotting.fleet import MarginFound
 

@@ -20,9 +20,16 @@ from enginediag_cli.engine.transient.networks import Flight
 from enginediag_cli.engine.transient.states import remembered, states_of
 from enginediag_cli.engine.wrapped import EngineLike, PredictionLike
 from enginediag_cli.errors import DataError
-from enginediag_cli.faults.component_faults import FaultSet, check_faults, parameter_values
-from enginediag_cli.faults.laws import Clocks, clocks_of
-from enginediag_cli.faults.sensor_faults import BEFORE_NOISE, SensorFaultState, sensor_truth
+from enginediag_cli.faults.catalogue import (
+    BEFORE_NOISE,
+    Clocks,
+    FaultSet,
+    SensorFaultState,
+    check_faults,
+    clocks_of,
+    parameter_values,
+    sensor_truth,
+)
 from enginediag_cli.parameters import spelled
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.simulation.flights import LABELS, Conditions, engine_inputs

@@ -24,7 +24,7 @@ from enginediag_cli.identification.problem import without_repeats
 from enginediag_cli.intake.loader import Intake, whole_flights
 from enginediag_cli.intake.selection import Source, columns_of, open_baseline
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions
-from enginediag_cli.isolation.of_windows import IsolatedWindow, Isolating
+from enginediag_cli.isolation.windows import IsolatedWindow, Isolating
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.provenance import sha256_of

@@ -10,7 +10,7 @@ import pytest
 from enginediag_cli import api
 from enginediag_cli.__main__ import main
 from enginediag_cli.errors import DataError, NoVerdictError, UsageError
-from enginediag_cli.faults.fault_file import load_faults
+from enginediag_cli.faults.catalogue import load_faults
 
 FAULT = """\
 kind: faults

@@ -1,7 +1,7 @@
 """False discoveries over engines and time: python tests/benchmarks/fleet_discoveries.py [--engines N] [--wander S]
 
 Healthy engines, and as many as a twentieth of them that are faulty, as local statistics in the turbofan's own geometry
-(`tests/fleet_judgement/turbofan_fleet.py` says what healthy engines differ by). E at several looks, the share of
+(`tests/fleets/turbofan_fleet.py` says what healthy engines differ by). E at several looks, the share of
 engines whose E ever passed 1/α (α at most, by Ville), lists of e-BH among healthy engines alone, and in fleets of which
 one engine of twenty is faulty: realised share of false discoveries, and how many faulty ones are listed.
 """
@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "fleet_judgement"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "fleets"))
 
 from turbofan_fleet import engine_history, fault, series
 

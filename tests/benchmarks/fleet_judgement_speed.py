@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "fleet_judgement"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "fleets"))
 
 from turbofan_fleet import QUICK, engine_history, fault, judged, known
 
-from enginediag_cli.fleets.finding import FleetSettings
-from enginediag_cli.fleets.in_common import judged_fleet
+from enginediag_cli.fleets.findings import FleetSettings
+from enginediag_cli.fleets.run import judged_fleet
 
 FLIGHTS = 100
 

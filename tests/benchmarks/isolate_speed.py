@@ -22,7 +22,7 @@ from turbofan_trials import ENGINE, faulty_window, score_and_solution
 
 from enginediag_cli.engine.instrument_errors import InputErrors
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions, diagnose
-from enginediag_cli.isolation.large_faults import WindowModel
+from enginediag_cli.isolation.nonlinear import WindowModel
 from enginediag_cli.isolation.posterior import set_posterior
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.residuals.monitor import Monitor

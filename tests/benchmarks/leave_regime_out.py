@@ -25,7 +25,7 @@ from end_to_end import run
 from enginediag_cli.__main__ import main as enginediag
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.errors import ExitCode
-from enginediag_cli.faults.component_faults import FaultSet
+from enginediag_cli.faults.catalogue import FaultSet
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording

@@ -7,8 +7,8 @@ import pytest
 
 from enginediag_cli.detection.series import EpochStatistics, InputReadings, flight_change, jump, readings_of
 from enginediag_cli.detection.wander import LOCAL, Scatter, structure
-from enginediag_cli.isolation.over_time import TrendOptions, judge_series
-from enginediag_cli.isolation.story import UNRECORDED
+from enginediag_cli.isolation.events import UNRECORDED
+from enginediag_cli.isolation.timeline import TrendOptions, judge_series
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.statistics import LocalStatistics
 

@@ -5,9 +5,7 @@ import pytest
 from simulation_toy import CONFIGS
 
 from enginediag_cli.errors import ConfigError
-from enginediag_cli.faults.component_faults import ComponentFault, check_faults, parameter_values
-from enginediag_cli.faults.fault_file import load_faults
-from enginediag_cli.faults.laws import STEP, clocks_of
+from enginediag_cli.faults.catalogue import STEP, ComponentFault, check_faults, clocks_of, load_faults, parameter_values
 from enginediag_cli.physics.engine_file import load_engine
 
 FAULT_FILES = sorted((CONFIGS / "faults").glob("*.yaml"))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.faults.laws import activity, clocks_of
+from enginediag_cli.faults.catalogue import activity, clocks_of
 
 N = 1000
 RECORD = np.arange(1.0, N + 1.0)

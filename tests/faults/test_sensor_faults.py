@@ -5,8 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from enginediag_cli.faults.laws import STEP, clocks_of
-from enginediag_cli.faults.sensor_faults import SensorFault, SensorFaultState, sensor_truth
+from enginediag_cli.faults.catalogue import STEP, SensorFault, SensorFaultState, clocks_of, sensor_truth
 
 N = 300
 CLOCKS = clocks_of({}, N)

@@ -12,7 +12,7 @@ import numpy as np
 from turbofan_trials import faulty_window, turbofan_monitor, window_score
 
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions, diagnose
-from enginediag_cli.isolation.large_faults import WindowModel
+from enginediag_cli.isolation.nonlinear import WindowModel
 
 CASES = ((1, 0.10), (2, 0.10), (1, 0.05))
 SEED = 60

@@ -9,18 +9,17 @@ import pytest
 from scipy.stats import norm
 from turbofan_trials import turbofan_monitor
 
-from enginediag_cli.detection.verdict import lack_of_fit
-from enginediag_cli.isolation.adequacy import (
+from enginediag_cli.detection.glr import lack_of_fit
+from enginediag_cli.isolation.diagnosis import DiagnosisOptions, diagnose, isolate_components
+from enginediag_cli.isolation.prior import SetPrior
+from enginediag_cli.isolation.results import (
     beyond_bounds,
+    estimate_sizes,
     fit_after,
     noise_level,
     probability_of_unlisted,
     tempered,
 )
-from enginediag_cli.isolation.components import isolate_components
-from enginediag_cli.isolation.diagnosis import DiagnosisOptions, diagnose
-from enginediag_cli.isolation.prior import SetPrior
-from enginediag_cli.isolation.result import estimate_sizes
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.instruments import KNOWN
 from enginediag_cli.residuals.pipeline import window_statistics

@@ -9,7 +9,7 @@ import pytest
 
 from enginediag_cli.isolation.posterior import absorb_small_changes, averaged_sizes, least_that_matters, set_posterior
 from enginediag_cli.isolation.prior import SetPrior
-from enginediag_cli.isolation.result import estimate_sizes
+from enginediag_cli.isolation.results import estimate_sizes
 from enginediag_cli.residuals.score import Score
 
 PRIOR = SetPrior(0.2, slabs=(0.5, 2.0))

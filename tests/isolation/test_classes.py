@@ -10,10 +10,10 @@ from turbofan_trials import ENGINE, faulty_window, turbofan_monitor, window_scor
 
 from enginediag_cli.engine.instrument_errors import InputErrors
 from enginediag_cli.isolation.advice import ODDS
-from enginediag_cli.isolation.classes import CONVINCED, Class, class_of
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions, diagnose
-from enginediag_cli.isolation.large_faults import WindowModel
-from enginediag_cli.isolation.of_windows import telling_sensors
+from enginediag_cli.isolation.nonlinear import WindowModel
+from enginediag_cli.isolation.results import CONVINCED, Class, class_of
+from enginediag_cli.isolation.windows import telling_sensors
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.report.sentences import one_of
 from enginediag_cli.residuals.instruments import white_noise

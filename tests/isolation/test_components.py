@@ -10,7 +10,7 @@ from parameter_makers import described, meaning_of
 from scipy.stats import multivariate_normal
 from score_makers import sensitivities
 
-from enginediag_cli.isolation.components import component_posterior, isolate_components, more_probable_than_not
+from enginediag_cli.isolation.diagnosis import component_posterior, isolate_components, more_probable_than_not
 from enginediag_cli.isolation.methods import IsolationOptions
 from enginediag_cli.isolation.posterior import set_posterior
 from enginediag_cli.isolation.prior import Instruments, SetPrior

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.isolation.posterior import all_sets, number_of_sets, sets_of
+from enginediag_cli.isolation.subsets import all_sets, number_of_sets, sets_of
 
 
 def problem(p, slabs=2):

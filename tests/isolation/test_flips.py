@@ -10,16 +10,15 @@ import pytest
 from known_engine import climb, recorded, write_known
 from score_makers import linear_score, sensitivities
 
-from enginediag_cli.intake.loader import Intake
-from enginediag_cli.intake.selection import Source, columns_of, open_baseline
-from enginediag_cli.isolation.belief import Belief
-from enginediag_cli.isolation.components import component_posterior, more_probable_than_not
-from enginediag_cli.isolation.diagnosis import DiagnosisOptions
-from enginediag_cli.isolation.flips.errors import single_errors
-from enginediag_cli.isolation.flips.flips import Flips, flips_of_components, flips_of_parameters
-from enginediag_cli.isolation.of_windows import Isolating
-from enginediag_cli.isolation.posterior import least_that_matters, log_too_small, set_posterior
+from enginediag_cli.intake.baseline import open_baseline
+from enginediag_cli.intake.intake import Intake
+from enginediag_cli.intake.source import Source
+from enginediag_cli.intake.wanted import columns_of
+from enginediag_cli.isolation.diagnosis import DiagnosisOptions, component_posterior, more_probable_than_not
+from enginediag_cli.isolation.posterior import Belief, least_that_matters, log_too_small, set_posterior
 from enginediag_cli.isolation.prior import SetPrior
+from enginediag_cli.isolation.sensitivity_analysis import Flips, flips_of_components, flips_of_parameters, single_errors
+from enginediag_cli.isolation.windows import Isolating
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from turbofan_trials import faulty_window, turbofan_monitor, window_score
 
-from enginediag_cli.isolation import large_faults as window_model
+from enginediag_cli.isolation import nonlinear as window_model
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions, diagnose
-from enginediag_cli.isolation.large_faults import (
+from enginediag_cli.isolation.nonlinear import (
     COMPUTED,
     NATS,
     WindowModel,

@@ -7,7 +7,7 @@ import pytest
 from score_makers import linear_score, sensitivities
 
 from enginediag_cli.isolation.methods import METHODS, IsolationOptions, incremental_diagnosis, isolate
-from enginediag_cli.isolation.result import estimate_sizes
+from enginediag_cli.isolation.results import estimate_sizes
 
 CHANGE = np.array([0.03, 0, 0, -0.04, 0, 0])
 

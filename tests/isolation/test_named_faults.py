@@ -8,9 +8,8 @@ from scipy.integrate import quad
 from score_makers import linear_score, sensitivities
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.faults.component_faults import ComponentFault, FaultSet
-from enginediag_cli.faults.sensor_faults import SensorFault
-from enginediag_cli.isolation.named_faults import _moments, isolate_named, named_faults
+from enginediag_cli.faults.catalogue import ComponentFault, FaultSet, SensorFault
+from enginediag_cli.isolation.catalogue import _moments, isolate_named, named_faults
 
 FOULING = ComponentFault("fouling", {"p0": -0.02, "p1": -0.01})
 EROSION = ComponentFault("erosion", {"p2": 0.01, "p3": -0.01})

@@ -10,7 +10,7 @@ from parameter_makers import described
 from turbofan_trials import faulty_window, turbofan_monitor, window_score
 
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions, diagnose, sensor_rivalry
-from enginediag_cli.isolation.result import Explanation, IsolationResult
+from enginediag_cli.isolation.results import Explanation, IsolationResult
 from enginediag_cli.report.sentences import sensor_or_component
 
 

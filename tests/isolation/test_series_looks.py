@@ -7,9 +7,9 @@ import pytest
 
 from enginediag_cli.detection.series import readings_of
 from enginediag_cli.detection.wander import courses, places
-from enginediag_cli.isolation.over_time import SETTLED, Looks
+from enginediag_cli.isolation.events import Chosen, log_of_kinds, suspects_of
 from enginediag_cli.isolation.prior import SetPrior
-from enginediag_cli.isolation.series_search import Chosen, log_of_kinds, suspects_of
+from enginediag_cli.isolation.timeline import SETTLED, Looks
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.statistics import LocalStatistics
 

@@ -8,16 +8,16 @@ from parameter_makers import described
 from scipy.stats import multivariate_normal
 from score_makers import linear_score, sensitivities
 
-from enginediag_cli.faults.component_faults import ComponentFault
-from enginediag_cli.isolation.posterior import set_posterior
-from enginediag_cli.isolation.prior import SetPrior
-from enginediag_cli.isolation.signs import (
+from enginediag_cli.faults.catalogue import ComponentFault
+from enginediag_cli.isolation.catalogue import (
     known_signs,
     one_sided_posterior,
     orthant_moments,
     orthant_probability,
     sign_factors,
 )
+from enginediag_cli.isolation.posterior import set_posterior
+from enginediag_cli.isolation.prior import SetPrior
 
 
 def covariances(rng, w, d):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from score_makers import linear_score, sensitivities
 
-from enginediag_cli.isolation.methods import ENUMERATED, best_subsets
+from enginediag_cli.isolation.subsets import ENUMERATED, best_subsets
 
 
 def exhaustive(score, size):

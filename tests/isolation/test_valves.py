@@ -14,7 +14,7 @@ from enginediag_cli.identification.nominal_file import write_nominal
 from enginediag_cli.intake.loader import Intake
 from enginediag_cli.intake.selection import Source, columns_of, open_baseline
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions
-from enginediag_cli.isolation.of_windows import Isolating
+from enginediag_cli.isolation.windows import Isolating
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv

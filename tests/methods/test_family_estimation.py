@@ -9,13 +9,13 @@ from scipy.stats import chi2
 from toy_engine import toy_monitor
 
 from enginediag_cli.isolation.methods import single_minmax
-from enginediag_cli.methods.families.local import (
-    LocalApproach,
+from enginediag_cli.methods.estimation import (
     ParameterEstimation,
+    evidence_of,
     holm,
     wald_statistics,
-    window_scores,
 )
+from enginediag_cli.methods.registry import METHODS
 
 
 def test_wald_tests_of_a_linear_engine_are_those_of_least_squares():
@@ -58,9 +58,9 @@ def test_estimation_and_local_approach_agree_for_many_records():
     monitor = toy_monitor()
     windows = toy_windows(np.random.default_rng(5), 10, 2000, {2: -0.004})
     estimation = ParameterEstimation().train(monitor).diagnose(windows)
-    local = LocalApproach().train(monitor).diagnose(windows)
+    local = METHODS["local"].train(monitor).diagnose(windows)
     np.testing.assert_allclose(estimation.tests[0].statistic, local.tests[0].statistic, rtol=0.01)
-    scores, _ = window_scores(monitor, windows, "estimate")
+    scores, _ = evidence_of(monitor, windows).scores("estimate")
     minmax = np.array([single_minmax(s)[0] for s in scores])
     np.testing.assert_allclose(estimation.evidence, minmax, rtol=0.02, atol=0.02)
 
@@ -86,5 +86,10 @@ def test_holm_names_a_true_null_no_more_often_than_stated():
 @pytest.mark.parametrize("rho", [0.0, 0.8])
 def test_false_alarms_of_the_local_approach_are_nominal_within_four_binomial_errors(rho):
     windows = linear_windows(np.random.default_rng(7), 1500, 25, rho=rho, uncertain=0.2)
-    result = LocalApproach(linearise="nominal").train(linear_monitor(rho=rho, uncertain=0.2)).diagnose(windows, 0.05)
+    result = (
+        METHODS["local"]
+        .with_options({"linearise": "nominal"})
+        .train(linear_monitor(rho=rho, uncertain=0.2))
+        .diagnose(windows, 0.05)
+    )
     assert within_binomial(result.alarm, 0.05)

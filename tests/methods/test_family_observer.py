@@ -8,7 +8,7 @@ from family_windows import NOISE, A, B, linear_monitor, linear_windows, toy_wind
 from toy_engine import toy_monitor
 
 from enginediag_cli.methods.base import Windows
-from enginediag_cli.methods.families.filters import ExtendedKalman, UnscentedKalman
+from enginediag_cli.methods.filters import ExtendedKalman, UnscentedKalman
 
 
 def batch_least_squares(windows, w, prior):

@@ -7,7 +7,7 @@ import pytest
 from family_windows import NOISE, A, B, linear_monitor, linear_windows, toy_windows, within_binomial
 from toy_engine import toy_monitor
 
-from enginediag_cli.methods.families.parity import PredictionError, StructuredParity, decoupled, reduced_sums
+from enginediag_cli.methods.residual_tests import PredictionError, StructuredParity, decoupled, reduced_sums
 
 
 @pytest.mark.parametrize("reduction", ["mean", "records"])

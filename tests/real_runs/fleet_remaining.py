@@ -23,9 +23,9 @@ from scipy.stats import spearmanr
 from enginediag_cli.detection.forecast import Forecast, fitted, forecast, learnt
 from enginediag_cli.detection.series import Series
 from enginediag_cli.fleets.engine_judgement import judged_engine
-from enginediag_cli.fleets.finding import EngineHistory, FleetSettings
-from enginediag_cli.fleets.in_common import judged_fleet
+from enginediag_cli.fleets.findings import EngineHistory, FleetSettings
 from enginediag_cli.fleets.margin import course_of, ends_of, limit_from, margin_scale
+from enginediag_cli.fleets.run import judged_fleet
 
 QUICK = FleetSettings(thorough=False)
 FIRST_CUT = 30

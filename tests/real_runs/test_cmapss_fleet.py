@@ -10,8 +10,8 @@ from ground_recordings import CONFIGS, enginediag, public_data
 from scipy.stats import spearmanr
 
 from enginediag_cli.fleets.engine_judgement import judged_engine
-from enginediag_cli.fleets.in_common import judged_fleet
 from enginediag_cli.fleets.margin import margin_scale
+from enginediag_cli.fleets.run import judged_fleet
 
 pytestmark = [pytest.mark.shared_data, pytest.mark.slow]
 

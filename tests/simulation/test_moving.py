@@ -10,7 +10,7 @@ from simulation_toy import CONFIGS
 
 from enginediag_cli.__main__ import main
 from enginediag_cli.errors import DataError
-from enginediag_cli.faults.component_faults import FaultSet
+from enginediag_cli.faults.catalogue import FaultSet
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.simulation.flights import Conditions, generate_flights
 from enginediag_cli.simulation.simulate import simulate

@@ -5,10 +5,7 @@ import pytest
 from simulation_toy import CONFIGS, SENSORS, ToyEngine
 
 from enginediag_cli.errors import ConfigError, DataError
-from enginediag_cli.faults.component_faults import ComponentFault, FaultSet
-from enginediag_cli.faults.fault_file import load_faults
-from enginediag_cli.faults.laws import STEP
-from enginediag_cli.faults.sensor_faults import SensorFault
+from enginediag_cli.faults.catalogue import STEP, ComponentFault, FaultSet, SensorFault, load_faults
 from enginediag_cli.simulation.flights import Conditions, generate_flights
 from enginediag_cli.simulation.noise import KINDS, column_noise
 from enginediag_cli.simulation.simulate import simulate, simulate_in_chunks

@@ -32,8 +32,8 @@ from enginediag_cli.engine.engine import Engine
 from enginediag_cli.intake.loader import Intake
 from enginediag_cli.intake.selection import Source, columns_of, open_baseline
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions
-from enginediag_cli.isolation.flips.flips import Flip, Flips
-from enginediag_cli.isolation.of_windows import Isolating
+from enginediag_cli.isolation.sensitivity_analysis import Flip, Flips
+from enginediag_cli.isolation.windows import Isolating
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv

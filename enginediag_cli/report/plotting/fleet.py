@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.fleets.finding import Estimate
+from enginediag_cli.fleets.findings import Estimate
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.parameters import Parameter, spelled, unspecified
 from enginediag_cli.report.plotting.chart import (

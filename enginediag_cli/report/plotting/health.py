@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Protocol
 
-from enginediag_cli.fleets.finding import Estimate
+from enginediag_cli.fleets.findings import Estimate
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.report.outputs.judgements import with_ends

@@ -1,0 +1,272 @@
+"""What every place does that can work for a fleet.
+
+The work of a fleet in this process, one task after the other.
+
+The work of a fleet in several processes of this machine.
+
+Which place works, by what the user asks for.
+
+The work of a fleet on a Dask cluster that exists: one task per piece of work, which the cluster retries.
+
+Only the scheduler is spoken to; recordings, nominal files and the store are files that the workers see under the same
+paths.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import TimeoutError as FutureTimeoutError
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from functools import partial
+from itertools import islice
+from typing import Any, Protocol, TypeVar
+
+from enginediag_cli import __version__
+from enginediag_cli.errors import DataError, EngineDiagError, WorkerDiedError
+from enginediag_cli.worker_pool import single_threaded, worker_pool
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+IN_WORK = 4
+"""Tasks per worker that are handed out at a time: enough that none waits, few enough that memory does not grow with
+the fleet."""
+
+
+class Runner(Protocol):
+    """A place to work. `work`, tasks and results must be picklable."""
+
+    @property
+    def workers(self) -> int:
+        """How many tasks are done at a time."""
+
+    def run(self, work: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[tuple[int, Result]]:
+        """Number, from 0, and result of each task as it is finished, in any order; tasks are taken as there is room
+        for them. Raises what `work` raises."""
+
+    def close(self) -> None:
+        """Let the workers go."""
+
+
+class Serial:
+    """One worker: this process."""
+
+    workers = 1
+
+    def run(self, work: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[tuple[int, Result]]:
+        """As `Runner.run`, in order."""
+        for number, task in enumerate(tasks):
+            yield number, work(task)
+
+    def close(self) -> None:
+        """There is nobody to let go."""
+
+
+DEATHS = 3
+"""Times that a process may be ended from outside before the run ends: what kills a worker kills the next one, too."""
+
+
+class Processes:
+    """So many processes, which live until `close`. What was in work when one of them died is done again."""
+
+    def __init__(self, workers: int):
+        self.workers = workers
+        self._pool: ProcessPoolExecutor | None = None
+        self._deaths = 0
+
+    def run(self, work: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[tuple[int, Result]]:
+        """As `Runner.run`. Raises WorkerDiedError."""
+        waiting = enumerate(tasks)
+        again: list[tuple[int, Task]] = []
+        at_work: dict[Future[Result], tuple[int, Task]] = {}
+        try:
+            while True:
+                try:
+                    self._fill(work, waiting, again, at_work)
+                    if not at_work:
+                        return
+                    done, _ = wait(at_work, return_when=FIRST_COMPLETED)
+                    for future in sorted(done, key=lambda f: at_work[f][0]):
+                        result = future.result()
+                        yield at_work.pop(future)[0], result
+                except BrokenProcessPool:
+                    again = sorted([*again, *at_work.values()], key=lambda numbered: numbered[0])
+                    at_work.clear()
+                    self._replace()
+        finally:
+            for future in at_work:
+                future.cancel()
+
+    def _fill(
+        self,
+        work: Callable[[Task], Result],
+        waiting: Iterator[tuple[int, Task]],
+        again: list[tuple[int, Task]],
+        at_work: dict[Future[Result], tuple[int, Task]],
+    ) -> None:
+        pool = self._opened()
+        while len(at_work) < IN_WORK * self.workers:
+            if not again:
+                again.extend(islice(waiting, 1))
+            if not again:
+                return
+            with single_threaded():  # processes begin when there is work for them
+                future = pool.submit(work, again[0][1])  # a broken pool refuses it, and it is still there
+            at_work[future] = again.pop(0)
+
+    def _opened(self) -> ProcessPoolExecutor:
+        if self._pool is None:
+            self._pool = worker_pool(self.workers)
+        return self._pool
+
+    def _replace(self) -> None:
+        self._deaths += 1
+        if self._deaths >= DEATHS:
+            raise WorkerDiedError(
+                f"a worker process was ended from outside {self._deaths} times, perhaps because memory ran out; what "
+                "was condensed is kept with --store; use fewer --jobs"
+            ) from None
+        self.close()
+
+    def close(self) -> None:
+        """Let the processes go when they have finished what is in work."""
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+            self._pool = None
+
+
+@contextmanager
+def runner_for(jobs: int, scheduler: str = "") -> Iterator[Runner]:
+    """This process for one job, so many processes, or the cluster of a Dask scheduler. Raises DataError."""
+    runner: Runner
+    if scheduler:
+        runner = OnDask(scheduler)
+    elif jobs == 1:
+        runner = Serial()
+    else:
+        runner = Processes(jobs)
+    try:
+        yield runner
+    finally:
+        runner.close()
+
+
+RETRIES = 1
+"""Times that a task that failed is begun again, for what passes by itself, such as a file server out of reach. One
+whose worker died is begun again by the cluster's own rule."""
+CONNECT_S = 5
+"""Seconds that a scheduler may take to answer, and its first worker to be there."""
+KEPT = "what was condensed is kept with --store"
+HINT = "pip install 'enginediag[fleet]'"
+
+
+class OnDask:
+    """The workers of the cluster whose scheduler is at `address`."""
+
+    def __init__(self, address: str):
+        """Raises DataError when nobody answers there, or Dask is not installed."""
+        try:
+            from distributed import Client
+        except ImportError:
+            raise DataError(f"--scheduler needs Dask, which is not installed: {HINT}, or work with --jobs") from None
+        try:
+            self._client: Any = _within(partial(Client, address, timeout=CONNECT_S, set_as_default=False))
+        except (OSError, ValueError, TimeoutError, asyncio.TimeoutError) as error:
+            raise DataError(f"--scheduler {address}: no Dask scheduler answers there ({error})") from None
+
+        try:
+            self._client.wait_for_workers(1, timeout=CONNECT_S)
+        except (TimeoutError, asyncio.TimeoutError):  # one only from Python 3.11 on
+            self._client.close()
+            raise DataError(f"--scheduler {address}: it has no workers; start some, such as `dask worker`") from None
+        self._check_versions(address)
+
+    def _check_versions(self, address: str) -> None:
+        """DataError unless every worker has this version of the program."""
+        try:
+            found = self._client.run(version)
+        except ModuleNotFoundError:
+            found = {"its workers": "none"}
+        for worker, other in found.items():
+            if other != __version__:
+                self._client.close()
+                raise DataError(f"--scheduler {address}: {worker} has enginediag {other}, here is {__version__}")
+
+    @property
+    def workers(self) -> int:
+        """Threads of the cluster as it is now; one where it has none yet."""
+        return max(sum(self._client.nthreads().values()), 1)
+
+    def run(self, work: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[tuple[int, Result]]:
+        """As `Runner.run`. Raises ClusterError when a task has killed its workers, or the scheduler is gone."""
+        from distributed import as_completed
+
+        waiting = enumerate(tasks)
+        numbers: dict[str, int] = {}
+        finished = as_completed(loop=self._client.loop)
+
+        def hand_out(count: int) -> None:
+            for number, task in islice(waiting, count):
+                # the number is part of the name: two tasks that are alike are two all the same
+                future = self._client.submit(work, task, retries=RETRIES, pure=False)
+                numbers[future.key] = number
+                finished.add(future)
+
+        hand_out(IN_WORK * self.workers)
+        try:
+            for future in finished:
+                yield numbers.pop(future.key), self._result(future)
+                hand_out(max(IN_WORK * self.workers - len(numbers), 0))
+        finally:
+            finished.clear()
+
+    @staticmethod
+    def _result(future: Any) -> Any:
+        from distributed.client import FutureCancelledError
+        from distributed.scheduler import KilledWorker
+
+        try:
+            return future.result()
+        except KilledWorker as error:
+            what = f"a task has ended its workers, at last {error.last_worker.address}, perhaps because memory ran out"
+            raise ClusterError(f"{what}; {KEPT}") from None
+        except FutureCancelledError:
+            raise ClusterError(f"the scheduler is gone; {KEPT}") from None
+        finally:
+            future.release()
+
+    def close(self) -> None:
+        """Leave the cluster, which goes on without us."""
+        self._client.close()
+
+
+def _within(connect: Callable[[], Any]) -> Any:
+    """What `connect` gives. TimeoutError where something listens that never answers, for which Dask waits on and on."""
+    found: Future[Any] = Future()
+
+    def work() -> None:
+        try:
+            found.set_result(connect())
+        except BaseException as error:
+            found.set_exception(error)
+
+    threading.Thread(target=work, daemon=True).start()
+    try:
+        return found.result(2 * CONNECT_S)
+    except FutureTimeoutError:
+        if found.done():
+            raise
+        raise TimeoutError("what listens there does not answer as a scheduler does") from None
+
+
+def version() -> str:
+    """Of the program, where this is called."""
+    return __version__
+
+
+class ClusterError(EngineDiagError):
+    """The cluster could not do what it was given."""

@@ -1,0 +1,599 @@
+"""Sensitivity of the conclusion: which single error, and how large, would put another answer first.
+
+Errors are those of a map, of an instrument or of an input. An error acts as a parameter of the statistics does: an
+instrument that reads wrong by a adds a ∂y/∂(its bias) to the readings, a map that is wrong by a where these records
+were flown adds a ∂y/∂θ_q, as a change of the health parameter does that multiplies what the map gives. With
+b ~ N(I Δθ, I) either moves the score by a I d, d being the unit vector of that parameter. A map error that is the same
+where training was flown has been identified with the engine and moves nothing; meant is what differs between there and
+here.
+
+Stated size of a map error. Of the map quantity q with health parameter θ_q and amounts a_j the relative error at map
+coordinates ξ is
+
+    θ_q + Σ_j a_j φ_j(ξ)        of variance        (1, φ(ξ)) C_q|o (1, φ(ξ))ᵀ,      C_q|o = ((C⁻¹)_qq)⁻¹,
+
+C the posterior covariance of everything uncertain, o all of it but the block of q: training knows what errors do to
+readings together far better than which of them does it, and the question is about one error alone. The size is the root
+of the mean variance over operating points of the window.
+
+When the conclusion has changed: where another set leads, except for the error of the instrument that is tried. Where an
+answer gets "and T3 reads wrong" by an error of T3, the conclusion is the same. A map error has no name of its own, so
+that its component's health in the answer is a change. Nor has it changed where another set holds the answer and changes
+that are too small to matter, as in the answer's own probability (`posterior.py`).
+
+Posterior of sets while one error grows. With an error of size a along d the score is b + a I d, and with β = D b,
+γ = D I d, D the widths of the prior, the marginal likelihood of a set S under the slab w is
+
+    ½ (β + aγ)_Sᵀ P (β + aγ)_S + ½ log det P − |S| log w = c₀ + a c₁ + a² c₂,     P = (D I_SS D + w⁻²)⁻¹
+
+so that comparing S with another set at any a takes three numbers of each; the factor of wear and bounds
+(`slab_mixture.py`) is computed again where it may decide. All lines are searched abreast.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from math import hypot
+from typing import Any
+
+import numpy as np
+
+from enginediag_cli.engine.instrument_errors import DRIFT
+from enginediag_cli.error_model.curves import QUANTITIES
+from enginediag_cli.error_model.modelled import MapErrorModel
+from enginediag_cli.isolation.diagnosis import (
+    HALF,
+    ComponentIsolation,
+    Diagnosis,
+    component_posterior,
+    more_probable_than_not,
+)
+from enginediag_cli.isolation.posterior import Belief, SetPosterior, absorb_small_changes, log_too_small
+from enginediag_cli.isolation.prior import Instruments, SetPrior, are_sensors
+from enginediag_cli.isolation.results import tempered
+from enginediag_cli.isolation.slab_mixture import FAINT, log_factors, score_groups, slab_gaussians, wear_signs
+from enginediag_cli.log_weights import log_mean
+from enginediag_cli.parameters import Parameter
+from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.score import Score
+from enginediag_cli.residuals.windows import WindowStatistics
+
+HELD = 1e-10
+"""Of the scaled covariance, so that what is known to rounding alone can be inverted; as in `Monitor.precision`."""
+
+
+def left_open(monitor: Monitor, flown: Mapping[str, np.ndarray]) -> dict[str, float]:
+    """Standard deviation of the error of each map quantity that is monitored, a share, by its health parameter, at
+    operating points column -> (k,); empty where the model has no errors of maps or no point can be computed."""
+    engine = monitor.engine
+    if not isinstance(engine, MapErrorModel) or not flown:
+        return {}
+    frozen = engine.frozen(dict(flown), ())
+    _, curves = engine.factors(frozen, ())
+    seen = np.flatnonzero(curves.any(axis=(1, 2)))
+    if not seen.size:
+        return {}
+    uncertain = np.flatnonzero(np.diag(monitor.uncertainty) > 0)
+    place = {monitor.names[i]: k for k, i in enumerate(uncertain)}
+    scale = np.sqrt(np.diag(monitor.uncertainty))[uncertain]
+    C = monitor.uncertainty[np.ix_(uncertain, uncertain)] / scale / scale[:, None]
+    precision = np.linalg.inv(C + HELD * np.eye(len(C)))
+    found = {}
+    for g, (target, amounts) in enumerate(engine.groups.items()):
+        if target not in monitor.monitored or any(name not in place for name in (target, *amounts)):
+            continue
+        at = np.array([place[target], *(place[name] for name in amounts)])
+        alone = np.linalg.inv(precision[np.ix_(at, at)])
+        row = scale[at] * np.column_stack([np.ones(len(seen)), curves[seen, g]])
+        found[target] = float(np.sqrt(np.mean(np.einsum("ni,ij,nj->n", row, alone, row))))
+    return found
+
+
+MAP, SENSOR, INPUT, PRIOR = "map", "sensor", "input", "prior"
+"""Kinds of errors."""
+SPREAD = "spread between recordings"
+ACCURACY = "left open by training"
+STATED = "stated accuracy"
+PLAUSIBLE = "plausible error"
+CHANGE = "plausible change"
+PERCENT = 100.0
+"""Per cent in one."""
+
+
+@dataclass(frozen=True)
+class Stated:
+    """One standard deviation that the error model allows an error, in the parameter's unit, and where it is from."""
+
+    sigma: float
+    origin: str
+
+
+@dataclass(frozen=True)
+class SingleError:
+    """An error that acts as parameter number `position` of a score does. column: of the instrument, "" of a map; unit:
+    in which its size is told, "%" for shares; scale: the parameter's unit in one of these; stated: one standard
+    deviation, in `unit`; reading: mean reading of the instrument in the column's unit, NaN where it is not known."""
+
+    what: str
+    kind: str
+    position: int
+    column: str
+    unit: str
+    scale: float
+    stated: float
+    origin: str
+    reading: float = float("nan")
+
+
+def single_errors(
+    score: Score, stated: Mapping[str, Stated], columns: Mapping[str, str], readings: Mapping[str, float]
+) -> tuple[SingleError, ...]:
+    """Errors whose effect the statistics of `score` hold. stated: parameter → how large its error is stated, without
+    which it is what is plausible of the parameter; columns: parameter → column of its instrument; readings: column →
+    mean reading."""
+    found = []
+    for i, p in enumerate(score.described):
+        kind = SENSOR if p.of_sensor else INPUT if p.of_instrument else MAP
+        if p.quantity == DRIFT or (kind == MAP and p.quantity not in QUANTITIES):
+            continue
+        own = stated.get(p.name) or Stated(float(score.prior_sigma[i]), CHANGE if kind == MAP else PLAUSIBLE)
+        share = p.unit in ("", "1") and (kind == MAP or p.quantity == "scale")
+        scale = (abs(float(score.theta0[i])) or 1.0) / PERCENT if share else 1.0
+        column = columns.get(p.name, "")
+        unit = "%" if share else p.shown_unit
+        reading = readings.get(column, float("nan"))
+        found.append(SingleError(p.name, kind, i, column, unit, scale, own.sigma / scale, own.origin, reading))
+    return tuple(found)
+
+
+def columns_of_instruments(monitor: Monitor) -> dict[str, str]:
+    """Parameter → column of the instrument whose error it is, of the monitored parameters."""
+    engine: Any = monitor.engine
+    found = {p.name: c for c in monitor.sensors if c in engine.sensors for p in _errors_of(engine.sensors[c])}
+    found.update({name: error.column for name, error in getattr(engine, "errors", {}).items()})
+    return {name: column for name, column in found.items() if name in monitor.monitored}
+
+
+def _errors_of(sensor: Any) -> tuple[Any, ...]:
+    return tuple(sensor.parameters()) if hasattr(sensor, "parameters") else ()
+
+
+def stated_errors(
+    monitor: Monitor, readings: Mapping[str, float], flown: Mapping[str, np.ndarray]
+) -> dict[str, Stated]:
+    """How large errors are allowed where a window was flown: of maps by what training leaves open of them at operating
+    points like those in `flown`, column -> (k,), of an instrument by how much recordings differ, its zero and, at its
+    mean reading, its span."""
+    found = {name: Stated(sigma, ACCURACY) for name, sigma in left_open(monitor, flown).items() if sigma}
+    first = len(monitor.names) - len(monitor.offsets)
+    spread: dict[str, dict[str, float]] = {}
+    for k, offset in enumerate(monitor.offsets):
+        column = offset.column or monitor.sensors[offset.sensor]
+        if offset.kind in ("bias", "scale"):
+            spread.setdefault(column, {})[offset.kind] = float(monitor.prior_sigma[first + k])
+    for name, column in columns_of_instruments(monitor).items():
+        own, reading = spread.get(column, {}), abs(readings.get(column, 0.0))
+        zero, span = own.get("bias", 0.0), own.get("scale", 0.0)
+        if monitor.meaning[name].quantity == "scale":
+            sigma = hypot(span, zero / reading if reading else 0.0)
+        else:
+            sigma = hypot(zero, span * reading)
+        if sigma:
+            found[name] = Stated(sigma, SPREAD)
+    return found
+
+
+LIKELY = 3e-3
+"""Share of the answer's probability from which what wear does to a set was weighed for certain."""
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Sets (their rows) that are read by one score, in widths of the prior: γ of each line (D, p)."""
+
+    rows: np.ndarray
+    score: Score
+    moves: np.ndarray
+
+
+class Lines:
+    """log posterior of M sets along D lines, up to a constant. masks (M, p) bool; log_prior (M,); lines (D, p): what
+    an error of size one looks like, in units of the parameters; reported (M,): log probabilities of the sets as they
+    were found, NaN of what was not, the first being known."""
+
+    def __init__(
+        self,
+        belief: Belief,
+        masks: np.ndarray,
+        log_prior: np.ndarray,
+        lines: np.ndarray,
+        reported: np.ndarray,
+        *,
+        leader_only: bool = False,
+    ):
+        self.leader_only = leader_only
+        self.masks, self._prior = masks, belief.prior
+        self._groups = [
+            self._group(rows, score, lines) for rows, score in score_groups(masks, belief.score, belief.about)
+        ]
+        S, M, D = len(belief.prior.slabs), len(masks), len(lines)
+        self._c0, self._c1, self._c2 = np.zeros((S, M)), np.zeros((S, M, D)), np.zeros((S, M, D))
+        for group in self._groups:
+            self._expand(group)
+        signs = wear_signs(belief.score, belief.prior)
+        self._bounded = (masks & ~are_sensors(belief.score.described)).any(axis=1)
+        self._most = np.log(2 * max(belief.prior.rises, 1 - belief.prior.rises))
+        self._signed = (masks & (signs != 0)).sum(axis=1)
+        self._constant = np.zeros(M)
+        here = log_prior + self._plain(np.zeros(1, int), np.zeros(1))[0] + self._wear_of(np.arange(M), 0, 0.0)
+        # what was found for a set holds more than its quadratic says: of those that the full model was fitted to and
+        # of likely ones; in others wear may not have been weighed, and they are as far apart as the answer is
+        own = np.array([mask.tobytes() in belief.about for mask in masks], bool)
+        with np.errstate(invalid="ignore"):
+            sure = np.isfinite(reported) & (own | (reported > reported[0] + np.log(LIKELY)))
+        apart = np.where(sure, reported - here, reported[0] - here[0])
+        self._constant = log_prior + apart
+
+    def _group(self, rows: np.ndarray, score: Score, lines: np.ndarray) -> _Group:
+        D = score.prior_sigma * self._prior.widths(score.described)
+        return _Group(rows, score, (lines @ score.information) * D)
+
+    def _expand(self, group: _Group) -> None:
+        b, _ = self._prior.scaled(group.score)
+        for found in slab_gaussians(group.score, self.masks[group.rows], self._prior):
+            rows, gamma = group.rows[found.rows], group.moves[:, found.members].transpose(1, 2, 0)  # (S, d, D)
+            moved = found.covariance @ gamma
+            self._c0[:, rows] = found.log
+            self._c1[:, rows] = np.sum(b[found.members][..., None] * moved, axis=2)
+            self._c2[:, rows] = 0.5 * np.sum(gamma * moved, axis=2)
+
+    def _plain(self, line: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Log posterior (n, M) at sizes a (n,) along lines number (n,), without what wear does."""
+        size = a[:, None]
+        each = (
+            self._c0[:, None, :]
+            + size * np.moveaxis(self._c1[:, :, line], 2, 1)
+            + size**2 * np.moveaxis(self._c2[:, :, line], 2, 1)
+        )
+        return log_mean(each) + self._constant
+
+    def _wear_of(self, sets: np.ndarray, line: int | np.ndarray, a: float | np.ndarray) -> np.ndarray:
+        """Log of what wear does to sets number (k,), each at its own size a along its own line."""
+        found = np.zeros(len(sets))
+        lines, sizes = np.broadcast_to(line, sets.shape), np.broadcast_to(a, sets.shape)
+        group_of = np.empty(len(self.masks), int)
+        for g, group in enumerate(self._groups):
+            group_of[group.rows] = g
+        for g, group in enumerate(self._groups):
+            at = np.flatnonzero(group_of[sets] == g)
+            if at.size:
+                moved = sizes[at, None] * group.moves[lines[at]]
+                own, of = np.unique(sets[at], return_inverse=True)
+                found[at] = log_factors(group.score, self.masks[own], self._prior, moved, of)
+        return found
+
+    def at(self, line: Sequence[int] | np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Log posterior (n, M) at sizes a (n,) along lines number (n,), up to a constant of each."""
+        line = np.asarray(line, int)
+        logs = self._plain(line, a)
+        ceiling = logs + self._most * self._signed
+        least = ceiling.max(axis=1, keepdims=True) + np.log(FAINT)
+        if self.leader_only:  # no set that stays behind the one with the highest ceiling can lead
+            top = ceiling.argmax(axis=1)
+            rows = np.arange(len(line))
+            least = np.maximum(least, (logs[rows, top] + self._wear_of(top, line, a))[:, None] - 1e-9)
+        n, k = np.nonzero((ceiling > least) & self._bounded)
+        logs[n, k] += self._wear_of(k, line[n], a[n])
+        return np.where(ceiling > least, logs, -np.inf) if self.leader_only else logs
+
+    @property
+    def standard_errors(self) -> np.ndarray:
+        """Size (D,) of an error along each line that moves the score by one standard error."""
+        group = self._groups[0]
+        D = group.score.prior_sigma * self._prior.widths(group.score.described)
+        with np.errstate(divide="ignore"):
+            information = group.score.information * D * D[:, None]
+            eigenvalues, vectors = np.linalg.eigh(information)
+            seen = eigenvalues > 1e-9 * max(float(eigenvalues[-1]), 1e-300)
+            along = group.moves @ vectors[:, seen]
+            return np.asarray(1 / np.sqrt(np.sum(along**2 / eigenvalues[seen], axis=1)))
+
+
+def log_prior_of(belief: Belief, masks: np.ndarray) -> np.ndarray:
+    """log P(S) (M,) of sets of parameters (M, p)."""
+    return belief.prior.log_of(masks, Instruments.from_parameters(belief.score.described))
+
+
+FIRST = 0.02
+"""First size that is tried, in standard errors of the score: smaller ones change a log probability by nothing."""
+GROWTH = 1.3
+"""From one size that is tried to the next. A set that leads between two of them and at neither is passed over."""
+HALVINGS = 9
+"""Of such a step: the size is then known to half a thousandth of itself."""
+
+Named = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""named(lines (n,), log posterior (n, M)) → number of the set that is named on each (n,)."""
+Same = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""same(lines (n,), sizes (n,), sets (n,)) → (n,) whether a set, at this size along that line, is the answer under
+another guise."""
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """Along line number `line` the name changes at `size`, with its sign, to set number `becomes`."""
+
+    line: int
+    size: float
+    becomes: int
+
+
+def crossings(lines: Lines, named: Named, same: Same, most: np.ndarray) -> dict[int, Crossing]:
+    """The nearest crossing along each line, on either side of nothing; those beyond `most` (D,) are left out."""
+    D = len(most)
+    line, sign = np.repeat(np.arange(D), 2), np.tile([1.0, -1.0], D)
+    error = lines.standard_errors[line]
+    limit = most[line]
+    known = np.isfinite(error) & (limit > 0)
+    line, sign, limit, low = line[known], sign[known], limit[known], np.zeros(int(known.sum()))
+    high = np.minimum(FIRST * error[known], limit)
+    found_low, found_high = np.full(len(line), np.nan), np.full(len(line), np.nan)
+    waiting = np.arange(len(line))
+    nearest = np.full(D, np.inf)
+    while waiting.size:
+        changed = ~_stays(lines, named, same, line[waiting], sign[waiting] * high[waiting])
+        found_low[waiting[changed]], found_high[waiting[changed]] = low[waiting[changed]], high[waiting[changed]]
+        np.minimum.at(nearest, line[waiting[changed]], high[waiting[changed]])
+        waiting = waiting[~changed]
+        waiting = waiting[(high[waiting] < limit[waiting]) & (high[waiting] < nearest[line[waiting]])]
+        low[waiting] = high[waiting]
+        high[waiting] = np.minimum(GROWTH * high[waiting], limit[waiting])
+    at = np.flatnonzero(np.isfinite(found_high))
+    if not at.size:
+        return {}
+    line, sign, low, high = line[at], sign[at], found_low[at], found_high[at]
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        stays = _stays(lines, named, same, line, sign * middle)
+        low, high = np.where(stays, middle, low), np.where(stays, high, middle)
+    becomes = named(line, lines.at(line, sign * high))
+    found: dict[int, Crossing] = {}
+    for k in np.argsort(-high, kind="stable"):  # the nearest of each line last
+        found[int(line[k])] = Crossing(int(line[k]), float(sign[k] * high[k]), int(becomes[k]))
+    return found
+
+
+def _stays(lines: Lines, named: Named, same: Same, line: np.ndarray, a: np.ndarray) -> np.ndarray:
+    return same(line, a, named(line, lines.at(line, a)))
+
+
+MOST = 20.0
+"""Standard deviations, as stated, up to which errors are tried: what takes more is no error but another instrument."""
+LEADING = 150
+"""Sets, likeliest first, that are followed along the lines; beside them all that differ from the answer by two
+members."""
+
+
+@dataclass(frozen=True)
+class Flip:
+    """An error that would change the first name. error: None for a change of prior odds; size: with its sign, as it
+    would be added to what is recorded, in the error's unit (of prior odds: the factor for `becomes`); stated: one
+    standard deviation in that unit; becomes: the name that is then first, empty for no change."""
+
+    what: str
+    kind: str
+    size: float
+    unit: str
+    stated: float
+    becomes: tuple[str, ...]
+    error: SingleError | None = None
+
+    @property
+    def times(self) -> float:
+        """The size in standard deviations as stated; of prior odds both are factors, whose logarithms count."""
+        if self.kind == PRIOR:
+            return float(np.log(self.size) / np.log(self.stated))
+        return abs(self.size) / self.stated if self.stated else float("inf")
+
+
+@dataclass(frozen=True)
+class Flips:
+    """Flips, the nearest by what is stated first; first: the name that would change; tried: how many errors were; most:
+    up to how many standard deviations as stated."""
+
+    found: tuple[Flip, ...]
+    first: tuple[str, ...]
+    tried: int
+    most: float = MOST
+
+
+def flips_of_parameters(belief: Belief, errors: Sequence[SingleError], most: float = MOST) -> Flips:
+    """What would flip the first set of a posterior over sets of parameters."""
+    posterior, instruments = belief.posterior, Instruments.from_parameters(belief.score.described)
+    merged = posterior.merged(instruments)
+    answer = int(
+        np.flatnonzero((instruments.in_one_form(posterior.masks, posterior.inclusion) == merged.masks[0]).all(axis=1))[
+            0
+        ]
+    )
+    order = np.concatenate([[answer], np.delete(np.arange(len(posterior.masks)), answer)])
+    masks, reported = _followed(posterior.masks[order], posterior.probabilities[order])
+    possible = log_prior_of(belief, masks)
+    kept = np.isfinite(possible) & (masks.sum(axis=1) <= posterior.largest)
+    kept[0] = True
+    masks, reported, possible = masks[kept], reported[kept], possible[kept]
+    along = _lines(errors, len(belief.score.parameters))
+    lines = Lines(belief, masks, possible, along, reported, leader_only=True)
+
+    def likeliest(line: np.ndarray, logs: np.ndarray) -> np.ndarray:
+        return np.asarray(logs.argmax(axis=1))
+
+    same = partial(_same, _cores(masks, errors, belief.score.described), _Small(belief, masks, along))
+    found = crossings(lines, likeliest, same, _limits(errors, most))
+    names = posterior.parameters
+    told = [_flip(errors[c.line], c, _names(names, masks[c.becomes])) for c in found.values()]
+    answers = absorb_small_changes(belief.score, merged, belief.prior, belief.about)
+    if len(answers.probabilities) > 1 and answers.probabilities[1] > 0:
+        odds = float(answers.probabilities[0] / answers.probabilities[1])
+        told.append(_of_prior(odds, answers.names(1), belief.prior))
+    return Flips(tuple(sorted(told, key=lambda flip: flip.times)), answers.names(0), len(errors), most)
+
+
+def flips_of_components(
+    score: Score, prior: SetPrior, errors: Sequence[SingleError], largest: int | None = None, most: float = MOST
+) -> Flips:
+    """What would flip the components that `isolate_components` names of a score."""
+    components, sets, probabilities, _ = component_posterior(score, prior, largest=largest)
+    limit = int(sets.sum(axis=1).max())
+    owner = [p.component for p in score.described]
+    held = np.array([[o == c for o in owner] for c in components], bool)
+    firsts = [score.described[owner.index(c)] for c in components]
+    answer = more_probable_than_not(sets, probabilities)
+    order = np.concatenate([[answer], np.delete(np.arange(len(sets)), answer)])
+    followed, reported = _followed(sets[order], probabilities[order])
+    possible = prior.log_of(followed, Instruments.from_parameters(firsts))
+    kept = np.isfinite(possible) & (followed.sum(axis=1) <= limit)
+    followed, reported, possible = followed[kept], reported[kept], possible[kept]
+    masks = (followed[:, :, None] & held).any(axis=1)
+    nothing = SetPosterior(score.parameters, masks, np.exp(reported), np.zeros(len(owner)), 0.0, limit)
+    lines = Lines(Belief(score, nothing, prior), masks, possible, _lines(errors, len(owner)), reported)
+
+    def named(line: np.ndarray, logs: np.ndarray) -> np.ndarray:
+        return np.array([_named(followed, row) for row in logs], int)
+
+    same = partial(_same, _cores(masks, errors, score.described), None)
+    found = crossings(lines, named, same, _limits(errors, most))
+    told = [_flip(errors[c.line], c, _names(components, followed[c.becomes])) for c in found.values()]
+    second = next((i for i in range(len(sets)) if i != answer), None)
+    if second is not None and probabilities[second] > 0:
+        odds = max(float(probabilities[answer] / probabilities[second]), 1.0)
+        told.append(_of_prior(odds, _names(components, sets[second]), prior))
+    first = _names(components, followed[0])
+    return Flips(tuple(sorted(told, key=lambda flip: flip.times)), first, len(errors), most)
+
+
+def _named(sets: np.ndarray, logs: np.ndarray) -> int:
+    order = np.argsort(-logs, kind="stable")
+    weights = np.exp(logs[order] - logs[order[0]])
+    return int(order[more_probable_than_not(sets[order], weights / weights.sum())])
+
+
+def _followed(masks: np.ndarray, probabilities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The first of the sets (M, p), the likeliest others and all that differ from the first by one or two members, with
+    the logarithms of their probabilities, NaN where they are not listed."""
+    with np.errstate(divide="ignore"):
+        logs = {mask.tobytes(): float(log) for mask, log in zip(masks, np.log(probabilities), strict=True)}
+    p = masks.shape[1]
+    one = np.eye(p, dtype=bool)
+    i, j = np.triu_indices(p, 1)
+    near = masks[0] ^ np.concatenate([one, one[i] | one[j]])
+    leading = masks[:LEADING]
+    known = {mask.tobytes() for mask in leading}
+    followed = np.concatenate([leading, [mask for mask in near if mask.tobytes() not in known] or leading[:0]])
+    return followed, np.array([logs.get(mask.tobytes(), np.nan) for mask in followed])
+
+
+def _lines(errors: Sequence[SingleError], p: int) -> np.ndarray:
+    """What each error of one, in its unit, looks like (D, p)."""
+    found = np.zeros((len(errors), p))
+    for k, error in enumerate(errors):
+        found[k, error.position] = error.scale
+    return found
+
+
+def _limits(errors: Sequence[SingleError], most: float) -> np.ndarray:
+    return np.array([most * error.stated for error in errors])
+
+
+def _cores(masks: np.ndarray, errors: Sequence[SingleError], described: Sequence[Parameter]) -> np.ndarray:
+    """Whether each set (M,) is the first but for the instrument whose error is tried, of each error (D, M), and for the
+    forms of other instruments' errors. described (p,): what each parameter is."""
+    instruments = Instruments.from_parameters(described)
+    one = instruments.in_one_form(masks, np.ones(len(described)))
+    apart = one ^ one[0]
+    found = np.repeat(~apart.any(axis=1)[None], len(errors), axis=0)
+    for k, error in enumerate(errors):
+        if error.kind != MAP:
+            others = np.array([p.component != described[error.position].component for p in described], bool)
+            found[k] = ~apart[:, others].any(axis=1)
+    return found
+
+
+@dataclass(frozen=True)
+class _Small:
+    """Whether a set holds the first of `masks` (M, p) and beside it changes that are too small to matter, by the score
+    with an error along one of `along` (D, p) in it."""
+
+    belief: Belief
+    masks: np.ndarray
+    along: np.ndarray
+
+    def __call__(self, line: int, size: float, other: int) -> bool:
+        belief, d, mask = self.belief, size * self.along[line], self.masks[other]
+        if not np.all(mask | ~self.masks[0]):
+            return False
+
+        def moved(score: Score) -> Score:
+            return replace(score, b=score.b + score.information @ d)
+
+        own = belief.about.get(mask.tobytes())
+        about = {} if own is None else {mask.tobytes(): moved(own)}
+        (log,) = log_too_small(moved(belief.score), mask[None], belief.prior, about)
+        return bool(np.sum(log[mask & ~self.masks[0]]) > np.log(HALF))
+
+
+def _same(cores: np.ndarray, small: _Small | None, line: np.ndarray, sizes: np.ndarray, sets: np.ndarray) -> np.ndarray:
+    found = np.array(cores[line, sets])
+    if small is not None:
+        for k in np.flatnonzero(~found):
+            found[k] = small(int(line[k]), float(sizes[k]), int(sets[k]))
+    return found
+
+
+def _names(names: Sequence[str], mask: np.ndarray) -> tuple[str, ...]:
+    return tuple(name for name, member in zip(names, mask, strict=True) if member)
+
+
+def _flip(error: SingleError, crossing: Crossing, becomes: tuple[str, ...]) -> Flip:
+    return Flip(error.what, error.kind, crossing.size, error.unit, error.stated, becomes, error)
+
+
+def _of_prior(odds: float, becomes: tuple[str, ...], prior: SetPrior) -> Flip:
+    """The factor on the prior odds of the second name against the first at which it comes first."""
+    widest = max(*(max(s, 1 / s) for s in prior.spread), 1.0)
+    return Flip("prior odds", PRIOR, odds, "times", widest if widest > 1 else math.e, becomes)
+
+
+def flips_of_diagnosis(diagnosis: Diagnosis, window: WindowStatistics, monitor: Monitor | None) -> Flips | None:
+    """Of the first set of parameters; None of a method without a posterior. monitor: None where it is not at hand, and
+    errors are measured by what is plausible."""
+    belief = diagnosis.belief
+    if belief is None:
+        return None
+    return flips_of_parameters(belief, _errors(belief.score, window, monitor))
+
+
+def flips_of_isolated_components(
+    found: ComponentIsolation,
+    score: Score,
+    prior: SetPrior,
+    window: WindowStatistics,
+    monitor: Monitor | None,
+    largest: int | None = None,
+) -> Flips:
+    """Of the components that are named; score: of which they were isolated."""
+    score = tempered(score, found.adequacy.noise)
+    return flips_of_components(score, prior, _errors(score, window, monitor), largest)
+
+
+def _errors(score: Score, window: WindowStatistics, monitor: Monitor | None) -> tuple[SingleError, ...]:
+    """Errors of what gave a reading."""
+    if monitor is None:
+        errors = single_errors(score, {}, {}, {})
+    else:
+        readings = {**window.conditions, **window.readings}
+        stated = stated_errors(monitor, readings, window.flown)
+        errors = single_errors(score, stated, columns_of_instruments(monitor), readings)
+    return tuple(error for error in errors if error.what not in window.silent)

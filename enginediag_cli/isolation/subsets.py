@@ -1,0 +1,358 @@
+"""TODO."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import comb
+
+import numpy as np
+
+from enginediag_cli.residuals.score import Score
+
+PAIRS = 2
+"""Of rare parameters, as many at once have a closed form here."""
+
+
+def all_sets(
+    beta: np.ndarray, A: np.ndarray, limit: int, few: np.ndarray | None = None, most: int = 0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Masks (M, p) of all sets of at most `limit` parameters, quadratic forms (w, M), log determinants (w, M).
+
+    beta (w, p), A (w, p, p) positive definite: w problems over the same parameters. few (p,) bool: of these
+    parameters no set has more than `most`.
+    """
+    p = beta.shape[1]
+    rare = np.zeros(p, bool) if few is None else np.asarray(few, bool)
+    if rare.any() and most <= PAIRS:
+        return _with_pairs(beta, A, limit, rare, most)
+    masks, growing = plan(p, limit, tuple(rare.tolist()), most)
+    return masks, *_eliminated(beta, A, growing)[:2]
+
+
+def _eliminated(
+    beta: np.ndarray, A: np.ndarray, growing: tuple[np.ndarray | slice, ...]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[np.ndarray]]:
+    """Quadratic forms and log determinants (w, M) of the sets that grow by the first parameters in turn, and what is
+    then left of β (w, r, M) and of A for the r others: of each, row by row, its own entry and those to the right.
+
+    The sets lie along the last axis, so that every operation runs over them without a stride.
+    """
+    w, p = beta.shape
+    quadratic, log_det = np.zeros((w, 1)), np.zeros((w, 1))
+    # what is left of β and A for the undecided parameters, given the decided ones
+    c, rows = beta[:, :, None], [A[:, i, i:, None] for i in range(p)]
+    for grow in growing:
+        first = rows[0][:, :, grow]
+        pivot, column = first[:, :1], first[:, 1:]
+        gain, share = c[:, :1, grow] / pivot, column / pivot
+        quadratic = np.concatenate([quadratic, quadratic[:, grow] + (c[:, :1, grow] * gain)[:, 0]], axis=1)
+        log_det = np.concatenate([log_det, log_det[:, grow] + np.log(pivot[:, 0])], axis=1)
+        c = np.concatenate([c[:, 1:], c[:, 1:, grow] - column * gain], axis=2)
+        rows = [
+            np.concatenate([row, row[:, :, grow] - share[:, i : i + 1] * column[:, i:]], axis=2)
+            for i, row in enumerate(rows[1:])
+        ]
+    return quadratic, log_det, c, rows
+
+
+def _with_pairs(
+    beta: np.ndarray, A: np.ndarray, limit: int, few: np.ndarray, most: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """`all_sets` with none, one or two of the `few` parameters (p,)."""
+    order = np.argsort(few, kind="stable")
+    n, r = int(np.sum(~few)), int(np.sum(few))
+    sets = pair_plan(tuple(few.tolist()), limit, most)
+    quadratic, log_det, c, G = _eliminated(beta[:, order], A[:, order][:, :, order], plan(n, limit)[1])
+    found = np.empty((2, len(beta), len(sets.masks)))
+    filled = 0
+
+    def fill(quadratics: np.ndarray, log_dets: np.ndarray) -> None:
+        nonlocal filled
+        k = int(np.prod(quadratics.shape[1:]))
+        for whole, part in zip(found, (quadratics, log_dets), strict=True):
+            whole[:, filled : filled + k] = part.reshape(len(beta), k)
+        filled += k
+
+    fill(quadratic, log_det)
+    at: np.ndarray | slice = slice(None)
+    for size, rows in ((1, sets.with_one), (2, sets.with_two)):
+        if most < size or not r:
+            break
+        if len(rows) < len(sets.alone):
+            at = rows
+        gain = [c[:, i, at] ** 2 / G[i][:, 0, at] for i in range(r)]
+        if size == 1:
+            fill(
+                np.stack([quadratic[:, at] + gain[i] for i in range(r)], axis=1),
+                np.stack([log_det[:, at] + np.log(G[i][:, 0, at]) for i in range(r)], axis=1),
+            )
+            continue
+        for i in range(r - 1):
+            own, common = G[i][:, :1, at], G[i][:, 1:, at]
+            across = common / own
+            pivot = np.stack([G[j][:, 0, at] for j in range(i + 1, r)], axis=1)
+            pivot -= across * common
+            left = c[:, i + 1 :, at] - c[:, i : i + 1, at] * across
+            left *= left
+            left /= pivot
+            left += (quadratic[:, at] + gain[i])[:, None]
+            pivot *= own  # one logarithm for both
+            fill(left, np.log(pivot, out=pivot) + log_det[:, None, at])
+    return sets.masks, found[0], found[1]
+
+
+@dataclass(frozen=True)
+class PairPlan:
+    """Sets of at most two of the rare parameters: `masks` (M, p), none of the rare, each of them, each pair in turn; of
+    the sets of the others, which stand `alone`, get one and get two of the rare beside them."""
+
+    masks: np.ndarray
+    alone: np.ndarray
+    with_one: np.ndarray
+    with_two: np.ndarray
+
+
+@lru_cache(maxsize=8)
+def pair_plan(few: tuple[bool, ...], limit: int, most: int) -> PairPlan:
+    """The order in which `all_sets` visits sets of at most `limit` parameters, none with more than `most` (up to two)
+    of the `few`."""
+    rare = np.asarray(few, bool)
+    other, r = plan(int(np.sum(~rare)), limit)[0], int(np.sum(rare))
+    size = other.sum(axis=1)
+    rows = [np.flatnonzero(size <= limit - k) if k <= min(most, r) else np.zeros(0, int) for k in range(PAIRS + 1)]
+    pairs = np.array(np.triu_indices(r, 1))
+    beside = [
+        np.zeros((1, r), bool),
+        np.eye(r, dtype=bool),
+        np.eye(r, dtype=bool)[pairs[0]] | np.eye(r, dtype=bool)[pairs[1]],
+    ]
+    masks = np.zeros((sum(len(a) * len(b) for a, b in zip(rows, beside, strict=True)), len(few)), bool)
+    masks[:, ~rare] = np.concatenate([np.tile(other[a], (len(b), 1)) for a, b in zip(rows, beside, strict=True)])
+    masks[:, rare] = np.concatenate([np.repeat(b, len(a), axis=0) for a, b in zip(rows, beside, strict=True)])
+    masks.flags.writeable = False
+    return PairPlan(masks, rows[0], rows[1], rows[2])
+
+
+def sets_of(p: int, limit: int, few: tuple[bool, ...], most: int) -> np.ndarray:
+    """Masks (M, p) of `all_sets`, in its order."""
+    return pair_plan(few, limit, most).masks if any(few) and most <= PAIRS else plan(p, limit, few, most)[0]
+
+
+@lru_cache(maxsize=256)
+def number_of_sets(p: int, limit: int, few: int = 0, most: int = 0) -> int:
+    """How many sets of at most `limit` of p parameters there are, with no more than `most` out of `few` of them."""
+    return sum(
+        comb(few, j) * sum(comb(p - few, i) for i in range(max(limit - j, -1) + 1)) for j in range(min(most, few) + 1)
+    )
+
+
+@lru_cache(maxsize=8)
+def plan(
+    p: int, limit: int, few: tuple[bool, ...] = (), most: int = 0
+) -> tuple[np.ndarray, tuple[np.ndarray | slice, ...]]:
+    """Masks of the sets in the order in which they are visited, and per parameter the sets that may grow."""
+    masks, size, held = np.zeros((1, p), bool), np.zeros(1, int), np.zeros(1, int)
+    rare = few or (False,) * p
+    growing: list[np.ndarray | slice] = []
+    for j in range(p):
+        grow = np.flatnonzero((size < limit) & ((held < most) | (not rare[j])))
+        growing.append(slice(None) if len(grow) == len(size) else grow)
+        grown = masks[grow]
+        grown[:, j] = True
+        masks, size = np.concatenate([masks, grown]), np.concatenate([size, size[grow] + 1])
+        held = np.concatenate([held, held[grow] + rare[j]])
+    masks.flags.writeable = False
+    return masks, tuple(growing)
+
+
+MAX_SETS = 1_200_000
+"""Enough for all sets of 20 parameters, or up to five of 40; about a second."""
+
+
+def size_limit(
+    p: int, wanted: int | None = None, max_sets: int = MAX_SETS, sensors: int = 0, wrong_sensors: int = 0
+) -> int:
+    """Largest size (at most `wanted`) for which there are no more than `max_sets` sets of p parameters, of which no
+    more than `wrong_sensors` are out of `sensors` of them."""
+    limit = 0
+    while limit < (p if wanted is None else min(wanted, p)):
+        if number_of_sets(p, limit + 1, sensors, wrong_sensors) > max_sets:
+            break
+        limit += 1
+    return limit
+
+
+ENUMERATED = 12
+"""Up to so many parameters all sets are visited: that takes 2 ms, for all sizes together."""
+
+
+BATCH = 1024
+"""Nodes handled together: numpy overhead is shared, memory stays small."""
+
+
+RIDGE = 1e-9
+"""Added to the unit diagonal of I while searching, so that imitating parameters do not divide by zero."""
+
+
+@dataclass(frozen=True)
+class BestSubsets:
+    """Best set of each size k = 1…: `sets[k-1]` as sorted indices, `values[k-1]` = f; `exact` False when the
+    search was cut short at its node limit, and the sets are then the best found."""
+
+    sets: tuple[tuple[int, ...], ...]
+    values: np.ndarray
+    nodes: int
+    exact: bool
+
+
+def subset_value(b: np.ndarray, information: np.ndarray, chosen: tuple[int, ...]) -> float:
+    """f(S) by pseudo-inverse, for unit-diagonal information."""
+    i = list(chosen)
+    eigenvalues, vectors = np.linalg.eigh(information[np.ix_(i, i)])
+    kept = eigenvalues > RIDGE
+    return float(np.sum((b[i] @ vectors[:, kept]) ** 2 / eigenvalues[kept]))
+
+
+def best_subsets(score: Score, largest: int, max_nodes: int = 2_000_000) -> BestSubsets:
+    """Best set of every size up to `largest` among the parameters that the data excite."""
+    b, information = score.scaled()
+    diagonal = np.diag(information)
+    alive = np.flatnonzero(diagonal > RIDGE * np.max(diagonal, initial=0.0))
+    unit = 1 / np.sqrt(diagonal[alive])
+    b, information = b[alive] * unit, information[np.ix_(alive, alive)] * unit[:, None] * unit
+    largest = min(largest, len(alive))
+    if len(alive) <= ENUMERATED:
+        sets, nodes, exact = _best_of_all(b, information, largest), 2 ** len(alive), True
+    else:
+        search = _Search(b, information, largest, max_nodes)
+        search.run()
+        sets, nodes, exact = [tuple(sorted(s)) for s in search.sets[1:]], search.nodes, search.exact
+    return BestSubsets(
+        tuple(tuple(int(alive[i]) for i in s) for s in sets),
+        np.array([subset_value(b, information, s) for s in sets]),
+        nodes,
+        exact,
+    )
+
+
+def _best_of_all(b: np.ndarray, information: np.ndarray, largest: int) -> list[tuple[int, ...]]:
+    """Best set of every size 1…largest, for unit-diagonal information."""
+    masks, values, _ = all_sets(b[None], (information + RIDGE * np.eye(len(b)))[None], largest)
+    size = masks.sum(axis=1)
+    best = [np.argmax(np.where(size == k, values[0], -np.inf)) for k in range(1, largest + 1)]
+    return [tuple(int(i) for i in np.flatnonzero(masks[k])) for k in best]
+
+
+class _Search:
+    """State of one search: incumbents by size, and a stack of batches of nodes of equal set size."""
+
+    def __init__(self, b: np.ndarray, information: np.ndarray, largest: int, max_nodes: int):
+        self.b, self.I, self.largest, self.max_nodes = (
+            b,
+            information + RIDGE * np.eye(len(b)),
+            largest,
+            max_nodes,
+        )
+        self.values = np.full(largest + 1, -np.inf)
+        self.sets: list[tuple[int, ...]] = [()] * (largest + 1)
+        self.nodes, self.exact = 0, True
+
+    def run(self) -> None:
+        p = len(self.b)
+        if not self.largest:
+            return
+        self._seed()
+        P = np.linalg.inv(self.I)
+        order = np.arange(p)
+        self._offer(p, self.b @ P @ self.b, order)
+        stack = [(order[None], P[None], (P @ self.b)[None], np.array([self.b @ P @ self.b]), np.zeros(1, int))]
+        while stack:
+            variables, P, delta, value, fixed = stack.pop()
+            self.nodes += len(value)
+            if self.nodes > self.max_nodes:
+                self.exact = False
+                return
+            for children in self._expand(variables, P, delta, value, fixed):
+                stack.append(children)
+
+    def _expand(
+        self, variables: np.ndarray, P: np.ndarray, delta: np.ndarray, value: np.ndarray, fixed: np.ndarray
+    ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+        """Children of a batch of sets of n parameters, the first `fixed` of which may not be dropped."""
+        n = variables.shape[1]
+        losses = delta**2 / np.einsum("bii->bi", P)
+        droppable = np.arange(n) >= fixed[:, None]
+        # parameters that cost most to drop first: their branches, which may still drop all others, die early
+        order = np.argsort(np.where(droppable, -losses, -np.inf), axis=1, kind="stable")
+        variables, losses = np.take_along_axis(variables, order, 1), np.take_along_axis(losses, order, 1)
+        P = np.take_along_axis(np.take_along_axis(P, order[:, :, None], 1), order[:, None, :], 2)
+        delta = np.take_along_axis(delta, order, 1)
+        alive = self._alive(value, losses, fixed)
+        if not alive.any():
+            return []
+        node, drop = np.nonzero(alive[:, None] & droppable & (np.arange(n) <= self.largest))
+        child_value = value[node] - losses[node, drop]
+        sizes = np.arange(self.largest + 1)
+        useful = (sizes >= np.maximum(drop, 1)[:, None]) & (sizes <= n - 1)
+        promising = np.any(useful & (child_value[:, None] > self.values), axis=1)
+        node, drop, child_value = node[promising], drop[promising], child_value[promising]
+        keep = np.arange(n - 1) + (np.arange(n - 1) >= drop[:, None])
+        if n - 1 <= self.largest:
+            for i in np.argsort(-child_value, kind="stable")[:1]:
+                self._offer(n - 1, child_value[i], variables[node[i], keep[i]])
+        if n - 1 <= 1:
+            return []
+        children = []
+        for first in range(0, len(node), BATCH):
+            rows = slice(first, first + BATCH)
+            k, d, kept = node[rows], drop[rows], keep[rows]
+            column = np.take_along_axis(P[k, :, d], kept, 1)
+            pivot = P[k, d, d]
+            smaller = P[k[:, None, None], kept[:, :, None], kept[:, None, :]]
+            smaller = smaller - column[:, :, None] * column[:, None, :] / pivot[:, None, None]
+            shifted = np.take_along_axis(delta[k], kept, 1) - column * (delta[k, d] / pivot)[:, None]
+            children.append((np.take_along_axis(variables[k], kept, 1), smaller, shifted, child_value[rows], d))
+        return children[::-1]
+
+    def _alive(self, value: np.ndarray, losses: np.ndarray, fixed: np.ndarray) -> np.ndarray:
+        """Which nodes can still better an incumbent; `losses` sorted: fixed first, then descending."""
+        n = losses.shape[1]
+        alive = np.zeros(len(value), bool)
+        for k in range(1, min(self.largest, n - 1) + 1):
+            # of the n−k to be dropped, the dearest costs at least the (n−k)-th cheapest single loss
+            alive |= (fixed <= k) & (value - losses[:, k] > self.values[k])
+        return alive
+
+    def _offer(self, size: int, value: float, chosen: np.ndarray) -> None:
+        if size <= self.largest and value > self.values[size]:
+            self.values[size], self.sets[size] = float(value), tuple(int(i) for i in chosen)
+
+    def _seed(self) -> None:
+        """Forward selection with exchanges: good incumbents make the bounds bite from the first node."""
+        chosen: list[int] = []
+        for size in range(1, self.largest + 1):
+            chosen = self._best_addition(chosen)
+            improved = True
+            while improved and size > 1:
+                value = self._value(chosen)
+                improved = False
+                for j in list(chosen):
+                    trial = self._best_addition([i for i in chosen if i != j])
+                    if self._value(trial) > value * (1 + 1e-12):
+                        chosen, improved = trial, True
+                        break
+            self._offer(size, self._value(chosen), np.array(chosen))
+
+    def _best_addition(self, chosen: list[int]) -> list[int]:
+        rest = np.setdiff1d(np.arange(len(self.b)), chosen)
+        if not chosen:
+            return [int(rest[np.argmax(self.b[rest] ** 2 / np.diag(self.I)[rest])])]
+        cross = self.I[rest][:, chosen]
+        inner = np.linalg.solve(self.I[chosen][:, chosen], np.column_stack([cross.T, self.b[chosen]]))
+        residual = self.b[rest] - cross @ inner[:, -1]
+        room = np.diag(self.I)[rest] - np.einsum("ij,ji->i", cross, inner[:, :-1])
+        return [*chosen, int(rest[np.argmax(residual**2 / room)])]
+
+    def _value(self, chosen: list[int]) -> float:
+        return float(self.b[chosen] @ np.linalg.solve(self.I[chosen][:, chosen], self.b[chosen]))

@@ -1,0 +1,377 @@
+"""Windows of files isolated one after the other: verdict, what changed, and what to record next.
+
+Which further sensor would have told the members of a class apart, had it been recorded in the same window.
+
+Sensors that the engine file describes and these records lack come first; where none of those would tell, gas
+temperatures, pressures and shaft speeds that the model gives at other places, as well measured as such instruments are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import islice
+from typing import Any
+
+import numpy as np
+
+from enginediag_cli.config.hints import near
+from enginediag_cli.detection.verdict import Verdict, judge
+from enginediag_cli.engine.instrument_errors import DRIFT
+from enginediag_cli.errors import DataError
+from enginediag_cli.isolation.advice import (
+    ODDS,
+    Advice,
+    advise,
+    advise_flights,
+    condition_options,
+    gains,
+    sensor_options,
+)
+from enginediag_cli.isolation.diagnosis import (
+    ComponentIsolation,
+    Diagnosis,
+    DiagnosisOptions,
+    diagnose,
+    isolate_components,
+)
+from enginediag_cli.isolation.nonlinear import WindowModel
+from enginediag_cli.isolation.prior import SEPARATED, SetPrior
+from enginediag_cli.isolation.results import Class
+from enginediag_cli.isolation.sensitivity_analysis import Flips, flips_of_diagnosis, flips_of_isolated_components
+from enginediag_cli.parameters import Parameter
+from enginediag_cli.planning.flights import conditions_grid
+from enginediag_cli.planning.separation import Suggestion, best_of_each_kind
+from enginediag_cli.residuals.files import JudgedFiles, Window
+from enginediag_cli.residuals.instruments import InstrumentFault
+from enginediag_cli.residuals.long_windows import KeptRecords
+from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.score import Score, fisher_score
+from enginediag_cli.residuals.statistics import LocalStatistics
+from enginediag_cli.residuals.windows import WindowStatistics
+from enginediag_cli.side_by_side import at_once, side_by_side
+from enginediag_cli.units import UNITS, split_column
+
+TOLD = 2
+"""Sensors named at most: the best, and one to choose instead."""
+RECORDS = 8
+"""Operating points of a window at which the sensors are tried: sensitivities hardly vary more within one."""
+SPEED = "rotational speed"
+ACCURACY = {"temperature": 0.002, "pressure": 0.003, SPEED: 0.001}
+"""Standard deviation of one reading as a share of it: 1 K at 500 K, and what transducers and tachometers do."""
+HOTTEST_K = 1300.0
+"""Above it no probe is kept in an engine."""
+
+
+def telling_sensors(
+    monitor: Monitor, score: Score, found: Class, inputs: Mapping[str, np.ndarray], records: int
+) -> tuple[str, ...]:
+    """Columns of sensors that would tell the leading two of `found` apart in so many records, best first; empty where
+    none would. inputs: column -> (N,), operating points like those of the window."""
+    engine: Any = monitor.engine
+    at = np.unique(np.linspace(0, len(next(iter(inputs.values()))) - 1, RECORDS).astype(int))
+    here = {column: np.asarray(values)[at] for column, values in inputs.items()}
+    known = {**monitor.base, **dict(zip(monitor.monitored, monitor.theta0.tolist(), strict=False))}
+    for columns in (_declared(engine, monitor.sensors), _possible(engine, monitor.sensors)):
+        if not columns:
+            continue
+        values = {name: value for name, value in known.items() if name in engine.parameters}
+        answer = engine.predict(here, values, sensors=columns, wrt=score.parameters)
+        ok = np.asarray(answer.ok)
+        if not ok.any():
+            continue
+        y, J = np.asarray(answer.y)[ok], np.asarray(answer.jacobian)[ok]
+        sigma = np.array([_noise(engine, column, y[:, j]) for j, column in enumerate(columns)])
+        G = J / sigma[:, None]
+        informations = [records / len(G) * G[:, j].T @ G[:, j] for j in range(len(columns))]
+        gained = gains(score, found.leading_pair, [np.nan_to_num(each) for each in informations])
+        order = [int(j) for j in np.argsort(-gained, kind="stable") if gained[j] >= 2 * np.log(ODDS)]
+        if order:
+            return tuple(columns[j] for j in order[:TOLD])
+    return ()
+
+
+def _declared(engine: Any, used: tuple[str, ...]) -> tuple[str, ...]:
+    """Sensors of the engine file that are not in use."""
+    return tuple(column for column in engine.sensors if column not in used)
+
+
+def _possible(engine: Any, used: tuple[str, ...]) -> tuple[str, ...]:
+    """Other columns of the model that an instrument could read."""
+    given = {*used, *engine.sensors, *engine.inputs, *engine.optional_inputs}
+    columns = getattr(engine, "model_columns", ())
+    # of rotational speeds instruments read those of shafts; corrected ones are made of them
+    speeds = getattr(getattr(engine, "network", None), "speed_columns", ())
+    read = (c for c in columns if _dimension(c) != SPEED or c in speeds)
+    return tuple(dict.fromkeys(c for c in read if c not in given and _dimension(c) in ACCURACY))
+
+
+def _noise(engine: Any, column: str, readings: np.ndarray) -> float:
+    """Standard deviation of one reading; infinite where no probe would last."""
+    if column in engine.sensors:
+        return float(engine.sensors[column].noise_sigma)
+    usual, dimension = float(np.abs(np.mean(readings))), _dimension(column)
+    if dimension == "temperature" and usual * UNITS[split_column(column)[1]].factor > HOTTEST_K:
+        return float("inf")
+    return ACCURACY[dimension] * usual
+
+
+def _dimension(column: str) -> str:
+    unit = split_column(column)[1]
+    return UNITS[unit].dimension if unit in UNITS else ""
+
+
+SHOWN = 4.0
+"""Square of the score test of a drift, two standard deviations, from which it is compared with the other forms."""
+ADVISED = 3
+"""Operating conditions advised: the best few say which way to fly, a longer list only repeats it."""
+
+
+@dataclass(frozen=True)
+class NextRecording:
+    """What would tell the answer from its leading rival: both, as sets of parameters, and what those are; operating
+    `conditions`; further `sensors` at the conditions of the window, None where its records are not held; whole
+    `flights`, the best of each kind, that would tell all leading sets apart."""
+
+    rivals: tuple[tuple[str, ...], tuple[str, ...]]
+    known: Mapping[str, Parameter]
+    conditions: Sequence[Advice]
+    sensors: Sequence[Advice] | None
+    flights: Sequence[Suggestion] = ()
+
+
+@dataclass(frozen=True)
+class IsolatedWindow:
+    """`diagnosis`, or `components` where components are asked for; both None where there is no verdict. flips: what
+    would change the first name, None where it was not asked for."""
+
+    verdict: Verdict
+    known: Mapping[str, Parameter]
+    diagnosis: Diagnosis | None = None
+    components: ComponentIsolation | None = None
+    advice: NextRecording | None = None
+    by_component: bool = False
+    flips: Flips | None = None
+    score: Score | None = None
+
+    @property
+    def judged(self) -> bool:
+        return self.diagnosis is not None or self.components is not None
+
+    @property
+    def instruments(self) -> tuple[InstrumentFault, ...]:
+        """Instruments that are stuck or scatter, beside what the diagnosis names."""
+        return self.verdict.window.instruments
+
+    @property
+    def named(self) -> bool:
+        """Whether something was isolated, and stands."""
+        if self.instruments:
+            return True
+        if self.components is not None:
+            return bool(self.components.components) and self.components.adequacy.stands
+        return self.diagnosis is not None and bool(self.diagnosis.result.isolated and self.diagnosis.adequacy.stands)
+
+
+@dataclass
+class Isolating:
+    """The windows of `files` by these options. kept: the records of windows, where they are needed; advise: look for
+    the next recording; extra: model column → noise of a further sensor to consider, in the column's unit; flips:
+    told the number of a window, from 1, and whether something was named, it says whether to look for what would flip
+    its answer."""
+
+    files: JudgedFiles
+    options: DiagnosisOptions
+    false_alarm: float
+    by_component: bool = False
+    kept: KeptRecords | None = None
+    advise: bool = False
+    extra: Mapping[str, float] = field(default_factory=dict)
+    flips: Callable[[int, bool], bool] = lambda number, named: False
+
+    def __post_init__(self) -> None:
+        monitor = self.files.monitor
+        if monitor is not None and self.extra:
+            engine: Any = monitor.engine
+            columns = (*engine.sensors, *engine.model_columns)
+            for column in self.extra:
+                if column not in columns:
+                    raise DataError(f"{engine.name} has no column {column!r} for a sensor; {near(column, columns)}")
+        self.files.brief = True
+        if self.kept is not None:
+            self.files.passing = self.kept.passing
+            self.files.solutions = True
+
+    def windows(self) -> Iterator[IsolatedWindow]:
+        """All windows in turn. Raises DataError, NoVerdictError."""
+        numbered = enumerate(self.files.windows(), start=1)
+        while some := list(islice(numbered, at_once())):
+            yield from side_by_side(partial(self._answered, some), len(some))
+            if self.kept is not None:
+                self.kept.let_go(some[-1][1][0])
+
+    def _answered(self, some: Sequence[tuple[int, Window]], k: int) -> IsolatedWindow:
+        number, (window, known) = some[k]
+        found = self._isolated(window, known)
+        return replace(found, flips=self._flips(found)) if self.flips(number, found.named) else found
+
+    def _flips(self, found: IsolatedWindow) -> Flips | None:
+        window, monitor = found.verdict.window, self.files.monitor
+        if found.diagnosis is not None:
+            return flips_of_diagnosis(found.diagnosis, window, monitor)
+        if found.components is None or found.score is None:
+            return None
+        isolation = self.options.isolation
+        components = found.components
+        return flips_of_isolated_components(
+            components, found.score, isolation.prior, window, monitor, isolation.largest
+        )
+
+    def _isolated(self, judged: WindowStatistics, known: Mapping[str, Parameter]) -> IsolatedWindow:
+        window = judged
+        # whether anything changed is asked of the usual forms of instruments' errors: a drift shows as a bias
+        drifts = tuple(p.name for p in known.values() if p.of_instrument and p.quantity == DRIFT)
+        verdict = judge(window.without(drifts), self.false_alarm)
+        if verdict.score is None or window.statistics is None:
+            return IsolatedWindow(verdict, known, by_component=self.by_component)
+        shown = drifts_shown(window.without(()).statistics, drifts) if drifts else set[str]()
+        window, verdict, score = _with_suspects(window, verdict, [name for name in drifts if name not in shown])
+        if self.by_component:
+            components = isolate_components(
+                score, self.options.isolation, verdict.window.statistics, window.disagreement
+            )
+            return IsolatedWindow(verdict, known, components=components, by_component=True, score=score)
+        diagnosis, records = self._diagnosed(judged, verdict, score)
+        wrong = {known[n].component for n, p in diagnosis.result.inclusion.items() if p > 1 - SEPARATED and n in known}
+        more = {name for name in drifts if known[name].component in wrong}
+        if not more <= shown and not window.doubtful:  # which form it is, is open
+            window, verdict, score = _with_suspects(
+                judged, verdict, [name for name in drifts if name not in shown | more]
+            )
+            diagnosis, records = self._diagnosed(judged, verdict, score)
+        diagnosis = self._with_telling_sensors(diagnosis, window, records)
+        advice = None
+        if self.advise and self.files.monitor is not None:
+            advice = self._advice(self.files.monitor.without(window.silent), diagnosis, records() if records else None)
+        return IsolatedWindow(verdict, known, diagnosis, advice=advice)
+
+    def _diagnosed(self, judged: WindowStatistics, verdict: Verdict, score: Score) -> tuple[Diagnosis, _Records | None]:
+        window = verdict.window
+        records = None
+        if self.kept is not None:
+            records = _Records(self.files.monitor, self.kept, window, judged.statistics)
+        return diagnose(score, self.options, records, window.statistics, window.disagreement), records
+
+    def _with_telling_sensors(
+        self, diagnosis: Diagnosis, window: WindowStatistics, records: Callable[[], WindowModel | None] | None
+    ) -> Diagnosis:
+        """The diagnosis with the sensors that would tell the members of its class, where the engine is at hand."""
+        found, monitor = diagnosis.result.one_of, self.files.monitor
+        if found is None or monitor is None or window.statistics is None:
+            return diagnosis
+        model = records() if records else None
+        inputs = _flown(monitor, model)
+        if not inputs:
+            return diagnosis
+        monitor = monitor.without(window.silent)
+        told = found.told_by(telling_sensors(monitor, diagnosis.score, found, inputs, window.statistics.n))
+        return replace(diagnosis, result=replace(diagnosis.result, one_of=told))
+
+    def _advice(self, monitor: Monitor, diagnosis: Diagnosis, model: WindowModel | None) -> NextRecording | None:
+        result = diagnosis.result
+        if not result.rivals:
+            return None
+        rivals = (tuple(result.isolated), tuple(result.rivals[0].parameters))
+        grid = conditions_grid(monitor.engine)
+        options = condition_options(monitor, grid) if grid else []
+        conditions = advise(diagnosis.score, rivals, options, monitor.uncertainty)[:ADVISED]
+        sensors = None
+        if model is not None:
+            sensors = advise(
+                diagnosis.score, rivals, sensor_options(monitor, model.inputs, self.extra), monitor.uncertainty
+            )
+        sets = [(result.isolated, result.probability), *((r.parameters, r.probability) for r in result.rivals)]
+        flights = best_of_each_kind(advise_flights(diagnosis.score, sets, monitor, _flown(monitor, model)))
+        return NextRecording(rivals, monitor.meaning, conditions, sensors, flights)
+
+
+def drifts_shown(statistics: LocalStatistics | None, drifts: Sequence[str]) -> set[str]:
+    """Drifts that these records show, each by its score test beside all that does not drift, free within its prior:
+    without one that shows less than SHOWN the search loses half of that in the log likelihood of sets with it, and is
+    twice as fast."""
+    if statistics is None:
+        return set()
+    score = fisher_score(statistics)
+    prior = SetPrior()
+    b, information = prior.scaled(score)
+    drifting = np.isin(score.parameters, drifts)
+    held = information + max(prior.slabs) ** -2 * np.eye(len(b))
+    across = np.linalg.solve(held[np.ix_(~drifting, ~drifting)], held[np.ix_(~drifting, drifting)])
+    pull = b[drifting] - b[~drifting] @ across
+    variance = np.diag(held)[drifting] - np.sum(held[np.ix_(~drifting, drifting)] * across, axis=0)
+    names = np.array(score.parameters, object)[drifting]
+    return set(names[pull**2 > SHOWN * variance].tolist())
+
+
+def _with_suspects(
+    window: WindowStatistics, verdict: Verdict, dropped: Sequence[str]
+) -> tuple[WindowStatistics, Verdict, Score]:
+    """The window and the verdict of its test with all suspects but some, and the score that tells what changed."""
+    every, window = window.statistics, window.without(dropped)
+    assert every is not None and window.statistics is not None
+    # a test asks whether anything changed, these questions by what: wrong slopes of the maps matter to them alone. What
+    # they do to parameters that are no suspects is part of what they do to the readings
+    suspects = window.statistics.parameters
+    certain = fisher_score(every, monitored=suspects)
+    score = fisher_score(every, monitored=suspects, uncertainty=every.slopes)
+    return window, replace(verdict, window=window), replace(score, doubt=certain.doubt)
+
+
+def _flown(monitor: Monitor, model: WindowModel | None) -> Mapping[str, np.ndarray]:
+    """Operating conditions of the window's records, or those that identification has seen; none where neither is
+    held."""
+    if model is not None:
+        return model.inputs
+    envelope = monitor.envelope
+    if envelope is None:
+        return {}
+    return {column: np.asarray(envelope.points)[:, i] for i, column in enumerate(envelope.inputs)}
+
+
+class _Records:
+    """The records of a window with the full model, when they are asked for; None where they are no longer held.
+    every: its statistics with all suspects, those that have been dropped, too."""
+
+    def __init__(
+        self, monitor: Monitor | None, kept: KeptRecords, window: WindowStatistics, every: LocalStatistics | None
+    ):
+        self._monitor, self._kept, self._window, self._every = monitor, kept, window, every
+        kept.let_go(window)
+
+    def __call__(self) -> WindowModel | None:
+        found = self._kept.of(self._window)
+        if found is None or self._monitor is None:
+            return None
+        inputs, y = found
+        start = self._window.solution
+        if start is not None and start.shape[1] != len(y):
+            start = None
+        weights = self._window.weights
+        if weights is not None and len(weights) != len(y):
+            return None
+        monitor = _doubting(self._monitor, self._every).without(self._window.silent)
+        return WindowModel(monitor, inputs, y, start, weights)
+
+
+def _doubting(monitor: Monitor, statistics: LocalStatistics | None) -> Monitor:
+    """The monitor with what wrong slopes of the maps add to the change that the statistics speak of. What they add to
+    one suspect makes up for what they add to others, so that all of them have to be there."""
+    if statistics is None or statistics.slopes is None:
+        return monitor
+    place = {name: i for i, name in enumerate(monitor.names)}
+    known = [k for k, name in enumerate(statistics.parameters) if name in place]
+    at = [place[statistics.parameters[k]] for k in known]
+    widened = monitor.uncertainty.copy()
+    widened[np.ix_(at, at)] += statistics.slopes[np.ix_(known, known)]
+    return replace(monitor, uncertainty=widened)

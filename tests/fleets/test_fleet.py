@@ -1,0 +1,98 @@
+"""The judgement of a fleet: ranking, discoveries, what is common, remaining flights."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from turbofan_fleet import QUICK, engine_history, geometry, judged, known, lost, scale
+
+from enginediag_cli.fleets.findings import NO_VERDICT, EngineFinding, FleetSettings
+from enginediag_cli.fleets.margin import learnt_limit, with_forecasts
+from enginediag_cli.fleets.run import judged_fleet, random_effects
+
+FLIGHTS = 90
+
+
+@pytest.fixture(scope="module")
+def fleet():
+    """Twelve engines, three of which wear by one, two and three prior standard deviations of HPT efficiency; one with
+    two flights."""
+    rng = np.random.default_rng(11)
+    course = np.clip((np.arange(FLIGHTS) - 20) / (FLIGHTS - 21), 0, 1)
+    worn = {"9": 1.0, "10": 2.0, "11": 3.0}
+    changes = {str(k): lost(FLIGHTS, {"hpt.efficiency": -worn.get(str(k), 0.0)}, course) for k in range(12)}
+    found = [judged(engine_history(rng, serial, FLIGHTS, change)) for serial, change in changes.items()]
+    return [*found, judged(engine_history(rng, "short", 2))]
+
+
+def test_engines_are_ranked_by_what_they_have_used_and_listed_by_their_e_values(fleet):
+    found = judged_fleet(fleet, QUICK, known().known)
+    assert [f.serial for f in found.engines[:3]] == ["11", "10", "9"]
+    assert set(found.discoveries.engines) >= {"10", "11"} and set(found.discoveries.engines) <= {"9", "10", "11"}
+    assert {f.serial for f in found.engines if f.discovery} == set(found.discoveries.engines)
+    assert "at most 5 % are healthy" in found.discoveries.words
+    assert [serial for serial, _ in found.left_out] == ["short"]
+    assert found.engines[-1].verdict == NO_VERDICT
+
+
+def test_what_one_engine_has_is_not_common(fleet):
+    assert not any(c.common for c in judged_fleet(fleet, QUICK, known().known).common)
+
+
+def test_what_all_engines_have_alike_is_told_as_common():
+    rng = np.random.default_rng(12)
+    step = np.arange(60) >= 20
+    drifted = [
+        judged(engine_history(rng, str(k), 60, lost(60, {"sensor.P3.bias": 1.0 + 0.1 * rng.standard_normal()}, step)))
+        for k in range(10)
+    ]
+    common = [c for c in judged_fleet(drifted, QUICK, known().known).common if c.common]
+    assert [c.parameter for c in common] == ["sensor.P3.bias"] and "recorder" in common[0].reading
+    sigma = geometry().monitor.meaning["sensor.P3.bias"].prior_sigma
+    assert common[0].mean.low < sigma < common[0].mean.high and common[0].alike > 0.95
+
+
+def test_the_mean_of_random_effects_is_that_of_its_closed_form():
+    rng = np.random.default_rng(13)
+    x, v = rng.normal(2.0, 1.0, 50), np.full(50, 1e-9)
+    mean, error, spread = random_effects(x, v)
+    assert mean == pytest.approx(x.mean()) and spread == pytest.approx(x.std(ddof=1), rel=1e-3)
+    assert error == pytest.approx(x.std(ddof=1) / np.sqrt(50), rel=1e-2)
+    mean, error, spread = random_effects(np.array([1.0, 1.2, 0.9]), np.ones(3))
+    assert spread == 0.0 and error == pytest.approx(1 / np.sqrt(3))
+
+
+def test_engines_that_wear_faster_have_fewer_flights_left(fleet):
+    settings = FleetSettings(thorough=False, consumed_limit_K=(80.0, 5.0))
+    limited = [f for f in with_forecasts([_without_limit(f) for f in fleet], settings) if f.serial in ("9", "10", "11")]
+    left = {f.serial: f.margin.remaining_flights for f in limited}
+    assert left["11"].value < left["10"].value < left["9"].value
+    assert all(x.low <= x.value <= x.high for x in left.values())
+    per_flight = -scale().slope["hpt.efficiency"] * 0.02 * 3.0 / (FLIGHTS - 21)
+    rate = next(f.margin.rate_K_per_flight for f in limited if f.serial == "11")
+    assert rate.value == pytest.approx(per_flight, rel=0.3)
+
+
+def test_without_a_limit_it_is_said_why_nothing_is_forecast(fleet):
+    found = with_forecasts([_without_limit(f) for f in fleet], FleetSettings())
+    assert all(f.margin.reason for f in found) and not any(np.isfinite(f.margin.remaining_flights.value) for f in found)
+
+
+def test_an_empty_fleet_is_a_fleet():
+    found = judged_fleet([], QUICK)
+    assert found.engines == () and found.discoveries.engines == ()
+
+
+def _without_limit(finding: EngineFinding) -> EngineFinding:
+    from dataclasses import replace
+
+    return replace(finding, margin=replace(finding.margin, limit_K=float("nan")))
+
+
+def test_the_limit_is_learnt_from_engines_that_were_taken_off(fleet):
+    worn = [f for f in fleet if f.serial in ("9", "10", "11")]
+    mean, spread = learnt_limit(worn)
+    per_sigma = -scale().slope["hpt.efficiency"] * 0.02
+    assert mean == pytest.approx(2.0 * per_sigma, abs=4.0) and spread == pytest.approx(per_sigma, rel=0.3)
+    with pytest.raises(ValueError, match="3 lives at least, and 2"):
+        learnt_limit(worn[:2])
