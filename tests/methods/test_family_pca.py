@@ -28,7 +28,7 @@ def common_factor(rng, W, n=20):
 
 @pytest.mark.parametrize("limit", ["jackson_mudholkar", "box"])
 def test_false_alarms_of_both_statistics_are_nominal_within_four_binomial_errors(fitted, limit):
-    chosen = replace(fitted, family=replace(fitted.method, spe_limit=limit))
+    chosen = replace(fitted, method=replace(fitted.method, spe_limit=limit))
     result = chosen.diagnose(common_factor(np.random.default_rng(2), 4000), 0.1)
     for test in result.tests:
         assert within_binomial(test.alarm, 0.05), test.name
