@@ -24,8 +24,8 @@ from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.summaries import DETECT, STATISTICS
 
 if TYPE_CHECKING:
-    from enginediag_cli.detection.glr import RequiredPower
-    from enginediag_cli.intake.source import Source
+    from enginediag_cli.detection.verdict import RequiredPower
+    from enginediag_cli.intake.selection import Source
     from enginediag_cli.methods.base import FittedMethod, Method, WindowVerdict
     from enginediag_cli.residuals.files import JudgedFiles
 
@@ -361,7 +361,7 @@ class MethodResult(VerdictResult):
 
     def _learnt(self, healthy: Source | None) -> FittedMethod:
         from enginediag_cli.methods.base import learnt_windows
-        from enginediag_cli.report.left_out import tell_left_out
+        from enginediag_cli.report.recordings import tell_left_out
         from enginediag_cli.residuals.gross_gate import GrossErrorGate
 
         if healthy is None:

@@ -15,7 +15,7 @@ from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.summaries import FLIGHTS, MARGIN, TREND, TREND_COMPONENTS
 
 if TYPE_CHECKING:
-    from enginediag_cli.detection.trend import Series
+    from enginediag_cli.detection.series import Series
     from enginediag_cli.fleets.maintenance import MarginQuestion, Margins
     from enginediag_cli.fleets.work_scope import Scoping
     from enginediag_cli.residuals.files import JudgedFiles
@@ -157,7 +157,7 @@ class TrendResult(Result):
 
     def _read(self) -> tuple[Series, Margins | None, JudgedFiles]:
         """The series of flights, its margins where they are followed, and the files that it was read from."""
-        from enginediag_cli.detection.trend import series_of
+        from enginediag_cli.detection.series import series_of
         from enginediag_cli.fleets.maintenance import margins_of
         from enginediag_cli.report.trend_rows import tell_instruments_in_flights, tell_margins
         from enginediag_cli.residuals.reduced import for_comparison

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.special import stdtr
 
 from enginediag_cli.detection.e_values import EPath, e_path, onset_law
-from enginediag_cli.detection.trend import FEWEST, Series
+from enginediag_cli.detection.series import FEWEST, Series
 from enginediag_cli.fleets.findings import (
     CHANGED,
     HEALTHY,

@@ -35,7 +35,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from enginediag_cli.config.hints import near
-from enginediag_cli.detection.trend import Series, Stretch, Windows, series_of
+from enginediag_cli.detection.series import Series, Stretch, Windows, series_of
 from enginediag_cli.errors import DataError
 from enginediag_cli.fleets.engine_judgement import judged_engine, moved_by
 from enginediag_cli.fleets.findings import EngineFinding, EngineHistory, Event, FleetSettings, Moved
@@ -46,7 +46,6 @@ from enginediag_cli.isolation.posterior import Belief, set_posterior
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.isolation.results import tempered
 from enginediag_cli.isolation.sensitivity_analysis import SPREAD, stated_errors
-from enginediag_cli.residuals.excitation import range_space
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.score import Score, fisher_score
 from enginediag_cli.residuals.statistics import LocalStatistics, range_space

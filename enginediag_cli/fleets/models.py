@@ -24,15 +24,14 @@ from enginediag_cli import __version__
 from enginediag_cli.errors import DataError, EngineDiagError, NoVerdictError
 from enginediag_cli.fleets.fleet_file import Baseline, Build, Fleet, Recorded, natural
 from enginediag_cli.fleets.store import NOMINALS, RECORDINGS, Making, Store
-from enginediag_cli.identification.problem import TrainingRecording
-from enginediag_cli.identification.training import training_recordings
+from enginediag_cli.identification.problem import TrainingRecording, training_recordings
 from enginediag_cli.intake.agreement import Agreement, agreement_with_engine
 from enginediag_cli.intake.loader import Intake
 from enginediag_cli.intake.selection import Source, Wanted, columns_of
 from enginediag_cli.recordings.provenance import sha256_of
 from enginediag_cli.recordings.table import Recording, concat
 from enginediag_cli.recordings.write import binary_output
-from enginediag_cli.residuals.groups import group_rows
+from enginediag_cli.residuals.windows import group_rows
 
 if TYPE_CHECKING:
     from enginediag_cli.identification.identify import Identification

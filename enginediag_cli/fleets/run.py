@@ -42,7 +42,7 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 
 from enginediag_cli.detection.e_values import listed
-from enginediag_cli.detection.trend import Series, series_of
+from enginediag_cli.detection.series import Series, series_of
 from enginediag_cli.errors import DataError, EngineDiagError, NoVerdictError
 from enginediag_cli.fleets.engine_judgement import judged_engine
 from enginediag_cli.fleets.findings import (

@@ -13,7 +13,7 @@ same windows give the same bytes.
 
 From recordings to statistics, one batch of recordings after the other: the work that is done in many places.
 
-Statistics have the form of a series (`residuals/series_monitor.py`): windows of an engine are compared with each other,
+Statistics have the form of a series (`residuals/reduced.py`): windows of an engine are compared with each other,
 so that what is uncertain about nominal, the same in all of them, has no part in it and need not be computed.
 """
 
@@ -37,23 +37,22 @@ import numpy as np
 
 from enginediag_cli import __version__
 from enginediag_cli.errors import DataError, EngineDiagError
-from enginediag_cli.intake.intake import Intake
-from enginediag_cli.intake.left_out import GrossCounts, LeftOut
-from enginediag_cli.intake.source import Source
-from enginediag_cli.intake.wanted import columns_of
+from enginediag_cli.intake.excluded import GrossCounts, LeftOut
+from enginediag_cli.intake.loader import Intake
+from enginediag_cli.intake.selection import Source, columns_of
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.recordings.formats.table_file import ReadingCounts
 from enginediag_cli.recordings.provenance import sha256_of
 from enginediag_cli.recordings.read import Absent
 from enginediag_cli.recordings.repeated import StuckRun
 from enginediag_cli.recordings.steady import GateReport
 from enginediag_cli.recordings.table import Recording
+from enginediag_cli.recordings.table_file import ReadingCounts
 from enginediag_cli.recordings.write import binary_output
 from enginediag_cli.residuals.gross_gate import GrossErrorGate
 from enginediag_cli.residuals.instruments import InstrumentFault
 from enginediag_cli.residuals.monitor import Monitor, agreement_with
 from enginediag_cli.residuals.pipeline import window_statistics
-from enginediag_cli.residuals.series_monitor import for_comparison, monitored_as_read, of_series
+from enginediag_cli.residuals.reduced import for_comparison, monitored_as_read, of_series
 from enginediag_cli.residuals.statistics import LocalStatistics
 from enginediag_cli.residuals.windows import Elsewhere, WindowPlan, WindowStatistics
 
@@ -475,7 +474,7 @@ def series_monitor(nominal: str, fingerprint: str) -> Monitor:
 @lru_cache(maxsize=4)
 def whole_monitor(nominal: str, fingerprint: str) -> Monitor:
     """The monitor of a series with what is uncertain about nominal, as `trend` opens it."""
-    from enginediag_cli.intake.baseline import open_baseline
+    from enginediag_cli.intake.selection import open_baseline
     from enginediag_cli.residuals.monitor import monitor_of
 
     return of_series(monitor_of(open_baseline(nominal), sensors=True))

@@ -54,7 +54,7 @@ from enginediag_cli.isolation.results import (
 from enginediag_cli.isolation.slab_mixture import log_wear
 from enginediag_cli.isolation.subsets import plan, size_limit
 from enginediag_cli.log_weights import log_mean
-from enginediag_cli.residuals.noise import NoiseLevel
+from enginediag_cli.residuals.instruments import NoiseLevel
 from enginediag_cli.residuals.score import Score
 from enginediag_cli.residuals.statistics import LocalStatistics
 

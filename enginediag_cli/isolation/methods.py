@@ -44,12 +44,11 @@ from math import comb
 
 import numpy as np
 
-from enginediag_cli.detection.glr import threshold
+from enginediag_cli.detection.verdict import threshold
 from enginediag_cli.isolation.posterior import SetPosterior, absorb_small_changes, averaged_sizes, set_posterior
 from enginediag_cli.isolation.prior import Instruments, SetPrior
 from enginediag_cli.isolation.results import Explanation, IsolationResult, class_of, estimate_sizes
 from enginediag_cli.isolation.subsets import ENUMERATED, best_subsets
-from enginediag_cli.residuals.excitation import RANK_TOLERANCE, range_space
 from enginediag_cli.residuals.score import Score
 from enginediag_cli.residuals.statistics import RANK_TOLERANCE, range_space
 

@@ -40,7 +40,6 @@ from enginediag_cli.isolation.posterior import SetPosterior, reweighed, set_post
 from enginediag_cli.isolation.prior import Instruments, SetPrior
 from enginediag_cli.isolation.slab_mixture import log_factors
 from enginediag_cli.log_weights import log_mean
-from enginediag_cli.residuals.excitation import root_of
 from enginediag_cli.residuals.instruments import weighed
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.score import Score

@@ -49,7 +49,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from enginediag_cli.detection.glr import must_show
+from enginediag_cli.detection.verdict import must_show
 from enginediag_cli.isolation.prior import Instruments, SetPrior, are_sensors
 from enginediag_cli.isolation.results import ParameterChange
 from enginediag_cli.isolation.slab_mixture import log_mass, log_wear, slab_gaussians, wear_signs

@@ -58,14 +58,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from enginediag_cli.detection.glr import lack_of_fit
+from enginediag_cli.detection.verdict import lack_of_fit
 from enginediag_cli.faults.chances import UNLISTED
 from enginediag_cli.intake.agreement import Disagreement
 from enginediag_cli.isolation.advice import ODDS
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.isolation.subsets import all_sets
 from enginediag_cli.log_weights import log_mean
-from enginediag_cli.residuals.noise import NoiseLevel, level_of_ratio
+from enginediag_cli.residuals.instruments import NoiseLevel, level_of_ratio
 from enginediag_cli.residuals.score import Score
 from enginediag_cli.residuals.statistics import LocalStatistics
 

@@ -42,8 +42,7 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.engine.instrument_errors import DRIFT
-from enginediag_cli.error_model.curves import QUANTITIES
-from enginediag_cli.error_model.modelled import MapErrorModel
+from enginediag_cli.error_model.maps import QUANTITIES, MapErrorModel
 from enginediag_cli.isolation.diagnosis import (
     HALF,
     ComponentIsolation,

@@ -40,10 +40,18 @@ from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.detection.verdict import FAULT, HEALTHY, NO_VERDICT
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.groups import Key, runs
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import place
-from enginediag_cli.residuals.windows import JudgedInputs, WindowPlan, WindowStatistics, cut, joined, nothing_judged
+from enginediag_cli.residuals.windows import (
+    JudgedInputs,
+    Key,
+    WindowPlan,
+    WindowStatistics,
+    cut,
+    joined,
+    nothing_judged,
+    runs,
+)
 
 PARAMETERS, SENSORS, NOTHING = "parameters", "sensors", "none"
 """Kinds of name: parameters of the engine; columns of the recording; a method that only detects."""

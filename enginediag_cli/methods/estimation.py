@@ -62,7 +62,6 @@ from enginediag_cli.methods.base import (
     Windows,
     chi_square_test,
 )
-from enginediag_cli.residuals.excitation import RANK_TOLERANCE, root_of
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import LINEARISE
 from enginediag_cli.residuals.relinearise import relinearise

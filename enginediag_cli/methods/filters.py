@@ -58,7 +58,6 @@ from enginediag_cli.methods.base import (
     chi_square_test,
 )
 from enginediag_cli.methods.estimation import holm
-from enginediag_cli.residuals.excitation import RANK_TOLERANCE
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.statistics import RANK_TOLERANCE
 

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.config.fields import Field, Section
-from enginediag_cli.detection.glr import glr_test, threshold
-from enginediag_cli.detection.verdict import NOISE_UNKNOWN, unknown_noise
+from enginediag_cli.detection.verdict import NOISE_UNKNOWN, glr_test, threshold, unknown_noise
 from enginediag_cli.isolation.methods import NAMING, IsolationOptions, Named, single_minmax, single_sensitivities
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.methods.base import PARAMETERS, DetectionTest, Method, Verdicts, Windows

@@ -63,8 +63,8 @@ from enginediag_cli.methods.base import (
     chi_square_test,
 )
 from enginediag_cli.methods.estimation import WindowSums, nominal_residuals, white_residuals, window_sums
-from enginediag_cli.residuals.excitation import RANK_TOLERANCE
 from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.statistics import RANK_TOLERANCE
 
 REDUCTIONS = ("mean", "records")
 

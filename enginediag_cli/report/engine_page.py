@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 
 from enginediag_cli.detection.verdict import size_with_unit
-from enginediag_cli.fleets.finding import Estimate
+from enginediag_cli.fleets.findings import Estimate
 from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.report import result_files as kinds
 from enginediag_cli.report.evidence import EngineEvidence, Evidence

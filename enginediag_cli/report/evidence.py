@@ -13,9 +13,8 @@ import numpy as np
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.fleets.maintenance import MarginQuestion
-from enginediag_cli.intake.intake import Intake
-from enginediag_cli.intake.source import Source
-from enginediag_cli.intake.wanted import columns_of
+from enginediag_cli.intake.loader import Intake
+from enginediag_cli.intake.selection import Source, columns_of
 from enginediag_cli.parameters import Parameter, unspecified
 from enginediag_cli.progress import each, stage
 from enginediag_cli.report import result_files as kinds
@@ -206,7 +205,7 @@ def _isolated(question: Question, windows: list[WindowStatistics]) -> Iterator[R
 
 @stage("following the series")
 def _series(question: Question) -> dict[kinds.Kind, list[Row]]:
-    from enginediag_cli.detection.trend import series_of
+    from enginediag_cli.detection.series import series_of
     from enginediag_cli.isolation.timeline import stories_of
     from enginediag_cli.report.trend_rows import flight_rows, trend_rows
     from enginediag_cli.residuals.reduced import of_series

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from enginediag_cli.isolation.diagnosis import ComponentIsolation, Diagnosis
     from enginediag_cli.isolation.results import Class, IsolationResult
     from enginediag_cli.isolation.windows import IsolatedWindow
-    from enginediag_cli.mismatch.explain.story import Story
+    from enginediag_cli.mismatch.explain.story import ExplanationResult
     from enginediag_cli.parameters import Parameter
 
 

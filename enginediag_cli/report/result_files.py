@@ -30,7 +30,7 @@ import numpy as np
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.intervals import NORMAL_95
-from enginediag_cli.isolation.fingerprint import given
+from enginediag_cli.isolation.results import given
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.recordings.provenance import sha256_of
 from enginediag_cli.report.plotting.chart import Axis, Origin

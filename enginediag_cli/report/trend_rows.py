@@ -21,7 +21,7 @@ from enginediag_cli.report.work_scope_rows import gain_cells, gain_words
 from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
-    from enginediag_cli.detection.trend import Series, Stretch
+    from enginediag_cli.detection.series import Series, Stretch
     from enginediag_cli.fleets.findings import EventRow, Margin
     from enginediag_cli.fleets.maintenance import Brought, Followed, Margins
     from enginediag_cli.fleets.work_scope import Gain, Reference

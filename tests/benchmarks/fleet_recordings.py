@@ -20,10 +20,8 @@ from enginediag_cli.detection.series import series_of
 from enginediag_cli.fleets.engine_judgement import judged_engine
 from enginediag_cli.fleets.findings import EngineHistory, FleetSettings
 from enginediag_cli.fleets.run import judged_fleet
-from enginediag_cli.intake.baseline import open_baseline
-from enginediag_cli.intake.intake import Intake
-from enginediag_cli.intake.source import Source
-from enginediag_cli.intake.wanted import columns_of
+from enginediag_cli.intake.loader import Intake
+from enginediag_cli.intake.selection import Source, columns_of, open_baseline
 from enginediag_cli.residuals.files import JudgedFiles, Judging
 from enginediag_cli.residuals.monitor import monitor_of
 from enginediag_cli.residuals.reduced import of_series

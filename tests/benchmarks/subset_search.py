@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.isolation.subsets import ENUMERATED, best_subsets
-from enginediag_cli.residuals.noise import white_noise
+from enginediag_cli.residuals.instruments import white_noise
 from enginediag_cli.residuals.score import Score, fisher_score
 from enginediag_cli.residuals.statistics import Frame, local_statistics
 

@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 import small_fleet
 
-from enginediag_cli.detection.trend import series_of
+from enginediag_cli.detection.series import series_of
 from enginediag_cli.fleets import store as module
 from enginediag_cli.fleets.run import Piece, _Stored, condense_all, engine_tasks
 from enginediag_cli.fleets.runners import Serial
 from enginediag_cli.fleets.store import CondensedReader, CondenseTask, Store, condense, whole_monitor
-from enginediag_cli.intake.intake import Intake
-from enginediag_cli.intake.source import Source
-from enginediag_cli.intake.wanted import columns_of
+from enginediag_cli.intake.loader import Intake
+from enginediag_cli.intake.selection import Source, columns_of
 from enginediag_cli.recordings.read import read_all
 from enginediag_cli.recordings.write import write_csv
 from enginediag_cli.residuals.files import JudgedFiles, Judging

@@ -25,10 +25,8 @@ from enginediag_cli.fleets.work_scope import (
     gains,
     reference_of,
 )
-from enginediag_cli.intake.baseline import open_baseline
-from enginediag_cli.intake.intake import Intake
-from enginediag_cli.intake.source import Source
-from enginediag_cli.intake.wanted import columns_of
+from enginediag_cli.intake.loader import Intake
+from enginediag_cli.intake.selection import Source, columns_of, open_baseline
 from enginediag_cli.isolation.posterior import Belief, averaged_sizes, set_posterior
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.physics.engine_file import load_engine

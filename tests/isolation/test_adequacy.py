@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import norm
 from turbofan_trials import turbofan_monitor
 
-from enginediag_cli.detection.glr import lack_of_fit
+from enginediag_cli.detection.verdict import lack_of_fit
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions, diagnose, isolate_components
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.isolation.results import (

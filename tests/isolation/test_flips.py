@@ -10,10 +10,8 @@ import pytest
 from known_engine import climb, recorded, write_known
 from score_makers import linear_score, sensitivities
 
-from enginediag_cli.intake.baseline import open_baseline
-from enginediag_cli.intake.intake import Intake
-from enginediag_cli.intake.source import Source
-from enginediag_cli.intake.wanted import columns_of
+from enginediag_cli.intake.loader import Intake
+from enginediag_cli.intake.selection import Source, columns_of, open_baseline
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions, component_posterior, more_probable_than_not
 from enginediag_cli.isolation.posterior import Belief, least_that_matters, log_too_small, set_posterior
 from enginediag_cli.isolation.prior import SetPrior

@@ -24,7 +24,7 @@ import numpy as np
 from scipy import special
 
 from enginediag_cli.engine.instrument_errors import suspected
-from enginediag_cli.error_model.curves import QUANTITIES
+from enginediag_cli.error_model.maps import QUANTITIES
 from enginediag_cli.isolation.sensitivity_analysis import (
     INPUT,
     MAP,
@@ -38,7 +38,7 @@ from enginediag_cli.isolation.sensitivity_analysis import (
     Flips,
     SingleError,
 )
-from enginediag_cli.mismatch.explain.answer import LAW, NAMED, Answer
+from enginediag_cli.mismatch.explain.answer import FORMULA, IDENTIFIED, Answer
 from enginediag_cli.mismatch.explain.judging import Fits
 from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.families import Sums, grid

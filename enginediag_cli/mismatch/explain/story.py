@@ -13,10 +13,17 @@ import numpy as np
 from scipy import special
 
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.intake.intake import Intake
+from enginediag_cli.intake.loader import Intake
 from enginediag_cli.isolation.sensitivity_analysis import Flips
-from enginediag_cli.mismatch.controlled.find import Found
-from enginediag_cli.mismatch.explain.answer import FAILED, LAW, NAMED, NONE, NOTHING, Answer
+from enginediag_cli.mismatch.controlled.find import ControlSearchResult
+from enginediag_cli.mismatch.explain.answer import (
+    FORMULA,
+    IDENTIFIED,
+    NO_DISCREPANCY,
+    NOT_CONVERGED,
+    UNEXPLAINED,
+    Answer,
+)
 from enginediag_cli.mismatch.explain.change_times import with_times
 from enginediag_cli.mismatch.explain.curves import Curve, best_places, fitted_curves
 from enginediag_cli.mismatch.explain.explain import Search

@@ -46,7 +46,7 @@ from enginediag_cli.units import split_column
 if TYPE_CHECKING:
     from enginediag_cli.detection.series import Series
     from enginediag_cli.identification.identify import Identification
-    from enginediag_cli.isolation.of_windows import IsolatedWindow
+    from enginediag_cli.isolation.windows import IsolatedWindow
 
 
 CHI2, RMS = "chi2 per reading", "rms"
