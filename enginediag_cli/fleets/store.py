@@ -42,11 +42,10 @@ from enginediag_cli.intake.loader import Intake
 from enginediag_cli.intake.selection import Source, columns_of
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.recordings.provenance import sha256_of
-from enginediag_cli.recordings.read import Absent
 from enginediag_cli.recordings.repeated import StuckRun
 from enginediag_cli.recordings.steady import GateReport
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.recordings.table_file import ReadingCounts
+from enginediag_cli.recordings.table_file import Absent, ReadingCounts
 from enginediag_cli.recordings.write import binary_output
 from enginediag_cli.residuals.gross_gate import GrossErrorGate
 from enginediag_cli.residuals.instruments import InstrumentFault

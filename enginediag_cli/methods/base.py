@@ -40,6 +40,7 @@ from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.detection.verdict import FAULT, HEALTHY, NO_VERDICT
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.table import Recording
+from enginediag_cli.residuals.instruments import runs
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import place
 from enginediag_cli.residuals.windows import (
@@ -50,7 +51,6 @@ from enginediag_cli.residuals.windows import (
     cut,
     joined,
     nothing_judged,
-    runs,
 )
 
 PARAMETERS, SENSORS, NOTHING = "parameters", "sensors", "none"

@@ -62,6 +62,7 @@ from enginediag_cli.methods.base import (
     Windows,
     chi_square_test,
 )
+from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import LINEARISE
 from enginediag_cli.residuals.relinearise import relinearise

@@ -23,7 +23,7 @@ import numpy as np
 
 from enginediag_cli import __version__
 from enginediag_cli.methods.base import PARAMETERS, FittedMethod, Verdicts, Windows
-from enginediag_cli.methods.scores import Evidence
+from enginediag_cli.methods.estimation import Evidence
 from enginediag_cli.simulation.flights import engine_inputs, generate_flights
 from enginediag_cli.simulation.noise import ColumnNoise, noise_sources
 from enginediag_cli.validation.studies import Study, load_study
