@@ -20,6 +20,7 @@ ORDER = (
     "__init__",
     "errors",
     "units",
+    "glossary",
     "intervals",
     "log_weights",
     "progress",
@@ -61,6 +62,7 @@ MISMATCH_ORDER = ("controlled", "fit", "unrecorded", "laws", "locate", "explain"
 FOR_COMMANDS = (
     "__init__",
     "errors",
+    "glossary",
     "progress",
     "side_by_side",
     "safe_text",
@@ -73,9 +75,7 @@ FOR_COMMANDS = (
 )
 """What a command may import: the library, what is shown, and what speaks of no engine."""
 
-VALIDATION = {
-    name: ("validation", "worker_pool") for name in ("study", "prove", "proving", "demo", "demo_missing", "demo_steps")
-}
+VALIDATION = {name: ("validation", "worker_pool") for name in ("trials", "demo")}
 """Commands that run trials and demonstrations, which are no part of the library."""
 
 LARGEST_FILE = 600

@@ -1,92 +1,166 @@
-"""`enginediag detect`: has the engine departed from nominal, window by window?"""
+"""`enginediag detect`: has the engine departed from its nominal state? Window by window, live, or by another method."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
+import os
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
-from enginediag_cli.cli.detect_follow import Follow, check_follow, follow_options
-from enginediag_cli.cli.intake_options import compared_options, judging_options, source_options, window_options
-from enginediag_cli.cli.judging import Compared, digits_of, ending, write_result
-from enginediag_cli.cli.method_options import Rival, method_options
+from enginediag_cli.cli.config import command, exit_code_of, write_result
 from enginediag_cli.cli.options import (
-    FiniteRange,
+    JUDGEMENT,
+    OPERATION,
+    OUTPUT,
+    completions,
     exit_code_option,
-    exit_codes,
     false_alarm_option,
+    is_chosen,
     jobs_option,
-    message_options,
+    nominal_options,
+    option,
     output_options,
-    pass_messages,
+    picture_option,
+    recordings_options,
+    window_options,
 )
-from enginediag_cli.cli.parameter_types import RequiredChange
-from enginediag_cli.cli.picture_option import picture_option
+from enginediag_cli.cli.parameter_types import EXISTING, FiniteRange, RequiredChange
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.output import Output
 
 if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
     from enginediag_cli.api.inputs import Recordings
     from enginediag_cli.api.results import Result
     from enginediag_cli.errors import ExitCode
 
+NOT_WITH_A_METHOD = {
+    "follow": "it judges complete windows",
+    "idle": "it judges complete windows",
+    "detectable": "the smallest detectable change is that of the GLR test",
+    "power": "the smallest detectable change is that of the GLR test",
+    "must_show": "the smallest detectable change is that of the GLR test",
+    "reference": "it compares with the nominal engine, or with what it learns from --healthy",
+    "last": "it judges whole recordings",
+}
+"""Options that only the GLR test has, and why."""
 
-@click.command(
-    short_help="Say when an engine departs from nominal.",
-    epilog=exit_codes("a fault was found and --exit-code given"),
-)
-@source_options
-@compared_options(help="Nominal engine, as written by identify; not needed for what residual has written.")
-@judging_options
+NOT_LIVE = {
+    "step": "blocks do not overlap, or their evidence would count twice",
+    "detectable": "the smallest detectable change depends on how long it has lasted",
+    "reference": "a flight is judged from its first record on",
+    "last": "the last records of a flight in progress are unknown",
+}
+"""Options that --follow does not have, and why."""
+
+
+class MethodName(click.ParamType):
+    """The name of a method; the methods are only loaded when one is asked for."""
+
+    name = "method"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Refuse an unknown name."""
+        from enginediag_cli.api.detection import chosen_method
+        from enginediag_cli.errors import UsageError
+
+        try:
+            chosen_method(value)
+        except UsageError as error:
+            self.fail(str(error), param, ctx)
+        return value
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """Names of the methods."""
+        from enginediag_cli.api.detection import method_names
+
+        return completions(dict(method_names()), incomplete)
+
+
+@command(finding="a fault was found and --exit-code given")
+@recordings_options
+@nominal_options("Nominal file of the engine, from identify; not needed for statistics from residual.")
 @window_options
 @false_alarm_option
-@method_options
-@click.option(
-    "--detectable",
-    is_flag=True,
-    help="Add the smallest change of each parameter that the window would "
-    "have shown, in the parameter's unit, and what the window does not excite; JSON always has them.",
-)
-@click.option(
+@option(
+    JUDGEMENT,
     "--power",
     metavar="P",
     type=FiniteRange(0.5, 0.9999),
     default=0.9,
     show_default=True,
-    help="Probability with which a change counts as shown.",
+    help="Probability of detection that defines the smallest detectable change.",
 )
-@click.option(
+@option(
+    JUDGEMENT,
     "--must-show",
     metavar="PATTERN=SIZE",
     type=RequiredChange(),
     multiple=True,
-    help="Healthy is only a window that would have shown such a change of the parameters of this name or shell "
-    "pattern, in their unit; of a component that of one parameter is enough. Default: efficiency 0.02, flow capacity "
-    "and area 0.03. `none`: any window.",
+    help="Call a window healthy only if it would have shown this change of the parameters of this name or shell "
+    "pattern, in their unit (one per component is enough). Default: efficiency 0.02, flow capacity and area 0.03. "
+    "`none`: no such condition.",
+)
+@option(
+    JUDGEMENT,
+    "--method",
+    metavar="NAME",
+    type=MethodName(),
+    help="Use another method, such as parity, extended_kalman, pca_raw or incremental (see study).",
+)
+@option(
+    JUDGEMENT,
+    "--healthy",
+    metavar="FILE",
+    multiple=True,
+    type=EXISTING,
+    help="Healthy recordings from which a --method learns. Repeatable.",
+)
+@option(
+    OPERATION,
+    "--follow",
+    is_flag=True,
+    help="Judge records as they arrive, from standard input or a growing file: one row per --window records (20). "
+    "--false-alarm then holds for a whole flight.",
+)
+@option(
+    OPERATION,
+    "--idle",
+    metavar="SECONDS",
+    type=FiniteRange(min=0),
+    default=60.0,
+    show_default=True,
+    help="With --follow: stop when the file has not grown for this time.",
+)
+@option(
+    OUTPUT,
+    "--detectable",
+    is_flag=True,
+    help="Add the smallest detectable change of each parameter, in its unit, and the parameters that the window does "
+    "not excite. JSON always has them.",
 )
 @picture_option("the statistic of every window over its threshold")
-@follow_options
 @jobs_option
 @exit_code_option
 @output_options
-@message_options
-@pass_messages
 def detect(
     messages: Messages,
+    nominal: str | None,
     source: Recordings,
-    compared: Compared,
-    windows: dict[str, Any],
-    false_alarm: float,
-    rival: Rival,
+    method: str | None,
+    healthy: tuple[str, ...],
+    follow: bool,
+    idle: float,
     detectable: bool,
     power: float,
     must_show: tuple[Any, ...],
-    picture_path: str | None,
-    follow: Follow,
+    picture: str | None,
     exit_code: bool,
     output: Output,
+    **choices: Any,
 ) -> ExitCode:
     """Test whether monitored parameters have changed, one row per window.
 
@@ -96,51 +170,80 @@ def detect(
     enginediag detect -n nominal.yaml flight.csv --window 10min --step 1min --detectable
     tail -n +1 -f flight.csv | enginediag detect -n nominal.yaml --follow -
 
-    The verdict is healthy, fault, or no verdict with its reason: an engine that could not be judged, or would not have
-    shown a change of the size of --must-show, is never called healthy. `fit` is what no change of parameters explains,
-    per degree of freedom: near 1 when model and noise are right.
+    The verdict is healthy, fault, or no verdict with its reason. A window that could not be judged, or that would not
+    have shown a change of the size of --must-show, is never called healthy. `fit` is the reduced χ² that no change of
+    parameters explains: near 1 when model and noise are right.
 
-    With --follow, `log10_e` is the evidence that something has changed since the flight began, as a power of
-    ten; the alarm comes when it reaches 1/P of --false-alarm, at any time of the flight, and stays. What one sensor or
-    input alone shows is an alarm once it has lasted longer than a gross error, 7 records or 10 minutes. Then `kind`
-    says sudden fault, gradual deterioration, sensor jump, sensor drift, present from the start, or cannot tell,
-    and onset_s since when, with its 95 % interval.
+    With --follow, `log10_e` is the evidence for a change since the flight began, as a power of ten. The alarm comes
+    when it reaches 1/P of --false-alarm, at any time of the flight, and stays. A deviation of a single sensor or input
+    is an alarm once it has lasted longer than a gross error: 7 records or 10 minutes. `kind` is then sudden fault,
+    gradual deterioration, sensor jump, sensor drift, present from the start, or cannot tell; onset_s is the onset, with
+    its 95 % interval.
 
-    With --method, another method judges each window: rows hold the statistic, threshold and p value of each of its
-    tests, and what it names in `isolated`, which `isolated_kind` says are parameters of the engine or sensors.
+    With --method, another method judges each window: rows hold statistic, threshold and p value of each of its tests.
+    `isolated` lists what it names; `isolated_kind` says whether these are parameters of the engine or sensors.
     """
-    if rival:
-        rival.check(compared.nominal, source.files)
-    if follow.wanted:
-        check_follow(follow, windows, detectable)
-    if picture_path and (follow.wanted or rival):
-        raise click.UsageError("--picture goes with neither --follow nor --method")
-    if "none" in must_show and len(must_show) > 1:
-        raise click.UsageError("--must-show none goes with no other --must-show")
-    result = _judged(
-        follow,
-        rival,
-        detectable or output.chosen_format() in ("json", "ndjson"),
-        {"power": power, "must_show": "none" if "none" in must_show else must_show},
-    )(
-        compared.nominal,
-        source,
-        false_alarm=false_alarm,
-        messages=messages,
-        stream=True,
-        **windows,
-        **compared.arguments,
-    )
-    write_result(result, output, picture_path)
-    return ending(result.found, result.judged, exit_code, result.unread)
-
-
-def _judged(follow: Follow, rival: Rival, detectable: bool, test: dict[str, Any]) -> Callable[..., Result]:
-    """The verb of the library that the options ask for, with the arguments that it alone has."""
     from enginediag_cli.api import detection
 
-    if follow.wanted:
-        return partial(detection.follow, block=digits_of(follow.window), idle_s=follow.idle_s)
-    if rival:
-        return partial(detection.detect_by_method, method=rival.name, healthy=rival.healthy)
-    return partial(detection.detect, detectable=detectable, **test)
+    if healthy and not method:
+        raise click.UsageError("--healthy goes with a --method that learns")
+    if picture and (follow or method):
+        raise click.UsageError("--picture goes with neither --follow nor --method")
+    if "none" in must_show and len(must_show) > 1:
+        raise click.UsageError("--must-show none excludes any other --must-show")
+    settings: dict[str, Any] = {**choices, "messages": messages, "stream": True}
+    result: Result
+    if method:
+        _check_method(method, healthy, nominal, source.files)
+        result = detection.detect_by_method(nominal, source, method, healthy=healthy, **settings)
+    elif follow:
+        _check_follow(nominal, detectable=detectable, **choices)
+        block = _block_length(choices["window"])
+        result = detection.follow(nominal, source, block=block, idle_s=idle, **settings)
+    else:
+        detectable = detectable or output.chosen_format() in ("json", "ndjson")
+        required = "none" if "none" in must_show else must_show
+        result = detection.detect(nominal, source, detectable=detectable, power=power, must_show=required, **settings)
+    write_result(result, output, picture)
+    return exit_code_of(result.found, result.judged, exit_code, result.unread)
+
+
+def _check_method(name: str, healthy: Sequence[str], nominal: str | None, recordings: Sequence[str]) -> None:
+    """Raise click.UsageError for options that another method does not have."""
+    from enginediag_cli.api.detection import chosen_method
+
+    method, context = chosen_method(name), click.get_current_context()
+    refused = {f"--{o.replace('_', '-')}": why for o, why in NOT_WITH_A_METHOD.items() if is_chosen(context, o)}
+    typed = context.get_parameter_source("linearise") is ParameterSource.COMMANDLINE
+    if typed and all(f.name != "linearise" for f in method.OPTIONS):
+        refused["--linearise"] = "it has no such choice"
+    reasons = [f"{option} does not go with --method {name}: {why}" for option, why in refused.items()]
+    if nominal is None:
+        reasons.append(f"--method {name} needs --nominal")
+    if method.learns and not healthy:
+        reasons.append(f"--method {name} learns: name healthy recordings with --healthy FILE")
+    if healthy and not method.learns:
+        reasons.append(f"--healthy does not go with --method {name}: it learns nothing")
+    files = [file for file in recordings if file != "-"]
+    both = [file for file in files if any(os.path.samefile(file, other) for other in healthy)]
+    reasons += [f"{file} is both judged and learnt from: it would always be healthy" for file in both]
+    if reasons:
+        raise click.UsageError("; ".join(reasons))
+
+
+def _check_follow(nominal: str | None, **choices: Any) -> None:
+    """Raise click.UsageError for options that do not go with --follow."""
+    if nominal is None:
+        raise click.UsageError("--follow needs --nominal")
+    reasons = [f"--{name} does not go with --follow: {why}" for name, why in NOT_LIVE.items() if choices[name]]
+    if reasons:
+        raise click.UsageError("; ".join(reasons))
+
+
+def _block_length(window: str | None) -> int | None:
+    """Records of a block; None where no window is given. Raises click.UsageError for a time."""
+    if window is None:
+        return None
+    if not window.strip().isdigit() or not int(window):
+        raise click.UsageError("with --follow, --window is a number of records")
+    return int(window)

@@ -7,21 +7,26 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from enginediag_cli.api.isolation import INSTRUMENT, METHODS, PARAMETER
-from enginediag_cli.cli.answer_options import Beside, beside_options
-from enginediag_cli.cli.intake_options import compared_options, judging_options, source_options, window_options
-from enginediag_cli.cli.isolation_options import Further, further_options
-from enginediag_cli.cli.judging import Compared, ending, write_result
+from enginediag_cli.cli.config import command, exit_code_of, write_result
 from enginediag_cli.cli.options import (
+    INPUT,
+    JUDGEMENT,
+    MODEL,
+    OUTPUT,
     exit_code_option,
-    exit_codes,
+    extra_form,
     false_alarm_option,
     jobs_option,
-    message_options,
+    nominal_options,
+    option,
     output_options,
-    pass_messages,
+    picture_option,
     probability_option,
+    recordings_options,
+    window_options,
+    work_scope_option,
 )
-from enginediag_cli.cli.picture_option import picture_option
+from enginediag_cli.cli.parameter_types import COUNT, POSITIVE
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.output import Output
 
@@ -30,73 +35,99 @@ if TYPE_CHECKING:
     from enginediag_cli.errors import ExitCode
 
 
-@click.command(
-    short_help="Say which parameters changed.",
-    epilog=exit_codes("something was isolated and --exit-code given"),
+@command(finding="something was isolated and --exit-code given")
+@recordings_options
+@option(
+    INPUT,
+    "--catalogue",
+    metavar="FILE",
+    type=click.Path(exists=True, readable=True),
+    multiple=True,
+    help="Fault file, or a folder of them: name the faults that fit. Repeatable.",
 )
-@source_options
-@compared_options(help="Nominal engine, as written by identify; not needed for what residual has written.")
-@judging_options
+@nominal_options("Nominal file of the engine, from identify; not needed for statistics from residual.")
 @window_options
-@click.option(
+@option(
+    MODEL,
+    "--sensors/--no-sensors",
+    default=None,
+    help="Whether instruments, also those of model inputs, may be wrong. Default: yes with the posterior and without "
+    "--monitor, because a wrong sensor would otherwise be attributed to the engine.",
+)
+@option(
+    MODEL,
+    "--one-sided",
+    is_flag=True,
+    help="Changes have known signs: efficiencies fall; other parameters follow the signs of the catalogue.",
+)
+@option(
+    MODEL,
+    "--nonlinear",
+    type=click.Choice(["auto", "always", "never"]),
+    default="auto",
+    show_default=True,
+    help="Fit the leading sets with the full model: auto when changes are too large for the quadratic likelihood.",
+)
+@option(
+    JUDGEMENT,
     "--method",
     type=click.Choice(METHODS),
     default="posterior",
     show_default=True,
-    help="posterior: probability of every set of changes; incremental: the tests of the asymptotic local "
-    "approach, one parameter more at a time; sensitivity, minmax: its single tests, eqs. (13) and (14), in whose Σ "
-    "what is uncertain about nominal, instruments and the slopes of the maps counts as noise.",
+    help="posterior: probability of every set of changes. Tests of the asymptotic local approach: incremental adds one "
+    "parameter at a time; sensitivity and minmax are its eqs. (13) and (14), with the uncertainty of nominal engine, "
+    "instruments and map slopes added to the noise.",
 )
-@click.option("--faults", metavar="Q", type=click.IntRange(min=1), help="Number of changed parameters, when known.")
+@option(JUDGEMENT, "--faults", metavar="Q", type=COUNT, help="Number of changed parameters, if known.")
+@option(JUDGEMENT, "--largest", metavar="N", type=COUNT, help="Largest number of parameters that changed together.")
 @false_alarm_option
-@probability_option("--inclusion", PARAMETER, "Prior probability that a parameter of the engine changed (posterior).")
+@probability_option("--inclusion", PARAMETER, "Prior probability that an engine parameter changed (posterior).")
 @probability_option(
-    "--sensor-inclusion",
-    INSTRUMENT,
-    "Prior probability that a sensor is wrong (posterior); no more than two are at once.",
+    "--sensor-inclusion", INSTRUMENT, "Prior probability that a sensor is wrong (posterior), at most two at once."
 )
-@probability_option("--coverage", 0.98, "Probability that answer and rivals hold together.")
-@probability_option("--confidence", 0.95, "Level of intervals.")
-@click.option(
+@probability_option("--coverage", 0.98, "Probability that the answer and its alternatives cover together.")
+@probability_option("--confidence", 0.95, "Confidence level of intervals.")
+@option(
+    OUTPUT,
     "--by",
     type=click.Choice(["parameter", "component"]),
     default="parameter",
     show_default=True,
-    help="component: one row per window with the components that changed (posterior), for an engine with generic maps.",
+    help="component: one row per window with the changed components (posterior), for an engine with generic maps.",
 )
-@click.option(
-    "--largest",
-    metavar="N",
-    type=click.IntRange(min=1),
-    help="Largest number of parameters that may have changed together.",
+@option(OUTPUT, "--advise", is_flag=True, help="Recommend the next recording that best separates the alternatives.")
+@option(
+    OUTPUT,
+    "--extra-sensor",
+    metavar="COLUMN SIGMA",
+    type=(str, POSITIVE),
+    multiple=True,
+    help="Further sensor for --advise: a column of the model, and its noise. Repeatable.",
 )
-@further_options
-@beside_options
-@picture_option("the fingerprint of the last window in which something was isolated")
+@option(
+    OUTPUT,
+    "--flips/--no-flips",
+    default=None,
+    help="Sensitivity of the conclusion: the smallest error of a map, sensor or input, or change of the prior, that "
+    "changes the first name. Default: in sentences and JSON; --flips or --wide adds it to tables and CSV.",
+)
+@work_scope_option
+@picture_option("the fingerprint of the last window with an isolated change")
 @jobs_option
 @exit_code_option
 @output_options
-@message_options
-@pass_messages
 def isolate(
     messages: Messages,
+    nominal: str | None,
     source: Recordings,
-    compared: Compared,
-    windows: dict[str, Any],
-    method: str,
-    faults: int | None,
-    false_alarm: float,
-    inclusion: float,
-    sensor_inclusion: float,
-    coverage: float,
-    confidence: float,
     by: str,
-    largest: int | None,
-    further: Further,
-    beside: Beside,
-    picture_path: str | None,
+    extra_sensor: tuple[tuple[str, float], ...],
+    flips: bool | None,
+    work_scope: bool | None,
+    picture: str | None,
     exit_code: bool,
     output: Output,
+    **choices: Any,
 ) -> ExitCode:
     """Isolate the parameters, or the components, that changed: one row per window and isolated parameter.
 
@@ -106,45 +137,35 @@ def isolate(
     enginediag isolate -n nominal.yaml flight.csv --method incremental --linearise nominal
     enginediag isolate -n nominal.yaml flight.csv --catalogue configs/faults --advise
 
-    Every sensor may be wrong, too, of an output (`sensor.T3.bias`) or of an input of the model (`input.Wf.scale`):
-    read too high or low, by a scale, drift, be stuck (its records or readings are then not judged) or scatter,
-    unless --no-sensors says that none is, or --monitor what may have changed; `verdict` tests all of that, where detect
-    tests the engine alone.
-    `probability` is that these changed and nothing else that matters: no efficiency by 0.7 %, no flow capacity or
-    area by 1 %, nothing else by a third of what is plausible, no instrument. `inclusion` is that of the parameter
-    in any set; `rivals` are the other sets that the data cannot exclude. `change` is in the parameter's unit,
-    averaged over the sets that hold the parameter and are possible; the interval counts those without it, too, and
-    reaches to 0 where they are not excluded. `fit` is what the answer leaves unexplained, per degree of freedom:
-    near 1 when it fits; `fit_before` the same without any answer, `explained` the share of the excess that the
-    answer takes away. Where the model fits badly whatever is assumed, probabilities and intervals are widened;
-    where it then convinces no longer, or fits only with changes that no engine shows, the verdict is `cannot tell`
-    and `note` says why. `flips` (json) are the errors that would change the first name: `size` as it would be added
-    to what was recorded, one standard deviation as `stated`, what the name `becomes`; the nearest first.
-    `work_scope` (json) is by how much turbine temperature and fuel would fall at equal thrust or power if a module
-    that is named were as new, with 95 % intervals.
+    Sensors of outputs (`sensor.T3.bias`) and of model inputs (`input.Wf.scale`) may be wrong, too: biased, scaled,
+    drifting, stuck (then excluded) or noisy. `verdict` tests all of that, where detect tests the engine alone.
+    `probability` is the posterior probability that these parameters changed and nothing else that matters: no
+    efficiency by 0.7 %, no flow capacity or area by 1 %, nothing else by a third of its plausible size, no instrument.
+    `inclusion` is the probability that the parameter is in any set. `rivals` are the alternative sets that the data
+    cannot exclude.
+    `change` is in the parameter's unit, averaged over the possible sets with this parameter. Its interval also counts
+    the sets without it and reaches 0 where these are not excluded. `fit` is the reduced χ² with the answer, near 1 when
+    it fits; `fit_before` is the same without any answer, `explained` the explained share of the excess. Where the model
+    fits poorly whatever is assumed, probabilities and intervals are widened. If the answer is then not convincing, or
+    needs changes that no engine shows, the verdict is `cannot tell`, with the reason in `note`. `flips` (JSON) lists
+    the errors that would change the first name, the smallest first: their `size`, one standard deviation (`stated`),
+    and the name that results (`becomes`). `work_scope` (JSON) is the reduction of turbine temperature and fuel flow at
+    equal thrust or power if a named module were restored, with 95 % intervals.
     """
     from enginediag_cli.api.isolation import isolate as run
 
-    if picture_path and by == "component":
+    if picture and by == "component":
         raise click.UsageError("--picture goes with --by parameter")
     result = run(
-        compared.nominal,
+        nominal,
         source,
-        method=method,
         by=by,
-        faults=faults,
-        largest=largest,
-        false_alarm=false_alarm,
-        inclusion=inclusion,
-        sensor_inclusion=sensor_inclusion,
-        coverage=coverage,
-        confidence=confidence,
+        extra_sensors=dict(extra_sensor),
+        flips=extra_form(flips, output, with_wide=True),
+        work_scope=extra_form(work_scope, output),
         messages=messages,
         stream=True,
-        **further.arguments,
-        **beside.arguments(output),
-        **windows,
-        **compared.arguments,
+        **choices,
     )
-    write_result(result, output, picture_path)
-    return ending(result.found, result.judged, exit_code, result.unread)
+    write_result(result, output, picture)
+    return exit_code_of(result.found, result.judged, exit_code, result.unread)

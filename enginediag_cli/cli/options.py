@@ -1,142 +1,402 @@
-"""Options that several commands share, so that they are spelt and behave alike everywhere.
+"""Options of commands: each is declared once and stands under a heading of the help.
 
-    @click.command(epilog=exit_codes(finding="a change was found and --exit-code given"))
-    @source_options
-    @nominal_options()
-    @seed_option
-    @exit_code_option
+    @command(finding="a change was found and --exit-code given")
+    @recordings_options
+    @window_options
     @output_options
-    @message_options
-    @pass_messages
-    def detect(messages, source, nominal, seed, exit_code, output): ...
+    def detect(messages, nominal, source, output, **choices): ...
 
-A command returns its `ExitCode`, or nothing for `DONE`.
+The name of a parameter is that of its option, so that click finds its default in the environment
+(ENGINEDIAG_DETECT_FALSE_ALARM) and in a file. A group of options may replace its values by one argument (`options`).
 """
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable
-from functools import wraps
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from enginediag_cli.cli.parameter_types import TABLE_SUFFIXES, ConfigFile, FiniteRange, OutputFile
+from enginediag_cli.cli.parameter_types import (
+    COUNT,
+    EXISTING,
+    PICTURE_SUFFIXES,
+    POSITIVE,
+    TABLE_SUFFIXES,
+    ConfigFile,
+    FiniteRange,
+    Length,
+    OutputFile,
+)
 from enginediag_cli.report.messages import Messages
 
-__all__ = ["ConfigFile", "FiniteRange", "OutputFile"]
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
+    from enginediag_cli.report.output import Output
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+Decorator = Callable[[Any], Any]
+Values = dict[str, Any]
 
-pass_messages = click.make_pass_decorator(Messages, ensure=True)
-"""Gives the command the run's `Messages` (stderr) as its first argument."""
+INPUT, MODEL, JUDGEMENT, OUTPUT, OPERATION = HEADINGS = ("Input", "Model", "Judgement", "Output", "Operation")
+"""Headings of the help of a command, in this order."""
+
+PREFIX = "ENGINEDIAG"
+"""Of the environment variables that hold defaults."""
 
 FORMATS = ("auto", "csv", "json", "ndjson", "table")
 
 
-def exit_codes(finding: str = "") -> str:
-    """Epilog of a command's help that lists its exit codes; `finding` says what 1 means, if it can occur."""
-    one = f"1 {finding}; " if finding else ""
-    first = f"Exit codes: 0 done; {one}2 bad usage, configuration or data;"
-    return f"\b\n{first}\n3 no verdict; 70 internal error; 75 --lock is held; 130 interrupted."
+class Option(click.Option):
+    """An option under one of HEADINGS. `for_all`: ENGINEDIAG_<OPTION> holds a default for every command, too."""
+
+    def __init__(self, *names: Any, heading: str, for_all: bool = False, **settings: Any):
+        super().__init__(*names, **settings)
+        self.heading, self.for_all = heading, for_all
+
+    def variables(self, context: click.Context) -> list[str]:
+        """Environment variables that hold its default; the first that is set is used."""
+        prefixes = [context.auto_envvar_prefix] if context.auto_envvar_prefix else []
+        return [f"{prefix}_{str(self.name).upper()}" for prefix in [*prefixes, *([PREFIX] if self.for_all else [])]]
+
+    def resolve_envvar_value(self, ctx: click.Context) -> str | None:
+        """Read the default from the environment."""
+        return super().resolve_envvar_value(ctx) or next(filter(None, map(os.environ.get, self.variables(ctx))), None)
 
 
-def message_options(function: Function) -> Function:
-    """`-q`, `--color` and `--debug`: kept in the run's `Messages`, not passed to the command."""
-    quiet = click.option(
-        "-q",
-        "--quiet",
-        is_flag=True,
-        expose_value=False,
-        is_eager=True,
-        callback=_set_message_option,
-        help="Say nothing on standard error but errors.",
-    )
-    color = click.option(
-        "--color",
-        type=click.Choice(["auto", "always", "never"]),
-        default=None,
-        expose_value=False,
-        is_eager=True,
-        callback=_set_message_option,
-        help="Colours; auto asks the terminal and NO_COLOR.",
-    )
-    debug = click.option(
-        "--debug",
-        is_flag=True,
-        expose_value=False,
-        is_eager=True,
-        callback=_set_message_option,
-        help="Show the traceback of an error.",
-    )
-    return quiet(color(debug(function)))
+def option(heading: str, *names: str, **settings: Any) -> Decorator:
+    """`click.option` under a heading."""
+    return click.option(*names, cls=Option, heading=heading, **settings)
 
 
-def _set_message_option(context: click.Context, parameter: click.Parameter, value: Any) -> None:
+def options(*declared: Decorator, adapt: Callable[[Values], None] | None = None) -> Decorator:
+    """Combine options to one decorator; `adapt` may replace their values by what the command takes."""
+
+    def decorate(function: Any) -> Any:
+        for one in reversed(declared):
+            function = one(function)
+        if adapt is not None:
+            function.__dict__.setdefault("adapters", []).append(adapt)
+        return function
+
+    return decorate
+
+
+def long_name(parameter: click.Parameter) -> str:
+    """The long name of an option without its dashes."""
+    return max(parameter.opts, key=len).lstrip("-")
+
+
+def has_value(value: object) -> bool:
+    """Whether there is a value; click has had two ways to say that there is none."""
+    return value is not None and type(value).__name__ != "Sentinel"
+
+
+def is_default(context: click.Context, parameter: click.Parameter, value: object) -> bool:
+    """Whether a value is the built-in default."""
+    if not has_value(parameter.default):
+        a_choice = value is False and bool(parameter.secondary_opts)
+        return not a_choice and value in (None, False, ())
+    return bool(parameter.type_cast_value(context, parameter.default) == value)
+
+
+def is_chosen(context: click.Context, name: str) -> bool:
+    """Whether the user has chosen an option's value, wherever; a file that repeats the default chooses nothing."""
+    from click.core import ParameterSource
+
+    source = context.get_parameter_source(name)
+    if source is not ParameterSource.DEFAULT_MAP:
+        return source is not None and source is not ParameterSource.DEFAULT
+    parameter = next(p for p in context.command.params if p.name == name)
+    return not is_default(context, parameter, context.params.get(name))
+
+
+# -- operation: what every command has
+
+
+def _set_message(context: click.Context, parameter: click.Parameter, value: Any) -> None:
     if value and parameter.name:  # an option of the group stays set when its command leaves it out
         setattr(context.ensure_object(Messages), parameter.name, value)
 
 
-def output_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """`-o/--output`, `--format`, `--no-header`, `--wide`, `--columns`: given to the command as one `output: Output`."""
-
-    @wraps(function)
-    def with_output(
-        *args: Any,
-        output_path: str,
-        output_format: str,
-        no_header: bool,
-        wide: bool,
-        columns: tuple[str, ...],
-        **others: Any,
-    ) -> Any:
-        from enginediag_cli.report.output import Output
-
-        messages = click.get_current_context().ensure_object(Messages)
-        output = Output(output_path, output_format, not no_header, messages.color, wide, columns, messages.note)
-        return function(*args, output=output, **others)
-
-    options = [
-        output_file_option("Write to FILE, completely or not at all; - is standard output.", TABLE_SUFFIXES),
-        click.option(
-            "-f",
-            "--format",
-            "output_format",
-            type=click.Choice(FORMATS),
-            default="auto",
-            help="auto: by the name of FILE (.csv, .json, .ndjson, .parquet), else table on a terminal, csv in a pipe; "
-            "ndjson: one object a line.",
+def message_options() -> list[Option]:
+    """`-q`, `-v`, `--color` and `--debug`: kept in the run's `Messages`, not passed to the command."""
+    kept: dict[str, Any] = {
+        "expose_value": False,
+        "is_eager": True,
+        "callback": _set_message,
+        "heading": OPERATION,
+    }
+    return [
+        Option(["-q", "--quiet"], is_flag=True, help="Print only errors on standard error.", **kept),
+        Option(
+            ["-v", "--verbose"],
+            is_flag=True,
+            help="Print on standard error which files are read and written, and the time of each stage.",
+            **kept,
         ),
-        click.option("--no-header", is_flag=True, help="Leave out the # provenance lines."),
-        click.option(
-            "--wide", is_flag=True, help="All columns on a terminal, too, below each other where they have no room."
+        Option(
+            ["--color"],
+            type=click.Choice(["auto", "always", "never"]),
+            default=None,
+            help="Colours; auto follows the terminal and NO_COLOR.",
+            **kept,
         ),
-        click.option(
-            "--columns",
-            metavar="A,B",
-            callback=_column_names,
-            help="Only these columns, in this order; in every format.",
-        ),
+        Option(["--debug"], is_flag=True, help="Print the traceback of an error.", **kept),
     ]
-    for option in reversed(options):
-        with_output = option(with_output)
-    return with_output
 
 
-def output_file_option(help: str, suffixes: tuple[str, ...] = (), *, required: bool = False) -> Callable[..., Any]:
-    """`-o/--output FILE` as `output_path: str`; standard output when not given, unless it is required."""
-    absent: dict[str, Any] = {} if required else {"default": "-"}  # to click from 8.3 on, None is a value, too
-    return click.option(
-        "-o",
-        "--output",
-        "output_path",
-        required=required,
+exit_code_option = option(OPERATION, "--exit-code", is_flag=True, help="Exit with 1 if there is a finding.")
+"""Opt-in, because a 1 from the middle of a pipe would stop a script under `set -o pipefail`."""
+
+seed_option = option(
+    OPERATION,
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    metavar="N",
+    help="Seed of all random numbers. The same seed gives the same bytes.",
+)
+
+
+def _start_jobs(values: Values) -> None:
+    from enginediag_cli.side_by_side import CAN_COPY, working
+
+    jobs, context = values.pop("jobs"), click.get_current_context()
+    if jobs > 1 and not CAN_COPY:
+        context.ensure_object(Messages).note("--jobs has no effect: this system cannot fork a process")
+    context.with_resource(working(jobs))
+
+
+jobs_option = options(
+    option(
+        OPERATION,
+        "--jobs",
+        metavar="N",
+        type=COUNT,
+        default=1,
+        show_default=True,
+        help="Number of processes. The result does not depend on it.",
+    ),
+    adapt=_start_jobs,
+)
+
+
+# -- input and model
+
+
+def _input_files(context: click.Context, parameter: click.Parameter, value: tuple[str, ...]) -> tuple[str, ...]:
+    files = value or ("-",)
+    if files.count("-") > 1:
+        raise click.UsageError("standard input (-) can be read only once", context)
+    nothing_is_piped = sys.stdin is None or sys.stdin.closed or sys.stdin.isatty()
+    if "-" in files and not context.resilient_parsing and nothing_is_piped:
+        raise click.UsageError("no input: name a FILE, or pipe data in", context)
+    return files
+
+
+def _open_recordings(values: Values) -> None:
+    from enginediag_cli.api.inputs import Recordings
+
+    names = ("recordings", "recorder", "engine_instance", "accept_mismatch")
+    values["source"] = Recordings(*(values.pop(name) for name in names))
+
+
+engine_argument = click.argument("engine", metavar="ENGINE.yaml", type=ConfigFile())
+accept_mismatch_option = option(
+    INPUT,
+    "--accept-mismatch",
+    is_flag=True,
+    help="Continue although the recordings cannot be of this engine or in these units.",
+)
+recorder_options = options(
+    option(
+        INPUT,
+        "--recorder",
         metavar="FILE",
-        type=OutputFile(suffixes),
-        help=help,
-        **absent,
+        type=ConfigFile(),
+        help="Recorder file (YAML): columns and units of foreign recordings.",
+    ),
+    option(
+        INPUT, "--engine-instance", default="", metavar="NAME", help="Use only the records of this engine (or side)."
+    ),
+)
+recordings_argument = click.argument(
+    # what does not exist, or is no file, is reported when it is read: the other files are judged
+    "recordings",
+    nargs=-1,
+    metavar="[FILE]...",
+    callback=_input_files,
+    type=click.Path(allow_dash=True),
+)
+recordings_options = options(
+    recordings_argument,
+    recorder_options,
+    accept_mismatch_option,
+    adapt=_open_recordings,
+)
+"""Recordings and how they are read, as one `source: Recordings`."""
+
+
+def nominal_options(help: str = "Nominal file of the engine, from identify.", *, required: bool = False) -> Decorator:
+    """`--nominal FILE` and `--accept-changed-engine`."""
+    return options(
+        option(MODEL, "-n", "--nominal", required=required, metavar="FILE", type=EXISTING, help=help),
+        option(
+            MODEL,
+            "--accept-changed-engine",
+            is_flag=True,
+            help="Use the engine file although it has changed since the identification.",
+        ),
     )
+
+
+model_error_option = option(
+    MODEL,
+    "--model-error",
+    metavar="SHARE",
+    type=FiniteRange(0, 0.1),
+    help="Relative accuracy of the component maps, such as 0.003. A deviation within it is no finding. Default: the "
+    "value of the nominal file, else of the engine file. 0 means exact maps.",
+)
+
+
+def _mark_choices(values: Values) -> None:
+    context = click.get_current_context()
+    values["chosen"] = {name: is_chosen(context, name) for name in context.params}
+
+
+comparison_options = options(
+    option(
+        MODEL,
+        "--monitor",
+        metavar="PATTERN",
+        multiple=True,
+        help="Parameters that may have changed, by name or shell pattern, such as 'hpc.*' or sensor.T3.bias. "
+        "Repeatable. Default: those that the engine file monitors.",
+    ),
+    option(
+        MODEL,
+        "--linearise",
+        type=click.Choice(["estimate", "nominal"]),
+        default="estimate",
+        show_default=True,
+        help="Linearise the model at the estimate for each window, or at the nominal state (small changes only).",
+    ),
+    model_error_option,
+    option(
+        JUDGEMENT,
+        "--reference",
+        metavar="N",
+        type=click.IntRange(min=0),
+        default=0,
+        help="Take the first N records of each flight and engine as healthy, and judge the rest relative to them.",
+    ),
+    option(
+        JUDGEMENT,
+        "--last",
+        metavar="N",
+        type=click.IntRange(min=0),
+        default=0,
+        help="Judge only the last N records of each flight and engine.",
+    ),
+    adapt=_mark_choices,
+)
+"""How recordings are compared with the nominal engine: attributes of `WindowOptions`, with which of them are set."""
+
+window_option = option(
+    JUDGEMENT,
+    "--window",
+    metavar="LENGTH",
+    type=Length(),
+    help="Length of a window: records (60) or time (300s, 10min, 1h). Default: each flight is one window.",
+)
+window_options = options(
+    comparison_options,
+    window_option,
+    option(
+        JUDGEMENT,
+        "--step",
+        metavar="LENGTH",
+        type=Length(),
+        help="From the start of a window to the start of the next. Default: the length of a window.",
+    ),
+)
+
+
+def probability_option(name: str, default: float, help: str, heading: str = JUDGEMENT) -> Decorator:
+    """An option that is a probability, neither 0 nor 1."""
+    inside = FiniteRange(0, 1, min_open=True, max_open=True)
+    return option(heading, name, metavar="P", type=inside, default=default, show_default=True, help=help)
+
+
+false_alarm_option = probability_option("--false-alarm", 0.01, "False-alarm rate of the test.")
+
+
+def _collect_margin(values: Values) -> None:
+    from enginediag_cli.api.over_time import MarginOptions
+
+    limit, consumed, removed = (values.pop(name) for name in ("limit", "consumed_limit", "taken_off"))
+    if sum(map(bool, (limit, consumed, removed))) > 1:
+        raise click.UsageError("--limit, --consumed-limit and --taken-off exclude each other")
+    values["margin"] = MarginOptions(dict(limit), consumed, removed, values.pop("events") or "", values.pop("baseline"))
+
+
+margin_options = options(
+    option(
+        JUDGEMENT,
+        "--limit",
+        nargs=2,
+        type=(str, POSITIVE),
+        metavar="COLUMN KELVIN",
+        multiple=True,
+        help="Limit of a turbine temperature, such as T45_K 1180. The EGT margin is counted to it, at the hottest "
+        "operating point of the identification.",
+    ),
+    option(
+        JUDGEMENT,
+        "--consumed-limit",
+        nargs=2,
+        type=POSITIVE,
+        metavar="KELVIN KELVIN",
+        help="Without a known limit: EGT margin used when an engine is removed, and its standard deviation, such as "
+        "25 3.",
+    ),
+    option(
+        JUDGEMENT,
+        "--taken-off",
+        metavar="ENGINE",
+        multiple=True,
+        help="Engine that was removed worn at the end of its recordings. Three or more give the limit of the others. "
+        "Repeatable.",
+    ),
+    option(
+        INPUT,
+        "--events",
+        metavar="FILE",
+        type=EXISTING,
+        help="CSV of maintenance: columns kind (wash, overhaul, exchange), flight (the first after it) or time_s, "
+        "component, and engine (optional for one engine).",
+    ),
+    option(
+        JUDGEMENT,
+        "--baseline",
+        metavar="FLIGHTS",
+        type=click.IntRange(min=0),
+        default=0,
+        help="First flights of an engine, taken as healthy: the EGT margin used is counted from them. Default: those "
+        "of --reference, else the first flight.",
+    ),
+    adapt=_collect_margin,
+)
+"""From and to what the EGT margin is counted, as one `margin: MarginOptions`."""
+
+
+# -- output
 
 
 def _column_names(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[str, ...]:
@@ -146,81 +406,90 @@ def _column_names(context: click.Context, parameter: click.Parameter, value: str
     return names
 
 
-def recordings_argument(function: Function) -> Function:
-    """`FILE...` as `recordings: tuple[str, ...]`; `-` or nothing with piped input means standard input."""
-    return click.argument(
-        "recordings",
-        nargs=-1,
-        metavar="[FILE]...",
-        callback=_input_files,
-        type=click.Path(allow_dash=True),  # what is not there, or no file, is named when it is read: others are judged
-    )(function)
+def _open_output(values: Values) -> None:
+    from enginediag_cli.report.output import Output
 
-
-def _input_files(context: click.Context, parameter: click.Parameter, value: tuple[str, ...]) -> tuple[str, ...]:
-    files = value or ("-",)
-    if files.count("-") > 1:
-        raise click.UsageError("standard input (-) can be read only once", context)
-    if "-" in files and not context.resilient_parsing and _nothing_is_piped():
-        raise click.UsageError("no input: name a FILE, or pipe data in", context)
-    return files
-
-
-def _nothing_is_piped() -> bool:
-    return sys.stdin is None or sys.stdin.closed or sys.stdin.isatty()
-
-
-def probability_option(name: str, default: float, help: str) -> Callable[[Function], Function]:
-    """An option that is a probability, neither 0 nor 1."""
-    inside = FiniteRange(0, 1, min_open=True, max_open=True)
-    return click.option(name, metavar="P", type=inside, default=default, show_default=True, help=help)
-
-
-def false_alarm_option(function: Function) -> Function:
-    """`--false-alarm P`, the probability of an alarm in a window without change."""
-    return probability_option("--false-alarm", 0.01, "Probability that a test cries wolf.")(function)
-
-
-def seed_option(function: Function) -> Function:
-    """`--seed N` as `seed: int`; the same seed gives the same bytes."""
-    return click.option(
-        "--seed",
-        type=click.IntRange(min=0),
-        default=0,
-        show_default=True,
-        metavar="N",
-        help="Seed of everything random.",
-    )(function)
-
-
-def jobs_option(function: Callable[..., Any]) -> Callable[..., Any]:
-    """`--jobs N`: the command runs with so many processes that share its work."""
-
-    @wraps(function)
-    def with_jobs(*args: Any, jobs: int, **others: Any) -> Any:
-        from enginediag_cli.side_by_side import CAN_COPY, working
-
-        if jobs > 1 and not CAN_COPY:
-            click.get_current_context().ensure_object(Messages).note(
-                "--jobs has no effect on this system, where a process cannot begin as a copy of another"
-            )
-        with working(jobs):
-            return function(*args, **others)
-
-    option = click.option(
-        "--jobs",
-        metavar="N",
-        type=click.IntRange(min=1),
-        default=1,
-        show_default=True,
-        help="Processes that share the work. The result does not depend on it.",
+    messages = click.get_current_context().ensure_object(Messages)
+    path, form, bare, wide, columns = (
+        values.pop(name) for name in ("output", "format", "no_header", "wide", "columns")
     )
-    return option(with_jobs)
+    values["output"] = Output(path, form, not bare, messages.color, wide, columns, messages.note)
 
 
-def exit_code_option(function: Function) -> Function:
-    """`--exit-code` as `exit_code: bool`: end with 1 when there is a finding.
+def output_file_option(
+    help: str, suffixes: tuple[str, ...] = (), *, required: bool = False, metavar: str = "FILE"
+) -> Decorator:
+    """`-o/--output FILE`; standard output when not given, unless it is required."""
+    absent: dict[str, Any] = {} if required else {"default": "-"}  # to click from 8.3 on, None is a value, too
+    return option(
+        OUTPUT,
+        "-o",
+        "--output",
+        required=required,
+        metavar=metavar,
+        type=OutputFile(suffixes),
+        help=help,
+        **absent,
+    )
 
-    Opt-in, because a 1 from the middle of a pipe would stop a script under `set -o pipefail`.
-    """
-    return click.option("--exit-code", is_flag=True, help="End with 1 if there is a finding.")(function)
+
+output_options = options(
+    output_file_option("Write to FILE, completely or not at all; - is standard output.", TABLE_SUFFIXES),
+    option(
+        OUTPUT,
+        "-f",
+        "--format",
+        type=click.Choice(FORMATS),
+        default="auto",
+        help="auto follows the ending of FILE (.csv, .json, .ndjson, .parquet); without one: table on a terminal, csv "
+        "in a pipe. ndjson is one object per line.",
+    ),
+    option(OUTPUT, "--no-header", is_flag=True, help="Omit the # lines with the provenance."),
+    option(OUTPUT, "--wide", is_flag=True, help="Show all columns on a terminal."),
+    option(OUTPUT, "--columns", metavar="A,B", callback=_column_names, help="Only these columns, in this order."),
+    adapt=_open_output,
+)
+"""Where and how rows are written, as one `output: Output`."""
+
+
+def picture_option(what: str) -> Decorator:
+    """`--picture FILE`."""
+    return option(
+        OUTPUT,
+        "--picture",
+        metavar="FILE.svg|png",
+        type=OutputFile(PICTURE_SUFFIXES),
+        help=f"Draw {what} into FILE (.png needs the extra enginediag[report]).",
+    )
+
+
+work_scope_option = option(
+    OUTPUT,
+    "--work-scope/--no-work-scope",
+    default=None,
+    help="Report by how much restoring each named module lowers turbine temperature and fuel flow at equal thrust or "
+    "power. Default: in sentences and JSON; --work-scope adds a column to tables and CSV.",
+)
+
+
+def extra_form(choice: bool | None, output: Output, *, with_wide: bool = False) -> str:
+    """How an addition to an answer is written: "nested" objects in JSON, a "cell" of text, "sentences" alone, or ""."""
+    if choice is False:
+        return ""
+    if output.chosen_format() in ("json", "ndjson"):
+        return "nested"
+    return "cell" if choice or (with_wide and output.wide) else "sentences"
+
+
+def complete_terms(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Complete the name of a physical effect."""
+    from enginediag_cli.api.discrepancy import effect_names
+
+    return completions(dict.fromkeys(effect_names(), ""), incomplete)
+
+
+def completions(known: dict[str, str], incomplete: str) -> list[CompletionItem]:
+    """Those of the known names, each with its help, that begin as what has been typed."""
+    from click.shell_completion import CompletionItem
+
+    return [CompletionItem(name, help=help or None) for name, help in known.items() if name.startswith(incomplete)]

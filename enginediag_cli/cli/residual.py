@@ -1,4 +1,4 @@
-"""`enginediag residual`: condense recordings into local statistics, or list residuals record by record."""
+"""`enginediag residual`: reduce recordings to sufficient statistics, or list residuals record by record."""
 
 from __future__ import annotations
 
@@ -6,9 +6,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from enginediag_cli.cli.intake_options import compared_options, judging_options, source_options, window_options
-from enginediag_cli.cli.judging import Compared, ending, write_result
-from enginediag_cli.cli.options import exit_codes, jobs_option, message_options, output_options, pass_messages
+from enginediag_cli.cli.config import command, exit_code_of, write_result
+from enginediag_cli.cli.options import (
+    MODEL,
+    OUTPUT,
+    jobs_option,
+    nominal_options,
+    option,
+    output_options,
+    recordings_options,
+    window_options,
+)
 from enginediag_cli.errors import ExitCode
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.output import Output
@@ -17,58 +25,39 @@ if TYPE_CHECKING:
     from enginediag_cli.api.inputs import Recordings
 
 
-@click.command(short_help="Condense recordings into local statistics.", epilog=exit_codes())
-@source_options
-@compared_options(required=True)
-@judging_options
+@command()
+@recordings_options
+@nominal_options(required=True)
 @window_options
-@click.option(
-    "--sensors", is_flag=True, help="Statistics of bias, scale and drift of every instrument, too, for isolate."
+@option(
+    MODEL, "--sensors", is_flag=True, help="Include bias, scale and drift of every instrument, as isolate needs them."
 )
-@click.option(
+@option(
+    OUTPUT,
     "--what",
     type=click.Choice(["statistics", "records"]),
     default="statistics",
     show_default=True,
-    help="One row of local statistics per window, or one row of residuals per record.",
+    help="statistics: one row of sufficient statistics per window; records: one row of residuals per record.",
 )
 @jobs_option
 @output_options
-@message_options
-@pass_messages
-def residual(
-    messages: Messages,
-    source: Recordings,
-    compared: Compared,
-    windows: dict[str, Any],
-    sensors: bool,
-    what: str,
-    output: Output,
-) -> ExitCode:
+def residual(messages: Messages, nominal: str, source: Recordings, output: Output, **choices: Any) -> ExitCode:
     """Compare recordings with the nominal engine.
 
     \b
     enginediag residual -n nominal.yaml --sensors flight.csv --window 10min | enginediag isolate -
     enginediag residual -n nominal.yaml flight.csv --what records > residuals.csv
 
-    A row of statistics holds s, F and V of a window (upper triangles), the nominal values, prior sizes of
-    change and names of the parameters: detect and isolate need nothing else. What is uncertain about the
-    nominal engine and about sensor offsets has columns of its own (nuisance), so that rows add over windows,
-    flights and files; it is counted as noise when the rows are read. With --reference it is counted in s, F and V.
+    A row of statistics holds s, F and V of a window (upper triangles), the nominal values, the prior sizes and the
+    names of the parameters. detect, isolate and trend need nothing else. The uncertainty of the nominal engine and of
+    sensor offsets has columns of its own (nuisance parameters), so that rows add over windows, flights and files; it
+    is added to the noise when the rows are read. With --reference it is part of s, F and V.
 
-    Statistics are formed without gross errors; rows of records have every reading as it is, gross errors, too.
+    Gross errors are excluded from statistics; rows of records keep every reading.
     """
     from enginediag_cli.api.detection import residual as run
 
-    result = run(
-        compared.nominal,
-        source,
-        what=what,
-        sensors=sensors,
-        messages=messages,
-        stream=True,
-        **windows,
-        **compared.arguments,
-    )
+    result = run(nominal, source, messages=messages, stream=True, **choices)
     write_result(result, output)
-    return ending(0, result.judged, False, result.unread)
+    return exit_code_of(0, result.judged, False, result.unread)

@@ -2,85 +2,57 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import click
 
 from enginediag_cli.api.simulation import NOISES
-from enginediag_cli.cli.options import (
-    ConfigFile,
-    OutputFile,
-    exit_codes,
-    message_options,
-    output_options,
-    pass_messages,
-    seed_option,
-)
-from enginediag_cli.cli.parameter_types import CSV_SUFFIXES
+from enginediag_cli.cli.config import command
+from enginediag_cli.cli.options import INPUT, MODEL, OUTPUT, option, output_options, seed_option
+from enginediag_cli.cli.parameter_types import COUNT, CSV_SUFFIXES, ConfigFile, OutputFile
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.output import Output
 
-CONFIG_FILE = ConfigFile()
 
-
-@click.command(short_help="Simulate the recording of an engine.", epilog=exit_codes())
-@click.argument("engine_file", metavar="ENGINE", type=CONFIG_FILE)
-@click.option(
+@command()
+@click.argument("engine", metavar="ENGINE", type=ConfigFile())
+@option(
+    INPUT,
     "--flight",
     metavar="FILE",
-    type=CONFIG_FILE,
-    help="Flights to fly; without it and --conditions, a few flights of an airliner.",
+    type=ConfigFile(),
+    help="Flight file (YAML). Default, also without --conditions: a few flights of an airliner.",
 )
-@click.option(
+@option(
+    INPUT,
     "--conditions",
     metavar="FILE",
     type=click.Path(exists=True, dir_okay=False, allow_dash=True),
     help="Operating conditions record by record, instead of flights; - is standard input.",
 )
-@click.option(
-    "--fault",
-    "faults",
-    metavar="FILE",
-    type=CONFIG_FILE,
-    multiple=True,
-    help="Faults to put in; may be given several times.",
-)
-@click.option(
+@option(INPUT, "--fault", metavar="FILE", type=ConfigFile(), multiple=True, help="Fault file to implant. Repeatable.")
+@option(INPUT, "--flights", metavar="N", type=COUNT, help="Number of flights, or of days on the ground.")
+@option(INPUT, "--records", metavar="N", type=COUNT, help="Stop after N records.")
+@option(
+    MODEL,
     "--noise",
     type=click.Choice(NOISES),
     default=None,
-    help="Sensor noise: none, gaussian (sizes of the engine file; default), uniform (1 % of the "
-    "maximum reading wide), correlated (gaussian, 0.8 from record to record), quantised (rounding "
-    "only).",
+    help="Sensor noise. gaussian: sizes of the engine file (default); uniform: 1 % of the maximum reading wide; "
+    "correlated: gaussian, 0.8 from record to record; quantised: rounding only; none.",
 )
-@click.option("--flights", metavar="N", type=click.IntRange(min=1), help="Number of flights, or of days on the ground.")
-@click.option("--records", metavar="N", type=click.IntRange(min=1), help="End after N records.")
-@click.option(
+@option(MODEL, "--steady", is_flag=True, help="Treat every record as steady, even for an engine with states.")
+@option(
+    OUTPUT,
     "--truth",
     metavar="FILE",
     type=OutputFile(CSV_SUFFIXES),
-    help="Write what is really wrong, record by record, to FILE.",
-)
-@click.option(
-    "--steady",
-    is_flag=True,
-    help="Take every record as steady, also of an engine with states (inertias and the like).",
+    help="Write the true parameters and sensor errors, record by record, to FILE.",
 )
 @seed_option
 @output_options
-@message_options
-@pass_messages
 def simulate(
-    messages: Messages,
-    engine_file: str,
-    flight: str | None,
-    conditions: str | None,
-    faults: tuple[str, ...],
-    noise: str | None,
-    flights: int | None,
-    records: int | None,
-    truth: str | None,
-    steady: bool,
-    seed: int,
-    output: Output,
+    messages: Messages, engine: str, fault: tuple[str, ...], truth: str | None, output: Output, **choices: Any
 ) -> None:
     """Simulate what the sensors of ENGINE record.
 
@@ -89,26 +61,13 @@ def simulate(
     enginediag simulate configs/turbofan.yaml --fault configs/faults/hpc_fouling.yaml --truth true.csv | head
     enginediag simulate configs/turbofan.yaml --flight configs/flights/sweep.yaml --records 1000 --noise none
 
-    An engine whose file gives states (inertia_kg_m2 of a shaft, terms that remember) is flown along time.
-    Points that the engine cannot reach keep their row, with empty readings and the reason in `status`. The
-    same seed gives the same flights and the same noise, with faults or without. The header names the fault
-    files; leave it out with --no-header where the diagnosis is to be blind.
+    An engine whose file has states (inertia_kg_m2 of a shaft, effects with memory) is integrated over time. Points that
+    the engine cannot reach keep their row, with empty readings and the reason in `status`. The same seed gives the same
+    flights and the same noise, with faults or without. The header names the fault files; omit it with --no-header for a
+    blind diagnosis.
     """
     from enginediag_cli.api.simulation import simulate as run
 
     if truth == "-":
         raise click.UsageError("--truth needs a file of its own")
-    result = run(
-        engine_file,
-        flight=flight,
-        conditions=conditions,
-        faults=faults,
-        noise=noise,
-        flights=flights,
-        records=records,
-        steady=steady,
-        seed=seed,
-        messages=messages,
-        stream=True,
-    )
-    result.write(output, truth)
+    run(engine, faults=fault, messages=messages, stream=True, **choices).write(output, truth)

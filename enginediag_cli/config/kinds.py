@@ -84,8 +84,8 @@ FILE_KINDS: dict[str, FileKind] = {
         FileKind(
             "defaults",
             "options of commands, for enginediag.yaml beside the data",
-            "enginediag_cli.cli.defaults_section:DEFAULTS_FILE",
-            "enginediag_cli.cli.defaults_file:check_defaults",
+            "enginediag_cli.cli.config:DEFAULTS_FILE",
+            "enginediag_cli.cli.config:check_defaults",
         ),
     )
 }

@@ -407,8 +407,7 @@ def _options(context: click.Context) -> Iterator[str]:
         yield ".TP"
         yield f"\\fB{_text(names)}\\fR"
         yield _text(" ".join(told.split()))
-        variable = getattr(parameter, "envvar", None)
-        variables = [variable] if isinstance(variable, str) else variable or ()
+        variables = parameter.variables(context) if hasattr(parameter, "variables") else ()
         if variables:
             yield ".br"
             yield _text(f"Environment: {', '.join(variables)}")

@@ -19,9 +19,8 @@ ENVIRONMENT = {
 PROBE = '''
 import time
 import click
-from enginediag_cli.cli.options import (
-    message_options, output_options, pass_messages, recordings_argument,
-)
+from enginediag_cli.cli.config import command
+from enginediag_cli.cli.options import output_options, recordings_argument
 from enginediag_cli.errors import ConfigError, DataError, ExitCode, Mark, NoVerdictError, Problem
 
 ENDINGS = {
@@ -38,12 +37,10 @@ ENDINGS = {
     "recursion": lambda: RecursionError("too deep"),
 }
 
-@click.command()
+@command()
 @click.argument("ending")
 @click.option("--rows", type=int, default=1)
 @output_options
-@message_options
-@pass_messages
 def probe(messages, ending, rows, output):
     """End in a chosen way."""
     if ending in ENDINGS:
@@ -64,9 +61,8 @@ def probe(messages, ending, rows, output):
         return output.write_text("Δθ ± 1\\n")
     output.write_rows({"row": k, "text": "x" * 50} for k in range(rows))
 
-@click.command()
+@command()
 @recordings_argument
-@pass_messages
 def files(messages, recordings):
     """Say which files would be read."""
     click.echo(" ".join(recordings))
@@ -74,9 +70,11 @@ def files(messages, recordings):
 
 START = """
 import sys
+import probe_commands
 from enginediag_cli.cli import main
-main.COMMANDS["probe"] = main.Entry("probe_commands", "probe", "")
-main.COMMANDS["files"] = main.Entry("probe_commands", "files", "")
+sys.modules["enginediag_cli.cli.probe_commands"] = probe_commands
+main.COMMANDS["probe"] = main.CommandEntry("probe_commands", "")
+main.COMMANDS["files"] = main.CommandEntry("probe_commands", "")
 from enginediag_cli.__main__ import main as entry
 sys.exit(entry())
 """

@@ -89,9 +89,9 @@ def test_what_was_wrong_is_in_the_log_even_of_a_command_line_that_could_not_be_r
 
 
 def test_an_internal_error_leaves_its_traceback_in_the_log_and_not_on_the_terminal(run, log, monkeypatch):
-    from enginediag_cli.cli import schema
+    from enginediag_cli.cli import reference
 
-    monkeypatch.setattr(schema.schema, "callback", lambda **_: 1 // 0)
+    monkeypatch.setattr(reference.schema, "callback", lambda *_, **__: 1 // 0)
     ended = run("schema", "--log", log)
     assert ended.exit_code == 70
     assert "Traceback" not in ended.stderr

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
+import re
 from pathlib import Path
 
 import click
@@ -12,8 +12,12 @@ from click.testing import CliRunner
 
 from enginediag_cli import __version__
 from enginediag_cli.cli.main import COMMANDS, enginediag
+from enginediag_cli.cli.options import HEADINGS, long_name
 
 ROOT = Path(__file__).parents[2]
+
+SCREEN = 50
+"""Lines of a terminal window that is neither small nor large."""
 
 
 def test_version_is_that_of_the_package(run):
@@ -68,22 +72,31 @@ class TestEveryCommand:
 
     @pytest.fixture
     def command(self, name) -> click.Command:
-        entry = COMMANDS[name]
-        if importlib.util.find_spec(entry.module) is None:
-            pytest.skip(f"{entry.module} is not built")
         command = enginediag.get_command(click.Context(enginediag), name)
         assert command is not None
         return command
 
     def test_has_help_with_an_example_and_its_exit_codes(self, name, command, run):
         help_text = run(name, "--help").stdout
-        assert f"enginediag {name}" in help_text.split("Options:")[0].split("\n", 1)[1]
+        assert f"enginediag {name}" in help_text.split("\nInput:")[0].split("\nOperation:")[0].split("\n", 1)[1]
         assert "Exit codes:" in help_text
         assert command.help
 
     def test_describes_every_option(self, name, command):
         silent = [p.name for p in command.params if isinstance(p, click.Option) and not p.help]
         assert silent == []
+
+    def test_groups_its_options_by_headings_that_fit_a_screen_each(self, name, command, run):
+        text = run(name, "--help").stdout
+        found = [line for line in text.splitlines() if line.rstrip(":") in HEADINGS and line.endswith(":")]
+        assert found == [f"{heading}:" for heading in HEADINGS if f"\n{heading}:\n" in text]
+        for part in re.split(rf"\n(?=(?:{'|'.join(HEADINGS)}):\n)", text)[1:]:
+            assert part.count("\n") <= SCREEN
+        assert {p.heading for p in command.params if isinstance(p, click.Option)} <= set(HEADINGS)
+
+    def test_names_its_parameters_as_its_options(self, name, command):
+        for option in (p for p in command.params if isinstance(p, click.Option)):
+            assert option.name == long_name(option).replace("-", "_")
 
     def test_can_be_quiet_and_debugged(self, name, command):
         flags = {flag for parameter in command.params for flag in parameter.opts}

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from refine_flights import ENGINE, engine, evidence, library, write_csv
 
 from enginediag_cli.__main__ import main
-from enginediag_cli.cli.explain import explain
+from enginediag_cli.cli.discrepancy import explain
 from enginediag_cli.cli.simulate import simulate
 from enginediag_cli.engine.term import Coefficient as Declared
 from enginediag_cli.engine.term import Effect

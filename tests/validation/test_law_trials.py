@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from enginediag_cli.cli.prove import prove
+from enginediag_cli.cli.trials import prove
 from enginediag_cli.mismatch.explain.answer import (
     FORMULA,
     IDENTIFIED,

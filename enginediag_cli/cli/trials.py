@@ -1,0 +1,427 @@
+"""`enginediag study` and `prove`: how often diagnosis is right, over engines whose truth is known."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from enginediag_cli.cli.config import command
+from enginediag_cli.cli.options import INPUT, JUDGEMENT, OPERATION, OUTPUT, option, output_options, seed_option
+from enginediag_cli.cli.parameter_types import COUNT, ConfigFile, OutputFile
+from enginediag_cli.report.messages import Messages
+from enginediag_cli.report.output import Output
+from enginediag_cli.validation import kinds as trial_kinds
+
+if TYPE_CHECKING:
+    from enginediag_cli.validation import explain_trials, isolation_trials
+    from enginediag_cli.validation.rows import Results
+    from enginediag_cli.validation.studies import Study
+    from enginediag_cli.validation.trials import Journal
+
+Key = TypeVar("Key")
+Value = TypeVar("Value")
+Record = Mapping[str, Any]
+
+EXPLAIN, ISOLATE = "explain", "isolate"
+"""Questions that trials may put."""
+BOTH = "both"
+SEVERAL_ENGINES = ("turbofan.yaml", "turbojet.yaml", "power_plant.yaml", "turboshaft.yaml")
+"""Engines that are flown when nobody names one and a truth is realistic, a formula, or several causes."""
+AIRLINER = SEVERAL_ENGINES[0]
+"""Engine of whole flights of an airliner when nobody names one."""
+MOVING_ENGINES = (
+    "turbofan.yaml",
+    "turbojet.yaml",
+    "turboshaft.yaml",
+    "naval_gas_generator.yaml",
+    "micro_gas_turbine.yaml",
+)
+"""Engines that are flown when nobody names one and recordings move: power set by fuel, by speed and by a load."""
+
+
+@command()
+@click.argument("file", metavar="FILE", type=ConfigFile())
+@option(
+    INPUT, "--repetitions", metavar="N", type=COUNT, help="Repetitions of every case. Default: those of the study file."
+)
+@option(
+    OUTPUT,
+    "--show",
+    type=click.Choice(["rates", "counts", "reliability"]),
+    default="rates",
+    show_default=True,
+    help="Table or CSV of rates with binomial intervals, counts per parameter as in the paper, or reliability of "
+    "stated probabilities. JSON has all three.",
+)
+@option(OPERATION, "--seed", metavar="N", type=click.IntRange(min=0), help="Seed. Default: that of the study file.")
+@option(
+    OPERATION,
+    "--processes",
+    metavar="N",
+    type=COUNT,
+    help="Number of processes. Default: one per core. The result does not depend on it.",
+)
+@option(
+    OPERATION,
+    "--journal",
+    metavar="FILE",
+    type=OutputFile(),
+    help="Keep finished batches in FILE and resume from them. With -o, the journal is beside the output until the "
+    "study is complete.",
+)
+@output_options
+def study(
+    messages: Messages,
+    file: str,
+    show: str,
+    repetitions: int | None,
+    seed: int | None,
+    processes: int | None,
+    journal: str | None,
+    output: Output,
+) -> None:
+    """Run the study that FILE describes: one row per case and method.
+
+    \b
+    enginediag study configs/studies/paper.yaml -o paper.json
+    enginediag study configs/studies/paper.yaml --repetitions 50 --show counts
+    enginediag study configs/studies/calibration.yaml --show reliability
+
+    Data come from the full nonlinear engine. The same seed gives the same counts, on any number of processes. The same
+    command with -o or --journal resumes an interrupted study.
+    """
+    from enginediag_cli.validation.rows import totals
+    from enginediag_cli.validation.studies import load_study
+    from enginediag_cli.validation.study_runs import batches, run_batch, study_journal, study_key
+    from enginediag_cli.worker_pool import run_pieces
+
+    described = load_study(file)
+    seed = described.seed if seed is None else seed
+    path = Path(journal) if journal else None if output.to_stdout else Path(output.path + ".journal")
+    kept = study_journal(path, study_key(described, seed, repetitions)) if path else None
+    every, finished = batches(described, repetitions), kept.read() if kept else {}
+    todo = [batch for batch in every if batch not in finished]
+    running = run_pieces(partial(run_batch, described.path, seed), todo, processes or os.cpu_count() or 1)
+    _collect(messages, running, described.path.stem, todo, finished, kept)
+    _write_study(described, totals(described, finished), seed, show, output, file)
+    if kept and not journal:
+        kept.path.unlink(missing_ok=True)
+
+
+def _write_study(described: Study, results: Results, seed: int, show: str, output: Output, file: str) -> None:
+    from enginediag_cli.api.results import header_lines
+    from enginediag_cli.report.outputs.validation import COUNTS, RELIABILITY, STUDY
+    from enginediag_cli.report.summaries import STUDY as SUMMARY
+    from enginediag_cli.validation.rows import as_json, shortened, study_rows
+
+    found, columns = study_rows(described, results, show)
+    declared = {"rates": STUDY, "counts": COUNTS, "reliability": RELIABILITY}[show]
+    head = header_lines("study", seed=seed, configs=[file], notes=declared.notes)
+    if output.chosen_format() == "table" and show == "rates" and not (output.wide or output.columns):
+        found = [shortened(row) for row in found]
+        columns = tuple(found[0])
+    output.write_document(lambda: as_json(described, results, seed), found, columns, summary=SUMMARY, provenance=head)
+
+
+def _collect(
+    messages: Messages,
+    running: Generator[tuple[Key, Value], None, None],
+    label: str,
+    todo: Sequence[Key],
+    finished: dict[Key, Value],
+    journal: Journal[Key, Value] | None,
+    resume: str = "the same command",
+) -> None:
+    """Add results to those that are finished as they come, and to the journal, which outlives an interruption."""
+    from enginediag_cli.errors import WorkerDiedError
+
+    total = len(todo) + len(finished)
+    if finished and journal:
+        messages.note(f"{len(finished)} of {total} pieces of work are in {journal.path}")
+    try:
+        for key, value in messages.progress(running, label, len(todo)):
+            finished[key] = value
+            if journal:
+                journal.add(key, value)
+    except (KeyboardInterrupt, WorkerDiedError):
+        if journal:
+            kept = f"{len(finished)} of {total} pieces of work are kept in {journal.path}"
+            messages.note(f"{kept}; {resume} resumes from there")
+        raise
+    finally:
+        running.close()
+
+
+@dataclass(frozen=True)
+class TrialChoices:
+    """What trials are about; `truth` and `chosen` (kinds) as given, None and empty for the default."""
+
+    question: str
+    truth: str | None
+    chosen: tuple[str, ...]
+
+    def check(self) -> None:
+        """Raise click.UsageError for choices that exclude each other."""
+        isolating = self.question == ISOLATE
+        known_kinds = trial_kinds.ISOLATION_CHOICES if isolating else trial_kinds.CHOICES
+        known_truths = trial_kinds.ISOLATION_TRUTHS if isolating else trial_kinds.TRUTHS
+        for name, values, known in (("--kind", self.chosen, known_kinds), ("--truth", self.truths, known_truths)):
+            odd = [v for v in values if v not in known]
+            if odd:
+                raise click.UsageError(
+                    f"{name} {odd[0]} does not go with --question {self.question}; one of {', '.join(known)} does"
+                )
+        if isolating and trial_kinds.FIELD in self.chosen and len(self.chosen) > 1:
+            raise click.UsageError(f"--kind {trial_kinds.FIELD} has the other kinds in fixed shares; give it alone")
+        if trial_kinds.REALISTIC not in self.truths:
+            return
+        apart = "whose instrument errors are indistinguishable from what is concealed"
+        refused = {
+            trial_kinds.DYNAMIC: self.moving and "whose clocks and probes lag",
+            trial_kinds.LAW: trial_kinds.LAW in self.choices and apart,
+            trial_kinds.SEVERAL: trial_kinds.SEVERAL in self.choices and apart,
+            trial_kinds.PLANNED: trial_kinds.PLANNED in self.chosen
+            and "whose instruments are drawn for the first flights alone",
+        }
+        for kind, why in refused.items():
+            if why:
+                others = ", ".join((*trial_kinds.USUAL, BOTH))
+                raise click.UsageError(
+                    f"--kind {kind} does not go with --truth {trial_kinds.REALISTIC}, {why}; one of {others} does"
+                )
+
+    @property
+    def truths(self) -> tuple[str, ...]:
+        """The truths of the trials."""
+        if self.truth in (None, BOTH) and self.question == EXPLAIN:
+            return trial_kinds.SAME_MODEL, trial_kinds.MAP_ERROR
+        if self.truth == BOTH:
+            return trial_kinds.ISOLATION_TRUTHS
+        return (self.truth or trial_kinds.REALISTIC,)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The kinds of the trials."""
+        if self.question == ISOLATE:
+            return self.chosen or trial_kinds.ISOLATION_KINDS
+        return trial_kinds.all_of(self.chosen) or trial_kinds.KINDS
+
+    @property
+    def moving(self) -> bool:
+        """Whether recordings are unsteady in some of the trials."""
+        return self.question == EXPLAIN and any(map(trial_kinds.moves, self.kinds))
+
+    @property
+    def choices(self) -> frozenset[str]:
+        """The kinds that are drawn only on request."""
+        return frozenset(map(trial_kinds.choice, self.kinds)) if self.question == EXPLAIN else frozenset()
+
+    def engines(self, given: str | None) -> tuple[str, ...]:
+        """The engine file given, or shipped ones. Raises DataError."""
+        from enginediag_cli.shipped import shipped
+
+        if given:
+            return (given,)
+        several = trial_kinds.REALISTIC in self.truths or self.choices & {trial_kinds.LAW, trial_kinds.SEVERAL}
+        names: tuple[str, ...] = SEVERAL_ENGINES if several else SEVERAL_ENGINES[:1]
+        if self.moving:
+            names = MOVING_ENGINES
+        elif self.question == ISOLATE and self.kinds == (trial_kinds.FIELD,):
+            names = (AIRLINER,)
+        return tuple(str(shipped(name)) for name in names)
+
+
+@command()
+@click.argument("engine", metavar="[ENGINE.yaml]", type=ConfigFile(), required=False)
+@option(
+    JUDGEMENT,
+    "--question",
+    type=click.Choice([EXPLAIN, ISOLATE]),
+    default=EXPLAIN,
+    show_default=True,
+    help="explain: which physics is missing; isolate: what has changed since the healthy flights.",
+)
+@option(
+    INPUT,
+    "--trials",
+    metavar="N",
+    type=COUNT,
+    default=400,
+    show_default=True,
+    help="Number of trials: engines drawn, each with something concealed in it.",
+)
+@option(
+    INPUT,
+    "--truth",
+    type=click.Choice((*trial_kinds.TRUTHS, BOTH)),
+    help="same_model: the true engine differs from the model only in what is concealed; map_error: also in maps, "
+    "cooling and gas, with a model error of 0.3 %; realistic: also in instruments, clocks, probes and noise, with "
+    "airline sensors in a third of the trials. Default: the first two for explain, realistic for isolate.",
+)
+@option(
+    INPUT,
+    "--kind",
+    multiple=True,
+    type=click.Choice(tuple(dict.fromkeys((*trial_kinds.CHOICES, *trial_kinds.ISOLATION_CHOICES)))),
+    metavar="KIND",
+    help=f"Only trials of this kind. Repeatable. For explain: {', '.join(trial_kinds.KINDS)}; only on request dynamic "
+    "(unsteady recordings, effects with memory), law (formulas outside the library), planned (what to fly next), "
+    f"several ({', '.join(kind for own in trial_kinds.APART.values() for kind in own)}). For isolate: "
+    f"{', '.join(trial_kinds.ISOLATION_KINDS)}; only on request {trial_kinds.FIELD} (whole flights with everything at "
+    "once, a quarter of them healthy).",
+)
+@option(
+    OUTPUT,
+    "--sizes/--no-sizes",
+    default=True,
+    show_default=True,
+    help="Add the smallest detectable size of every effect, with and without model error.",
+)
+@option(
+    OUTPUT,
+    "--trials-output",
+    metavar="FILE.jsonl",
+    type=OutputFile(),
+    help="Keep every trial with its sealed answer and its marks, one JSON line each.",
+)
+@option(OPERATION, "--resume", is_flag=True, help="Resume from the trials in --trials-output.")
+@option(
+    OPERATION,
+    "--jobs",
+    metavar="J",
+    type=COUNT,
+    help="Number of processes. Default: one per core. The result does not depend on it.",
+)
+@seed_option
+@output_options
+def prove(
+    messages: Messages,
+    engine: str | None,
+    question: str,
+    truth: str | None,
+    kind: tuple[str, ...],
+    trials: int,
+    trials_output: str | None,
+    resume: bool,
+    jobs: int | None,
+    sizes: bool,
+    seed: int,
+    output: Output,
+) -> None:
+    """Draw engines that lack some physics, or in which something has changed, conceal it, and score the diagnosis of
+    their recordings.
+
+    \b
+    enginediag prove --trials 400 --seed 12 --format json -o sheet.json
+    enginediag prove turbofan.yaml --trials 60 --kind null --kind single --truth same_model
+    enginediag prove --trials 400 --seed 12 --trials-output trials.jsonl --resume
+    enginediag prove --kind law --trials 200 --seed 12
+    enginediag prove --question isolate --truth realistic --trials 400 --seed 12
+    enginediag prove --question isolate --kind field --trials 320 --seed 12
+
+    The diagnosis runs in a separate process, which gets only the recordings, the engine file, and what is known about
+    noise and maps. The default of ENGINE.yaml is turbofan.yaml. Realistic trials other than field use turbofan,
+    turbojet, power_plant and turboshaft in turn. The same seed gives the same sheet, whatever --jobs.
+    """
+    if resume and not trials_output:
+        raise click.UsageError("--resume needs --trials-output FILE")
+    choices = TrialChoices(question, truth, kind)
+    choices.check()
+    engines = choices.engines(engine)
+    run = partial(_finished_trials, messages, trials, jobs or os.cpu_count() or 1, trials_output, resume)
+    if question == ISOLATE:
+        from enginediag_cli.validation import isolation_trials
+
+        plan = isolation_trials.Plan(engines, seed, choices.truths, choices.kinds)
+        records = run(engines, isolation_trials.plan_key(plan), partial(isolation_trials.run_trials, plan))
+        _report_cost(messages, records, "isolator_seconds", "to identify and isolate")
+        _write_isolation(plan, records, output)
+        return
+    from enginediag_cli.validation import explain_trials
+
+    sealed = explain_trials.Plan(engines[0], seed, choices.truths, choices.kinds, engines=engines)
+    records = run(engines, explain_trials.plan_key(sealed), partial(explain_trials.run_trials, sealed))
+    _report_cost(messages, records, "explainer_seconds", "to explain")
+    unscored = sum(not r["scorer_converged"] for r in records)
+    if unscored:
+        messages.note(f"{unscored} trials could not be scored: a noise-free fit of the scorer did not converge")
+    for r in records:
+        if r["error"]:
+            messages.warning(f"trial {r['trial']}: the explainer failed: {r['error']}")
+    _write_explanations(sealed, records, sizes, output)
+
+
+def _finished_trials(
+    messages: Messages,
+    total: int,
+    jobs: int,
+    path: str | None,
+    resume: bool,
+    engines: Sequence[str],
+    key: str,
+    run_trials: Callable[[Iterable[int], int], Generator[tuple[int, dict[str, Any]], None, None]],
+) -> list[Record]:
+    """Run the trials that the journal does not have; all of them in their order. Raises DataError."""
+    from enginediag_cli.errors import DataError
+    from enginediag_cli.validation.causes import check_engine
+    from enginediag_cli.validation.explain_trials import trials_journal
+
+    for engine in engines:
+        check_engine(engine)
+    journal = trials_journal(Path(path), key) if path else None
+    finished: dict[int, Record] = {}
+    if journal:
+        finished = journal.read() if resume else {}
+        if not finished:
+            if not resume and journal.begun:
+                raise DataError(f"{journal.path} has trials already: continue with --resume, or remove it")
+            journal.write({})
+    todo = [k for k in range(total) if k not in finished]
+    _collect(messages, run_trials(todo, jobs), "prove", todo, finished, journal, "the same command with --resume")
+    if journal:
+        journal.write(dict(sorted(finished.items())))
+    return [finished[k] for k in range(total)]
+
+
+def _report_cost(messages: Messages, records: Sequence[Record], name: str, what: str) -> None:
+    """Report the CPU time of a trial."""
+    total = sum(r["seconds"] for r in records) / len(records)
+    diagnosis = sum(r[name] for r in records) / len(records)
+    messages.note(f"{len(records)} trials; CPU time per trial: {diagnosis:.1f} s {what}, {total:.1f} s to score")
+
+
+def _write_explanations(plan: explain_trials.Plan, records: list[Record], sizes: bool, output: Output) -> None:
+    from enginediag_cli.api.results import header_lines
+    from enginediag_cli.report.outputs.validation import PROVE
+    from enginediag_cli.validation.rows import bin_rows, rows, score_sheet_document, size_rows, table
+
+    found = score_sheet_document(plan, records, sizes)
+    notes = PROVE.notes | {"trials": str(len(records))}
+    head = header_lines("prove", seed=plan.seed, configs=[plan.engine], notes=notes)
+    scores = {name: found[name] for name in found["scores"]}
+    if output.chosen_format() != "table" or output.columns:
+        output.write_document(found, rows(scores, found["bins"]), PROVE.names, provenance=head)
+        return
+    binned = ("lambda", "lambda_sep", "signal_to_noise")
+    parts = [table(scores), *(bin_rows(found["bins"], what) for what in binned)]
+    output.write_tables([*parts, *([size_rows(found["detectable_size"])] if sizes else [])])
+
+
+def _write_isolation(plan: isolation_trials.Plan, records: list[Record], output: Output) -> None:
+    from enginediag_cli.api.results import header_lines
+    from enginediag_cli.report.outputs.validation import ISOLATED
+    from enginediag_cli.validation.rows import document, isolation_sheet_rows, tables
+
+    found = document(plan, records)
+    notes = ISOLATED.notes | {"trials": str(len(records))}
+    head = header_lines("prove", seed=plan.seed, configs=list(plan.engines), notes=notes)
+    if output.chosen_format() != "table" or output.columns:
+        output.write_document(found, isolation_sheet_rows(found), ISOLATED.names, provenance=head)
+        return
+    output.write_tables(tables(found))
