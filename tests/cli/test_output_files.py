@@ -99,22 +99,16 @@ def test_known_endings_are_written(folder, run, name):
     assert Path(name).exists()
 
 
+WRITTEN = ("output", "picture", "report", "truth", "states", "journal", "amplitudes", "curves", "plan", "trials_output")
+
+
 def test_every_file_option_that_is_written_is_known_as_such():
     """An option that writes must be an `OutputFile`, or nothing keeps it from an input."""
     for name in COMMANDS:
         command = enginediag.get_command(enginediag.make_context("enginediag", [name]), name)
         assert command is not None
         for parameter in command.params:
-            if parameter.name in (
-                "output_path",
-                "picture",
-                "picture_path",
-                "report",
-                "states",
-                "journal",
-                "amplitudes",
-                "curves",
-            ):
+            if parameter.name in WRITTEN and not getattr(parameter, "is_flag", False):
                 assert isinstance(parameter.type, OutputFile), f"{name} {parameter.name}"
 
 
