@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from enginediag_cli.cli.trials import prove
-from enginediag_cli.mismatch.explain.answer import NAMED, NOTHING
+from enginediag_cli.mismatch.explain.answer import IDENTIFIED, NO_DISCREPANCY
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.planning.flights import AIRLINER, RECORDS, SWEEP, WEATHER, flights
 from enginediag_cli.validation import kinds
