@@ -26,10 +26,10 @@ from enginediag_cli.intake.agreement import SAMPLED, Agreement, Disagreement, Mi
 from enginediag_cli.intake.excluded import LeftOut
 from enginediag_cli.intake.selection import STDIN, Source, Wanted, refuse_repeated
 from enginediag_cli.recordings.masking import Judged, LiveMasker, Masker
-from enginediag_cli.recordings.read import is_whole, read, table_file
-from enginediag_cli.recordings.source import OWN, GrowingFile
+from enginediag_cli.recordings.read import read, table_file
+from enginediag_cli.recordings.source import GrowingFile, needs_whole_file
 from enginediag_cli.recordings.table import Recording, concat
-from enginediag_cli.recordings.table_file import ReadingCounts, TableFile
+from enginediag_cli.recordings.table_file import OWN, ReadingCounts, TableFile
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.moving.tape import Tapes
@@ -445,7 +445,7 @@ def live_chunks(intake: Intake, block: int, idle_s: float) -> Iterator[Recording
     seconds has ended. What only a longer stretch shows (spikes) is not searched for."""
     codec = OWN.codec if intake.recorder is None else intake.recorder.dialect.codec
     for file in intake.source.files:
-        source: Any = file if file == STDIN or is_whole(file) else GrowingFile(file, idle_s, codec=codec)
+        source: Any = file if file == STDIN or needs_whole_file(file) else GrowingFile(file, idle_s, codec=codec)
         yield from (_own if intake.recorder is None else _mapped)(intake, source, block)
 
 

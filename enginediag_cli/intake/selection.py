@@ -110,12 +110,12 @@ class Wanted:
         from enginediag_cli.recordings.table_file import absent_columns
 
         missing = {a.column: a for a in absent_columns(self.declared, recording.order)}
-        needed = [_with_hint(missing[c]) for c in self.inputs if c in missing]
+        needed = [str(missing[c]) for c in self.inputs if c in missing]
         if needed:
             raise DataError(f"{recording.source}: no column {', '.join(needed)}, which {self.engine} needs")
         sensors = tuple(missing[c] for c in self.sensors if c in missing)
         if self.sensors and len(sensors) == len(self.sensors):
-            raise DataError(f"{recording.source}: none of the sensors {', '.join(map(_with_hint, sensors))}")
+            raise DataError(f"{recording.source}: none of the sensors {', '.join(map(str, sensors))}")
         return sensors
 
 
@@ -132,10 +132,6 @@ def columns_of(
     optional = tuple(c for c in engine.optional_inputs if c != MOMENT)
     chosen = tuple(engine.sensors) if sensors is None else tuple(sensors)
     return Wanted(tuple(engine.inputs), chosen, optional, tuple(others), name, tapes)
-
-
-def _with_hint(absent: Absent) -> str:
-    return absent.column + (f" (did you mean {absent.near!r}?)" if absent.near else "")
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,8 @@ import numpy as np
 
 from enginediag_cli.config.hints import closest
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.source import Dialect
 from enginediag_cli.recordings.table import Recording, concat, rechunk
-from enginediag_cli.recordings.table_file import NumberForm, is_missing, no_number
+from enginediag_cli.recordings.table_file import OWN, Dialect, is_missing, no_number
 
 FRACTION = re.compile(r"(.*?)[.,](\d+)(.*)")
 """A stamp with a fraction of a second: what stands before it, its digits, what stands behind."""
@@ -55,14 +54,14 @@ class Stamps:
     form: "iso", a format of strptime, or one of NUMBERS; zone: of stamps that do not say, as in `zone_of`; since:
     "first_record" of the file (0 there: small numbers keep all digits), or "epoch", 1970-01-01 UTC. A clock that shows
     no date, or has it in a column of its own in which it stays, is taken a day on where it goes back by more than half
-    a day. numbers: how stamps that are numbers are written.
+    a day. dialect: how stamps that are numbers are written.
     """
 
     sources: Sequence[str]
     form: str = "iso"
     zone: str = ""
     since: str = "first_record"
-    numbers: NumberForm = field(default_factory=NumberForm)
+    dialect: Dialect = OWN
     _start: float | None = None
     _latest: float = -np.inf  # the last stamp as it was handed out, in s, but for `since`
     _shown: float = np.nan  # the last one as the clock showed it
@@ -149,7 +148,7 @@ class Stamps:
             read = recording[column]
         else:
             cells = recording.text[column]
-            read, bad, _ = self.numbers.values(cells)
+            read, bad, _ = self.dialect.numbers(cells)
             if bad:
                 raise no_number(cells[bad[0]], self._place(recording, bad[0]))
         if self.form == "excel_days":
@@ -179,7 +178,7 @@ class Stamps:
 
 def stamps_of(time: Mapping[str, Any], dialect: Dialect) -> Stamps:
     """The stamps that a section `time` of a recorder declares, in a file that is written so."""
-    return Stamps(time["from"], time["format"], time["zone"], time["since"], NumberForm.from_dialect(dialect))
+    return Stamps(time["from"], time["format"], time["zone"], time["since"], dialect)
 
 
 def check_forward(recording: Recording) -> None:
@@ -453,7 +452,7 @@ def pivot(
     chunks: Iterable[Recording],
     form: LongForm,
     stamps: Callable[[], Stamps],
-    numbers: NumberForm,
+    dialect: Dialect,
     tags: Collection[str],
     texts: Collection[str],
     chunk_records: int,
@@ -469,7 +468,7 @@ def pivot(
         names = np.array(chunk.text[form.tag], dtype=object)
         for tag in dict.fromkeys(names.tolist()):
             if tag in series:
-                _take(chunk.select(np.flatnonzero(names == tag)), form, series[tag], numbers, text=tag in texts)
+                _take(chunk.select(np.flatnonzero(names == tag)), form, series[tag], dialect, text=tag in texts)
             elif len(seen) < SHOWN_TAGS:
                 seen[tag] = None
     absent = [tag for tag, one in series.items() if not one.size]
@@ -480,14 +479,14 @@ def pivot(
     yield from rechunk(_merged(series, form, time, texts, f"{source} (by time)", provenance), chunk_records)
 
 
-def _take(rows: Recording, form: LongForm, series: _Series, numbers: NumberForm, *, text: bool) -> None:
+def _take(rows: Recording, form: LongForm, series: _Series, dialect: Dialect, *, text: bool) -> None:
     times = series.stamps.seconds(rows)
     refuse_backward(rows, times, series.latest)
     cells = rows.text[form.value]
     if text:
         values = np.array([series.words.setdefault(cell.strip(), len(series.words)) for cell in cells], dtype=float)
     else:
-        values, bad, _ = numbers.values(cells)
+        values, bad, _ = dialect.numbers(cells)
         if bad:
             raise no_number(cells[bad[0]], f"{rows.source}:{rows.line[bad[0]]}:{form.value}")
     if form.quality:

@@ -6,26 +6,20 @@ file of up to 3,000 records is judged as one. Beyond the halo only this is carri
 been seen to read, whether it was stuck when the last block ended, and what the search for repeated rows remembers.
 
 One rule for every caller: an input (a command, the air outside) may well stand still for hours, so only limits are
-asked of it; a sensor that does so while others move is stuck. Inputs are witnesses in that search.
-
-Gross outliers that need no model: single records, or two in a row, far from both sides and from all that the column
-reads at any time. What lies within its usual range is judged by the model (`residuals/gross_errors.py`).
-
-Masks for values that no analysis should see, with a count for each column and reason.
-
-Never silent: every mask is counted. Never fatal unless nothing is left.
+asked of it; a sensor that does so while others move is stuck. Inputs are witnesses in that search. Outliers are single
+records, or two in a row, far from both sides and from all that the column reads at any time; what lies within its
+usual range is judged by the model (`residuals/gross_errors.py`). Every mask is counted.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.repeated import (
     FrozenWatch,
     HeldWatch,
@@ -123,71 +117,6 @@ class QualitySettings:
     for each reading of its sensors stays below."""
 
 
-@dataclass(frozen=True)
-class MaskReport:
-    """masks: column → (N,) bool, true where the value is not to be used; counts: column → reason → number.
-
-    Each masked value is counted once, under the first of REASONS that holds. records: whole records by reason, "frozen"
-    (their sensor readings are masked but in no column's counts) and "repeated" (left out of the recording).
-    """
-
-    masks: Mapping[str, np.ndarray]
-    counts: Mapping[str, Mapping[str, int]]
-    records: Mapping[str, int] = field(default_factory=dict)
-
-    @property
-    def total(self) -> int:
-        return sum(sum(reasons.values()) for reasons in self.counts.values())
-
-    def report_lines(self) -> list[str]:
-        """One line per column that lost values, for stderr."""
-        lines = []
-        for column, reasons in self.counts.items():
-            lost = sum(reasons.values())
-            if lost:
-                of = len(self.masks[column])
-                why = ", ".join(f"{reason} {n}" for reason, n in reasons.items() if n)
-                lines.append(f"{column}: {lost} of {of} values masked ({why})")
-        return lines + whole_record_lines(self.records)
-
-
-def whole_record_lines(records: Mapping[str, int]) -> list[str]:
-    """What is told of whole records, by reason."""
-    return [f"{n} record{'' if n == 1 else 's'} {WHOLE_RECORDS[why]} ({why})" for why, n in records.items() if n]
-
-
-def mask_gross(
-    recording: Recording,
-    limits: Mapping[str, tuple[float, float]] | None = None,
-    *,
-    columns: Collection[str] | None = None,
-    required: Collection[str] = (),
-    settings: QualitySettings | None = None,
-    search: bool = True,
-) -> tuple[Recording, MaskReport]:
-    """The recording with unusable values set to NaN, and the report of what was masked and why.
-
-    limits: column → (lowest, highest) value that the sensor can truthfully give, in the column's unit (where
-    none is given: `physical_limits`);
-    columns: which to judge (default: all numbers but `time_s`); search: also look for stuck sensors and
-    outliers, which compares records with their neighbours in file order (see masking.py, also for streams).
-    Raises DataError when no record has all `required` columns left, or with none required, no value is left.
-    """
-
-    names = tuple(c for c in (recording.columns if columns is None else columns) if c != "time_s")
-    judged = Judged(
-        sensors=names if search else (),
-        inputs=() if search else names,
-        limits=limits or {},
-        settings=settings or QualitySettings(),
-        frozen=False,
-        repeated=False,
-    )
-    clean, report = mask_recording(recording, judged)
-    insist_on_something(clean, report, names, required)
-    return clean, report
-
-
 def physical_limits(column: str) -> tuple[float, float]:
     """What a gas turbine's sensor can truthfully read, in the column's unit; ±BEYOND_ANY if nothing is known.
 
@@ -223,21 +152,6 @@ def tally(found: Mapping[str, np.ndarray]) -> tuple[np.ndarray, dict[str, int]]:
         union = mask if union is None else union | mask
     assert union is not None
     return union, counts
-
-
-def insist_on_something(
-    recording: Recording, report: MaskReport, judged: Collection[str], required: Collection[str] = ()
-) -> None:
-    """Raises DataError when no record has all `required` columns, or with none required, no `judged` value is left."""
-    if len(recording) == 0:
-        return
-    left = (
-        np.all([np.isfinite(recording[c]) for c in required], axis=0)
-        if required
-        else np.any([np.isfinite(recording[c]) for c in judged], axis=0)
-    )
-    if judged and not np.any(left):
-        raise DataError(f"{recording.source}: no usable record is left: " + "; ".join(report.report_lines()))
 
 
 HALO = 1000
@@ -289,7 +203,9 @@ class MaskCounts:
             lost, why = sum(reasons.values()), ", ".join(f"{reason} {n}" for reason, n in reasons.items() if n)
             if lost:
                 lines.append(f"{column}: {lost} of {self.readings[column]} values masked ({why})")
-        return lines + whole_record_lines({"frozen": self.frozen, "repeated": self.repeated})
+        for reason, n in (("frozen", self.frozen), ("repeated", self.repeated)):
+            lines += [f"{n} record{'s' * (n > 1)} {WHOLE_RECORDS[reason]} ({reason})"] if n else []
+        return lines
 
     def note(self, recording: Recording, counts: Mapping[str, Mapping[str, int]], frozen: int) -> None:
         """Add what was found in some records."""
@@ -302,16 +218,14 @@ class MaskCounts:
 
 class Masker:
     """Masks the records of ONE file. `add` and `end` hand out what has become final, in order; `counts` says what was
-    masked in what was handed out. `keep_masks`: also collect them, for a file that is in memory anyway."""
+    masked in what was handed out."""
 
-    def __init__(self, judged: Judged, *, keep_masks: bool = False):
+    def __init__(self, judged: Judged):
         self.judged = judged
         self.counts = MaskCounts()
         s = judged.settings
         self.halo = max(HALO, 2 * max(s.dropped_records, s.stuck_records, s.frozen_records))
         self.block = 2 * self.halo
-        self._keep_masks = keep_masks
-        self._kept: list[dict[str, np.ndarray]] = []
         self._flights = FlightNumbers()
         self._repeats = Repeats()
         self._waiting: list[Recording] = []
@@ -357,15 +271,6 @@ class Masker:
         """The last block; empty before the first `add`."""
         return [self._judge(self._after)] if self._waiting else []
 
-    def report(self) -> MaskReport:
-        """Masks (N,) and counts of everything handed out; needs `keep_masks`."""
-        names = self.judged.columns
-        masks = {
-            c: np.concatenate([kept[c] for kept in self._kept]) if self._kept else np.zeros(0, bool) for c in names
-        }
-        counts = {c: dict(self.counts.columns.get(c, {})) for c in names}
-        return MaskReport(masks, counts, {"frozen": self.counts.frozen, "repeated": self.counts.repeated})
-
     def _judge(self, size: int) -> Recording:
         """Judge the next `size` records; `_before` records of halo stand before them in what waits."""
         held = concat(self._waiting)
@@ -406,8 +311,6 @@ class Masker:
                 joined_runs(self.counts.stuck, stuck_runs(column, own[column], own.line, found[column]["stuck"][block]))
                 masks[column] = masks[column] | still[block]
         self.counts.note(own, counts, int(np.count_nonzero(still[block])))
-        if self._keep_masks:
-            self._kept.append(masks)
         return own.with_columns({c: np.where(masks[c], np.nan, own[c]) if masks[c].any() else own[c] for c in masks})
 
     def _search(
@@ -506,8 +409,7 @@ def mask_chunks(chunks: Iterable[Recording], masker: Masker | LiveMasker) -> Ite
     yield from masker.end()
 
 
-def mask_recording(recording: Recording, judged: Judged) -> tuple[Recording, MaskReport]:
-    """A whole file (N records) masked as its stream would be. The result lacks repeated rows; masks are (M,) of it."""
-    masker = Masker(judged, keep_masks=True)
-    clean = concat(list(mask_chunks([recording], masker)))
-    return clean, masker.report()
+def mask_recording(recording: Recording, judged: Judged) -> tuple[Recording, MaskCounts]:
+    """A whole file (N records) masked as its stream would be, without repeated rows."""
+    masker = Masker(judged)
+    return concat(list(mask_chunks([recording], masker))), masker.counts

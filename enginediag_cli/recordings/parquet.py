@@ -1,12 +1,8 @@
-"""Parquet files through pyarrow, the only module that knows it: imported when a Parquet file is named, never before.
+"""Parquet files through pyarrow, which is imported when one is named, never before.
 
-Null values become NaN or empty texts here, and every error of pyarrow one that names the file and the place in it.
-
-Parquet in, row group by row group: the records that the same recording as CSV would give.
-
-Parquet out: recordings and rows of results, in row groups of bounded size, with their `#` lines as metadata.
-
-Numbers keep all their digits; a missing value is a null.
+In: row group by row group, the records that the same recording as CSV would give. Out: recordings and rows of results
+in row groups of bounded size, with their `#` lines as metadata. Numbers keep all their digits; a missing value is a
+null in the file, and NaN or an empty text here.
 """
 
 from __future__ import annotations
@@ -25,8 +21,9 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.table import Recording, check_clock, concat, rechunk
-from enginediag_cli.recordings.table_file import Asked, NumberForm, TableFile, no_number, read_positions
+from enginediag_cli.recordings.source import PARQUET_MAGIC, refuse_devices
+from enginediag_cli.recordings.table import Recording, check_clock, rechunk
+from enginediag_cli.recordings.table_file import Asked, RecordingWriter, TableFile, no_number, read_positions
 from enginediag_cli.safe_text import UNSPEAKABLE, guarded
 
 NOTES = b"enginediag"
@@ -56,54 +53,125 @@ def parquet_library(path: str, otherwise: str) -> Any:
     return pyarrow, pyarrow.parquet
 
 
-class ArrowFile:
-    """An open Parquet file. names: its columns, in order; kinds: what each holds, and `types` in Arrow's own words;
-    notes: the `#` lines that it would have as CSV; groups: records of each row group."""
+LINES_AT_ONCE = 100
+"""Records whose text is in memory at once: a row of statistics may have thousands of cells."""
 
-    def __init__(self, path: str):
-        self._path = path
-        self._arrow, parquet = parquet_library(path, "convert the file to CSV")
-        with self._told("its head or its index at the end"):
+
+class ParquetTable(TableFile):
+    """An open Parquet file. The line of a record is the one that it would have as CSV."""
+
+    def __init__(self, path: str | Path):
+        """Raises DataError: not there, no Parquet, no pyarrow, a column that no table of numbers and texts has."""
+        self.name = str(path)
+        _refuse(path)
+        self._arrow, parquet = parquet_library(self.name, "convert the file to CSV")
+        with self._readable("its head or its index at the end"):
             # without pre_buffer only the pages that are being read are in memory, and not all row groups
             self._file = parquet.ParquetFile(
                 path, pre_buffer=False, buffer_size=1 << 16, page_checksum_verification=True
             )
             schema = self._file.schema_arrow
-            self.names = tuple(schema.names)
-            self.types = tuple(str(field.type) for field in schema)
-            self.kinds = tuple(self._kind(field.type) for field in schema)
-            text = (schema.metadata or {}).get(NOTES, b"").decode("utf-8", errors="replace")
-            self.notes = tuple(line.strip() for line in text.splitlines())
-            metadata = self._file.metadata
-            self.groups = tuple(metadata.row_group(k).num_rows for k in range(metadata.num_row_groups))
+        notes = (schema.metadata or {}).get(NOTES, b"").decode("utf-8", errors="replace")
+        self.provenance = tuple(line.strip() for line in notes.splitlines())
+        self.columns = tuple(name.strip() for name in schema.names)
+        self._types = tuple(str(field.type) for field in schema)
+        self._kinds = tuple(self._kind(field.type) for field in schema)
+        self.lines = self._text()
+        for name, kind, type_ in zip(self.columns, self._kinds, self._types, strict=True):
+            if kind in (Kind.NESTED, Kind.OTHER):
+                raise DataError(
+                    f"{self.name}: column {name}: {kind.value} ({type_[:80]}), where a recording has numbers, texts "
+                    "and time stamps; leave it out, or write a column for each of its parts"
+                )
 
     def close(self) -> None:
         self._file.close()
 
-    def batches(self, group: int, records: int) -> Iterator[Sequence[Any]]:
-        """The columns of a row group, up to so many records at a time, for `floats` and `texts`."""
-        with self._told(f"row group {group}"):
-            for batch in self._file.iter_batches(batch_size=records, row_groups=[group], use_threads=False):
-                yield batch.columns
+    def _text(self) -> Iterator[str]:
+        """The whole as lines of CSV."""
+        yield from (f"# {note}\n" for note in self.provenance)
+        yield _line(self.columns)
+        for _, group, columns in self._batches(LINES_AT_ONCE):
+            cells = [self._texts(c, k, group) for c, k in zip(columns, self._kinds, strict=True)]
+            safe = [
+                [guarded(cell) for cell in texts] if kind is Kind.TEXT else texts
+                for texts, kind in zip(cells, self._kinds, strict=True)
+            ]
+            yield from map(_line, zip(*safe, strict=True))
 
-    def floats(self, column: Any, group: int) -> np.ndarray:
+    def records(self, asked: Asked, chunk_records: int) -> Iterator[Recording]:
+        """See `TableFile.records`. Raises DataError naming file, row, row group and column."""
+        positions = read_positions(self.columns, asked, self.name)
+        for name, kind, type_ in zip(self.columns, self._kinds, self._types, strict=True):
+            if kind is Kind.STAMP and asked.is_number(name):
+                raise DataError(
+                    f"{self.name}: column {name}: not numbers but time stamps ({type_}); state in a recorder that they "
+                    f"are, `time: {{from: [{name}]}}`, which `enginediag recorder FILE` drafts"
+                )
+        yield from rechunk(self._parts(asked, positions, chunk_records), chunk_records)
+
+    def _parts(self, asked: Asked, positions: Sequence[int], records: int) -> Iterator[Recording]:
+        empty = True
+        for row, group, columns in self._batches(records):
+            yield self._recording(asked, positions, row, group, columns)
+            empty = False
+        if empty:
+            yield self._recording(asked, positions, 0, 0, None)
+
+    def _batches(self, records: int) -> Iterator[tuple[int, int, Sequence[Any]]]:
+        """(rows before it, row group, columns) of each batch."""
+        row = 0
+        for group in range(self._file.metadata.num_row_groups):
+            with self._readable(f"row group {group}"):
+                for batch in self._file.iter_batches(batch_size=records, row_groups=[group], use_threads=False):
+                    if batch.num_columns and batch.num_rows:
+                        yield row, group, batch.columns
+                        row += batch.num_rows
+
+    def _recording(
+        self, asked: Asked, positions: Sequence[int], row: int, group: int, columns: Sequence[Any] | None
+    ) -> Recording:
+        n = len(columns[0]) if columns else 0
+        numbers: dict[str, np.ndarray] = {}
+        texts: dict[str, Sequence[str]] = {}
+        for j in positions:
+            name, kind = self.columns[j], self._kinds[j]
+            if not asked.is_number(name):
+                texts[name] = self._texts(columns[j], kind, group) if columns else []
+            elif not columns:
+                numbers[name] = np.zeros(0)
+            elif kind is Kind.NUMBER:
+                numbers[name] = self._floats(columns[j], group)
+            else:
+                cells = self._texts(columns[j], kind, group)
+                numbers[name], bad, counts = asked.dialect.numbers(cells)
+                if bad:
+                    place = f"{self.name}: row {row + bad[0] + 1} (row group {group}): column {name}"
+                    raise no_number(cells[bad[0]], place)
+                asked.counts.take_words(name, counts)
+        line = len(self.provenance) + 2 + row + np.arange(n)
+        order = tuple(self.columns[j] for j in positions)
+        found = Recording(numbers, texts, order, line, self.name, tuple(self.provenance))
+        check_clock(found)
+        return found
+
+    def _floats(self, column: Any, group: int) -> np.ndarray:
         """(N,) float64 of a column of numbers, NaN where null; true is 1."""
-        with self._told(f"row group {group}"):
+        with self._readable(f"row group {group}"):
             plain = self._decoded(column).cast(self._arrow.float64(), safe=False)
             return np.array(plain.to_numpy(zero_copy_only=False), dtype=float)
 
-    def texts(self, column: Any, kind: Kind, group: int) -> list[str]:
-        """N texts of any column but a nested one, "" where null: numbers so that they read back to the same value,
-        whole ones without a point, time stamps as ISO 8601, in UTC where they know their zone."""
+    def _texts(self, column: Any, kind: Kind, group: int) -> list[str]:
+        """N texts of any column but a nested one, "" where null. Numbers read back to the same value, whole ones have
+        no point; time stamps are ISO 8601, in UTC where they know their zone."""
         types = self._arrow.types
-        with self._told(f"row group {group}"):
+        with self._readable(f"row group {group}"):
             column = self._decoded(column)
             if types.is_timestamp(column.type):
                 return self._stamps(column)
             if kind is Kind.STAMP or types.is_decimal(column.type):
                 column = column.cast(self._arrow.string())
-            values = column.to_pylist()
-        return [_text(value) for value in values]
+            return [_text(value).removesuffix(".0" * isinstance(value, float)) for value in column.to_pylist()]
 
     def _decoded(self, column: Any) -> Any:
         """Without the dictionary that categories are kept in."""
@@ -131,169 +199,16 @@ class ArrowFile:
         return Kind.NESTED if types.is_nested(of) else Kind.OTHER
 
     @contextmanager
-    def _told(self, place: str) -> Iterator[None]:
+    def _readable(self, place: str) -> Iterator[None]:
+        """Errors of pyarrow, with the file and the place in it."""
         try:
             yield
         except (self._arrow.ArrowException, OSError, UnicodeDecodeError) as error:
             first = (str(error).splitlines() or [""])[0]
             raise DataError(
-                f"{self._path}: {place} cannot be read ({first}): the file is damaged, cut off, or no Parquet; "
+                f"{self.name}: {place} cannot be read ({first}): the file is damaged, cut off, or no Parquet; "
                 "write or copy it anew"
             ) from error
-
-
-class ArrowWriter:
-    """Writes row groups to an open binary stream. columns: (name, type) with the type bool, int64, float64 or
-    string; notes: the `#` lines."""
-
-    def __init__(self, stream: BinaryIO, path: str, columns: Sequence[tuple[str, str]], notes: Sequence[str]):
-        self._arrow, parquet = parquet_library(path, "write a .csv")
-        types = {"bool": "bool_"}
-        fields = [(name, getattr(self._arrow, types.get(of, of))()) for name, of in columns]
-        metadata = {NOTES: "\n".join(notes).encode(errors=UNSPEAKABLE)} if notes else None
-        self._schema = self._arrow.schema(fields, metadata=metadata)
-        self._writer = parquet.ParquetWriter(stream, self._schema, write_page_checksum=True)
-
-    def group(self, columns: Sequence[Sequence[Any] | np.ndarray]) -> None:
-        """Append a row group; None and NaN are nulls."""
-        arrays = [
-            self._arrow.array(_texts(values) if field.type == "string" else values, type=field.type, from_pandas=True)
-            for values, field in zip(columns, self._schema, strict=True)
-        ]
-        self._writer.write_table(self._arrow.Table.from_arrays(arrays, schema=self._schema), row_group_size=1 << 30)
-
-    def close(self) -> None:
-        self._writer.close()
-
-
-def _text(value: Any) -> str:
-    if value is None or value != value:
-        return ""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return repr(value).removesuffix(".0") if isinstance(value, float) else str(value)
-
-
-def _texts(values: Sequence[Any] | np.ndarray) -> list[Any]:
-    return [v.encode(errors=UNSPEAKABLE).decode() if isinstance(v, str) else v for v in values]
-
-
-SUFFIXES = (".parquet", ".pq")
-"""Names of Parquet files, in any case."""
-MAGIC = (b"PAR1", b"PARE")
-"""What such a file begins with, whatever it is called; the second where it is encrypted."""
-
-LINES_AT_ONCE = 100
-"""Records whose text is in memory at once: a row of statistics may have thousands of cells."""
-
-
-def is_parquet(path: str | Path) -> bool:
-    """Whether a file is Parquet by its first bytes, or is called so."""
-    if os.path.isfile(path):
-        try:
-            with open(path, "rb") as stream:
-                if stream.read(4) in MAGIC:
-                    return True
-        except OSError:
-            return False
-    return named_parquet(path)
-
-
-def named_parquet(path: str | Path) -> bool:
-    """Whether a file is called Parquet."""
-    return Path(path).suffix.lower() in SUFFIXES
-
-
-class ParquetTable(TableFile):
-    """An open Parquet file. The line of a record is the one that it would have as CSV."""
-
-    def __init__(self, path: str | Path):
-        """Raises DataError: not there, no Parquet, no pyarrow, a column that no table of numbers and texts has."""
-        self.name = str(path)
-        _refuse(path)
-        self._file = ArrowFile(self.name)
-        self.provenance, self.lines = self._file.notes, self._text()
-        self.columns = tuple(name.strip() for name in self._file.names)
-        for name, kind, of in zip(self.columns, self._file.kinds, self._file.types, strict=True):
-            if kind in (Kind.NESTED, Kind.OTHER):
-                raise DataError(
-                    f"{self.name}: column {name}: {kind.value} ({of[:80]}), where a recording has numbers, texts and "
-                    "time stamps; leave it out, or write a column for each of its parts"
-                )
-
-    def close(self) -> None:
-        self._file.close()
-
-    def _text(self) -> Iterator[str]:
-        """The whole as lines of CSV."""
-        yield from (f"# {note}\n" for note in self.provenance)
-        yield _line(self.columns)
-        for _, group, columns in self._batches(LINES_AT_ONCE):
-            cells = [self._file.texts(c, k, group) for c, k in zip(columns, self._file.kinds, strict=True)]
-            safe = [
-                [guarded(cell) for cell in texts] if kind is Kind.TEXT else texts
-                for texts, kind in zip(cells, self._file.kinds, strict=True)
-            ]
-            yield from map(_line, zip(*safe, strict=True))
-
-    def records(self, asked: Asked, chunk_records: int) -> Iterator[Recording]:
-        """See `TableFile.records`. Raises DataError naming file, row, row group and column."""
-        self._positions = read_positions(self.columns, asked, self.name)
-        self._form = NumberForm.from_dialect(asked.dialect)
-        self._insist_on_numbers(asked)
-        yield from rechunk(self._parts(asked, chunk_records), chunk_records)
-
-    def _parts(self, asked: Asked, records: int) -> Iterator[Recording]:
-        empty = True
-        for row, group, columns in self._batches(records):
-            yield self._recording(asked, row, group, columns)
-            empty = False
-        if empty:
-            yield self._recording(asked, 0, 0, None)
-
-    def _batches(self, records: int) -> Iterator[tuple[int, int, Sequence[Any]]]:
-        """(rows before it, row group, columns) of each batch."""
-        row = 0
-        for group in range(len(self._file.groups)):
-            for columns in self._file.batches(group, records):
-                if columns and len(columns[0]):
-                    yield row, group, columns
-                    row += len(columns[0])
-
-    def _recording(self, asked: Asked, row: int, group: int, columns: Sequence[Any] | None) -> Recording:
-        n = len(columns[0]) if columns else 0
-        numbers: dict[str, np.ndarray] = {}
-        texts: dict[str, Sequence[str]] = {}
-        for j in self._positions:
-            name, kind = self.columns[j], self._file.kinds[j]
-            if not asked.is_number(name):
-                texts[name] = self._file.texts(columns[j], kind, group) if columns else []
-            elif not columns:
-                numbers[name] = np.zeros(0)
-            elif kind is Kind.NUMBER:
-                numbers[name] = self._file.floats(columns[j], group)
-            else:
-                cells = self._file.texts(columns[j], kind, group)
-                numbers[name], bad, counts = self._form.values(cells)
-                if bad:
-                    raise no_number(cells[bad[0]], self._place(name, row + bad[0], group))
-                asked.counts.take_words(name, counts)
-        line = len(self.provenance) + 2 + row + np.arange(n)
-        order = tuple(self.columns[j] for j in self._positions)
-        found = Recording(numbers, texts, order, line, self.name, tuple(self.provenance))
-        check_clock(found)
-        return found
-
-    def _place(self, column: str, row: int, group: int) -> str:
-        return f"{self.name}: row {row + 1} (row group {group}): column {column}"
-
-    def _insist_on_numbers(self, asked: Asked) -> None:
-        for name, kind, of in zip(self.columns, self._file.kinds, self._file.types, strict=True):
-            if kind is Kind.STAMP and asked.is_number(name):
-                raise DataError(
-                    f"{self.name}: column {name}: not numbers but time stamps ({of}); state in a recorder that they "
-                    f"are, `time: {{from: [{name}]}}`, which `enginediag recorder FILE` drafts"
-                )
 
 
 def _line(cells: Iterable[str]) -> str:
@@ -302,10 +217,17 @@ def _line(cells: Iterable[str]) -> str:
     return text.getvalue()
 
 
+def _text(value: Any) -> str:
+    """A cell as text, "" where there is no value."""
+    if value is None or value != value:
+        return ""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return repr(value) if isinstance(value, float) else str(value)
+
+
 def _refuse(path: str | Path) -> None:
     """Raises DataError for what cannot be opened, or is not Parquet though it is called so."""
-    from enginediag_cli.recordings.source import refuse_devices
-
     refuse_devices(path)
     try:
         if os.path.exists(path) and not os.path.isfile(path):
@@ -314,9 +236,9 @@ def _refuse(path: str | Path) -> None:
             first = stream.read(4)
     except OSError as error:
         raise DataError(f"{path}: {error.strerror or error}") from error
-    if first == MAGIC[1]:
+    if first == PARQUET_MAGIC[1]:
         raise DataError(f"{path}: an encrypted Parquet file; write it without encryption")
-    if first != MAGIC[0]:
+    if first != PARQUET_MAGIC[0]:
         raise DataError(f"{path}: called Parquet, but does not begin as such a file; rename or write it anew")
 
 
@@ -328,50 +250,68 @@ WHOLE = 2**63
 """Beyond it a whole number has no room in 64 bits, and is written as text."""
 
 
-class ParquetWriter:
-    """Writes recordings with the same columns, one after the other, to an open binary stream; complete when its `with`
-    block has ended without an error."""
+class ParquetWriter(RecordingWriter):
+    """Writes recordings to an open binary stream; complete when its `with` block has ended without an error."""
 
     def __init__(self, stream: BinaryIO, path: str, provenance: Sequence[str] = ()):
         self._stream, self._path, self._provenance = stream, path, provenance
-        self._writer: ArrowWriter | None = None
-        self._order: tuple[str, ...] = ()
-        self._held: list[Recording] = []
+        self._waiting: list[Recording] = []
 
-    def write(self, recording: Recording) -> None:
-        """Append the records (N,). Raises DataError when the columns are not those of the first call."""
-        if self._writer is None:
-            columns = [(c, "string" if c in recording.text else "float64") for c in recording.order]
-            self._order = recording.order
-            self._writer = ArrowWriter(self._stream, self._path, columns, self._provenance)
-        elif set(recording.order) != set(self._order):
-            odd = ", ".join(sorted(set(recording.order) ^ set(self._order)))
-            raise DataError(f"{recording.source}: its columns differ from those already written: {odd}")
-        self._held.append(recording)
-        if sum(map(len, self._held)) >= GROUP:
+    def _begin(self, recording: Recording) -> None:
+        columns = [(c, "string" if c in recording.text else "float64") for c in recording.order]
+        self._groups = _GroupWriter(self._stream, self._path, columns, self._provenance)
+
+    def _append(self, recording: Recording) -> None:
+        self._waiting.append(recording)
+        if sum(map(len, self._waiting)) >= GROUP:
             self._flush()
 
     def __enter__(self) -> ParquetWriter:
         return self
 
     def __exit__(self, error: type[BaseException] | None, *_: object) -> None:
-        """Write what is held, and the index. Raises DataError where nothing was written, not even a header."""
-        if self._writer is None and error is None:
-            raise DataError(f"{self._path}: nothing to write")
-        if self._writer is not None:
-            with closing(self._writer):
+        """Write what is waiting, and the index. Raises DataError where nothing was written, not even a header."""
+        if self._order is not None:
+            with closing(self._groups):
                 if error is None:
                     self._flush()
+        elif error is None:
+            raise DataError(f"{self._path}: nothing to write")
 
     def _flush(self) -> None:
-        whole = concat(self._held) if self._held else None
-        self._held = []
-        for start in range(0, len(whole) if whole is not None else 0, GROUP):
-            assert whole is not None and self._writer is not None
-            part = whole.select(slice(start, start + GROUP))
-            self._writer.group(
-                [[cell or None for cell in part.text[c]] if c in part.text else part.columns[c] for c in self._order]
-            )
+        for part in rechunk(self._waiting, GROUP):
+            if len(part):
+                self._groups.write(
+                    [[cell or None for cell in part.text[c]] if c in part.text else part[c] for c in self._order or ()]
+                )
+        self._waiting = []
+
+
+class _GroupWriter:
+    """Writes row groups to an open binary stream. columns: (name, type) with the type bool, int64, float64 or string;
+    notes: the `#` lines."""
+
+    def __init__(self, stream: BinaryIO, path: str, columns: Sequence[tuple[str, str]], notes: Sequence[str]):
+        self._arrow, parquet = parquet_library(path, "write a .csv")
+        fields = [(name, getattr(self._arrow, {"bool": "bool_"}.get(type_, type_))()) for name, type_ in columns]
+        metadata = {NOTES: "\n".join(notes).encode(errors=UNSPEAKABLE)} if notes else None
+        self._schema = self._arrow.schema(fields, metadata=metadata)
+        self._writer = parquet.ParquetWriter(stream, self._schema, write_page_checksum=True)
+
+    def write(self, columns: Sequence[Sequence[Any] | np.ndarray]) -> None:
+        """Append a row group; None and NaN are nulls."""
+        arrays = [
+            self._arrow.array(_encodable(cells) if field.type == "string" else cells, type=field.type, from_pandas=True)
+            for cells, field in zip(columns, self._schema, strict=True)
+        ]
+        self._writer.write_table(self._arrow.Table.from_arrays(arrays, schema=self._schema), row_group_size=1 << 30)
+
+    def close(self) -> None:
+        self._writer.close()
+
+
+def _encodable(cells: Sequence[Any] | np.ndarray) -> list[Any]:
+    return [c.encode(errors=UNSPEAKABLE).decode() if isinstance(c, str) else c for c in cells]
 
 
 def write_parquet(
@@ -385,37 +325,30 @@ def write_parquet(
     from tempfile import TemporaryFile
 
     kinds: list[set[type]] = [set() for _ in columns]
-    count, size, rows = 0, max(CELLS // max(len(columns), 1), 1), iter(rows)
+    sizes, rows = [], iter(rows)
     with TemporaryFile() as waiting:
-        while group := list(islice(rows, size)):
+        while group := list(islice(rows, max(CELLS // max(len(columns), 1), 1))):
             for met, cells in zip(kinds, zip(*group, strict=True), strict=True):
-                met.update(map(_kind, cells))
+                met.update(map(_cell_type, cells))
             pickle.dump(group, waiting)
-            count += len(group)
-        types = [_type(met - {type(None)}) for met in kinds]
+            sizes.append(len(group))
+        types = [_column_type(met - {type(None)}) for met in kinds]
         waiting.seek(0)
-        with closing(ArrowWriter(stream, path, list(zip(columns, types, strict=True)), provenance)) as writer:
-            for group in _groups(waiting, count):
-                cells_of = zip(*group, strict=True)
-                writer.group([_as(of, cells) for of, cells in zip(types, cells_of, strict=True)])
-    return count
+        with closing(_GroupWriter(stream, path, list(zip(columns, types, strict=True)), provenance)) as writer:
+            for _ in sizes:
+                by_column = zip(*pickle.load(waiting), strict=True)
+                writer.write([_converted(type_, cells) for type_, cells in zip(types, by_column, strict=True)])
+    return sum(sizes)
 
 
-def _groups(waiting: Any, count: int) -> Iterator[list[Sequence[Any]]]:
-    while count:
-        group = pickle.load(waiting)
-        count -= len(group)
-        yield group
-
-
-def _kind(cell: Any) -> type:
+def _cell_type(cell: Any) -> type:
     if cell is None or cell == "" or cell != cell:
         return type(None)
     return str if type(cell) is int and not -WHOLE <= cell < WHOLE else type(cell)
 
 
-def _type(met: set[type]) -> str:
-    """The type of a column that has cells of these types."""
+def _column_type(met: set[type]) -> str:
+    """The Parquet type of a column that has cells of these types."""
     if met == {bool}:
         return "bool"
     if met and met <= {int, float}:
@@ -423,15 +356,9 @@ def _type(met: set[type]) -> str:
     return "string"
 
 
-def _as(of: str, cells: Sequence[Any]) -> list[Any]:
-    """Cells of a column, of one type."""
-    told = [None if _kind(cell) is type(None) else cell for cell in cells]
-    if of == "string":
-        return [cell if cell is None else _cell_text(cell) for cell in told]
-    return [cell if cell is None else float(cell) for cell in told] if of == "float64" else told
-
-
-def _cell_text(cell: Any) -> str:
-    if isinstance(cell, bool):
-        return "true" if cell else "false"
-    return repr(cell) if isinstance(cell, float) else str(cell)
+def _converted(type_: str, cells: Sequence[Any]) -> list[Any]:
+    """Cells of a column, of one type; None where there is no value."""
+    known = [None if _cell_type(cell) is type(None) else cell for cell in cells]
+    if type_ == "string":
+        return [cell if cell is None else _text(cell) for cell in known]
+    return [cell if cell is None else float(cell) for cell in known] if type_ == "float64" else known

@@ -1,15 +1,10 @@
 """Recordings in, in chunks of constant memory: declared columns as float64, all others as they came.
 
-Nothing is guessed: a column holds numbers because its name carries a unit or because the caller says so. The format
-is that of the file, CSV or Parquet; what is read is the same.
+Nothing is guessed: a column holds numbers because its name carries a unit or because the caller says so. What is read
+does not depend on the format, text, Excel or Parquet.
 
-Text tables in, in chunks of constant memory: declared columns as float64, all others as they came.
-
-Nothing is guessed of a column: it holds numbers because its name carries a unit or because the caller says so. Of a
-line it is decided whether it is a record: headers and rows of units that are repeated, comments, footers, and a last
-line that was cut are passed over and counted; any other line that does not fit is an error with its place.
-
-Excel workbooks in, a sheet row by row as a text table; openpyxl is imported when one is read, never before.
+Of each line of a text it is decided whether it is a record: repeated headers and rows of units, comments, footers and
+a last line that was cut off are skipped and counted; any other line that does not fit is an error with its place.
 """
 
 from __future__ import annotations
@@ -17,12 +12,11 @@ from __future__ import annotations
 import csv
 import gzip
 import io
-import os
 import re
 import zipfile
 import zlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from datetime import date, datetime, time, timedelta
 from itertools import chain, islice
@@ -34,30 +28,32 @@ import numpy as np
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.progress import touched
-from enginediag_cli.recordings.parquet import ParquetTable, is_parquet
+from enginediag_cli.recordings.parquet import ParquetTable
 from enginediag_cli.recordings.source import (
-    DELIMITERS,
-    FIXED,
     MOST_BLANK_LINES,
-    OWN,
-    WHITESPACE,
-    Dialect,
+    Format,
     Peeked,
     Source,
+    file_format,
     opened,
     refuse_devices,
-    separator_of,
     undecodable,
 )
 from enginediag_cli.recordings.table import Recording, check_clock, concat, rechunk
 from enginediag_cli.recordings.table_file import (
+    DELIMITERS,
+    FIXED,
+    OWN,
+    WHITESPACE,
     Asked,
-    NumberForm,
+    Dialect,
     ReadingCounts,
     TableFile,
     is_missing,
     no_number,
+    parse_number,
     read_positions,
+    separator_of,
 )
 from enginediag_cli.recordings.unit_words import unit_word
 from enginediag_cli.safe_text import shortened, unguarded
@@ -216,7 +212,7 @@ class _Table:
 
     def __post_init__(self) -> None:
         asked = self.asked
-        self.form = NumberForm.from_dialect(asked.dialect)
+        self.form = asked.dialect
         self.numbers = [j for j in self.positions if asked.is_number(self.order[j])]
         self.stamps = [j for j in self.positions if self.order[j] in asked.stamps]
         named = [j for j, column in enumerate(self.order) if column]
@@ -281,7 +277,7 @@ class _Table:
         words = []
         for j in self.numbers:
             column = self.order[j]
-            columns[column], wrong, counts = self.form.values(cells[j])
+            columns[column], wrong, counts = self.form.numbers(cells[j])
             words.append((column, counts))
             for k in wrong:
                 bad.setdefault(k, no_number(cells[j][k], f"{self.name}:{lines[k]}:{column}"))
@@ -338,7 +334,7 @@ class _Table:
         """Whether a row holds the units of the columns of numbers, or most of them."""
         named = [cells[j] for j in self.numbers if j < len(cells) and not is_missing(cells[j])]
         known = sum(unit_word(cell) is not None for cell in named)
-        if not named or known < LEAST_UNITS * len(named) or any(_is_number(cell) for cell in named):
+        if not named or known < LEAST_UNITS * len(named) or any(parse_number(cell) is not None for cell in named):
             return False
         self.check_units(cells, line)
         return True
@@ -369,16 +365,8 @@ class _Table:
             return False
         if len(cells) == len(self.order) and first[:1].isdigit():
             return True
-        values, _, _ = self.form.values([cells[j] for j in self.numbers if j < len(cells)])
+        values, _, _ = self.form.numbers([cells[j] for j in self.numbers if j < len(cells)])
         return bool(np.isfinite(values).any())
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
 
 
 def _texts(cells: Sequence[str]) -> Sequence[str]:
@@ -391,7 +379,7 @@ def _doubt_header(header: str, order: Sequence[str], separator: str, asked: Aske
     if any(column in asked.numbers for column in order):
         return
     words = header.split()
-    if all(_is_number(cell) for cell in (words if len(order) == 1 else order) if cell):
+    if all(parse_number(cell) is not None for cell in (words if len(order) == 1 else order) if cell):
         layout = "delimiter: whitespace, " if len(order) == 1 and len(words) > 1 else ""
         raise DataError(
             f"{place}: numbers where a header should name the columns: {shortened(header.strip())!r}; if the file has "
@@ -433,26 +421,10 @@ def _head(stream: Iterable[str], name: str, dialect: Dialect) -> tuple[int, list
     raise DataError(f"{name}: no {what}: the file is empty")
 
 
-CONTENTS = "xl/workbook.xml"
-"""What is in every .xlsx, and in no other zip archive."""
 MOST_TEXT_BYTES = 500_000_000
 """Unpacked size of a workbook's texts, which are in memory at once."""
 MOST_BYTES = 20_000_000_000
 """Unpacked size of a workbook: a full sheet of a million rows and a thousand columns."""
-
-
-def is_excel(path: str | Path) -> bool:
-    """Whether a regular file is an Excel workbook (.xlsx), whatever it is called."""
-    if not os.path.isfile(path):
-        return False
-    try:
-        with open(path, "rb") as stream:
-            if stream.read(4) != b"PK\x03\x04":
-                return False
-        with zipfile.ZipFile(path) as archive:
-            return CONTENTS in archive.namelist()
-    except (OSError, zipfile.BadZipFile):
-        return False
 
 
 class ExcelTable(TableFile):
@@ -493,7 +465,9 @@ class ExcelTable(TableFile):
         with self._readable():
             for row in self._book[self._sheet].iter_rows(values_only=True):
                 line = io.StringIO()
-                csv.writer(line, delimiter=delimiter, lineterminator="\n").writerow(_cell_texts(row, decimal))
+                csv.writer(line, delimiter=delimiter, lineterminator="\n").writerow(
+                    _cell_text(cell, decimal) for cell in row
+                )
                 yield line.getvalue()
 
     def _refuse_bombs(self) -> None:
@@ -516,10 +490,6 @@ class ExcelTable(TableFile):
             raise DataError(f"{self.name}: a damaged Excel workbook ({first}); save it anew, or as CSV") from error
 
 
-def _cell_texts(cells: Sequence[Any], decimal: str) -> list[str]:
-    return [_cell_text(cell, decimal) for cell in cells]
-
-
 def _cell_text(cell: Any, decimal: str) -> str:
     """A cell as CSV has it: stamps as ISO 8601, midnight as a date alone, durations in seconds."""
     if cell is None:
@@ -539,25 +509,27 @@ def _cell_text(cell: Any, decimal: str) -> str:
 
 @contextmanager
 def table_file(source: Source, codec: str = "utf-8-sig", sheet: str = "") -> Iterator[TableFile]:
-    """The open table, in the format that its first bytes or its name say; CSV of all else, in the encoding `codec`.
+    """Open a table in the format of its first bytes or its name; anything else is read as text.
 
-    source: path (`-` is stdin, `.gz` is unpacked) or an open text stream; sheet: of a workbook. Raises DataError.
+    Parameters
+    ----------
+    source : path (`-` is stdin, `.gz` is unpacked) or an open text stream
+    codec : encoding of a text
+    sheet : of a workbook; the first if empty
+
+    Raises
+    ------
+    DataError
+        The file cannot be opened, or is no table.
     """
-    path = source if isinstance(source, (str, Path)) and str(source) != "-" else None
-    if path is not None and is_excel(path):
-        with closing(ExcelTable(path, sheet)) as workbook:
-            yield workbook
-    elif path is not None and is_parquet(path):
-        with closing(ParquetTable(path)) as table:
-            yield table
-    else:
+    kind = file_format(source)
+    if kind is Format.TEXT:
         with opened(source, codec) as (stream, name):
             yield CsvTable(stream, name, source)
-
-
-def is_whole(path: str) -> bool:
-    """Whether a file is of a format that is read only when it is complete."""
-    return path.endswith(".gz") or is_parquet(path) or is_excel(path)
+        return
+    assert isinstance(source, (str, Path))
+    with closing(ExcelTable(source, sheet) if kind is Format.EXCEL else ParquetTable(source)) as table:
+        yield table
 
 
 def read(
@@ -576,22 +548,35 @@ def read(
 ) -> Iterator[Recording]:
     """Yield the records of a file in chunks; a file without records yields one empty recording.
 
-    source: as in `table_file`, or what that gave. Numbers are the columns named in `declared` and `required` (but for
-    those of `texts`) and, with `by_suffix`, those whose name carries a unit; the rest is text, of which only `texts` is
-    read if that is given. Columns in `required` must be there; `dialect`: how a CSV file is written; `stamps`: columns
-    of text with a time in every record; `units`: of columns whose names do not say theirs; `tolerant`: lines that are
-    no records are passed over, for a file that is still being written; `counts` takes what was read as no record or no
-    reading. Raises DataError naming file, physical line (row, in Parquet) and column.
+    Numbers are the columns of `declared` and `required` (but for those of `texts`) and, with `by_suffix`, those whose
+    name carries a unit. The rest is text.
+
+    Parameters
+    ----------
+    source : path (`-` is stdin, `.gz` is unpacked), open text stream, or an open table
+    declared : columns of numbers
+    required : columns that must be there
+    by_suffix : whether columns with a unit in their name are numbers
+    chunk_records : records of a chunk
+    dialect : how a text is written
+    texts : the only columns of text to read; None for all
+    stamps : columns of text with a time in every record
+    units : column → unit, for names that do not say it
+    tolerant : skip lines that are no records, as in a file that is still being written
+    counts : takes what was skipped, and what stood for a missing value
+
+    Raises
+    ------
+    DataError
+        Names file, physical line (row, in Parquet) and column.
     """
     numbers = {*declared, *required} - set(texts or ())
     asked = Asked(numbers, required, by_suffix, dialect, texts, stamps, units, tolerant, counts or ReadingCounts())
-    if isinstance(source, TableFile):
-        touched("read:", source.name)
-        yield from source.records(asked, chunk_records)
-        return
-    with table_file(source, dialect.codec, dialect.sheet) as table:
-        touched("read:", table.name)
-        yield from table.records(asked, chunk_records)
+    with (
+        nullcontext(source) if isinstance(source, TableFile) else table_file(source, dialect.codec, dialect.sheet) as t
+    ):
+        touched("read:", t.name)
+        yield from t.records(asked, chunk_records)
 
 
 def read_all(source: Source, **how: Any) -> Recording:

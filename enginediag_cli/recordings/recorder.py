@@ -1,19 +1,9 @@
 """The recorder: turns a foreign recording into recordings of single engines in the program's columns.
 
-One column of a recorder: where it comes from, its unit, and what it becomes.
-
-Columns of a foreign recording as those of one engine, in SI: the part of a recorder that needs no neighbours but
-for gaps that are filled.
-
-A foreign recording mapped while it is being written: of every new piece, what has become final.
-
 The gate, averages and heat soak look back in time, so the last records are kept and mapped again together with the
 new ones. Nothing is handed over twice, and nothing before it is final: an average when its window has ended, a record
-whose neighbours count when the next one is there. With `search`, for a file that is complete, masks are those of the
-whole file and records wait for what they are compared with; without, for one that is still being written, only what
-needs no look ahead is masked.
-
-Lines of a file that is still being written, as they come.
+whose neighbours count when the next one is there. Of a complete file masks are those of the whole file, and records
+wait for what they are compared with; of one that is still being written only what needs no look ahead is masked.
 """
 
 from __future__ import annotations
@@ -21,6 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -39,21 +30,12 @@ from enginediag_cli.recordings.clocks import (
     stamps_of,
 )
 from enginediag_cli.recordings.derived import RULES, Fill, Filler
-from enginediag_cli.recordings.masking import (
-    Judged,
-    LiveMasker,
-    MaskCounts,
-    Masker,
-    MaskReport,
-    QualitySettings,
-    insist_on_something,
-    mask_recording,
-)
+from enginediag_cli.recordings.masking import Judged, LiveMasker, MaskCounts, Masker, QualitySettings
 from enginediag_cli.recordings.read import read
-from enginediag_cli.recordings.source import DELIMITERS, THOUSANDS, Dialect, Source
-from enginediag_cli.recordings.steady import GateReport, SteadySettings, average, failures, first_reasons, gate
+from enginediag_cli.recordings.source import Source
+from enginediag_cli.recordings.steady import GateReport, SteadySettings, average, failures, first_reasons
 from enginediag_cli.recordings.table import Recording, check_clock, concat, rechunk
-from enginediag_cli.recordings.table_file import NumberForm, ReadingCounts, absent_columns
+from enginediag_cli.recordings.table_file import DELIMITERS, THOUSANDS, Dialect, ReadingCounts, absent_columns
 from enginediag_cli.units import convert, to_si
 
 
@@ -94,11 +76,9 @@ class Conversion:
     def _insist(self, recording: Recording, numbers: set[str], others: set[str]) -> None:
         absent = sorted(numbers - set(recording.columns)) + sorted(others - set(recording.order))
         if absent:
-            near = {a.column: a.near for a in absent_columns(absent, recording.order)}
-            words = [c + (f" (did you mean {near[c]!r}?)" if near.get(c) else "") for c in absent]
             raise DataError(
                 f"{recording.source}: the recorder {self._recorder.path} needs columns that are not there: "
-                f"{', '.join(words)}"
+                f"{', '.join(map(str, absent_columns(absent, recording.order)))}"
             )
 
 
@@ -135,24 +115,14 @@ class Channel:
 
 @dataclass(frozen=True)
 class MappedRecording:
-    """One engine's recording, and what happened to it on the way.
-
-    gate is None where the recorder has no gate and does not average; standard_error (column → (M,)) is empty
-    where it does not average; counts: what of the file was no record or no reading.
-    """
+    """One engine's recording with what was masked, what the gate or the averaging kept (None without either), and what
+    of the file was no record or no reading."""
 
     engine: str
     recording: Recording
-    masks: MaskReport
+    masks: MaskCounts
     gate: GateReport | None
-    standard_error: Mapping[str, np.ndarray] = field(default_factory=dict)
     counts: ReadingCounts = field(default_factory=ReadingCounts)
-
-    def report_lines(self) -> list[str]:
-        """What was masked and left out, for stderr."""
-        start = self.recording.source + (f", engine {self.engine}" if self.engine else "")
-        lines = [f"{start}: {line}" for line in (*self.counts.report_lines(), *self.masks.report_lines())]
-        return lines + ([f"{start}: {self.gate.report_line()}"] if self.gate else [])
 
 
 @dataclass(frozen=True)
@@ -244,7 +214,7 @@ class Recorder:
             read(source, by_suffix=False, dialect=self.dialect, required=read_texts, texts=read_texts, counts=counts),
             form,
             lambda: stamps_of({**time, "since": "epoch"}, self.dialect),
-            NumberForm.from_dialect(self.dialect),
+            self.dialect,
             [c for c in self.source_columns if c in ours],
             texts,
             chunk_records,
@@ -293,6 +263,8 @@ class Recorder:
         chunk_records: int = 3000,
         inputs: Collection[str] = (),
         engines: Collection[str] | None = None,
+        *,
+        live: bool = False,
     ) -> RecorderStream:
         """As `read` in bounded memory: iterate for (engine, records) as they become final; `engines`: only these."""
 
@@ -320,23 +292,43 @@ class Recorder:
             },
         }
 
+    @property
+    def selects(self) -> bool:
+        """Whether it keeps steady records only, or averages."""
+        return self.steady is not None or self.average_s > 0.0
+
     def map(
         self, recording: Recording, *, steady: bool = True, inputs: Collection[str] = ()
     ) -> Iterator[MappedRecording]:
-        """One result per engine of a whole file: units, masks, derived columns, checks; with `steady` gate and
-        averages. inputs: columns that may stand still.
+        """Map a whole file in its own columns: units, masks, derived columns, checks, gate and averages.
 
-        Raises DataError when columns are missing, a check fails or no value is left, NoVerdictError when no
-        record passes the gate.
+        Parameters
+        ----------
+        recording : as `chunks` gives it
+        steady : whether to apply gate and averages
+        inputs : columns that may stand still
+
+        Returns
+        -------
+        One result per engine
+
+        Raises
+        ------
+        DataError
+            A column is missing, a check fails, or no value is left.
+        NoVerdictError
+            No record passes the gate.
         """
+        used = self if steady else replace(self, steady=None, average_s=0.0)
         for name in self.engines:
-            converted = Conversion(self, name).add(recording, end=True)
-            clean, report = mask_recording(converted, self.judged(inputs))
-            if not report.records["frozen"]:
-                insist_on_something(clean, report, [c.target for c in self.channels if c.target != "time_s"])
-            full = self.derive(clean)
-            self.check(full)
-            yield self._settle(name, full, report) if steady else MappedRecording(name, full, report, None)
+            stream = LiveRecorder(used, name, search=True, inputs=inputs)
+            kept = stream.add(recording, end=True)
+            masks = stream.counts
+            if masks.total and masks.total == sum(masks.readings.values()) and not masks.frozen:
+                why = "; ".join(masks.report_lines())
+                raise DataError(f"{recording.source}: no usable record is left: {why}")
+            stream.insist_on_records(recording.source)
+            yield MappedRecording(name, kept, stream.counts, stream.gate if used.selects else None)
 
     def derive(self, recording: Recording) -> Recording:
         """The recording with the derived columns. Raises DataError where time stamps go backwards."""
@@ -358,22 +350,6 @@ class Recorder:
                     f"{recording.source}: {check['name']}: the median of {check['of']} / {check['over']} is "
                     f"{middle:.4g}, not within {low:g} to {high:g}: {check['otherwise']}"
                 )
-
-    def _settle(self, name: str, recording: Recording, masks: MaskReport) -> MappedRecording:
-        settings = self.steady
-        errors: Mapping[str, np.ndarray] = {}
-        if self.average_s > 0.0:
-            failed = failures(recording, settings) if settings else {}
-            averages, report = average(recording, self.average_s, failed)
-            kept, errors = averages.recording, averages.standard_error
-        elif settings:
-            rows, report = gate(recording, settings)
-            kept = recording.select(rows)
-        else:
-            return MappedRecording(name, recording, masks, None)
-        if report.kept == 0:
-            raise NoVerdictError(f"{recording.source}: no steady record is left: {report.report_line()}")
-        return MappedRecording(name, kept, masks, report, errors)
 
 
 def dialect_of(file: Mapping[str, Any]) -> Dialect:
@@ -426,11 +402,6 @@ class LiveRecorder:
         return self._masker.counts
 
     @property
-    def masked(self) -> Counter[str]:
-        """Readings that were not used, by column."""
-        return Counter({column: sum(reasons.values()) for column, reasons in self.counts.columns.items()})
-
-    @property
     def gate(self) -> GateReport:
         """What the gate, or the averaging, kept."""
         if self.recorder.average_s > 0.0:
@@ -464,13 +435,11 @@ class LiveRecorder:
         self._held = every.select(np.arange(len(full)) >= self._first_needed(full))
         return settled
 
-    def report_lines(self, name: str) -> list[str]:
-        """What was masked and left out, for stderr."""
-        start = name + (f", engine {self.engine}" if self.engine else "")
-        lines = [f"{start}: {line}" for line in self.counts.report_lines()]
-        if self.recorder.steady or self.recorder.average_s > 0.0:
-            lines.append(f"{start}: {self.gate.report_line()}")
-        return lines
+    def insist_on_records(self, source: str) -> None:
+        """Raises NoVerdictError at the end of a file of which the gate, or the averaging, kept nothing."""
+        if self.recorder.selects and not self.kept:
+            place = source + (f", engine {self.engine}" if self.engine else "")
+            raise NoVerdictError(f"{place}: no steady record is left: {self.gate.report_line()}")
 
     def _final(self, full: Recording) -> np.ndarray:
         """Records (N,) about which later ones will not change anything."""
@@ -489,7 +458,7 @@ class LiveRecorder:
             averages, report = average(full, length, failed, new)
             self.reasons.update(report.reasons)
             self.windows += report.total
-            return averages.recording
+            return averages
         keep, reasons = first_reasons(failed, new)
         self.reasons.update(reasons)
         return full.select(keep)
@@ -516,10 +485,22 @@ class LiveRecorder:
 class RecorderStream:
     """A foreign file mapped in bounded memory; iterate once for (engine, records), every piece with some records.
 
-    engines: engine → its LiveRecorder, whose counts and report lines are complete at the end, as are `counts`, what of
-    the file was no record or no reading. Rows are those of
-    `Recorder.read`, but that heat soak has forgotten its beginning after 12 time constants, where `read` has not.
-    `watch`: sees the records as they stand in the file, before they are mapped.
+    Rows are those of `Recorder.map`, whatever the size of chunks; heat soak forgets its beginning after 12 time
+    constants.
+
+    Parameters
+    ----------
+    recorder, source, chunk_records : as in `Recorder.chunks`
+    inputs : columns that may stand still
+    engines : only these engines of the file; None for all
+    live : the file is still being written: lines that are no records are skipped, and nothing is masked that needs a
+        look ahead
+
+    Attributes
+    ----------
+    engines : engine → its LiveRecorder, whose counts are complete at the end
+    counts : what of the file was no record or no reading
+    watch : takes the records as they stand in the file, before they are mapped
     """
 
     watch: Callable[[Recording], None] | None = None
@@ -531,28 +512,26 @@ class RecorderStream:
         chunk_records: int,
         inputs: Collection[str] = (),
         engines: Collection[str] | None = None,
+        live: bool = False,
     ):
         chosen = [name for name in recorder.engines if engines is None or name in engines]
-        self._recorder, self._source, self._chunk, self.counts = recorder, source, chunk_records, ReadingCounts()
-        self.engines = {name: LiveRecorder(recorder, name, search=True, inputs=inputs) for name in chosen}
+        self._recorder, self._source, self._chunk, self._live = recorder, source, chunk_records, live
+        self.counts = ReadingCounts()
+        self.engines = {name: LiveRecorder(recorder, name, search=not live, inputs=inputs) for name in chosen}
 
     def __iter__(self) -> Iterator[tuple[str, Recording]]:
-        """Raises DataError as `Recorder.read` does, and NoVerdictError at the end of an engine without any record."""
+        """Raises DataError as `Recorder.map` does, and NoVerdictError at the end of an engine without any record."""
+        chunks = self._recorder.chunks(self._source, self._chunk, tolerant=self._live, counts=self.counts)
         last: Recording | None = None
-        for chunk in self._recorder.chunks(self._source, self._chunk, counts=self.counts):
+        for chunk in chain(chunks, [None]):
             if last is not None:
-                yield from self._add(last, end=False)
+                if self.watch is not None:
+                    self.watch(last)
+                for name, stream in self.engines.items():
+                    found = stream.add(last, end=chunk is None)
+                    if len(found):
+                        yield name, found
             last = chunk
-        assert last is not None  # a file without records yields one empty recording
-        yield from self._add(last, end=True)
-        for live in self.engines.values():
-            if not live.kept and (self._recorder.steady or self._recorder.average_s > 0.0):
-                raise NoVerdictError(f"no steady record is left: {live.report_lines(str(self._source))[-1]}")
-
-    def _add(self, chunk: Recording, end: bool) -> Iterator[tuple[str, Recording]]:
-        if self.watch is not None:
-            self.watch(chunk)
-        for name, live in self.engines.items():
-            found = live.add(chunk, end=end)
-            if len(found):
-                yield name, found
+        for stream in self.engines.values():
+            if not self._live:
+                stream.insist_on_records(str(self._source))

@@ -17,8 +17,8 @@ from enginediag_cli.errors import ConfigError, Problem
 from enginediag_cli.recordings.clocks import NUMBERS, zone_of
 from enginediag_cli.recordings.derived import RULES, Fill
 from enginediag_cli.recordings.recorder import Channel, Recorder
-from enginediag_cli.recordings.source import DELIMITERS, FIXED, LAYOUTS, THOUSANDS, WHITESPACE, known_encoding
 from enginediag_cli.recordings.steady import SteadySettings
+from enginediag_cli.recordings.table_file import DELIMITERS, FIXED, LAYOUTS, THOUSANDS, WHITESPACE, known_encoding
 from enginediag_cli.units import UnitError, convert, find_unit, split_column, split_header, to_si
 
 _COLUMN = Section(

@@ -8,7 +8,6 @@ import re
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing
 from dataclasses import dataclass, replace
 from datetime import datetime
 from itertools import islice, pairwise, product
@@ -17,20 +16,19 @@ import numpy as np
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.clocks import DAY_S
-from enginediag_cli.recordings.parquet import ParquetTable, is_parquet
+from enginediag_cli.recordings.parquet import ParquetTable
 from enginediag_cli.recordings.quantities import read_name
-from enginediag_cli.recordings.read import ExcelTable, is_excel
+from enginediag_cli.recordings.read import table_file
 from enginediag_cli.recordings.source import (
-    DELIMITERS,
     HEAD_BYTES,
-    OWN,
-    WHITESPACE,
-    Dialect,
+    Format,
+    detect_bom,
+    detect_utf_16,
+    file_format,
     refuse_binary,
-    unicode_of,
     unpacked,
 )
-from enginediag_cli.recordings.table_file import Asked, is_missing
+from enginediag_cli.recordings.table_file import DELIMITERS, OWN, WHITESPACE, Asked, Dialect, TableFile, is_missing
 from enginediag_cli.recordings.unit_words import UnitWord, trailing_unit, unit_word
 
 LOOKED_AT = 1 << 18
@@ -46,8 +44,6 @@ UNITS_OF_A_ROW = 0.4
 MOST_TAGS = 1000
 """Tags of an export of one reading a line that are told apart."""
 
-FEWEST_BYTES = 16
-"""Bytes by which an encoding is recognised: a header line has more."""
 FEWEST_LINES = 3
 """Lines that a table without a delimiter must have: two lines of words may be any text."""
 
@@ -113,12 +109,9 @@ class Sniffed:
 
 def sniff(path: str) -> Sniffed:
     """Look at the head of a file (`-`: standard input). Raises DataError when no table is found in it."""
-    if path != "-" and is_parquet(path):
-        return _lengthwise(_first_records(path))
-    if path != "-" and is_excel(path):
-        with closing(ExcelTable(path)) as workbook:
-            rows = [row.rstrip("\r\n") for row in islice(workbook.lines, TABLE_RECORDS)]
-        return _lengthwise(_text_table(rows, path))
+    if file_format(path) is not Format.TEXT:
+        with table_file(path) as table:
+            return _reshape_long(_first_records(table) if isinstance(table, ParquetTable) else _first_rows(table))
     raw = _head(path)
     text, encoding = _decoded(raw)
     lines = text.splitlines()
@@ -129,7 +122,7 @@ def sniff(path: str) -> Sniffed:
     except csv.Error as error:
         raise DataError(f"{path}: no table: {error}") from error
     guessed = encoding in ("cp1252", "latin-1")
-    return _lengthwise(replace(found, dialect=replace(found.dialect, encoding=encoding), guessed_encoding=guessed))
+    return _reshape_long(replace(found, dialect=replace(found.dialect, encoding=encoding), guessed_encoding=guessed))
 
 
 def _text_table(lines: Sequence[str], path: str) -> Sniffed:
@@ -184,15 +177,19 @@ def _split(lines: Sequence[str], delimiter: str) -> Iterator[list[str]]:
     return csv.reader(lines, delimiter=delimiter)
 
 
-def _first_records(path: str) -> Sniffed:
+def _first_rows(table: TableFile) -> Sniffed:
+    """The first rows of a workbook."""
+    return _text_table([row.rstrip("\r\n") for row in islice(table.lines, TABLE_RECORDS)], table.name)
+
+
+def _first_records(table: TableFile) -> Sniffed:
     """The first records of a Parquet file, which says itself what its columns are."""
-    with closing(ParquetTable(path)) as table:
-        first = next(table.records(Asked((), by_suffix=False), TABLE_RECORDS))
+    first = next(table.records(Asked((), by_suffix=False), TABLE_RECORDS))
     cells = {name: list(first.text[name]) for name in table.columns}
-    return Sniffed(path, OWN, table.columns, ("",) * len(table.columns), cells, False)
+    return Sniffed(table.name, OWN, table.columns, ("",) * len(table.columns), cells, False)
 
 
-def _lengthwise(found: Sniffed) -> Sniffed:
+def _reshape_long(found: Sniffed) -> Sniffed:
     """A file with one reading a line as the table of its tags; any other as it is."""
     named = {c: found.values(c) is not None for c in found.header}
     tag = next((c for c, numeric in named.items() if not numeric and _TAG.fullmatch(c.strip())), "")
@@ -227,22 +224,13 @@ def _head(path: str) -> bytes:
             raw = bytes(stream.read(LOOKED_AT))
     except (OSError, EOFError, zlib.error) as error:
         raise DataError(f"{name}: {getattr(error, 'strerror', None) or error}") from error
-    refuse_binary(raw[:HEAD_BYTES], name, "utf-8" if not _utf_16(raw) else _utf_16(raw))
+    refuse_binary(raw[:HEAD_BYTES], name, detect_utf_16(raw[:HEAD_BYTES]) or "utf-8")
     return raw
-
-
-def _utf_16(raw: bytes) -> str:
-    """UTF-16 without a byte order mark: of Western letters every second byte is zero; empty where it is not."""
-    head = raw[:HEAD_BYTES]
-    for odd, order in ((1, "le"), (0, "be")):
-        if len(head) > FEWEST_BYTES and 0.4 * len(head) <= head.count(0) == head[odd::2].count(0):
-            return f"utf-16-{order}"
-    return ""
 
 
 def _decoded(raw: bytes) -> tuple[str, str]:
     """The text and the encoding; what is no Unicode is taken for Western European Windows text."""
-    unicode = unicode_of(raw) or _utf_16(raw)
+    unicode = detect_bom(raw) or detect_utf_16(raw[:HEAD_BYTES])
     if unicode:
         return raw.decode(unicode, errors="ignore"), unicode
     try:

@@ -1,8 +1,7 @@
-"""What recordings are read from: files, packed files, standard input and pipes; never folders or devices.
+"""Where recordings are read from: files, packed files, standard input, pipes, growing files; no folders or devices.
 
-A text file whose head has been read, to see what it holds before it is read as that.
-
-How a text file is written: what parts cells, the marks in numbers, the encoding, and what its columns are called.
+A file's format is recognised by its first bytes. Texts are decoded, limited in line length, and their head may be
+looked at before the rest is read.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ import time
 import zlib
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
+from enum import Enum
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -37,7 +36,11 @@ LONGEST_DOCUMENT = 200_000_000
 HEAD_BYTES = 512
 """First bytes of a file, by which formats are recognised."""
 
+FEWEST_BYTES = 16
+"""Bytes by which an encoding is recognised: a header line has more."""
+
 GZIP = b"\x1f\x8b"
+ZIP_MAGIC = b"PK\x03\x04"
 
 _EXPORT = "export it as CSV or Parquet"
 FORMATS: dict[bytes, tuple[str, str]] = {
@@ -45,7 +48,7 @@ FORMATS: dict[bytes, tuple[str, str]] = {
     b"MATLAB": ("a MATLAB .mat file", _EXPORT),
     b"CDF\x01": ("a netCDF file", _EXPORT),
     b"CDF\x02": ("a netCDF file", _EXPORT),
-    b"PK\x03\x04": (
+    ZIP_MAGIC: (
         "a zip archive, or an Excel workbook in a pipe or under another name",
         "unpack it, or name it .xlsx",
     ),
@@ -63,6 +66,50 @@ FORMATS: dict[bytes, tuple[str, str]] = {
     b"TDSm": ("a LabVIEW TDMS file", _EXPORT),
 }
 """First bytes → what such a file is, and what to do with it."""
+
+
+PARQUET_SUFFIXES = (".parquet", ".pq")
+"""Names of Parquet files, in any case."""
+PARQUET_MAGIC = (b"PAR1", b"PARE")
+"""What a Parquet file begins with, whatever it is called; the second where it is encrypted."""
+WORKBOOK = "xl/workbook.xml"
+"""What is in every .xlsx, and in no other zip archive."""
+
+
+class Format(Enum):
+    """What a file holds, as far as it decides how it is opened."""
+
+    TEXT = "text"
+    PARQUET = "Parquet"
+    EXCEL = "Excel workbook"
+
+
+def named_parquet(path: str | Path) -> bool:
+    """Whether a file has the name of a Parquet file."""
+    return Path(path).suffix.lower() in PARQUET_SUFFIXES
+
+
+def file_format(source: Source) -> Format:
+    """The format by a file's first bytes, or by its name where it is called Parquet; text for standard input, streams
+    and pipes."""
+    if not isinstance(source, (str, Path)) or str(source) == "-":
+        return Format.TEXT
+    head = b""
+    if os.path.isfile(source):
+        with suppress(OSError), open(source, "rb") as stream:
+            head = stream.read(4)
+    if head == ZIP_MAGIC:
+        import zipfile
+
+        with suppress(OSError, zipfile.BadZipFile), zipfile.ZipFile(source) as archive:
+            if WORKBOOK in archive.namelist():
+                return Format.EXCEL
+    return Format.PARQUET if head in PARQUET_MAGIC or named_parquet(source) else Format.TEXT
+
+
+def needs_whole_file(path: str) -> bool:
+    """Whether a file is of a format that can be read only when it is complete."""
+    return path.endswith(".gz") or file_format(path) is not Format.TEXT
 
 
 def refuse_devices(path: str | Path) -> None:
@@ -109,7 +156,7 @@ def opened(source: Source, codec: str = "utf-8-sig") -> Iterator[tuple[Iterable[
         except OSError as error:
             raise DataError(f"{name}: {error.strerror or error}") from error
         refuse_binary(head, name, codec)
-        text = stack.enter_context(io.TextIOWrapper(binary, encoding=unicode_of(head) or codec, newline=""))
+        text = stack.enter_context(io.TextIOWrapper(binary, encoding=detect_bom(head) or codec, newline=""))
         yield ShortLines(text, name), name
 
 
@@ -140,17 +187,23 @@ def refuse_binary(head: bytes, name: str, codec: str = "utf-8") -> None:
     for magic, (what, cure) in FORMATS.items():
         if head.startswith(magic):
             raise DataError(f"{name}: {what}; {cure}")
-    zeros = head.count(0)
-    if not zeros or unicode_of(head) or codecs.lookup(codec).name.startswith(("utf-16", "utf-32")):
+    if 0 not in head or detect_bom(head) or codecs.lookup(codec).name.startswith(("utf-16", "utf-32")):
         return
-    for odd, order in ((1, "le"), (0, "be")):  # of Western letters every second byte is zero
-        if 0.4 * len(head) <= zeros == head[odd::2].count(0):
-            what = "UTF-16 text without a byte order mark"
-            raise DataError(f"{name}: {what}; a recorder can state it, `file: {{encoding: utf-16-{order}}}`")
+    if found := detect_utf_16(head):
+        what = "UTF-16 text without a byte order mark"
+        raise DataError(f"{name}: {what}; a recorder can state it, `file: {{encoding: {found}}}`")
     raise DataError(f"{name}: no text but binary data (it has NUL bytes); export it as CSV or Parquet")
 
 
-def unicode_of(head: bytes) -> str:
+def detect_utf_16(head: bytes) -> str:
+    """The encoding of UTF-16 text without a byte order mark, or "": of Western letters every second byte is zero."""
+    for odd, order in ((1, "le"), (0, "be")):
+        if len(head) > FEWEST_BYTES and 0.4 * len(head) <= head.count(0) == head[odd::2].count(0):
+            return f"utf-16-{order}"
+    return ""
+
+
+def detect_bom(head: bytes) -> str:
     """The encoding that a byte order mark says, or "": UTF-8 needs none."""
     if head.startswith((codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE)):
         return "utf-32"
@@ -257,69 +310,6 @@ def _broken(error: Exception) -> Iterator[str]:
     """Lines that cannot be read."""
     raise error
     yield ""
-
-
-DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|"}
-"""Names of the delimiters that `auto` looks for, and the characters."""
-
-WHITESPACE, FIXED = "whitespace", "fixed"
-LAYOUTS = (WHITESPACE, FIXED)
-"""Columns without a delimiter: parted by any number of blanks, or each so many characters wide."""
-
-THOUSANDS = {"comma": ",", "point": ".", "space": " ", "apostrophe": "'"}
-"""Names of the marks between groups of three digits; a space is any kind of space, an apostrophe also a typographic
-one."""
-
-
-@dataclass(frozen=True)
-class Dialect:
-    """delimiter: one character, "auto": the one of DELIMITERS that the header has most of, outside quotes, or one of
-    LAYOUTS; decimal: "." or ","; header_line: the physical line of the header, 0: the first that is neither blank nor
-    begins with #; unit_row: whether a row that is no record follows the header; names: the columns of a file without
-    a header, "" for one that is not read; widths: characters of each column where they are fixed; thousands: a mark of
-    THOUSANDS, or ""; missing: words for a missing value beyond those of `formats.cells`; sheet: of a workbook."""
-
-    delimiter: str = ","
-    decimal: str = "."
-    encoding: str = "utf-8"
-    header_line: int = 0
-    unit_row: bool = False
-    names: tuple[str, ...] = ()
-    widths: tuple[int, ...] = ()
-    thousands: str = ""
-    missing: tuple[str, ...] = ()
-    sheet: str = ""
-
-    @property
-    def codec(self) -> str:
-        """The encoding to open a file with; a byte order mark is no part of UTF-8 text."""
-        return "utf-8-sig" if codecs.lookup(self.encoding).name == "utf-8" else self.encoding
-
-    def separator(self, header: str, place: str) -> str:
-        """The character between cells, judged by this first line of the table where it is not stated; or one of
-        LAYOUTS. Raises DataError when decimal mark and delimiter are one."""
-        found = separator_of(header) if self.delimiter == "auto" else self.delimiter
-        if found == self.decimal:
-            raise DataError(f"{place}: the decimal mark and the delimiter are both '{found}'; state another delimiter")
-        return found
-
-
-OWN = Dialect()
-"""Files of this program: commas, decimal points, UTF-8, the header first."""
-
-
-def separator_of(header: str) -> str:
-    """The delimiter that a header line has most of, outside quotes; a comma where it has none."""
-    bare = "".join(header.split('"')[::2])
-    return max(DELIMITERS.values(), key=bare.count) if any(map(bare.count, DELIMITERS.values())) else ","
-
-
-def known_encoding(name: str) -> bool:
-    """Whether Python has a text codec of this name."""
-    try:
-        return bool(codecs.lookup(name)._is_text_encoding)
-    except LookupError:
-        return False
 
 
 POLL_S = 0.2

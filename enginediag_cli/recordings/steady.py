@@ -169,12 +169,6 @@ def _timed(recording: Recording, settings: SteadySettings, failed: dict[str, np.
             failed[f"dwell of {name}"] = past.spread(recording[name]) > most
 
 
-def gate(recording: Recording, settings: SteadySettings) -> tuple[np.ndarray, GateReport]:
-    """Mask (N,) of the steady records, and the report."""
-    keep, reasons = first_reasons(failures(recording, settings), np.ones(len(recording), dtype=bool))
-    return keep, GateReport(int(keep.sum()), len(recording), reasons)
-
-
 def first_reasons(failed: Mapping[str, np.ndarray], candidates: np.ndarray) -> tuple[np.ndarray, dict[str, int]]:
     """Candidates (N,) that pass everything, and how many fail each condition first."""
     keep = candidates.copy()
@@ -189,22 +183,9 @@ COMPLETE = 0.8
 """Share of the records of a window that must be there for it to count as a window."""
 
 
-@dataclass(frozen=True)
-class Averages:
-    """recording: M records, means of the windows, with the line and text of each window's first record.
-
-    standard_error: column → (M,) standard deviation over √n, right for noise without memory within a window;
-    count: (M,) records in each window.
-    """
-
-    recording: Recording
-    standard_error: Mapping[str, np.ndarray]
-    count: np.ndarray
-
-
 def average(
     recording: Recording, window_s: float, failed: Mapping[str, np.ndarray], new: np.ndarray | None = None
-) -> tuple[Averages, GateReport]:
+) -> tuple[Recording, GateReport]:
     """Means over windows of window_s seconds whose last record passes every condition in `failed`.
 
     new: (N,) bool, only the windows that end with one of these records; None for all.
@@ -229,18 +210,16 @@ def average(
     return _means(recording, first[keep], size[keep]), report
 
 
-def _means(recording: Recording, first: np.ndarray, size: np.ndarray) -> Averages:
+def _means(recording: Recording, first: np.ndarray, size: np.ndarray) -> Recording:
+    """Means of the windows (M,), with the line and the texts of each window's first record."""
     window = np.repeat(np.arange(len(first)), size)
     rows = first[window] + np.arange(len(window)) - np.repeat(np.cumsum(size) - size, size)
     means: dict[str, np.ndarray] = {}
-    errors: dict[str, np.ndarray] = {}
     for name, values in recording.columns.items():
         x = values[rows]
         known = np.isfinite(x)
-        n = np.bincount(window[known], minlength=len(first)).astype(float)
         with np.errstate(invalid="ignore", divide="ignore"):
-            mean = np.bincount(window[known], x[known], minlength=len(first)) / n
-            squares = np.bincount(window[known], (x[known] - mean[window[known]]) ** 2, minlength=len(first))
-            means[name] = mean
-            errors[name] = np.where(n > 1, np.sqrt(squares / (n - 1.0) / n), np.nan)
-    return Averages(recording.select(first).with_columns(means), errors, size)
+            means[name] = np.bincount(window[known], x[known], len(first)) / np.bincount(
+                window[known], None, len(first)
+            )
+    return recording.select(first).with_columns(means)

@@ -2,10 +2,6 @@
 
 In CSV numbers are written with 10 significant digits: more than any recorder resolves, and short. A missing value is
 an empty cell. A closed pipe is left to the caller.
-
-The `#` lines at the head of a file: which program, command, configuration and seed made it.
-
-The same run gives the same bytes, so there is no time stamp unless the caller adds one.
 """
 
 from __future__ import annotations
@@ -28,7 +24,7 @@ import numpy as np
 from enginediag_cli.errors import DataError
 from enginediag_cli.file_lock import try_lock
 from enginediag_cli.progress import touched, wipe
-from enginediag_cli.recordings.parquet import named_parquet
+from enginediag_cli.recordings.source import named_parquet
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.table_file import RecordingWriter
 from enginediag_cli.safe_text import UNSPEAKABLE, guarded, visible
@@ -39,34 +35,24 @@ LEFT_BEHIND_S = 60.0
 """Age from which such a file may be a killed run's: one that is at work has locked its own long before."""
 
 
-class CsvWriter:
-    """Writes recordings with the same columns, one after the other, to an open text stream."""
+class CsvWriter(RecordingWriter):
+    """Writes recordings to an open text stream; each is handed on at once."""
 
     def __init__(self, stream: TextIO, provenance: Sequence[str] = (), *, digits: int = 10):
         """provenance: lines to put behind `# ` at the head; none leaves the head out."""
-        self._stream = stream
-        self._provenance = tuple(provenance)
+        self._stream, self._provenance = stream, provenance
         self._csv = csv.writer(stream, lineterminator="\n")
         self._format = f"%.{digits}g"
-        self._order: tuple[str, ...] | None = None
         self._shown = stream.isatty()
 
-    def write(self, recording: Recording) -> None:
-        """Append the records (N,) and hand them on at once; the first call writes the head too.
+    def _begin(self, recording: Recording) -> None:
+        self._stream.writelines(f"# {line}\n" for line in self._provenance)
+        self._csv.writerow(map(self._safe, recording.order))
 
-        Raises DataError when the columns are not those of the first call.
-        """
-        if self._order is None:
-            self._stream.writelines(f"# {line}\n" for line in self._provenance)
-            self._csv.writerow(map(self._safe, recording.order))
-            self._order = recording.order
-        elif set(recording.order) != set(self._order):
-            odd = ", ".join(sorted(set(recording.order) ^ set(self._order)))
-            raise DataError(f"{recording.source}: its columns differ from those already written: {odd}")
+    def _append(self, recording: Recording) -> None:
         if self._shown:
             wipe()
-        cells = [self._cells(recording, column) for column in self._order]
-        self._csv.writerows(zip(*cells, strict=True))
+        self._csv.writerows(zip(*(self._cells(recording, c) for c in self._order or ()), strict=True))
         self._stream.flush()
 
     def _safe(self, text: str) -> str:
@@ -197,18 +183,16 @@ def _mode_for(path: Path) -> int:
 def write_csv(
     path: str | Path, recordings: Iterable[Recording], provenance: Sequence[str] = (), *, digits: int = 10
 ) -> int:
-    """Write the recordings to a path or, for `-`, to stdout; returns the number of records.
+    """Write the recordings as CSV to a path or, for `-`, to stdout; returns the number of records.
 
     Raises DataError (columns differ, or nothing to write, not even a header) and OSError.
     """
-    count = 0
-    started = False
+    sizes = []
     with output(path) as stream:
         writer = CsvWriter(stream, provenance, digits=digits)
         for recording in recordings:
             writer.write(recording)
-            count += len(recording)
-            started = True
-        if not started:
+            sizes.append(len(recording))
+        if not sizes:
             raise DataError(f"{path}: nothing to write")
-    return count
+    return sum(sizes)

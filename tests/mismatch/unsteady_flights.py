@@ -99,7 +99,7 @@ def one_flight(
         columns[c] = y[:, j] + sigma * (rng.normal(0.0, 1.0, n) + walk + rng.normal(0.0, 150.0) * behind)
     failed = failures(Recording({"time_s": t, **columns}), STEADY)
     kept, _ = average(Recording({"time_s": t, **columns, "valve": open_[:, 0]}), WINDOW_S, failed)
-    return Flight(label, "", dict(kept.recording.columns)), {"time_s": t, **columns}
+    return Flight(label, "", dict(kept.columns)), {"time_s": t, **columns}
 
 
 def flown(rng: np.random.Generator, *, flights: int = 2, changes: int = 8, amount: float = 0.02) -> Truth:

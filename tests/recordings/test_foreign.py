@@ -174,7 +174,7 @@ def test_in_a_stream_the_citation_gives_the_windows_and_masks_of_the_whole_file(
         for column, values in mapped.recording.columns.items():
             np.testing.assert_allclose(parts[column], values, rtol=1e-6, atol=0.1 if "soak" in column else 0)
         counts = stream.engines[mapped.engine].counts
-        assert {c: dict(v) for c, v in counts.columns.items()} == {c: dict(v) for c, v in mapped.masks.counts.items()}
+        assert {c: dict(v) for c, v in counts.columns.items()} == {c: dict(v) for c, v in mapped.masks.columns.items()}
 
 
 def test_a_folder_a_device_and_a_socket_are_refused_before_they_are_read(tmp_path):

@@ -68,7 +68,7 @@ def readings(clean, column):
 def test_rows_written_several_times_count_once(k):
     clean, report = mask_recording(recording(np.random.default_rng(k), k_rows=k, n=200), JUDGED)
     assert [readings(clean, c) for c in JUDGED.sensors] == [200] * 3
-    assert report.counts["T3_K"]["held"] == 200 * (k - 1)
+    assert report.columns["T3_K"]["held"] == 200 * (k - 1)
 
 
 def test_one_slow_sensor_loses_its_repeats_alone():

@@ -60,7 +60,7 @@ def test_each_engine_becomes_its_own_recording_in_si_units(tmp_path):
 def test_values_outside_the_limits_are_masked_and_reported(tmp_path):
     right = recorder(tmp_path, TWO_ENGINES).read(io.StringIO(FILE))[1]
     assert np.isnan(right.recording["T3_K"]).tolist() == [False, True]
-    assert right.report_lines() == ["<stream>, engine right: T3_K: 1 of 2 values masked (out of limits 1)"]
+    assert right.masks.report_lines() == ["T3_K: 1 of 2 values masked (out of limits 1)"]
 
 
 def test_a_file_without_a_column_that_the_recorder_needs_is_refused(tmp_path):
