@@ -1,4 +1,4 @@
-"""One run at a time: a lock on a file, which the system lets go when its holder ends, however it ends."""
+"""One run at a time: a lock on a file. The system releases it when its holder ends, however it ends."""
 
 from __future__ import annotations
 
@@ -26,25 +26,38 @@ class LockedError(EngineDiagError):
 
 
 @contextmanager
-def locked(path: str, command: str, wait_s: float = 0.0) -> Iterator[None]:
-    """Hold the lock of a file, which is made where there is none and stays.
+def lock_file(path: str, command: str, wait_s: float = 0.0) -> Iterator[None]:
+    """Hold the lock of a file inside the block. The file is made where there is none, and stays.
 
-    wait_s: how long to wait for another holder [s]. Raises LockedError when it still holds then, DataError for a file
-    that is something else or cannot be opened, and where the system has no such locks.
+    Parameters
+    ----------
+    path
+        Lock file.
+    command
+        Name of the command that holds the lock, written into the file for whoever waits.
+    wait_s
+        How long to wait for another holder [s].
+
+    Raises
+    ------
+    LockedError
+        Another run still holds the lock after `wait_s`.
+    DataError
+        The file is something else or cannot be opened, or the system has no file locks.
     """
     try:
         import fcntl
     except ImportError:
-        raise DataError("--lock: this system has no locks of files") from None
+        raise DataError("--lock: this system has no file locks") from None
     try:
         handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
     except OSError as error:
         raise DataError(f"--lock {path}: cannot be opened: {error.strerror}") from None
     try:
         until = time.monotonic() + wait_s
-        held = os.pread(handle, SHOWN_BYTES, 0)
-        if held and not held.startswith(OPENING):
-            raise DataError(f"--lock {path}: is there and is no lock file; name another one")
+        text = os.pread(handle, SHOWN_BYTES, 0)
+        if text and not text.startswith(OPENING):
+            raise DataError(f"--lock {path}: the file exists and is no lock file; name another one")
         while True:
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -53,7 +66,7 @@ def locked(path: str, command: str, wait_s: float = 0.0) -> Iterator[None]:
                 if not isinstance(error, BlockingIOError):
                     raise DataError(f"--lock {path}: cannot be locked: {error.strerror}") from None
             if time.monotonic() >= until:
-                raise LockedError(f"--lock {path}: {_holder(handle)} holds it; nothing was done, try again later")
+                raise LockedError(f"--lock {path}: {_holder(handle)} holds the lock; nothing was done, try again later")
             time.sleep(min(RETRY_S, max(until - time.monotonic(), 0.0)))
         since = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
         with suppress(OSError):  # a disk without room can be locked all the same
@@ -65,7 +78,7 @@ def locked(path: str, command: str, wait_s: float = 0.0) -> Iterator[None]:
 
 
 def try_lock(handle: int) -> bool:
-    """Lock an open file where nobody has, until it is closed; whether it was possible. Never waits."""
+    """Lock an open file until it is closed, without waiting; whether it was possible."""
     try:
         import fcntl
 
@@ -76,6 +89,5 @@ def try_lock(handle: int) -> bool:
 
 
 def _holder(handle: int) -> str:
-    """Who says that it holds the lock."""
-    told = os.pread(handle, SHOWN_BYTES, 0).decode("utf-8", "replace").split("\n")[0]
-    return told or "another run"
+    """Description of the run that holds the lock, from the file."""
+    return os.pread(handle, SHOWN_BYTES, 0).decode("utf-8", "replace").split("\n")[0] or "another run"

@@ -24,13 +24,11 @@ ORDER = (
     "intervals",
     "log_weights",
     "progress",
-    "side_by_side",
     "safe_text",
     "file_lock",
     "shipped",
-    "parent_process",
     "config",
-    "worker_pool",
+    "parallel",
     "parameters",
     "recordings",
     "engine",
@@ -64,18 +62,18 @@ FOR_COMMANDS = (
     "errors",
     "glossary",
     "progress",
-    "side_by_side",
     "safe_text",
     "file_lock",
     "shipped",
     "config",
+    "parallel",
     "report",
     "api",
     "cli",
 )
 """What a command may import: the library, what is shown, and what speaks of no engine."""
 
-VALIDATION = {name: ("validation", "worker_pool") for name in ("trials", "demo")}
+VALIDATION = {name: ("validation",) for name in ("trials", "demo")}
 """Commands that run trials and demonstrations, which are no part of the library."""
 
 LARGEST_FILE = 600

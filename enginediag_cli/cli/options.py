@@ -164,12 +164,12 @@ seed_option = option(
 
 
 def _start_jobs(values: Values) -> None:
-    from enginediag_cli.side_by_side import CAN_COPY, working
+    from enginediag_cli.parallel import CAN_FORK, use_processes
 
     jobs, context = values.pop("jobs"), click.get_current_context()
-    if jobs > 1 and not CAN_COPY:
+    if jobs > 1 and not CAN_FORK:
         context.ensure_object(Messages).note("--jobs has no effect: this system cannot fork a process")
-    context.with_resource(working(jobs))
+    context.with_resource(use_processes(jobs))
 
 
 jobs_option = options(

@@ -96,10 +96,10 @@ def study(
     Data come from the full nonlinear engine. The same seed gives the same counts, on any number of processes. The same
     command with -o or --journal resumes an interrupted study.
     """
+    from enginediag_cli.parallel import run_tasks
     from enginediag_cli.validation.rows import totals
     from enginediag_cli.validation.studies import load_study
     from enginediag_cli.validation.study_runs import batches, run_batch, study_journal, study_key
-    from enginediag_cli.worker_pool import run_pieces
 
     described = load_study(file)
     seed = described.seed if seed is None else seed
@@ -107,7 +107,7 @@ def study(
     kept = study_journal(path, study_key(described, seed, repetitions)) if path else None
     every, finished = batches(described, repetitions), kept.read() if kept else {}
     todo = [batch for batch in every if batch not in finished]
-    running = run_pieces(partial(run_batch, described.path, seed), todo, processes or os.cpu_count() or 1)
+    running = run_tasks(partial(run_batch, described.path, seed), todo, processes or os.cpu_count() or 1)
     _collect(messages, running, described.path.stem, todo, finished, kept)
     _write_study(described, totals(described, finished), seed, show, output, file)
     if kept and not journal:

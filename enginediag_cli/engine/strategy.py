@@ -25,7 +25,7 @@ from enginediag_cli.engine.dual import Array
 from enginediag_cli.engine.network import Network
 from enginediag_cli.engine.outputs import NOT_CONVERGED, OfPoints, Outputs, Read
 from enginediag_cli.engine.start import ANCHORS, StartFit, coordinates, correction, total_ratios
-from enginediag_cli.side_by_side import processes, resident_MB, side_by_side
+from enginediag_cli.parallel import parallel_map, process_count, resident_MB
 
 FIT_FROM = 500  # points from which a fitted start of their own pays
 COVERED = 0.98
@@ -292,13 +292,13 @@ class Batch:
 
     def _by_several(self, at: Array, start: Array | None, tries: Tries) -> bool:
         """Whether several processes solved these points."""
-        n = processes(len(at) // SHARE)
+        n = process_count(len(at) // SHARE)
         if n > 1:  # seldom so, and to ask for the memory takes time
-            n = processes(int(len(at) / (SHARE + SHARE_PER_MB * resident_MB())))
+            n = process_count(int(len(at) / (SHARE + SHARE_PER_MB * resident_MB())))
         if n == 1:
             return False
         parts = np.array_split(at, n)
-        found = side_by_side(lambda k: self._share(parts[k], start, tries), n)
+        found = parallel_map(lambda k: self._share(parts[k], start, tries), n)
         shares = [share for share in found if share is not None]
         if len(shares) < n:
             self.out.forget(at)

@@ -17,24 +17,22 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
 from itertools import islice
 from typing import Any, Protocol, TypeVar
 
 from enginediag_cli import __version__
-from enginediag_cli.errors import DataError, EngineDiagError, WorkerDiedError
-from enginediag_cli.worker_pool import single_threaded, worker_pool
+from enginediag_cli.errors import DataError, EngineDiagError
+from enginediag_cli.parallel import TASKS_PER_WORKER, ProcessPool
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-IN_WORK = 4
-"""Tasks per worker that are handed out at a time: enough that none waits, few enough that memory does not grow with
-the fleet."""
+ADVICE = "what was condensed is kept with --store; use fewer --jobs"
+"""Where worker processes keep dying."""
 
 
 class Runner(Protocol):
@@ -66,79 +64,6 @@ class Serial:
         """There is nobody to let go."""
 
 
-DEATHS = 3
-"""Times that a process may be ended from outside before the run ends: what kills a worker kills the next one, too."""
-
-
-class Processes:
-    """So many processes, which live until `close`. What was in work when one of them died is done again."""
-
-    def __init__(self, workers: int):
-        self.workers = workers
-        self._pool: ProcessPoolExecutor | None = None
-        self._deaths = 0
-
-    def run(self, work: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[tuple[int, Result]]:
-        """As `Runner.run`. Raises WorkerDiedError."""
-        waiting = enumerate(tasks)
-        again: list[tuple[int, Task]] = []
-        at_work: dict[Future[Result], tuple[int, Task]] = {}
-        try:
-            while True:
-                try:
-                    self._fill(work, waiting, again, at_work)
-                    if not at_work:
-                        return
-                    done, _ = wait(at_work, return_when=FIRST_COMPLETED)
-                    for future in sorted(done, key=lambda f: at_work[f][0]):
-                        result = future.result()
-                        yield at_work.pop(future)[0], result
-                except BrokenProcessPool:
-                    again = sorted([*again, *at_work.values()], key=lambda numbered: numbered[0])
-                    at_work.clear()
-                    self._replace()
-        finally:
-            for future in at_work:
-                future.cancel()
-
-    def _fill(
-        self,
-        work: Callable[[Task], Result],
-        waiting: Iterator[tuple[int, Task]],
-        again: list[tuple[int, Task]],
-        at_work: dict[Future[Result], tuple[int, Task]],
-    ) -> None:
-        pool = self._opened()
-        while len(at_work) < IN_WORK * self.workers:
-            if not again:
-                again.extend(islice(waiting, 1))
-            if not again:
-                return
-            with single_threaded():  # processes begin when there is work for them
-                future = pool.submit(work, again[0][1])  # a broken pool refuses it, and it is still there
-            at_work[future] = again.pop(0)
-
-    def _opened(self) -> ProcessPoolExecutor:
-        if self._pool is None:
-            self._pool = worker_pool(self.workers)
-        return self._pool
-
-    def _replace(self) -> None:
-        self._deaths += 1
-        if self._deaths >= DEATHS:
-            raise WorkerDiedError(
-                f"a worker process was ended from outside {self._deaths} times, perhaps because memory ran out; what "
-                "was condensed is kept with --store; use fewer --jobs"
-            ) from None
-        self.close()
-
-    def close(self) -> None:
-        """Let the processes go when they have finished what is in work."""
-        if self._pool is not None:
-            self._pool.shutdown(wait=True, cancel_futures=True)
-            self._pool = None
-
-
 @contextmanager
 def runner_for(jobs: int, scheduler: str = "") -> Iterator[Runner]:
     """This process for one job, so many processes, or the cluster of a Dask scheduler. Raises DataError."""
@@ -148,7 +73,7 @@ def runner_for(jobs: int, scheduler: str = "") -> Iterator[Runner]:
     elif jobs == 1:
         runner = Serial()
     else:
-        runner = Processes(jobs)
+        runner = ProcessPool(jobs, ADVICE)
     try:
         yield runner
     finally:
@@ -216,11 +141,11 @@ class OnDask:
                 numbers[future.key] = number
                 finished.add(future)
 
-        hand_out(IN_WORK * self.workers)
+        hand_out(TASKS_PER_WORKER * self.workers)
         try:
             for future in finished:
                 yield numbers.pop(future.key), self._result(future)
-                hand_out(max(IN_WORK * self.workers - len(numbers), 0))
+                hand_out(max(TASKS_PER_WORKER * self.workers - len(numbers), 0))
         finally:
             finished.clear()
 

@@ -61,8 +61,8 @@ from enginediag_cli.identification.problem import (
     build_problem,
     settings_from_mapping,
 )
+from enginediag_cli.parallel import parallel_imap
 from enginediag_cli.progress import each
-from enginediag_cli.side_by_side import in_turn
 
 FOLDS = 8
 """Each fold is one more fit; with eight a fit has seen seven eighths of the records and is nearly the one that is
@@ -128,7 +128,7 @@ def cross_validate(problem: Problem, fit: Fit, block: int, max_iterations: int =
             )
         return part.equations.predicted[out] if part.converged else None
 
-    refits = in_turn(left_out, len(folds))
+    refits = parallel_imap(left_out, len(folds))
     for fold, found in each(zip(folds, refits, strict=True), "cross-validation, refits", len(folds)):
         if found is None:
             failed += 1

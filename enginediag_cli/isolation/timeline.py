@@ -50,11 +50,11 @@ from enginediag_cli.isolation.events import (
 )
 from enginediag_cli.isolation.prior import SEPARATED, SetPrior
 from enginediag_cli.isolation.results import probability_of_unlisted
+from enginediag_cli.parallel import parallel_imap
 from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.progress import each, stage
 from enginediag_cli.residuals.instruments import level_of_ratio
 from enginediag_cli.residuals.score import fisher_score
-from enginediag_cli.side_by_side import in_turn
 
 LAWS = (False, True)
 """Laws of scatter, each as probable as the other: readings scatter by themselves, or wander."""
@@ -557,5 +557,5 @@ def stories_of(
         story = judge_series(series.readings(engines[k]).joined(most), series.known, options)
         return replace(story, departures=departures(series.stretches[engines[k]])) if against_nominal else story
 
-    stories = zip(engines, in_turn(judged, len(engines)), strict=True)
+    stories = zip(engines, parallel_imap(judged, len(engines)), strict=True)
     return each(stories, "engines judged", len(engines))

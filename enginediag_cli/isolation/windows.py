@@ -40,6 +40,7 @@ from enginediag_cli.isolation.nonlinear import WindowModel
 from enginediag_cli.isolation.prior import SEPARATED, SetPrior
 from enginediag_cli.isolation.results import Class
 from enginediag_cli.isolation.sensitivity_analysis import Flips, flips_of_diagnosis, flips_of_isolated_components
+from enginediag_cli.parallel import parallel_map, pieces_in_flight
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.planning.flights import conditions_grid
 from enginediag_cli.planning.separation import Suggestion, best_of_each_kind
@@ -50,7 +51,6 @@ from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.score import Score, fisher_score
 from enginediag_cli.residuals.statistics import LocalStatistics
 from enginediag_cli.residuals.windows import WindowStatistics
-from enginediag_cli.side_by_side import at_once, side_by_side
 from enginediag_cli.units import UNITS, split_column
 
 TOLD = 2
@@ -206,8 +206,8 @@ class Isolating:
     def windows(self) -> Iterator[IsolatedWindow]:
         """All windows in turn. Raises DataError, NoVerdictError."""
         numbered = enumerate(self.files.windows(), start=1)
-        while some := list(islice(numbered, at_once())):
-            yield from side_by_side(partial(self._answered, some), len(some))
+        while some := list(islice(numbered, pieces_in_flight())):
+            yield from parallel_map(partial(self._answered, some), len(some))
             if self.kept is not None:
                 self.kept.let_go(some[-1][1][0])
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from enginediag_cli.engine.instrument_errors import ELAPSED, suspected
 from enginediag_cli.error_model.sizes import SLOPES_COMMON as COMMON
+from enginediag_cli.parallel import parallel_imap, process_count
 from enginediag_cli.progress import each
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.instruments import NOISE, InstrumentFault, NoiseModel, runs, scattering, weighed, weights
@@ -43,7 +44,6 @@ from enginediag_cli.residuals.windows import (
     nominal_residuals,
     nothing_judged,
 )
-from enginediag_cli.side_by_side import in_turn, jobs
 
 LINEARISE = ("estimate", "nominal")
 BATCH_RECORDS = 3_000
@@ -129,7 +129,7 @@ def window_statistics(
     counted = each(recordings, "records judged", size=len)
     for complete in cut(monitor, counted, plan, _pieces, lambda pieces: keeping([p.judged for p in pieces])):
         waiting.extend(complete)
-        if sum(map(_size, waiting)) >= BATCH_RECORDS * (jobs() if apart else 1):
+        if sum(map(_size, waiting)) >= BATCH_RECORDS * (process_count() if apart else 1):
             yield from _finished(monitor, waiting, linearise, condense, apart, last=False)
     yield from _finished(monitor, waiting, linearise, condense, apart, last=True)
 
@@ -181,7 +181,7 @@ def _finished(
     def judged(k: int) -> list[WindowStatistics]:
         return list(_judged(monitor, batches[k], linearise, condense))
 
-    for found in in_turn(judged, len(batches)) if apart else map(judged, range(len(batches))):
+    for found in parallel_imap(judged, len(batches)) if apart else map(judged, range(len(batches))):
         yield from found
 
 

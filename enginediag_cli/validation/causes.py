@@ -83,6 +83,11 @@ Key = frozenset[str]
 """A set of causes by name: when a step began is no part of its identity."""
 
 
+def instrument_place(column: str) -> str:
+    """The place of an instrument's error, in trials of isolation."""
+    return f"reading {column}"
+
+
 def key(causes: Sequence[Cause]) -> Key:
     return frozenset(c.name for c in causes)
 

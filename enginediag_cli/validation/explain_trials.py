@@ -23,7 +23,7 @@ import hashlib
 import tempfile
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -44,6 +44,7 @@ from enginediag_cli.mismatch.explain.plan import (
 )
 from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, Hypothesis, identify_with, nuisance, stack_column
 from enginediag_cli.mismatch.fit.options import EFFECT, Option
+from enginediag_cli.parallel import QuestionProcess, run_tasks
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.planning.flights import AIRLINER, RECORDS, SWEEP, WEATHER, Corner, PlannedFlight
 from enginediag_cli.recordings.table import Recording
@@ -65,8 +66,7 @@ from enginediag_cli.validation.marks import Said, evidence_of, opened
 from enginediag_cli.validation.separability import separability
 from enginediag_cli.validation.several_marks import opened_several
 from enginediag_cli.validation.trial_flights import hour_columns
-from enginediag_cli.validation.trials import EXPLAIN, LOCATE, PLAN, Correspondent, Form, Journal
-from enginediag_cli.worker_pool import run_pieces
+from enginediag_cli.validation.trials import EXPLAIN, LOCATE, PLAN, Form, Journal, diagnoser
 
 RECORDED = (0.3, 0.75)
 """Share of a flight, from and to, that is recorded before the plan: its cruise."""
@@ -160,7 +160,7 @@ Asking = Callable[[Sealed, Path, Sequence[Path]], dict[str, Any]]
 
 
 def run_planned(
-    path: str, seed: int, trial: int, truth: str, explainer: Correspondent, asking: Asking
+    path: str, seed: int, trial: int, truth: str, explainer: QuestionProcess, asking: Asking
 ) -> dict[str, Any]:
     """Draw, ask for an answer and a plan, fly every arm, ask again, and mark."""
     begun = process_time()
@@ -292,7 +292,7 @@ class Plan:
     engines: tuple[str, ...] = ()
 
 
-def run_trial(plan: Plan, trial: int, explainer: Correspondent) -> dict[str, Any]:
+def run_trial(plan: Plan, trial: int, explainer: QuestionProcess) -> dict[str, Any]:
     """Draw, record, ask, open the answer and mark it."""
     begun = process_time()
     path_of_model = engine_of(plan.engines or (plan.engine,), plan.seed, trial)
@@ -352,17 +352,11 @@ def _question(plan: Plan, sealed: Sealed, engine: Path, files: Sequence[Path]) -
 
 def run_trials(plan: Plan, todo: Iterable[int], jobs: int) -> Generator[tuple[int, dict[str, Any]], None, None]:
     """Number and record of each trial as it is finished, in any order."""
-    return run_pieces(partial(_run, plan), todo, jobs)
+    return run_tasks(partial(_run, plan), todo, jobs)
 
 
 def _run(plan: Plan, trial: int) -> dict[str, Any]:
-    return run_trial(plan, trial, _explainer())
-
-
-@lru_cache(maxsize=1)
-def _explainer() -> Correspondent:
-    """This worker's explainer; it ends when the worker, and with it its standard input, does."""
-    return Correspondent()
+    return run_trial(plan, trial, diagnoser())
 
 
 Record = Mapping[str, Any]

@@ -25,7 +25,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 from itertools import groupby, pairwise
 from pathlib import Path
 from time import process_time
@@ -37,14 +37,14 @@ from enginediag_cli import __version__
 from enginediag_cli.detection.verdict import FAULT
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.isolation.posterior import least_that_matters
+from enginediag_cli.parallel import QuestionProcess, run_tasks
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.validation import kinds
-from enginediag_cli.validation.causes import Cause, components
+from enginediag_cli.validation.causes import Cause, components, instrument_place
 from enginediag_cli.validation.concealed_effects import engine_of
-from enginediag_cli.validation.isolation_truths import Sealed, draw, group_of, reading, record
+from enginediag_cli.validation.isolation_truths import Sealed, draw, group_of, record
 from enginediag_cli.validation.score_sheet import PROBABLE, PROBABLE_TARGET, SURE, SURE_TARGET, right_less_stated
-from enginediag_cli.validation.trials import Correspondent, rate, wilson
-from enginediag_cli.worker_pool import run_pieces
+from enginediag_cli.validation.trials import ISOLATE, diagnoser, rate, wilson
 
 NAMED, NOTHING, CANNOT_TELL = "named", "nothing", "cannot tell"
 NO_VERDICT, NOT_IDENTIFIED, FAILED = "no verdict", "not identified", "failed"
@@ -88,7 +88,7 @@ def marks(engine: Engine, sealed: Sealed, told: Mapping[str, Any]) -> Marks:
         return found
     truth = frozenset(c.place for c in sealed.changes)
     said = frozenset(window["sets"][0]) if came == NAMED else frozenset()
-    outputs, inputs = ({reading(c) for c in columns} for columns in (engine.sensors, engine.inputs))
+    outputs, inputs = ({instrument_place(c) for c in columns} for columns in (engine.sensors, engine.inputs))
     found["false_sensor"] = bool((said & outputs) - truth)
     found["false_input"] = bool((said & inputs) - truth)
     if sealed.kind == kinds.NULL:
@@ -152,9 +152,11 @@ def _where_it_acts(engine: Engine, sealed: Sealed) -> frozenset[str]:
     """Places of the components through which the effects act, and of the readings that they falsify."""
     acting = frozenset().union(*(components(engine, Cause(e.label)) for e in sealed.effects))
     places = {n for n, p in engine.parameters.items() if p.component in acting and not p.of_sensor}
-    places |= {reading(c) for c, s in engine.sensors.items() if {s.quantity, c, f"sensor.{s.quantity}"} & acting}
+    places |= {
+        instrument_place(c) for c, s in engine.sensors.items() if {s.quantity, c, f"sensor.{s.quantity}"} & acting
+    }
     if acting & {c.name for c in engine.network.components if c.TYPE == "ambient"}:
-        places |= {reading(c) for c in engine.inputs if c != engine.power_setting}
+        places |= {instrument_place(c) for c in engine.inputs if c != engine.power_setting}
     return frozenset(places)
 
 
@@ -172,7 +174,7 @@ class Plan:
     kinds: tuple[str, ...]
 
 
-def run_group(plan: Plan, trials: Sequence[int], isolator: Correspondent) -> list[dict[str, Any]]:
+def run_group(plan: Plan, trials: Sequence[int], isolator: QuestionProcess) -> list[dict[str, Any]]:
     """Trials of one group of `group_of`: draw, record, ask, open the answer and mark it."""
     path = engine_of(plan.engines, plan.seed, group_of(trials[0], plan.kinds))
     engine = load_engine(path)
@@ -180,12 +182,17 @@ def run_group(plan: Plan, trials: Sequence[int], isolator: Correspondent) -> lis
         return [_run_trial(plan, engine, trial, isolator, Path(folder)) for trial in trials]
 
 
-def _run_trial(plan: Plan, engine: Engine, trial: int, isolator: Correspondent, folder: Path) -> dict[str, Any]:
+def _run_trial(plan: Plan, engine: Engine, trial: int, isolator: QuestionProcess, folder: Path) -> dict[str, Any]:
     begun = process_time()
     sealed = draw(engine, plan.seed, trial, plan.truths, plan.kinds)
     files = record(engine, sealed, folder)
     told = isolator.ask(
-        {"engine": str(files.engine), "healthy": [str(p) for p in files.healthy], "judged": str(files.judged)}
+        {
+            "task": ISOLATE,
+            "engine": str(files.engine),
+            "healthy": [str(p) for p in files.healthy],
+            "judged": str(files.judged),
+        }
     )
     found = _record(sealed, told, marks(engine, sealed, told))
     return found | {
@@ -223,24 +230,15 @@ def _short(x: float | None) -> float | None:
     return float(f"{x:.6g}") if x is not None and np.isfinite(x) else None
 
 
-ISOLATOR = "enginediag_cli.validation.isolator"
-
-
 def run_trials(plan: Plan, todo: Iterable[int], jobs: int) -> Generator[tuple[int, dict[str, Any]], None, None]:
     """Number and record of each trial, those of a group together as they are finished, in any order."""
     groups = [tuple(own) for _, own in groupby(todo, lambda trial: group_of(trial, plan.kinds))]
-    for trials, records in run_pieces(partial(_run, plan), groups, jobs):
+    for trials, records in run_tasks(partial(_run, plan), groups, jobs):
         yield from zip(trials, records, strict=True)
 
 
 def _run(plan: Plan, trials: tuple[int, ...]) -> list[dict[str, Any]]:
-    return run_group(plan, trials, _isolator())
-
-
-@lru_cache(maxsize=1)
-def _isolator() -> Correspondent:
-    """This worker's isolator; it ends when the worker, and with it its standard input, does."""
-    return Correspondent(ISOLATOR)
+    return run_group(plan, trials, diagnoser())
 
 
 def plan_key(plan: Plan) -> str:

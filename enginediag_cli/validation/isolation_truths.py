@@ -19,7 +19,7 @@ from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import CsvWriter, output
 from enginediag_cli.simulation.flights import default_plan, generate_flights
 from enginediag_cli.validation import kinds
-from enginediag_cli.validation.causes import SELDOM, drawable, weights
+from enginediag_cli.validation.causes import SELDOM, drawable, instrument_place, weights
 from enginediag_cli.validation.concealed_effects import EFFECT_SIZE as SIZE
 from enginediag_cli.validation.concealed_effects import copy_engine, draw_health, stream
 from enginediag_cli.validation.trial_flights import draw_flights, stack
@@ -79,11 +79,6 @@ class Sealed:
     realistic: Realistic | None
     noise_seed: int
     every: int = 1
-
-
-def reading(column: str) -> str:
-    """The place of an instrument's error."""
-    return f"reading {column}"
 
 
 def draw(engine: Engine, seed: int, trial: int, truths: Sequence[str], chosen: Sequence[str]) -> Sealed:
@@ -163,7 +158,7 @@ def _field_sensor(engine: Engine, flight: Mapping[str, np.ndarray], rng: np.rand
     column = str(rng.choice(list(engine.sensors)))
     size, share = _sign(rng) * _log_uniform(FIELD_FAULT, rng), bool(rng.random() < 0.5)
     y = engine.predict({c: flight[c] for c in engine.inputs}, sensors=(column,)).y
-    return Change(reading(column), size if share else size * float(np.nanmedian(y)), share, instrument=True)
+    return Change(instrument_place(column), size if share else size * float(np.nanmedian(y)), share, instrument=True)
 
 
 def _changes(engine: Engine, kind: str, sensors: Sequence[str], rng: np.random.Generator) -> list[Change]:
@@ -203,7 +198,9 @@ def _of_components(
 def _of_sensor(engine: Engine, sensors: Sequence[str], rng: np.random.Generator) -> Change:
     column = str(rng.choice(list(sensors)))
     return Change(
-        reading(column), _sign(rng) * _log_uniform(SENSOR, rng) * engine.sensors[column].noise_sigma, instrument=True
+        instrument_place(column),
+        _sign(rng) * _log_uniform(SENSOR, rng) * engine.sensors[column].noise_sigma,
+        instrument=True,
     )
 
 
@@ -211,7 +208,7 @@ def _of_input(engine: Engine, rng: np.random.Generator) -> Change:
     column = str(rng.choice(list(engine.inputs)))
     scale, bias = input_spread(column)
     return Change(
-        reading(column), _sign(rng) * _log_uniform(INPUT, rng) * (scale or bias), bool(scale), instrument=True
+        instrument_place(column), _sign(rng) * _log_uniform(INPUT, rng) * (scale or bias), bool(scale), instrument=True
     )
 
 
@@ -288,7 +285,7 @@ def _true_columns(truth: Engine, sealed: Sealed, k: int) -> dict[str, np.ndarray
 
 def _wrong(sealed: Sealed, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Columns (N,) with the errors of instruments that the trial conceals."""
-    by_place = {reading(c): c for c in columns}
+    by_place = {instrument_place(c): c for c in columns}
     found = dict(columns)
     for change in sealed.changes:
         column = by_place.get(change.place)

@@ -15,27 +15,24 @@ and the rate p of all, they are worth n/d independent trials, with the design ef
 
 (L. Kish, Survey Sampling (1965) section 5.4), so that intervals hold for other blocks, those of another seed, too.
 
-The prover's end of an explainer: a process that is asked, and started again when it dies.
-
-The other end of a correspondent: a process that answers questions, one JSON object a line.
+The diagnosing process, which knows nothing but what it is asked.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import subprocess
-import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from enginediag_cli.errors import DataError, EngineDiagError
+from enginediag_cli.errors import DataError
 from enginediag_cli.intervals import NORMAL_95
-from enginediag_cli.parent_process import end_with_parent
+from enginediag_cli.parallel import QuestionProcess
 from enginediag_cli.recordings.write import output
 
 Key = TypeVar("Key")
@@ -224,63 +221,12 @@ def rate(marks: Iterable[Any], blocks: Iterable[int] | None = None) -> dict[str,
     return {"rate": hits / n, "count": hits, "of": n, "low": low, "high": high}
 
 
-EXPLAINER = "enginediag_cli.validation.explainer"
-EXPLAIN, LOCATE, PLAN = "explain", "locate", "plan"  # what may be asked
+DIAGNOSER = "enginediag_cli.validation.diagnoser"
+EXPLAIN, LOCATE, PLAN, ISOLATE = "explain", "locate", "plan", "isolate"
+"""What the diagnosing process may be asked."""
 
 
-class Correspondent:
-    """Asks one process, of the module of this name, one question at a time."""
-
-    def __init__(self, module: str = EXPLAINER) -> None:
-        self._module = module
-        self._process: subprocess.Popen[str] | None = None
-
-    def ask(self, question: Mapping[str, Any]) -> dict[str, Any]:
-        """The explainer's answer; `{"error": why}` when it has none."""
-        process = self._running()
-        assert process.stdin is not None and process.stdout is not None
-        try:
-            process.stdin.write(json.dumps(question) + "\n")
-            process.stdin.flush()
-            line = process.stdout.readline()
-        except BrokenPipeError:
-            line = ""
-        if not line:
-            self.close()
-            return {"error": "the explainer ended without an answer"}
-        told: dict[str, Any] = json.loads(line)
-        return told
-
-    def close(self) -> None:
-        """End the process."""
-        if self._process is not None:
-            if self._process.stdin is not None:
-                self._process.stdin.close()
-            self._process.wait()
-            self._process = None
-
-    def _running(self) -> subprocess.Popen[str]:
-        if self._process is None or self._process.poll() is not None:
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", self._module, str(os.getpid())],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                text=True,
-            )
-        return self._process
-
-
-def answer_questions(answer: Callable[[Mapping[str, Any]], Mapping[str, Any]]) -> None:
-    """Answer until standard input ends, and end at once with the process whose number is the first argument, if one is
-    given. What fails is answered by `error` and why."""
-    if len(sys.argv) > 1:
-        end_with_parent(int(sys.argv[1]))
-    for line in sys.stdin:
-        try:
-            told = answer(json.loads(line))
-        except EngineDiagError as error:
-            told = {"error": str(error)}
-        except Exception as error:  # the prover counts it, and goes on
-            told = {"error": f"{type(error).__name__}: {error}"}
-        sys.stdout.write(json.dumps(told) + "\n")
-        sys.stdout.flush()
+@lru_cache(maxsize=1)
+def diagnoser() -> QuestionProcess:
+    """The diagnosing process of this worker; it ends when the worker, and with it its standard input, does."""
+    return QuestionProcess(DIAGNOSER)

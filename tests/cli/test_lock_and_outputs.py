@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from enginediag_cli.file_lock import locked
+from enginediag_cli.file_lock import lock_file
 from enginediag_cli.recordings.write import LEFT_BEHIND_S, output
 
 ROOT = Path(__file__).parents[2]
@@ -71,9 +71,9 @@ def test_a_file_that_is_something_else_is_not_taken_for_a_lock(run, folder):
     Path("data.csv").write_text("flight,mach\n1,0.5\n")
     ended = run("schema", "flight", "--lock", "data.csv")
     assert (ended.exit_code, Path("data.csv").read_text()) == (2, "flight,mach\n1,0.5\n")
-    assert "is there and is no lock file" in ended.stderr
+    assert "the file exists and is no lock file" in ended.stderr
     assert run("check", "data.csv", "--lock", "data.csv").exit_code == 2
-    with locked("own.lock", "test"):
+    with lock_file("own.lock", "test"):
         assert run("schema", "flight", "--lock", "own.lock").exit_code == 75
 
 

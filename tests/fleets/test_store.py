@@ -15,8 +15,9 @@ from enginediag_cli.fleets import run
 from enginediag_cli.fleets.fleet_file import load_fleet, recordings_of
 from enginediag_cli.fleets.models import merge, prune, standing
 from enginediag_cli.fleets.run import condense_all
-from enginediag_cli.fleets.runners import Processes, Serial, runner_for
+from enginediag_cli.fleets.runners import Serial, runner_for
 from enginediag_cli.fleets.store import Store
+from enginediag_cli.parallel import ProcessPool
 
 
 def content(store: Store) -> dict[str, bytes]:
@@ -96,7 +97,7 @@ def test_processes_leave_the_same_bytes_as_one_process_also_when_one_of_them_die
     _, recordings, models, store = opened
     alone = Store(tmp_path / "alone")
     condense_all(recordings, models, alone, Serial())
-    runner = Processes(2)
+    runner = ProcessPool(2)
     try:
         marker = tmp_path / "died"
         assert sorted(runner.run(dies_once, [(k, str(marker)) for k in range(6)])) == [(k, k * k) for k in range(6)]

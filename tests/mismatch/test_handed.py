@@ -16,9 +16,9 @@ from enginediag_cli.mismatch.laws.at_place import said_at_places
 from enginediag_cli.mismatch.laws.fitted import Fitted
 from enginediag_cli.mismatch.laws.scan import Scan, formulas_of, known_variables, scored
 from enginediag_cli.mismatch.laws.shortlist import proposal
-from enginediag_cli.side_by_side import CAN_COPY, working
+from enginediag_cli.parallel import CAN_FORK, use_processes
 
-pytestmark = pytest.mark.skipif(not CAN_COPY, reason="processes cannot begin as copies on this system")
+pytestmark = pytest.mark.skipif(not CAN_FORK, reason="processes cannot begin as copies on this system")
 
 CONCEALED = ("reynolds_efficiency", "hpc", {"exponent": 0.2})
 
@@ -52,7 +52,7 @@ def test_sets_are_fitted_side_by_side_as_one_process_fits_them(jobs: int) -> Non
     for n in (1, jobs):
         fits = _fits()
         sets = [(o,) for o in fits.library if o.component == "hpc" and o.kind == "effect"][:5]
-        with working(n):
+        with use_processes(n):
             trials = fits.refit([*sets, (*sets[0], *sets[1])])
         assert trials is not None
         # what begins at these fits begins where they have ended
@@ -67,7 +67,7 @@ def test_sets_are_fitted_side_by_side_as_one_process_fits_them(jobs: int) -> Non
 def test_a_trial_of_another_process_has_the_options_and_the_evidence_that_are_here() -> None:
     fits = _fits()
     sets = [(o,) for o in fits.library if o.component == "hpc" and o.kind == "effect"][:3]
-    with working(2):
+    with use_processes(2):
         trials = fits.refit(sets)
     assert trials is not None and len(trials) == len(sets)
     for t in trials:
@@ -91,7 +91,7 @@ def test_places_say_the_same_whoever_asks_them() -> None:
             law = proposal(next(c for c in scan.candidates if c.location is place), engine)
             (trial,) = fits.refit([(law.option,)]) or []
             fitted.append(Fitted.to(fits.base, (law,), trial))
-        with working(jobs):
+        with use_processes(jobs):
             said = said_at_places(fits.base, scan, fitted)
         assert {here.place for here in said} == {p.name for p in where}
         # variables are those of each place's own fit, one object for all that is said there

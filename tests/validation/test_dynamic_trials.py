@@ -12,7 +12,8 @@ from enginediag_cli.cli.trials import prove
 from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import term_names
-from enginediag_cli.validation import explainer, kinds
+from enginediag_cli.validation import diagnoser as explainer
+from enginediag_cli.validation import kinds
 from enginediag_cli.validation import trial_flights as moving_flights
 from enginediag_cli.validation.causes import SIZES, Cause, draw_memories, drawable_memories, hypothesis
 from enginediag_cli.validation.concealed_effects import draw, readings, record, write_open

@@ -12,6 +12,8 @@ import pytest
 from enginediag_cli.__main__ import main
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.validation import kinds
+from enginediag_cli.validation.causes import instrument_place
+from enginediag_cli.validation.diagnoser import answer
 from enginediag_cli.validation.isolation_trials import (
     CANNOT_TELL,
     NAMED,
@@ -24,8 +26,7 @@ from enginediag_cli.validation.isolation_trials import (
     reliability,
     sheet,
 )
-from enginediag_cli.validation.isolation_truths import Change, draw, group_of, reading, record
-from enginediag_cli.validation.isolator import answer
+from enginediag_cli.validation.isolation_truths import Change, draw, group_of, record
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -50,16 +51,16 @@ def test_every_kind_conceals_what_it_says(turbojet):
         if turbojet.parameters[component.place].wear < 0:
             assert component.size < 0
         (sensor,) = drawn(turbojet, kinds.OUTPUT_SENSOR, k).changes
-        assert sensor.instrument and sensor.place in {reading(c) for c in turbojet.sensors}
+        assert sensor.instrument and sensor.place in {instrument_place(c) for c in turbojet.sensors}
         (channel,) = drawn(turbojet, kinds.INPUT_CHANNEL, k).changes
-        assert channel.instrument and channel.place in {reading(c) for c in turbojet.inputs}
+        assert channel.instrument and channel.place in {instrument_place(c) for c in turbojet.inputs}
         assert 2 <= len(drawn(turbojet, kinds.SEVERAL, k).changes) <= 3
         physics = drawn(turbojet, kinds.PHYSICS, k)
         assert len(physics.effects) == 1 and physics.values and len(physics.changes) == 1
 
 
 def test_only_the_judged_flight_is_changed(turbojet, tmp_path):
-    sealed = replace(drawn(turbojet, kinds.NULL), changes=(Change(reading("T3_K"), 25.0, instrument=True),))
+    sealed = replace(drawn(turbojet, kinds.NULL), changes=(Change(instrument_place("T3_K"), 25.0, instrument=True),))
     for name, s in (("with", sealed), ("without", replace(sealed, changes=()))):
         (tmp_path / name).mkdir()
         record(turbojet, s, tmp_path / name)
@@ -73,7 +74,7 @@ def test_only_the_judged_flight_is_changed(turbojet, tmp_path):
 def test_the_isolator_says_what_the_commands_say(turbojet, tmp_path):
     files = record(turbojet, drawn(turbojet, kinds.COMPONENT, 1), tmp_path)
     healthy = [str(p) for p in files.healthy]
-    told = answer({"engine": str(files.engine), "healthy": healthy, "judged": str(files.judged)})
+    told = answer({"task": "isolate", "engine": str(files.engine), "healthy": healthy, "judged": str(files.judged)})
     nominal, out = tmp_path / "by_command.yaml", tmp_path / "rows.csv"
     assert main(["identify", str(files.engine), *healthy, "-o", str(nominal), "-q"]) == 0
     assert main(["isolate", "-n", str(nominal), str(files.judged), "-o", str(out), "-q"]) == 0

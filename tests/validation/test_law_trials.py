@@ -31,7 +31,8 @@ from enginediag_cli.physics.laws.declared import entry_of
 from enginediag_cli.physics.laws.expression import Expression
 from enginediag_cli.physics.laws.law import variables_of
 from enginediag_cli.validation import concealed_formulas as forms
-from enginediag_cli.validation import explainer, kinds
+from enginediag_cli.validation import diagnoser as explainer
+from enginediag_cli.validation import kinds
 from enginediag_cli.validation import trial_flights as flights
 from enginediag_cli.validation.concealed_effects import draw, engine_of, record
 from enginediag_cli.validation.concealed_formulas import (

@@ -48,9 +48,9 @@ def alive(process: int) -> bool:
         return False
 
 
-def explaining(process: int) -> bool:
+def diagnosing(process: int) -> bool:
     try:
-        return b"explainer" in (Path("/proc") / str(process) / "cmdline").read_bytes()
+        return b"diagnoser" in (Path("/proc") / str(process) / "cmdline").read_bytes()
     except OSError:
         return False
 
@@ -85,18 +85,18 @@ def test_a_killed_study_leaves_no_process():
 
 
 @linux
-def test_a_killed_proof_leaves_neither_worker_nor_explainer():
+def test_a_killed_proof_leaves_neither_worker_nor_diagnoser():
     command = [sys.executable, "-m", "enginediag_cli", "prove", "--trials", "2", "--jobs", "1", "--no-sizes"]
-    killed_with_children(command, lambda children: any(map(explaining, children)))
+    killed_with_children(command, lambda children: any(map(diagnosing, children)))
 
 
 @linux
 @pytest.mark.parametrize("way", ["system", "watch"])
 def test_a_child_ends_in_either_way(way, tmp_path):
-    no_system = "parent._system_tells = lambda: False\n" if way == "watch" else ""
+    no_system = "parent._death_signal_set = lambda: False\n" if way == "watch" else ""
     child = tmp_path / "child.py"
     child.write_text(
-        "import sys, time\nfrom enginediag_cli import parent_process as parent\n"
+        "import sys, time\nfrom enginediag_cli import parallel as parent\n"
         f"{no_system}parent.end_with_parent(int(sys.argv[1]))\nprint('ready', flush=True)\ntime.sleep(60)\n"
     )
     start = (
@@ -117,7 +117,7 @@ def test_a_child_ends_in_either_way(way, tmp_path):
 
 @linux
 def test_a_child_whose_parent_is_gone_already_ends_at_once():
-    code = "from enginediag_cli.parent_process import end_with_parent\nend_with_parent(1 << 22)\nprint('lives')"
+    code = "from enginediag_cli.parallel import end_with_parent\nend_with_parent(1 << 22)\nprint('lives')"
     done = subprocess.run([sys.executable, "-c", code], env=ENVIRONMENT, capture_output=True, text=True)
     assert done.stdout == ""
     assert done.returncode == 1

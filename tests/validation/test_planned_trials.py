@@ -11,6 +11,7 @@ from click.testing import CliRunner
 
 from enginediag_cli.cli.trials import prove
 from enginediag_cli.mismatch.explain.answer import IDENTIFIED, NO_DISCREPANCY
+from enginediag_cli.parallel import QuestionProcess
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.planning.flights import AIRLINER, RECORDS, SWEEP, WEATHER, flights
 from enginediag_cli.validation import kinds
@@ -32,7 +33,7 @@ from enginediag_cli.validation.explain_trials import (
 )
 from enginediag_cli.validation.marks import Said
 from enginediag_cli.validation.score_sheet import PLANNED_SCORES, sheet
-from enginediag_cli.validation.trials import Correspondent
+from enginediag_cli.validation.trials import DIAGNOSER
 
 ENGINE = str(Path(__file__).parents[2] / "configs" / "turbojet.yaml")
 
@@ -124,7 +125,7 @@ def test_what_is_flown_next_reads_what_the_concealed_truth_gives(sealed, engine)
 
 @pytest.mark.slow
 def test_a_whole_trial_asks_plans_flies_and_marks():
-    explainer = Correspondent()
+    explainer = QuestionProcess(DIAGNOSER)
     try:
         found = run_trial(Plan(ENGINE, 1100, (kinds.SAME_MODEL,), (kinds.PLANNED,)), 0, explainer)
     finally:

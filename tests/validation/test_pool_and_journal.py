@@ -8,8 +8,8 @@ from functools import partial
 import pytest
 
 from enginediag_cli.errors import DataError, ExitCode
+from enginediag_cli.parallel import THREAD_VARIABLES, WorkerDiedError, run_tasks
 from enginediag_cli.validation.trials import Form, Journal
-from enginediag_cli.worker_pool import THREADS, WorkerDiedError, run_pieces
 
 FORM = Form(
     "run", "a journal", "the journal of something else", "--journal", lambda k, v: {k: v}, lambda x: (*x.items(),)[0]
@@ -27,24 +27,23 @@ def die_at(number, piece):
 
 
 def threads(piece):
-    return {name: os.environ.get(name) for name in THREADS}
+    return {name: os.environ.get(name) for name in THREAD_VARIABLES}
 
 
-def test_every_piece_comes_back_with_its_result_in_order_when_asked_for():
-    assert list(run_pieces(partial(power, 2), range(5), 2, in_order=True)) == [(k, k * k) for k in range(5)]
-    assert dict(run_pieces(partial(power, 3), range(5), 2)) == {k: k**3 for k in range(5)}
-    assert list(run_pieces(partial(power, 3), (), 2)) == []
+def test_every_task_comes_back_with_its_result():
+    assert dict(run_tasks(partial(power, 3), range(5), 2)) == {k: k**3 for k in range(5)}
+    assert list(run_tasks(partial(power, 3), (), 2)) == []
 
 
 def test_processes_use_one_thread_each_and_leave_the_environment_as_it_was():
     before = threads(0)
-    assert dict(run_pieces(threads, [0], 1)) == {0: dict.fromkeys(THREADS, "1")}
+    assert dict(run_tasks(threads, [0], 1)) == {0: dict.fromkeys(THREAD_VARIABLES, "1")}
     assert threads(0) == before
 
 
 def test_a_worker_that_dies_is_an_error_with_words_not_a_traceback():
     with pytest.raises(WorkerDiedError, match="ended from outside") as caught:
-        list(run_pieces(partial(die_at, 1), range(3), 1))
+        list(run_tasks(partial(die_at, 1), range(3), 1))
     assert caught.value.exit_code == ExitCode.TROUBLE
 
 

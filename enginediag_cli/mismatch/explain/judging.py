@@ -34,9 +34,9 @@ from enginediag_cli.mismatch.fit.remainder import Gates, Remainder, remainder
 from enginediag_cli.mismatch.fit.response import response_error
 from enginediag_cli.mismatch.fit.share import every_so_often
 from enginediag_cli.mismatch.fit.trial import HypothesisFit
+from enginediag_cli.parallel import parallel_map
 from enginediag_cli.physics.registry import candidates
 from enginediag_cli.progress import each
-from enginediag_cli.side_by_side import side_by_side
 
 ALIAS = 6.0
 """Explanations whose χ² is within this of the best are told together."""
@@ -140,7 +140,7 @@ class Fits:
             return attempt(options, self._nearest(options), self.along, of_few, reach, onward=self.onward)
 
         every = list({o.label: o for options, _ in sets for o in options}.values())
-        return side_by_side(fitted, len(sets), trials_handed(self.evidence, self.along, every))
+        return parallel_map(fitted, len(sets), trials_handed(self.evidence, self.along, every))
 
     def _nearest(self, options: Sequence[Option]) -> IdentifiedHypothesis:
         """The fit that a fit of these goes on from: that with most of them, where these are few records; the base."""

@@ -17,7 +17,7 @@ from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis, Nuisanc
 from enginediag_cli.mismatch.fit.options import Option, combine_options
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial import HypothesisFit
-from enginediag_cli.side_by_side import Handing
+from enginediag_cli.parallel import ProcessCodec
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Handed:
     projected: Mapping[str, Any]
 
 
-def trials_handed(evidence: Dataset, along: Nuisance, options: Sequence[Option]) -> Handing:
+def trials_handed(evidence: Dataset, along: Nuisance, options: Sequence[Option]) -> ProcessCodec:
     """How trials of these options come, that begin at no other fit."""
 
     def pack(trial: HypothesisFit) -> Handed:
@@ -46,4 +46,4 @@ def trials_handed(evidence: Dataset, along: Nuisance, options: Sequence[Option])
         return HypothesisFit(of.options, found, Projection.again(found, of.projected))
 
     parts = [getattr(e, f.name) for o in options for e in o.hypothesis.effects for f in fields(e)]
-    return Handing(pack, unpack, [*options, *parts])
+    return ProcessCodec(pack, unpack, [*options, *parts])

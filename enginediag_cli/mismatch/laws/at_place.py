@@ -24,7 +24,7 @@ from enginediag_cli.mismatch.laws.scan import (
 )
 from enginediag_cli.mismatch.laws.smooth import Smooth, smooth_evidence
 from enginediag_cli.mismatch.laws.steps import Bends, bends_of
-from enginediag_cli.side_by_side import Handing, side_by_side
+from enginediag_cli.parallel import ProcessCodec, parallel_map
 
 SETS = 10
 """Sets of variables at a place of which all forms are shaped, likeliest first."""
@@ -56,8 +56,8 @@ def said_at_places(base: HypothesisFit, scan: Scan, laws: Sequence[Fitted]) -> l
             said = said_at(base, laws[k], scan)
             return None if said is None else all_said(said, formulas_over(said.at.known, scan.known, tries), prior)
 
-    handing = Handing(shared=[*in_both(scan.known), *(f.laws[0].candidate.location for f in laws)])
-    return [here for here in side_by_side(at_place, len(laws), handing) if here is not None]
+    handing = ProcessCodec(shared=[*in_both(scan.known), *(f.laws[0].candidate.location for f in laws)])
+    return [here for here in parallel_map(at_place, len(laws), handing) if here is not None]
 
 
 def in_both(known: Sequence[KnownVariable]) -> list[object]:

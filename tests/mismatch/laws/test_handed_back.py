@@ -10,9 +10,9 @@ import numpy as np
 from enginediag_cli.engine.moving.filters import Clock
 from enginediag_cli.mismatch.laws.at_place import in_both
 from enginediag_cli.mismatch.laws.scan import KnownVariable, formulas
+from enginediag_cli.parallel import ProcessCodec
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.laws.law import variables_of
-from enginediag_cli.side_by_side import Handing
 
 TURBOFAN = Path(__file__).parents[3] / "configs" / "turbofan.yaml"
 
@@ -27,7 +27,7 @@ def test_formulas_of_a_variable_that_has_moved_come_back_with_their_forms_and_sh
     moved = [known[0], replace(known[1], values=known[1].values * 1.1, tries={})]
     every = list(formulas(moved))
     assert moved[1].tries  # what was tried is kept with it
-    handing = Handing(shared=in_both(known))
+    handing = ProcessCodec(shared=in_both(known))
     back = handing.heard(handing.told({0: every}))[0]
     assert [f.form for f in back] == [f.form for f in every] and all(
         b.form is e.form for b, e in zip(back, every, strict=True)

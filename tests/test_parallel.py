@@ -12,25 +12,33 @@ import pytest
 from enginediag_cli.engine import strategy as batch
 from enginediag_cli.engine.strategy import SHARE
 from enginediag_cli.errors import DataError, WorkerDiedError
+from enginediag_cli.parallel import (
+    CAN_FORK,
+    ProcessCodec,
+    parallel_imap,
+    parallel_map,
+    process_count,
+    resident_MB,
+    use_processes,
+)
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
-from enginediag_cli.side_by_side import CAN_COPY, Handing, in_turn, processes, resident_MB, side_by_side, working
 
-pytestmark = pytest.mark.skipif(not CAN_COPY, reason="processes cannot begin as copies on this system")
+pytestmark = pytest.mark.skipif(not CAN_FORK, reason="processes cannot begin as copies on this system")
 
 
 @pytest.mark.parametrize("jobs", [1, 2, 3, 8])
 def test_results_come_in_the_order_of_the_pieces_whoever_does_them(jobs):
-    with working(jobs):
+    with use_processes(jobs):
         for pieces in (0, 1, 2, 7):
-            assert side_by_side(lambda k: k * k, pieces) == [k * k for k in range(pieces)]
+            assert parallel_map(lambda k: k * k, pieces) == [k * k for k in range(pieces)]
         for pieces in (0, 1, 40, 47):
-            assert list(in_turn(lambda k: k * k, pieces)) == [k * k for k in range(pieces)]
+            assert list(parallel_imap(lambda k: k * k, pieces)) == [k * k for k in range(pieces)]
 
 
 def test_other_processes_do_pieces_and_are_gone_afterwards():
-    with working(3):
-        found = side_by_side(lambda k: os.getpid(), 6)
+    with use_processes(3):
+        found = parallel_map(lambda k: os.getpid(), 6)
     assert len(set(found)) == 3 and found[0] == os.getpid()
     for process in set(found) - {os.getpid()}:
         with pytest.raises(ProcessLookupError):
@@ -38,9 +46,9 @@ def test_other_processes_do_pieces_and_are_gone_afterwards():
 
 
 def test_pieces_of_a_piece_are_done_where_it_is():
-    with working(2):
-        found = side_by_side(lambda k: (os.getpid(), side_by_side(lambda j: os.getpid(), 3)), 2)
-    assert all(inner == [outer] * 3 for outer, inner in found) and processes(9) == 1
+    with use_processes(2):
+        found = parallel_map(lambda k: (os.getpid(), parallel_map(lambda j: os.getpid(), 3)), 2)
+    assert all(inner == [outer] * 3 for outer, inner in found) and process_count(9) == 1
 
 
 @pytest.mark.parametrize("bad", [0, 1, 3])
@@ -51,28 +59,28 @@ def test_what_a_piece_raises_is_raised(bad):
         return k
 
     for jobs in (1, 2):
-        with working(jobs), pytest.raises(DataError, match=f"piece {bad}"):
-            side_by_side(work, 4)
+        with use_processes(jobs), pytest.raises(DataError, match=f"piece {bad}"):
+            parallel_map(work, 4)
 
 
-def test_a_result_that_cannot_be_handed_back_is_told_as_what_it_is():
-    with working(2), pytest.raises(TypeError, match="cannot be handed back"):
-        side_by_side(lambda k: lambda: k, 2)
+def test_a_result_that_cannot_be_pickled_is_an_error_with_its_reason():
+    with use_processes(2), pytest.raises(TypeError, match="cannot be pickled"):
+        parallel_map(lambda k: lambda: k, 2)
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_what_both_processes_have_comes_back_as_itself(jobs):
     known = [object(), [1.0], "a name"]
-    with working(jobs):
-        found = side_by_side(lambda k: (known[0], {"of": known[1]}, [k]), 4, Handing(shared=known))
+    with use_processes(jobs):
+        found = parallel_map(lambda k: (known[0], {"of": known[1]}, [k]), 4, ProcessCodec(shared=known))
     assert [own for *_, own in found] == [[0], [1], [2], [3]]
     assert all(first is known[0] and named["of"] is known[1] for first, named, _ in found)
 
 
 def test_only_what_another_process_did_is_packed():
-    handing = Handing(pack=lambda f: f(), unpack=lambda value: lambda: value + 10)
-    with working(2):
-        found = side_by_side(lambda k: lambda: k, 4, handing)
+    handing = ProcessCodec(pack=lambda f: f(), unpack=lambda value: lambda: value + 10)
+    with use_processes(2):
+        found = parallel_map(lambda k: lambda: k, 4, handing)
     assert [f() for f in found] == [0, 11, 2, 13]
 
 
@@ -82,8 +90,8 @@ def test_a_process_that_is_killed_is_told():
             os.kill(os.getpid(), signal.SIGKILL)
         return k
 
-    with working(2), pytest.raises(WorkerDiedError, match="fewer --jobs"):
-        side_by_side(work, 2)
+    with use_processes(2), pytest.raises(WorkerDiedError, match="fewer --jobs"):
+        parallel_map(work, 2)
 
 
 def test_whoever_is_interrupted_leaves_no_process_behind(tmp_path):
@@ -97,8 +105,8 @@ def test_whoever_is_interrupted_leaves_no_process_behind(tmp_path):
             time.sleep(0.01)
         raise KeyboardInterrupt
 
-    with working(2), pytest.raises(KeyboardInterrupt):
-        side_by_side(work, 2)
+    with use_processes(2), pytest.raises(KeyboardInterrupt):
+        parallel_map(work, 2)
     with pytest.raises(ProcessLookupError):
         os.kill(int(other.read_text()), 0)
 
@@ -116,7 +124,7 @@ def test_a_prediction_is_the_same_to_the_last_digit_whoever_solves_its_points(fa
         inputs[engine.power_setting][7] *= 50.0
     found = []
     for jobs in (1, 2, 3):
-        with working(jobs):
+        with use_processes(jobs):
             found.append(engine.predict(inputs, {"hpc.efficiency": 0.98}, wrt=engine.monitored, also=("T4_K",)))
     one, *others = found
     assert (not one.ok[7]) == fails and not one.ok[5]
@@ -132,10 +140,10 @@ def test_a_large_process_has_no_copy_of_it_solve_few_points(monkeypatch):
     engine, n, asked = load_engine(shipped("turbojet.yaml")), 2 * SHARE, []
     inputs = {"altitude_m": np.zeros(n), "mach": np.zeros(n), "dT_isa_K": np.zeros(n)}
     inputs[engine.power_setting] = engine.power_from_fraction(np.full(n, 0.8), inputs)
-    monkeypatch.setattr(batch, "side_by_side", lambda work, pieces: asked.append(pieces) or [None] * pieces)
+    monkeypatch.setattr(batch, "parallel_map", lambda work, pieces: asked.append(pieces) or [None] * pieces)
     for memory in (0.0, 1000.0):
         monkeypatch.setattr(batch, "resident_MB", lambda memory=memory: memory)
-        with working(2):
+        with use_processes(2):
             assert engine.predict(inputs, {}).ok.all()
         assert asked == [2]
 
