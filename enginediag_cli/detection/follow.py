@@ -25,6 +25,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
@@ -227,16 +228,16 @@ class BlockReport:
     start_s: float
     end_s: float
     records: int
-    outside: int
-    incomplete: int
-    failed: int
-    repeated: int
     judged: int
     sensors: int
     sensors_of: int
     log10_e: float
     alarm: bool
     change: Change | None
+    outside: int = 0
+    incomplete: int = 0
+    failed: int = 0
+    repeated: int = 0
     reason: str = ""
     elsewhere: Counter[Elsewhere] = field(default_factory=Counter)
     gross: GrossCounts = field(default_factory=GrossCounts)
@@ -283,7 +284,7 @@ class FlightMonitor:
         repeated = self._repeated(y) & ~incomplete & ~outside
         kept = np.flatnonzero(~incomplete & ~outside & ~repeated)
         failed, judged, lags = 0, 0, self._thinned(lags, kept)
-        sensors, sensors_of = int(np.isfinite(y[kept]).any(axis=0).sum()), y.shape[1]
+        sensors = int(np.isfinite(y[kept]).any(axis=0).sum())
         clock = time if time is not None else self._clock + np.arange(len(part), dtype=float)
         self._clock, self._timed = self._clock + len(part), time is not None
         self._blocks += 1
@@ -301,30 +302,41 @@ class FlightMonitor:
             self._clean = self._gate.add(new)
             gross = self._clean.rejected[-1]
             judged, reason = self._judge(sensors, reason)
+        return self._report(
+            part.line,
+            time,
+            len(part),
+            outside=int(outside.sum()),
+            incomplete=int(incomplete.sum()),
+            failed=failed,
+            repeated=int(repeated.sum()),
+            judged=judged,
+            sensors=sensors,
+            reason=reason,
+            elsewhere=taken.elsewhere(slice(None)),
+            gross=gross,
+        )
+
+    def _report(
+        self, line: np.ndarray, time: np.ndarray | None, records: int, *, judged: int, sensors: int, **counts: Any
+    ) -> BlockReport:
+        """The row of a block on these lines (n,), at these times (n,) in s; counts: other fields of the row."""
         alarm = self.process.alarm_block is not None
-        change = explain_change(self.process.pieces, self.process.coordinates) if alarm else None
         return BlockReport(
             self.key,
             self._blocks - 1,
-            int(part.line[0]),
-            int(part.line[-1]),
-            float(time[0]) if time is not None else float("nan"),
-            float(time[-1]) if time is not None else float("nan"),
-            len(part),
-            int(outside.sum()),
-            int(incomplete.sum()),
-            failed,
-            int(repeated.sum()),
-            judged,
-            sensors,
-            sensors_of,
-            self.process.log_e / float(np.log(10)),
-            alarm,
-            change,
-            reason,
-            taken.elsewhere(slice(None)),
-            gross,
-            self._clean.instruments,
+            int(line[0]),
+            int(line[-1]),
+            *((float(time[0]), float(time[-1])) if time is not None else (float("nan"), float("nan"))),
+            records=records,
+            judged=judged,
+            sensors=sensors,
+            sensors_of=len(self.monitor.sensors),
+            log10_e=self.process.log_e / float(np.log(10)),
+            alarm=alarm,
+            change=explain_change(self.process.pieces, self.process.coordinates) if alarm else None,
+            instruments=self._clean.instruments,
+            **counts,
         )
 
     @property
@@ -341,27 +353,10 @@ class FlightMonitor:
         self._weigh([], *self._innovated(blocks, self._innovations))
         records = LiveRecords.joined(blocks)
         self._blocks += 1
-        alarm = self.process.alarm_block is not None
-        return BlockReport(
-            self.key,
-            self._blocks - 1,
-            int(records.line[0]),
-            int(records.line[-1]),
-            *((float(records.time[0]), float(records.time[-1])) if self._timed else (float("nan"), float("nan"))),
-            records=0,
-            outside=0,
-            incomplete=0,
-            failed=0,
-            repeated=0,
-            judged=self._waiting,
-            sensors=int(np.isfinite(records.e).any(axis=0).sum()),
-            sensors_of=records.e.shape[1],
-            log10_e=self.process.log_e / float(np.log(10)),
-            alarm=alarm,
-            change=explain_change(self.process.pieces, self.process.coordinates) if alarm else None,
-            reason=self._still or self._alone,
-            instruments=self._clean.instruments,
-        )
+        sensors = int(np.isfinite(records.e).any(axis=0).sum())
+        time = records.time if self._timed else None
+        reason = self._still or self._alone
+        return self._report(records.line, time, 0, judged=self._waiting, sensors=sensors, reason=reason)
 
     def _judge(self, sensors: int, reason: str) -> tuple[int, str]:
         """Take the new block, the last of those that are known, into the evidence, and the others as they look now; how

@@ -48,7 +48,7 @@ from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.gross_gate import input_effects
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import window_statistics
-from enginediag_cli.residuals.score import Score, chdtrc, fisher_score, noncentrality_of, separable_information
+from enginediag_cli.residuals.score import Score, chdtrc, chdtri, fdtrc, fdtri, fisher_score, noncentrality_of
 from enginediag_cli.residuals.statistics import LocalStatistics, range_space
 from enginediag_cli.residuals.windows import WindowPlan, WindowStatistics
 
@@ -66,8 +66,6 @@ class GlrTest:
 
 def threshold(dof: int, false_alarm: float) -> float:
     """Value that χ²(dof) exceeds with probability `false_alarm`."""
-    from enginediag_cli.residuals.score import chdtri
-
     if not 0 < false_alarm < 1:
         raise ValueError("`false_alarm` must lie between 0 and 1")
     return float(chdtri(dof, false_alarm)) if dof else float("nan")
@@ -105,8 +103,6 @@ def numerator(rank: int, doubt: tuple[float, float, float]) -> float:
 
 def p_value(statistic: float, score: Score) -> float:
     """Probability of a larger statistic when nothing has changed."""
-    from enginediag_cli.residuals.score import chdtrc, fdtrc
-
     scale, nu = noise_correction(score.rank, score.doubt)
     r = numerator(score.rank, score.doubt)
     if not np.isfinite(nu):
@@ -116,8 +112,6 @@ def p_value(statistic: float, score: Score) -> float:
 
 def critical_value(score: Score, false_alarm: float) -> float:
     """The statistic that is exceeded with probability `false_alarm` when nothing has changed."""
-    from enginediag_cli.residuals.score import chdtri, fdtri
-
     limit = threshold(score.rank, false_alarm)
     if score.rank == 0:
         return limit
@@ -134,16 +128,6 @@ def glr_test(score: Score, false_alarm: float = 0.01) -> GlrTest:
     if score.rank == 0:
         return GlrTest(0.0, 0, limit, float("nan"), None)
     return GlrTest(score.glr, score.rank, limit, p_value(score.glr, score), bool(score.glr > limit))
-
-
-def power(score: Score, change: np.ndarray, false_alarm: float = 0.01) -> float:
-    """Probability that the test sees the change Δθ (p,), in parameter units."""
-    from scipy.stats import ncx2
-
-    if score.rank == 0:
-        return 0.0
-    noncentrality = float(change @ score.information @ change)
-    return float(ncx2.sf(threshold(score.rank, false_alarm), score.rank, noncentrality))
 
 
 ROUNDING = 1e-9
@@ -167,8 +151,6 @@ class LackOfFit:
 
 def lack_of_fit(statistics: LocalStatistics) -> LackOfFit:
     """Test of what no change of the parameters explains; NaN where nothing is left over to test."""
-    from enginediag_cli.residuals.score import chdtrc
-
     space = range_space(statistics.F, statistics.prior_sigma)
     v = (statistics.prior_sigma * statistics.s) @ space.basis
     unexplained = statistics.chi2 - float(np.sum(v**2 / space.eigenvalues))
@@ -184,9 +166,6 @@ POWER = 0.9
 """Probability with which a change counts as shown when nobody chooses: nine in ten, as studies are usually planned."""
 MUST_SHOW = {"efficiency": 0.02, "effectiveness": 0.02, "flow_capacity": 0.03, "area": 0.03}
 """Change of each quantity of a component that a healthy window would have shown; see above."""
-TESTS = ("global", "directed", "minmax")
-"""global: the test of all parameters; directed: the test of this one alone, the others unchanged; minmax:
-the test of this one whatever the others did."""
 
 
 @dataclass(frozen=True)
@@ -221,45 +200,20 @@ class Unseen:
     limit: float
 
 
-def required_noncentrality(dof: int, false_alarm: float, power: float) -> float:
-    """λ at which χ²(dof; λ) exceeds the threshold with probability `power`."""
+def minimum_change(
+    score: Score, *, false_alarm: float = 0.01, power: float = POWER, limit: float | None = None
+) -> np.ndarray:
+    """Smallest change (p,) of each parameter alone, in its unit, that the test detects with probability `power`.
+
+    inf where the operating points do not excite the parameter. limit: the critical value of the test, where it is
+    known.
+    """
     if not false_alarm < power < 1:
         raise ValueError("`power` must lie between `false_alarm` and 1")
-    return noncentrality_of(dof, threshold(dof, false_alarm), power)
-
-
-def minimum_change(
-    score: Score,
-    *,
-    false_alarm: float = 0.01,
-    power: float = POWER,
-    test: str = "global",
-    sides: int = 2,
-    limit: float | None = None,
-) -> np.ndarray:
-    """Smallest change (p,) of each parameter alone, in its unit, seen with probability `power`.
-
-    inf where the operating points do not excite the parameter. `sides` = 1 when the direction of the change
-    is known beforehand (only for the directed and min-max tests, whose statistic has a sign). limit: the critical value
-    of the global test, where it is known.
-    """
-    if test not in TESTS:
-        raise ValueError(f"`test` must be one of {', '.join(TESTS)}, not {test!r}")
-    if sides not in (1, 2) or (sides == 1 and test == "global"):
-        raise ValueError("`sides` must be 1 or 2, and 2 for the global test")
-    if test == "global":
-        if score.rank == 0:
-            return np.full(len(score.parameters), np.inf)
-        if not false_alarm < power < 1:
-            raise ValueError("`power` must lie between `false_alarm` and 1")
-        needed = noncentrality_of(score.rank, limit or critical_value(score, false_alarm), power)
-    elif sides == 2:
-        needed = required_noncentrality(1, false_alarm, power)
-    else:
-        from scipy.stats import norm
-
-        needed = float((norm.isf(false_alarm) + norm.ppf(power)) ** 2)
-    known = separable_information(score) if test == "minmax" else np.diag(score.information)
+    if score.rank == 0:
+        return np.full(len(score.parameters), np.inf)
+    needed = noncentrality_of(score.rank, limit or critical_value(score, false_alarm), power)
+    known = np.diag(score.information)
     scaled = known * score.prior_sigma**2
     seen = scaled > 1e-9 * max(float(np.max(np.diag(score.scaled()[1]), initial=0.0)), 1e-300)
     with np.errstate(divide="ignore"):

@@ -64,7 +64,6 @@ class Uncertainty:
     covariance: np.ndarray  # (p, p) posterior
     information: np.ndarray  # (p, p) what the data alone say, the inverse of their covariance where it exists
     from_data: np.ndarray  # (p,) 1 − posterior variance / prior variance, not below 0
-    data_standard_error: np.ndarray  # (p,) without priors on θ; inf where the data cannot tell
     sensor_dof: np.ndarray  # (m,) readings of each sensor that the fit has used up
     lost: np.ndarray  # (2, m) variances by which Σ e² and Σ e_k e_k−1 of each sensor are too small
     widths: np.ndarray | None = None  # (p,)
@@ -140,7 +139,6 @@ def uncertainty(
         covariance,
         data,
         np.clip(1 - np.diag(covariance), 0, 1),
-        _data_standard_error(data, meat + prior_of_offsets),
         dof,
         lost,
     )
@@ -216,16 +214,6 @@ def _sums(
     return _Sums(*(part * (N / taken) for part in sums)) if every > 1 else _Sums(*sums)
 
 
-def _data_standard_error(information: np.ndarray, meat: np.ndarray) -> np.ndarray:
-    """√diag of F⁺ V F⁺, inf for a parameter with a part in a direction that the data leave open."""
-    values, vectors = np.linalg.eigh(information)
-    seen = values > max(1e-10 * values.max(initial=0.0), 1e-8)
-    inverse = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T
-    error = np.sqrt(np.diag(inverse @ meat @ inverse))
-    open_share = np.sum(vectors[:, ~seen] ** 2, axis=1)
-    return np.where(open_share > 1e-9, np.inf, error)
-
-
 THRESHOLD = 0.1
 """A direction of which the data give less than this share counts as unidentified."""
 
@@ -265,17 +253,22 @@ def unidentified_combinations(
     `information` and posterior `covariance` are (p, p) in prior standard deviations, `prior_sigma` (p,) in
     the parameters' units.
     """
-    from scipy.linalg import qr
-
     values, vectors = np.linalg.eigh(information)
     space = vectors[:, values / (1 + np.maximum(values, 0)) < THRESHOLD]
     if space.shape[1] == 0:
         return ()
-    _, _, order = qr(space.T, pivoting=True, mode="economic")
-    pivots = order[: space.shape[1]]
-    basis = space @ np.linalg.inv(space[pivots])
+    basis = reduced_echelon(space)
     found = [_named(basis[:, j], covariance, prior_sigma, names) for j in range(basis.shape[1])]
     return tuple(sorted(found, key=lambda c: (c.from_data, c.parameters)))
+
+
+def reduced_echelon(space: np.ndarray) -> np.ndarray:
+    """Basis (p, d) of the space that the columns of `space` (p, d) span, in which each vector has a leading parameter
+    that is in no other."""
+    from scipy.linalg import qr
+
+    _, _, order = qr(space.T, pivoting=True, mode="economic")
+    return np.asarray(space @ np.linalg.inv(space[order[: space.shape[1]]]))
 
 
 def _named(direction: np.ndarray, covariance: np.ndarray, prior_sigma: np.ndarray, names: Sequence[str]) -> Combination:

@@ -95,14 +95,17 @@ def correlated_sum(g: np.ndarray, r: np.ndarray) -> np.ndarray:
     """f_k = Σ_l C_kl g_l for g (N, m, p), C_kl the product of the correlations r (N, m) of the records from l to k."""
     back = np.zeros_like(r)
     back[:-1] = r[1:]
-    return _remembered(g, r) + _remembered(g[::-1], back[::-1])[::-1] - g
+    return linear_recursion(g, r, FADED) + linear_recursion(g[::-1], back[::-1], FADED)[::-1] - g
 
 
-def _remembered(g: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """b_k = g_k + r_k b_k−1 with r_0 = 0, by doubling the reach: log₂ of the memory's length passes over the arrays."""
+def linear_recursion(g: np.ndarray, r: np.ndarray, negligible: float) -> np.ndarray:
+    """b_k = g_k + r_k b_k−1 with r_0 = 0 for g (N, m, p) and r (N, m), in O(N log memory) by doubling the reach.
+
+    negligible: the correlation below which records no longer know of each other.
+    """
     b, reach, r = g.copy(), 1, r.copy()
     r[:1] = 0.0
-    while reach < len(b) and np.abs(r).max(initial=0.0) > FADED:
+    while reach < len(b) and np.abs(r).max(initial=0.0) > negligible:
         b[reach:] += r[reach:, :, None] * b[:-reach]
         r[reach:] *= r[:-reach].copy()
         r[:reach] = 0.0

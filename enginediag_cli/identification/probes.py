@@ -300,8 +300,7 @@ def wrong_probes(engine: Any, recordings: Sequence[TrainingRecording]) -> tuple[
         return ()
     columns = frozenset.intersection(*(frozenset(r.columns) for r in recordings)) if recordings else frozenset()
     known = frozenset(c for c in (*engine.sensors, FUEL) if c in columns)
-    blank = {c: np.full(1, np.nan) for c in needed_of_model(engine)}
-    if not balances(engine, known, blank):
+    if not balances(engine, known, _blank(engine)):
         return ()
     readings, model = _asked(engine, recordings, known)
     if len(model["P0_Pa"]) < FEWEST:

@@ -514,7 +514,7 @@ def without_repeats(
         if not again.any():
             kept.append(recording)
         elif not again.all():
-            kept.append(_rows(recording, ~again))
+            kept.append(part_of(recording, ~again))
     return kept, tuple(found)
 
 
@@ -527,8 +527,3 @@ def _record_keys(recording: TrainingRecording, columns: Sequence[str]) -> list[b
     table = np.where(np.isfinite(table), table + 0.0, np.nan)
     something = np.isfinite(table).any(axis=1)
     return [row.tobytes() if there else b"" for row, there in zip(table, something, strict=True)]
-
-
-def _rows(recording: TrainingRecording, rows: np.ndarray) -> TrainingRecording:
-    regimes = None if recording.regimes is None else recording.regimes[rows]
-    return recording._replace(columns={c: v[rows] for c, v in recording.columns.items()}, regimes=regimes)

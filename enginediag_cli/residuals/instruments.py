@@ -117,12 +117,6 @@ class NoiseModel:
         return not np.any(self.rho)
 
 
-def white_noise(sigma: np.ndarray) -> NoiseModel:
-    """Independent noise of standard deviation `sigma` (m,)."""
-    sigma = np.asarray(sigma, float)
-    return NoiseModel(sigma, np.zeros_like(sigma))
-
-
 @dataclass(frozen=True)
 class NoiseLevel:
     """What the rest of χ² says: `factor` v ≥ 1 by which evidence is divided; log likelihoods of that rest where the

@@ -59,40 +59,26 @@ class JudgedRecords:
 
 
 class StoredRecords:
-    """As `JudgedRecords`, in one matrix (n, inputs + m + 1) or, once moved there, in a file."""
+    """As `JudgedRecords`, in one matrix (n, inputs + m + 1), which may be moved to a file."""
 
     def __init__(self, records: JudgedRecords):
         self._columns = tuple(records.inputs)
-        self._values: np.ndarray | None = np.column_stack([*records.inputs.values(), records.y, records.lags])
-        self._width = self._values.shape[1]
-        self._file: IO[bytes] | None = None
-        self._first = 0
-        self.count = len(records)
-
-    @property
-    def in_memory(self) -> bool:
-        return self._values is not None
+        self._values = np.column_stack([*records.inputs.values(), records.y, records.lags])
+        self.in_memory, self.count = True, len(records)
 
     def move(self, file: IO[bytes]) -> None:
-        """To the end of a file."""
-        assert self._values is not None
-        self._first = file.seek(0, os.SEEK_END)
+        """To the end of a file, which is mapped into memory."""
+        if not self.count:
+            return
+        shape, first = self._values.shape, file.seek(0, os.SEEK_END)
         file.write(np.ascontiguousarray(self._values).data)
         file.flush()
-        self._file, self._values = file, None
+        self._values = np.memmap(file, float, "r", first, shape)
+        self.in_memory = False
 
     def read(self, first: int, stop: int) -> np.ndarray:
         """The rows first … stop − 1."""
-        if self._values is not None:
-            return self._values[first:stop]
-        assert self._file is not None
-        size, start = 8 * self._width, self._first + first * 8 * self._width
-        if hasattr(os, "pread"):  # by place: the file's own position is shared with copies of this process
-            text = os.pread(self._file.fileno(), (stop - first) * size, start)
-        else:
-            self._file.seek(start)
-            text = self._file.read((stop - first) * size)
-        return np.frombuffer(text).reshape(stop - first, self._width)
+        return np.asarray(self._values[first:stop])
 
     def records(self, rows: np.ndarray) -> JudgedRecords:
         """What rows (k, inputs + m + 1) say."""

@@ -257,7 +257,7 @@ def _score_in(
     space: RangeSpace, statistics: LocalStatistics, monitored: Sequence[str] | None, uncertainty: np.ndarray | None
 ) -> Score:
     """As `fisher_score`, in the range of F."""
-    a, B, information = _map_in(space, statistics, monitored, uncertainty)
+    a, B, information = score_map(space, statistics, monitored, uncertainty)
     b, D = B @ statistics.s, statistics.prior_sigma
     reduced = range_space(information, D[a], space.tolerance)
     v = (D[a] * b) @ reduced.basis
@@ -300,19 +300,10 @@ def _doubt(
 
 
 def score_map(
-    statistics: LocalStatistics,
-    monitored: Sequence[str] | None = None,
-    uncertainty: np.ndarray | None = None,
-    tolerance: float = RANK_TOLERANCE,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions a (q,) of the monitored, B (q, p) with b = B s, and I (q, q); arguments as in `fisher_score`."""
-    return _map_in(range_space(statistics.F, statistics.prior_sigma, tolerance), statistics, monitored, uncertainty)
-
-
-def _map_in(
     space: RangeSpace, statistics: LocalStatistics, monitored: Sequence[str] | None, uncertainty: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """As `score_map`, in the range of F."""
+    """Positions a (q,) of the monitored, B (q, p) with b = B s, and I (q, q), in the range of F; arguments as in
+    `fisher_score`."""
     U, root, D = space.basis, np.sqrt(space.eigenvalues), statistics.prior_sigma
     half = (U / root).T * D  # Λ^-½ Uᵀ D
     W = half @ statistics.V @ half.T
@@ -324,20 +315,6 @@ def _map_in(
     L = np.linalg.cholesky(W) if space.rank else np.zeros((0, 0))
     H = np.linalg.solve(L, rows.T)
     return a, H.T @ np.linalg.solve(L, half), H.T @ H
-
-
-def separable_information(score: Score) -> np.ndarray:
-    """I_a* = I_aa − I_ab I_bb⁺ I_ba per parameter (p,), in 1/unit²; zero where others imitate it."""
-    _, information = score.scaled()
-    p = len(score.parameters)
-    floor = RANK_TOLERANCE * float(np.max(np.diag(information), initial=0.0))
-    left = np.empty(p)
-    for i in range(p):
-        others = np.delete(np.arange(p), i)
-        space = range_space(information[np.ix_(others, others)], np.ones(p - 1))
-        shadow = information[i, others] @ space.basis
-        left[i] = information[i, i] - np.sum(shadow**2 / space.eigenvalues)
-    return np.where(left > floor, left, 0.0) / score.prior_sigma**2
 
 
 def marginalise(statistics: LocalStatistics, keep: Sequence[str], uncertainty: np.ndarray) -> LocalStatistics:

@@ -42,6 +42,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from enginediag_cli.identification.covariance import reduced_echelon
+from enginediag_cli.identification.noise import linear_recursion
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.instruments import NoiseModel
 
@@ -118,19 +120,13 @@ def dark_combinations(
     The eigenvectors of a null space of several dimensions are an arbitrary rotation, hard to read; the basis
     is therefore brought to reduced echelon form, in which each combination owns one leading parameter.
     """
-    import scipy.linalg
-
     scaled = scale[:, None] * F * scale
     eigenvalues, vectors = np.linalg.eigh(scaled)
     weak = vectors[:, eigenvalues < least_information]
     if not weak.shape[1]:
         return ()
-    d = weak.shape[1]
-    _, R, pivots = scipy.linalg.qr(weak.T, mode="economic", pivoting=True)
-    echelon = np.empty((d, weak.shape[0]))
-    echelon[:, pivots] = np.linalg.solve(R[:, :d], R)
     found = []
-    for row in echelon:
+    for row in reduced_echelon(weak).T:
         row = row / np.linalg.norm(row)
         order = np.argsort(-np.abs(row), kind="stable")
         weights = {parameters[i]: float(row[i]) for i in order if abs(row[i]) > 0.1}
@@ -156,20 +152,6 @@ class LaggedSums:
     decay: np.ndarray
 
 
-def linear_recursion(c: np.ndarray, g: np.ndarray) -> np.ndarray:
-    """a_k = c_k a_{k−1} + g_k for c (N,), g (N, p), a_{−1} = 0; by doubling, O(N log(memory length))."""
-    a, c = g.copy(), c.copy()
-    if c.size:
-        c[0] = 0.0
-    distance = 1
-    while distance < len(a) and np.any(np.abs(c) > FORGOTTEN):
-        a[distance:] += c[distance:, None] * a[:-distance]
-        c[distance:] *= c[:-distance].copy()
-        c[:distance] = 0.0
-        distance *= 2
-    return a
-
-
 def lagged_sums(G: np.ndarray, rho: np.ndarray, lags: np.ndarray, starts: np.ndarray) -> LaggedSums:
     """Factors, heads and tails of blocks for G (N, m, p), rho (m,), lags (N,) in steps, starts (B,)."""
     N, m, p = G.shape
@@ -180,7 +162,7 @@ def lagged_sums(G: np.ndarray, rho: np.ndarray, lags: np.ndarray, starts: np.nda
         c = rho[j] ** lags
         inside = c.copy()
         inside[starts] = 0.0
-        a = linear_recursion(inside, factors[j])
+        a = linear_recursion(factors[j][:, None], inside[:, None], FORGOTTEN)[:, 0]
         for b, (i, k) in enumerate(zip(starts, stops, strict=True)):
             reach = np.cumprod(c[i:k])
             head[b, j], tail[b, j], decay[b, j] = reach @ factors[j, i:k], a[k - 1], reach[-1]
@@ -200,7 +182,7 @@ def independent_rows(G: np.ndarray, rho: np.ndarray, lags: np.ndarray) -> np.nda
         c = np.sign(rho[j]) ** np.where(np.isfinite(lags), lags, 0) * np.abs(rho[j]) ** lags
         c[:1] = 0.0
         later = np.append(c[1:], 0.0)
-        h[:, j] = np.sqrt(1 - c**2)[:, None] * linear_recursion(later[::-1], G[::-1, j])[::-1]
+        h[:, j] = np.sqrt(1 - c**2)[:, None] * linear_recursion(G[::-1, j, None], later[::-1, None], FORGOTTEN)[::-1, 0]
     return h
 
 
@@ -482,17 +464,3 @@ def block_statistics(
             meaning=frame.meaning,
         )
         yield Block(sums, noise, parts, int(k - i), lagged.head[b], lagged.tail[b], lagged.decay[b])
-
-
-def local_statistics(
-    e: np.ndarray,
-    J: np.ndarray,
-    noise: NoiseModel,
-    frame: Frame,
-    *,
-    lags: np.ndarray | None = None,
-    information: np.ndarray | None = None,
-) -> LocalStatistics:
-    """Statistics of all records together; arguments as in `block_statistics`, information (p, p)."""
-    known = None if information is None else information[None]
-    return next(block_statistics(e, J, noise, np.array([0]), frame, lags=lags, information=known)).statistics

@@ -131,17 +131,12 @@ def read_statistics(
                 yield window, known
 
 
-def ignored_options(given: Mapping[str, object]) -> tuple[str, ...]:
-    """The options, as they are written, of those choices in `given` that statistics would ignore.
+def refuse_ignored_options(given: Mapping[str, object], source: str) -> None:
+    """DataError when options are given that statistics, which are made already, would ignore.
 
     given: name of a choice as in `IGNORED` → whether the user made it.
     """
-    return tuple(option for name, option in IGNORED.items() if given.get(name))
-
-
-def refuse_ignored_options(given: Mapping[str, object], source: str) -> None:
-    """DataError when options are given that statistics, which are made already, would ignore."""
-    options = ignored_options(given)
+    options = [option for name, option in IGNORED.items() if given.get(name)]
     if options:
         raise DataError(
             f"{source} holds statistics, for which {', '.join(options)} would do nothing: give the option to "

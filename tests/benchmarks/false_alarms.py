@@ -29,7 +29,7 @@ from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.monitor import noise_of
 from enginediag_cli.residuals.score import fisher_score, marginalise, score_map
-from enginediag_cli.residuals.statistics import Frame, local_statistics, whiten
+from enginediag_cli.residuals.statistics import Frame, block_statistics, range_space, whiten
 
 ROOT = Path(__file__).resolve().parents[2]
 PHASES = ("ground", "climb", "cruise", "descent")
@@ -138,14 +138,15 @@ def _alarms(
 ) -> np.ndarray | None:
     """Alarms (3,) of `count` windows with sensitivities J; None where there is no verdict."""
     noise = watched.noise
-    geometry = local_statistics(
-        np.zeros(J.shape[:2]), J, noise, Frame(flown.names, np.zeros(len(flown.names)), flown.prior)
-    )
+    frame = Frame(flown.names, np.zeros(len(flown.names)), flown.prior)
+    (block,) = block_statistics(np.zeros(J.shape[:2]), J, noise, np.array([0]), frame)
+    geometry = block.statistics
     score = fisher_score(marginalise(geometry, flown.monitored, watched.covariance))  # all but the residuals
     if unknown_noise(score):
         return None
     _, G = whiten(np.zeros(J.shape[:2]), J, noise)
-    to_score = score_map(geometry, flown.monitored, watched.covariance)[1]
+    space = range_space(geometry.F, geometry.prior_sigma)
+    to_score = score_map(space, geometry, flown.monitored, watched.covariance)[1]
     D = score.prior_sigma
     values, vectors = np.linalg.eigh(D[:, None] * score.information * D)
     kept = np.argsort(values)[len(values) - score.rank :]

@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.isolation.subsets import ENUMERATED, best_subsets
-from enginediag_cli.residuals.instruments import white_noise
+from enginediag_cli.isolation.methods import ENUMERATED, best_subsets
+from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.score import Score, fisher_score
-from enginediag_cli.residuals.statistics import Frame, local_statistics
+from enginediag_cli.residuals.statistics import Frame, block_statistics
 
 SIZES = ((20, 4), (40, 8), (60, 6), (100, 5))
 EXHAUSTIVE = ((8, 8), (10, 10), (12, 12), (13, 13), (15, 15), (17, 6), (20, 5))
@@ -35,10 +35,9 @@ def problem(rng: np.random.Generator, p: int, k: int, size: float, common: float
     true = rng.choice(p, k, replace=False)
     change[true] = size * rng.choice([-1.0, 1.0], k) / np.sqrt(np.mean(np.sum(J**2, axis=(0, 1))))
     e = rng.standard_normal(J.shape[:2]) + J @ change
-    statistics = local_statistics(
-        e, J, white_noise(np.ones(4)), Frame([f"p{i}" for i in range(p)], np.ones(p), np.full(p, 0.02))
-    )
-    return fisher_score(statistics), set(true.tolist())
+    frame = Frame([f"p{i}" for i in range(p)], np.ones(p), np.full(p, 0.02))
+    (block,) = block_statistics(e, J, NoiseModel(np.ones(4), np.zeros(4)), np.array([0]), frame)
+    return fisher_score(block.statistics), set(true.tolist())
 
 
 def timed(p: int, k: int, size: float, problems: int) -> dict[str, object]:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 from scipy.stats import f as f_law
+from white_statistics import local_statistics
 
 from enginediag_cli.detection.verdict import (
     HEALTHY,
@@ -26,7 +27,7 @@ from enginediag_cli.detection.verdict import (
 )
 from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.score import fisher_score
-from enginediag_cli.residuals.statistics import Frame, local_statistics
+from enginediag_cli.residuals.statistics import Frame
 from enginediag_cli.residuals.windows import WindowStatistics
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 from scipy.stats import binom, ncx2
+from white_statistics import local_statistics, white_noise
 
 from enginediag_cli.detection.verdict import glr_test, power, threshold
-from enginediag_cli.residuals.instruments import NoiseModel, white_noise
+from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.score import fisher_score
-from enginediag_cli.residuals.statistics import Frame, local_statistics
+from enginediag_cli.residuals.statistics import Frame
 
 N, M, P, TRIALS = 80, 4, 6, 1500
 SIGMA = np.array([0.5, 1.0, 2.0, 10.0])

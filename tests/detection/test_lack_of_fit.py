@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.stats import binom
+from white_statistics import local_statistics, white_noise
 
 from enginediag_cli.detection.verdict import glr_test, lack_of_fit
-from enginediag_cli.residuals.instruments import white_noise
 from enginediag_cli.residuals.score import fisher_score
-from enginediag_cli.residuals.statistics import Frame, local_statistics
+from enginediag_cli.residuals.statistics import Frame
 
 
 def statistics(e, J):

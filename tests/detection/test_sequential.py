@@ -7,6 +7,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import binom, multivariate_normal
 from toy_engine import toy_monitor, toy_recording
+from white_statistics import white_noise
 
 from enginediag_cli.detection.follow import FlightMonitor
 from enginediag_cli.detection.sequential import (
@@ -23,8 +24,9 @@ from enginediag_cli.detection.sequential import (
     tails,
 )
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.source import LONGEST_LINE, GrowingFile
-from enginediag_cli.residuals.instruments import NoiseModel, white_noise
+from enginediag_cli.recordings.live import GrowingFile
+from enginediag_cli.recordings.source import LONGEST_LINE
+from enginediag_cli.residuals.instruments import NoiseModel
 
 KEY = ("toy.csv", "1", "")
 

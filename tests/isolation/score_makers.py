@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from white_statistics import local_statistics, white_noise
 
-from enginediag_cli.residuals.instruments import white_noise
 from enginediag_cli.residuals.score import Score, fisher_score
-from enginediag_cli.residuals.statistics import Frame, local_statistics
+from enginediag_cli.residuals.statistics import Frame
 
 
 def linear_score(rng, J, change, sigma=0.02) -> Score:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from turbofan_trials import ENGINE, faulty_window, turbofan_monitor, window_score
+from white_statistics import white_noise
 
 from enginediag_cli.engine.instrument_errors import InputErrors
 from enginediag_cli.isolation.advice import ODDS
@@ -16,7 +17,6 @@ from enginediag_cli.isolation.results import CONVINCED, Class, class_of
 from enginediag_cli.isolation.windows import telling_sensors
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.report.sentences import one_of
-from enginediag_cli.residuals.instruments import white_noise
 from enginediag_cli.simulation.noise import ColumnNoise
 from enginediag_cli.validation.studies import known_nominal
 

@@ -9,14 +9,14 @@ import pytest
 from parameter_makers import described, meaning_of
 from scipy.stats import multivariate_normal
 from score_makers import sensitivities
+from white_statistics import local_statistics, white_noise
 
 from enginediag_cli.isolation.diagnosis import component_posterior, isolate_components, more_probable_than_not
 from enginediag_cli.isolation.methods import IsolationOptions
 from enginediag_cli.isolation.posterior import set_posterior
 from enginediag_cli.isolation.prior import Instruments, SetPrior
-from enginediag_cli.residuals.instruments import white_noise
 from enginediag_cli.residuals.score import fisher_score
-from enginediag_cli.residuals.statistics import Frame, local_statistics
+from enginediag_cli.residuals.statistics import Frame
 
 NAMES = ("fan.efficiency", "fan.flow_capacity", "hpc.efficiency", "hpc.flow_capacity", "nozzle.area", "sensor.T3.bias")
 

@@ -10,14 +10,13 @@ import pytest
 from parameter_makers import meaning_of
 from scipy.stats import multivariate_normal
 from score_makers import linear_score, sensitivities
+from white_statistics import local_statistics, white_noise
 
 from enginediag_cli.isolation.methods import isolate
 from enginediag_cli.isolation.posterior import set_posterior
 from enginediag_cli.isolation.prior import SetPrior
-from enginediag_cli.isolation.subsets import size_limit
-from enginediag_cli.residuals.instruments import white_noise
 from enginediag_cli.residuals.score import fisher_score
-from enginediag_cli.residuals.statistics import Frame, local_statistics
+from enginediag_cli.residuals.statistics import Frame
 
 
 def test_probabilities_equal_the_marginal_likelihoods_of_all_sets():

@@ -6,12 +6,12 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from white_statistics import local_statistics
 
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.relinearise import relinearise
 from enginediag_cli.residuals.score import Score, fisher_score
-from enginediag_cli.residuals.statistics import local_statistics
 from enginediag_cli.simulation.noise import ColumnNoise
 from enginediag_cli.validation.studies import known_nominal
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from family_windows import toy_windows
 from toy_engine import toy_monitor
+from white_statistics import white_noise
 
 from enginediag_cli.methods.base import NOTHING, PARAMETERS, SENSORS, Windows, filled
 from enginediag_cli.methods.registry import FAMILIES, METHODS, SECTIONS, chosen_method
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.residuals.instruments import white_noise
 from enginediag_cli.residuals.monitor import Monitor
 
 TURBOFAN = Path(__file__).resolve().parents[2] / "configs" / "turbofan.yaml"

@@ -6,13 +6,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from white_statistics import local_statistics
 
 from enginediag_cli.identification.nominal import SensorNoise
 from enginediag_cli.residuals.flat import flat_row, read_flat
 from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.monitor import noise_of
 from enginediag_cli.residuals.score import fisher_score, marginalise
-from enginediag_cli.residuals.statistics import Frame, independent_rows, local_statistics
+from enginediag_cli.residuals.statistics import Frame, independent_rows
 from enginediag_cli.residuals.windows import WindowStatistics
 
 RHO = 0.9

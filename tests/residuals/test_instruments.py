@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from white_statistics import white_noise
 
 from enginediag_cli.recordings.repeated import StuckRun, joined_runs, stuck_runs
 from enginediag_cli.residuals.instruments import (
@@ -16,7 +17,6 @@ from enginediag_cli.residuals.instruments import (
     stuck_outputs,
     weighed,
     weights,
-    white_noise,
 )
 
 SIGMA = np.array([2.0, 0.5, 30.0, 1.0])

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from white_statistics import local_statistics, white_noise
 
-from enginediag_cli.residuals.instruments import NoiseModel, white_noise
+from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.score import fisher_score, marginalise
-from enginediag_cli.residuals.statistics import Frame, LocalStatistics, block_statistics, local_statistics
+from enginediag_cli.residuals.statistics import Frame, LocalStatistics, block_statistics
 
 NAMES = ("a", "b", "c")
 N, M, P = 60, 4, 3

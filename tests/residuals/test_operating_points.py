@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from white_statistics import local_statistics, white_noise
 
-from enginediag_cli.residuals.instruments import white_noise
 from enginediag_cli.residuals.relinearise import covariance_of_change, sums_by_point
 from enginediag_cli.residuals.score import marginalise
-from enginediag_cli.residuals.statistics import Frame, local_statistics
+from enginediag_cli.residuals.statistics import Frame
 
 P, M = 3, 4
 NAMES = ("a", "b", "c")

@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from toy_engine import HEALTH, SENSORS, SIGMA, toy_monitor, toy_recording
+from white_statistics import local_statistics
 
 from enginediag_cli.detection.verdict import judge, lack_of_fit
 from enginediag_cli.errors import DataError
 from enginediag_cli.isolation.methods import isolate
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.score import fisher_score
-from enginediag_cli.residuals.statistics import Frame, local_statistics
+from enginediag_cli.residuals.statistics import Frame
 from enginediag_cli.residuals.windows import plan_windows
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from white_statistics import local_statistics, white_noise
 
-from enginediag_cli.residuals.instruments import white_noise
 from enginediag_cli.residuals.relinearise import Hold, Stop, relinearise, within
 from enginediag_cli.residuals.score import fisher_score
-from enginediag_cli.residuals.statistics import Frame, local_statistics
+from enginediag_cli.residuals.statistics import Frame
 
 SIGMA = np.array([0.01, 0.01, 0.02])
 

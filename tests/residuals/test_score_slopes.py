@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from parameter_makers import meaning_of
 from toy_engine import HEALTH, toy_monitor, toy_recording
+from white_statistics import local_statistics, white_noise
 
 from enginediag_cli.error_model.sizes import MapSlopes
 from enginediag_cli.errors import DataError
 from enginediag_cli.report.output import cell
 from enginediag_cli.residuals.flat import flat_columns, flat_row, read_flat
-from enginediag_cli.residuals.instruments import white_noise
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.score import fisher_score
-from enginediag_cli.residuals.statistics import Frame, local_statistics
+from enginediag_cli.residuals.statistics import Frame
 from enginediag_cli.residuals.windows import WindowPlan
 
 

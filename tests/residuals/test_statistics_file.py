@@ -23,7 +23,7 @@ from enginediag_cli.residuals.flat import (
     sealed,
 )
 from enginediag_cli.residuals.pipeline import window_statistics
-from enginediag_cli.residuals.statistics_file import Ledger, ignored_options, read_statistics
+from enginediag_cli.residuals.statistics_file import Ledger, read_statistics, refuse_ignored_options
 from enginediag_cli.residuals.windows import plan_windows
 
 MADE = MadeWith("0123", window="20", step="20")
@@ -174,10 +174,9 @@ def test_numbers_that_no_records_give_are_refused_with_their_place(column, value
 
 
 def test_options_that_statistics_would_ignore_are_named_as_they_are_written():
-    assert ignored_options({"window": "10", "step": None, "reference": 5, "false_alarm": 0.1}) == (
-        "--window",
-        "--reference",
-    )
+    given = {"window": "10", "step": None, "reference": 5, "false_alarm": 0.1}
+    with pytest.raises(DataError, match="f holds statistics, for which --window, --reference would do nothing"):
+        refuse_ignored_options(given, "f")
 
 
 def test_the_head_of_a_file_tells_statistics_from_a_recording_and_nothing_of_it_is_lost():
