@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 from scipy.stats import binom, ncx2
 from white_statistics import local_statistics, white_noise
 
-from enginediag_cli.detection.verdict import glr_test, power, threshold
+from enginediag_cli.detection.verdict import glr_test, threshold
 from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.score import fisher_score
 from enginediag_cli.residuals.statistics import Frame
@@ -50,7 +50,8 @@ def test_the_realised_power_is_that_of_the_noncentral_chi2():
     rng = np.random.default_rng(2)
     change = np.array([0.06, 0, 0, 0.09, 0, 0])
     found = list(scores(rng, white_noise(SIGMA), change, 600))
-    expected = power(found[0], change, 0.05)
+    noncentrality = float(change @ found[0].information @ change)
+    expected = ncx2.sf(threshold(found[0].rank, 0.05), found[0].rank, noncentrality)
     assert expected == pytest.approx(ncx2.sf(threshold(P, 0.05), P, change @ found[0].information @ change))
     assert 0.1 < expected < 0.9
     alarms = sum(bool(glr_test(score, 0.05).alarm) for score in found)
