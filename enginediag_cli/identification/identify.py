@@ -52,7 +52,7 @@ from enginediag_cli.identification.nominal import (
     with_regimes,
 )
 from enginediag_cli.identification.normal_equations import NormalEquations, normal_equations
-from enginediag_cli.identification.passes import GivenUp, best_attempt
+from enginediag_cli.identification.passes import Attempt, GivenUp, best_attempt
 from enginediag_cli.identification.problem import (
     IdentificationSettings,
     Model,
@@ -228,21 +228,11 @@ class Identification:
             for r, label in enumerate(p.labels)
         }
         later = self.monitoring_noise
+        columns = ("sigma", "rho1", "n", "n_effective", "outliers", "degrees", "rho1_error", "rho1_common", "kurtosis")
+        values = zip(*(getattr(later, name).tolist() for name in columns), strict=True)
         noise = tuple(
-            SensorNoise(
-                sensor=s,
-                sigma=float(later.sigma[i]),
-                rho1=float(later.rho1[i]),
-                n=int(later.n[i]),
-                n_effective=float(later.n_effective[i]),
-                outliers=int(later.outliers[i]),
-                sigma_from=later.sigma_from,
-                degrees=float(later.degrees[i]),
-                rho1_error=float(later.rho1_error[i]),
-                rho1_common=float(later.rho1_common[i]),
-                kurtosis=float(later.kurtosis[i]),
-            )
-            for i, s in enumerate(p.sensors)
+            SensorNoise(sensor, sigma_from=later.sigma_from, **dict(zip(columns, row, strict=True)))
+            for sensor, row in zip(p.sensors, values, strict=True)
         )
         covariance = self.uncertainty.covariance * np.outer(p.prior_sigma, p.prior_sigma)
         return Nominal(
@@ -299,50 +289,29 @@ def identify(
     problem = build_problem(warm(engine), with_regimes(engine, recordings), settings)
     stated = map_accuracy_of(engine) if map_accuracy is None else map_accuracy
     problem = with_offsets(problem, recordings) if offsets else problem
-    attempt = best_attempt(problem, settings, stated)
-    passes, behind, as_read = attempt.passes, tuple[LaggingReading, ...](), problem.measured
-    for _ in range(FREED):
-        more = lagging_readings(passes.problem, passes.fit) if passes.converged else ()
-        if not more:
-            break
-        behind = together(behind, more)
-        problem = replace(problem, measured=as_read - lagged(passes.problem, passes.fit, behind))
-        attempt = best_attempt(problem, settings, stated)
-        passes = attempt.passes
+    attempt, behind = _fit_without_lags(problem, settings, stated)
+    passes = attempt.passes
     problem, fit, noise, found = passes.problem, passes.fit, passes.noise, passes.found
     converged, reason = passes.converged, passes.reason
     failed = float(np.mean(fit.failed))
     if failed > MAX_FAILED:
         converged, reason = False, f"{100 * failed:.0f} % of the records have no prediction at the estimate"
-    quality = sensor_quality(
-        problem.sensors, fit.equations.residual, fit.equations.predicted, noise.sigma, problem.regimes
-    )
     cv = CrossValidation(np.full(problem.measured.shape, np.nan), 0, 0)
     if converged and cross_validation:
         cv = cross_validate(problem, fit, settings.cross_validation_block, settings.max_iterations)
     later = noise
     if settings.monitoring_noise == "cross_validation" and np.isfinite(cv.predicted).any():
         later = noise_on_unseen(problem.measured - cv.predicted, problem.gap, noise.sigma)
-    cv_quality = sensor_quality(
-        problem.sensors, problem.measured - cv.predicted, cv.predicted, noise.sigma, problem.regimes
+    in_sample, cross_validated = (
+        sensor_quality(problem.sensors, problem.measured - predicted, predicted, noise.sigma, problem.regimes)
+        for predicted in (fit.equations.predicted, cv.predicted)
     )
     held_quality: tuple[SensorQuality, ...] = ()
     if converged and held_out:
         other, predicted = on_unseen(problem, fit, held_out, replace(settings, sensors=problem.sensors))
         sigma = noise.sigma[[problem.sensors.index(s) for s in other.sensors]]
         held_quality = sensor_quality(other.sensors, other.measured - predicted, predicted, sigma, other.regimes)
-    open_combinations = _left_open(problem, found)
-    seen = {
-        c: v[fit.equations.ok] if fit.equations.ok.any() else v for c, v in problem.inputs.items() if c in engine.inputs
-    }
-    envelope = learn_envelope(seen)
-    status = fit.equations.status
-    records = {
-        "used": int(np.sum(status <= 1)),
-        OUTSIDE_MAPS: int(np.sum(status == 1)),
-        **problem.dropped,
-        **_failures(problem, fit),
-    }
+    ok = fit.equations.ok if fit.equations.ok.any() else slice(None)
     return Identification(
         converged,
         reason,
@@ -352,18 +321,34 @@ def identify(
         later,
         found,
         _estimates(problem, fit, found),
-        open_combinations,
-        quality,
+        _left_open(problem, found),
+        in_sample,
         cv,
-        cv_quality,
+        cross_validated,
         held_quality,
-        envelope,
-        records,
+        learn_envelope({c: v[ok] for c, v in problem.inputs.items() if c in engine.inputs}),
+        _record_counts(problem, fit),
         passes.number,
         map_error_sizes(problem, stated),
         attempt.given_up,
         behind,
     )
+
+
+def _fit_without_lags(
+    problem: Problem, settings: IdentificationSettings, accuracy: float
+) -> tuple[Attempt, tuple[LaggingReading, ...]]:
+    """The best fit of readings from which is subtracted what they lag by, and what that is."""
+    attempt, behind = best_attempt(problem, settings, accuracy), tuple[LaggingReading, ...]()
+    for _ in range(FREED):
+        passes = attempt.passes
+        more = lagging_readings(passes.problem, passes.fit) if passes.converged else ()
+        if not more:
+            break
+        behind = together(behind, more)
+        freed = replace(problem, measured=problem.measured - lagged(passes.problem, passes.fit, behind))
+        attempt = best_attempt(freed, settings, accuracy)
+    return attempt, behind
 
 
 def _left_open(problem: Problem, found: Uncertainty) -> tuple[Combination, ...]:
@@ -399,11 +384,13 @@ def _estimates(problem: Problem, fit: Fit, found: Uncertainty) -> tuple[Estimate
     )
 
 
-def _failures(problem: Problem, fit: Fit) -> dict[str, int]:
-    """Records that took no part at the estimate, counted by the engine's own words."""
+def _record_counts(problem: Problem, fit: Fit) -> dict[str, int]:
+    """Records that were used, and those that were not, by the reason; of failures the engine's own words."""
+    status = fit.equations.status
+    counts = {"used": int(np.sum(status <= 1)), OUTSIDE_MAPS: int(np.sum(status == 1)), **problem.dropped}
     if not fit.failed.any():
-        return {}
+        return counts
     left = problem.select(fit.failed)
     p = problem.model.predict(left.inputs, problem.physical(fit.x), sensors=problem.sensors)
     # the engine adds the size of the residual in brackets, which differs from record to record
-    return dict(Counter(p.reason(k).partition(" (")[0] for k in range(len(left.recording))))
+    return {**counts, **Counter(p.reason(k).partition(" (")[0] for k in range(len(left.recording)))}

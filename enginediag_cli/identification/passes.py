@@ -45,7 +45,7 @@ from enginediag_cli.identification.noise import (
     starting_noise,
 )
 from enginediag_cli.identification.normal_equations import normal_equations, predict
-from enginediag_cli.identification.problem import IdentificationSettings, Problem
+from enginediag_cli.identification.problem import IdentificationSettings, OffsetPrior, Problem
 from enginediag_cli.progress import each
 
 NOISE_PASSES = 20
@@ -135,14 +135,12 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
             derivatives=lent if number == 1 else kept,
             begin=resumed(problem, start, fit),
         )
-        here = problem
         steps += fit.steps
         # noise, sizes and fit feed back on each other; ever shorter steps end a swing between two states
         damping = max(1.0 / max(number - UNDAMPED_PASSES + 1, 1), LEAST_SHARE)
         if number <= GROSS_PASSES and problem.loss.robust:
             gross = gross_readings((as_read - fit.equations.predicted) / problem.sigma, problem.recording)
             problem = replace(problem, measured=np.where(gross, np.nan, as_read))
-            here = problem
             fit = replace(fit, equations=normal_equations(problem, fit.x, fit.z, fit.equations.at))
         if problem.offsets and number == 1:
             # offsets take the more of noise the longer it remembers: from above that would confirm itself, up to ρ = 1
@@ -154,42 +152,18 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
         if not fit.converged and not fit.decrement < LOST_PASS:
             return Passes(problem, fit, noise, found, number, False, steps)
         sigma = noise.sigma if estimated else stated
-        inflation, shared = _tempering(problem, noise, described, fit.equations.predicted, found.sensor_dof)
-        change = np.log(sigma**2 * inflation) - np.log(problem.sigma**2 * problem.inflation)
-        largest = float(np.max(np.abs(change))) / 2
+        tempered = _tempering(problem, noise, described, fit.equations.predicted, found.sensor_dof)
+        largest = _noise_change(problem, sigma, tempered[0])
         # what creeps on when the passes are over is known as well as noise ever is
         settled = largest < (NOISE_SETTLED if number < NOISE_PASSES else NOISE_KNOWN)
-        sigma = problem.sigma * (sigma / problem.sigma) ** damping
-        inflation = problem.inflation * (inflation / problem.inflation) ** damping
-        shared = problem.shared * (shared / problem.shared) ** damping
-        equations = fit.equations
-        if np.any(noise.inflation > here.inflation) or not exact(equations):
-            # the fit may believe correlated readings more than they deserve (MAX_TEMPERING), sizes must not
-            cautious = here.with_noise(here.sigma, np.maximum(noise.inflation, here.inflation), here.shared)
-            equations = normal_equations(cautious, fit.x, fit.z, equations.at)
-        # sizes that several machines could have wander from pass to pass: what all passes say of them, on average
         share = 1.0 / max(number - UNDAMPED_PASSES + 1, 1)
-        problem, x, grown = resized(here, equations, fit.x, fit.z, accuracy, share)
-        problem, z, offsets_grown = resized_offsets(problem, usual, equations, fit.x, fit.z, share)
-        problem = problem.with_noise(sigma, inflation, shared)
-        start = (x, z)
-        settled = settled and grown < SIZES_SETTLED and offsets_grown < OFFSETS_SETTLED
+        next_problem, start, sizes_settled = _resized(problem, fit, noise, usual, accuracy, share)
+        problem = _damped_noise(next_problem, problem, (sigma, *tempered), damping)
+        settled = settled and sizes_settled
         if settled or steps >= settings.max_iterations:
             break
-    ended = partial(solve, tolerance=FINAL_TOLERANCE, derivatives=kept)
-    left = settings.max_iterations - steps
-    fit = ended(problem, start, max_iterations=left, begin=resumed(problem, start, fit, taken=True))
-    steps += fit.steps
-    found = uncertainty(problem, fit, noise.rho1, noise.used)
-    for _ in range(ROUNDS):
-        freed = given_back(problem, fit, found)
-        if freed is None or not fit.converged:
-            break
-        problem = freed
-        left, begin = settings.max_iterations - steps, resumed(problem, (fit.x, fit.z), fit)
-        fit = ended(problem, (fit.x, fit.z), max_iterations=left, begin=begin)
-        steps += fit.steps
-        found = uncertainty(problem, fit, noise.rho1, noise.used)
+    assert fit is not None
+    problem, fit, found, more = _final_fit(problem, start, fit, noise, settings.after(steps))
     widths = widths_beyond(problem, fit.equations, fit.x, fit.z, accuracy)
     if np.any(widths > 1.0):
         wide = replace(problem, prior_sigma=problem.prior_sigma * widths)
@@ -199,7 +173,65 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
     problem = with_spreads(problem, fit.equations, fit.x, fit.z)
     outliers = noise.outliers + gross.sum(axis=0)
     noise = replace(noise, outliers=outliers, sigma=problem.sigma, sigma_from="fit" if estimated else "stated")
-    return Passes(problem, fit, noise, found, number, settled, steps)
+    return Passes(problem, fit, noise, found, number, settled, steps + more)
+
+
+def _noise_change(problem: Problem, sigma: np.ndarray, inflation: np.ndarray) -> float:
+    """Largest relative change of the effective noise σ√κ from that of the problem."""
+    change = np.log(sigma**2 * inflation) - np.log(problem.sigma**2 * problem.inflation)
+    return float(np.max(np.abs(change))) / 2
+
+
+def _damped_noise(
+    problem: Problem, before: Problem, noise: tuple[np.ndarray, np.ndarray, np.ndarray], damping: float
+) -> Problem:
+    """The problem with σ, κ and its shared part moved from those of `before` by a share of the way to `noise`."""
+    assert before.shared is not None
+    old = (before.sigma, before.inflation, before.shared)
+    return problem.with_noise(*(a * (b / a) ** damping for a, b in zip(old, noise, strict=True)))
+
+
+def _resized(
+    problem: Problem, fit: Fit, noise: NoiseEstimate, usual: tuple[OffsetPrior, ...], accuracy: float, share: float
+) -> tuple[Problem, tuple[np.ndarray, np.ndarray], bool]:
+    """The problem with other sizes of map errors and offsets, the place of the fit in their units, and whether the
+    sizes have stopped changing.
+
+    share: of the way to the likeliest sizes. Sizes that several machines could have wander from pass to pass: what
+    counts is the average of what all passes say of them.
+    """
+    equations = fit.equations
+    if np.any(noise.inflation > problem.inflation) or not exact(equations):
+        # the fit may believe correlated readings more than they deserve (MAX_TEMPERING), sizes must not
+        inflation = np.maximum(noise.inflation, problem.inflation)
+        cautious = problem.with_noise(problem.sigma, inflation, problem.shared)
+        equations = normal_equations(cautious, fit.x, fit.z, equations.at)
+    problem, x, grown = resized(problem, equations, fit.x, fit.z, accuracy, share)
+    problem, z, offsets_grown = resized_offsets(problem, usual, equations, fit.x, fit.z, share)
+    return problem, (x, z), grown < SIZES_SETTLED and offsets_grown < OFFSETS_SETTLED
+
+
+def _final_fit(
+    problem: Problem,
+    start: tuple[np.ndarray, np.ndarray],
+    last: Fit,
+    noise: NoiseEstimate,
+    settings: IdentificationSettings,
+) -> tuple[Problem, Fit, Uncertainty, int]:
+    """The fit from where the last one has ended, with parameters that it leaves at a bound but hardly determines held
+    at what was assumed; its covariance, and how many steps that took."""
+    search = partial(solve, tolerance=FINAL_TOLERANCE, derivatives=ways(problem)[1])
+    begin, steps = resumed(problem, start, last, taken=True), 0
+    for turn in range(ROUNDS + 1):
+        fit = search(problem, start, max_iterations=settings.after(steps).max_iterations, begin=begin)
+        steps += fit.steps
+        found = uncertainty(problem, fit, noise.rho1, noise.used)
+        freed = given_back(problem, fit, found)
+        if freed is None or not fit.converged or turn == ROUNDS:
+            break
+        problem, start = freed, (fit.x, fit.z)
+        begin = resumed(problem, start, fit)
+    return problem, fit, found, steps
 
 
 def _tempering(
