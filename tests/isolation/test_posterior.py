@@ -15,6 +15,7 @@ from white_statistics import local_statistics, white_noise
 from enginediag_cli.isolation.methods import isolate
 from enginediag_cli.isolation.posterior import set_posterior
 from enginediag_cli.isolation.prior import SetPrior
+from enginediag_cli.isolation.subsets import size_limit
 from enginediag_cli.residuals.score import fisher_score
 from enginediag_cli.residuals.statistics import Frame
 
