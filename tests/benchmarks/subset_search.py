@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.isolation.methods import ENUMERATED, best_subsets
+from enginediag_cli.isolation.subsets import ENUMERATED, best_subsets
 from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.score import Score, fisher_score
 from enginediag_cli.residuals.statistics import Frame, block_statistics

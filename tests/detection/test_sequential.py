@@ -24,8 +24,7 @@ from enginediag_cli.detection.sequential import (
     tails,
 )
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.recorder import GrowingFile
-from enginediag_cli.recordings.source import LONGEST_LINE
+from enginediag_cli.recordings.source import LONGEST_LINE, GrowingFile
 from enginediag_cli.residuals.instruments import NoiseModel
 
 KEY = ("toy.csv", "1", "")
