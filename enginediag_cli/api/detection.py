@@ -21,7 +21,6 @@ from enginediag_cli.api.inputs import (
 from enginediag_cli.api.results import Picture, Result, Row
 from enginediag_cli.errors import UsageError
 from enginediag_cli.report.messages import Messages
-from enginediag_cli.report.summaries import DETECT, STATISTICS
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.verdict import RequiredPower
@@ -55,7 +54,7 @@ class ResidualResult(Result):
     """Sufficient statistics of windows, or residuals of records; see `residual`."""
 
     def __init__(self, comparison: Comparison, what: str, sensors: bool):
-        from enginediag_cli.report.outputs.judgements import RECORDS, RESIDUAL
+        from enginediag_cli.report.tables.detection import RECORDS, RESIDUAL
         from enginediag_cli.residuals.flat import CHECKSUM, MADE_COLUMNS, flat_columns
 
         monitor = comparison.monitor(sensors=sensors, drifts=sensors)
@@ -73,7 +72,6 @@ class ResidualResult(Result):
             head=comparison.head("residual", table, files.intake, notes),
             columns=None if records else (*flat_columns(monitor.monitored, files.nuisance), *MADE_COLUMNS, CHECKSUM),
             # residuals go by the engine's own sensors, in their order
-            summary_columns=() if records else STATISTICS,
             messages=comparison.messages,
         )
         self.unread = files.intake.unread
@@ -165,7 +163,7 @@ class DetectionResult(VerdictResult):
     """A verdict for every window; see `detect`."""
 
     def __init__(self, comparison: Comparison, false_alarm: float, required: RequiredPower, detectable: bool):
-        from enginediag_cli.report.outputs.judgements import DETECT as DECLARED
+        from enginediag_cli.report.tables.detection import DETECT
         from enginediag_cli.residuals.reduced import Economy
 
         self._comparison, self._false_alarm = comparison, false_alarm
@@ -176,20 +174,20 @@ class DetectionResult(VerdictResult):
         files.economy = Economy(replace(monitor, slopes=None)) if monitor else None
         if monitor is not None:
             required.check(monitor.monitored)
-        head = comparison.head("detect", DECLARED, files.intake, {"false_alarm": str(false_alarm)})
-        super().__init__(table=DECLARED, head=head, summary_columns=DETECT, messages=comparison.messages)
+        head = comparison.head("detect", DETECT, files.intake, {"false_alarm": str(false_alarm)})
+        super().__init__(table=DETECT, head=head, messages=comparison.messages)
         self.unread = files.intake.unread
 
     def _compute(self) -> Iterator[Row]:
         from enginediag_cli.detection.verdict import judge
-        from enginediag_cli.report.detection_rows import detection_row, tell_window
+        from enginediag_cli.report.tables.detection import DETECT, DETECTABLE, tell_window
 
         monitor = None if self._comparison.judging.reference else self._monitor
         windows = self._files.windows()
         verdicts = (judge(window, self._false_alarm, self._required, monitor) for window, _ in windows)
         for number, verdict in self._verdicts(verdicts):
             tell_window(self.messages, verdict, in_words=number <= SENTENCES)
-            yield detection_row(verdict, self._detectable)
+            yield DETECT.row(verdict, DETECTABLE if self._detectable else ())
 
     def plot(self) -> Picture:
         """The statistic of every window over its threshold. Raises NoVerdictError where nothing was judged."""
@@ -262,7 +260,7 @@ class FollowResult(Result):
 
     def __init__(self, comparison: Comparison, false_alarm: float, block: int | None, idle_s: float):
         from enginediag_cli.detection.follow import BLOCK, Following
-        from enginediag_cli.report.outputs.judgements import FOLLOW as DECLARED
+        from enginediag_cli.report.tables.detection import FOLLOW
         from enginediag_cli.residuals.files import Judging
         from enginediag_cli.residuals.reduced import with_lagging
 
@@ -273,12 +271,12 @@ class FollowResult(Result):
         self._intake = open_intake(comparison.source, monitor)
         self._following = Following(self._intake, with_lagging(monitor), false_alarm, size, idle_s)
         notes = {"follow": f"{size} records", "false_alarm": str(false_alarm)}
-        head = comparison.head("detect", DECLARED, self._intake, notes, judging=Judging())
-        super().__init__(table=DECLARED, head=head, messages=comparison.messages)
+        head = comparison.head("detect", FOLLOW, self._intake, notes, judging=Judging())
+        super().__init__(table=FOLLOW, head=head, messages=comparison.messages)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.report.detection_rows import block_row, tell_new_instruments
-        from enginediag_cli.report.recordings import tell_left_out, tell_mismatches
+        from enginediag_cli.report.tables.detection import FOLLOW, tell_new_instruments
+        from enginediag_cli.report.tables.recordings import tell_left_out, tell_mismatches
 
         alarms: dict[tuple[str, str, str], bool] = {}
         wrong: dict[tuple[str, str, str], set[str]] = {}
@@ -288,7 +286,7 @@ class FollowResult(Result):
             tell_new_instruments(self.messages, report, wrong.setdefault(report.key, set()))
             self.found = sum(alarms.values()) + sum(map(bool, wrong.values()))
             self.judged += 0 if report.reason else report.judged
-            yield block_row(report)
+            yield FOLLOW.row(report)
         tell_mismatches(self.messages, intake.mismatches)
         tell_left_out(self.messages, intake.left_out, following.counts, following.elsewhere)
         counts = {"flights": len(alarms), "alarms": sum(alarms.values()), "instruments": sum(map(bool, wrong.values()))}
@@ -343,7 +341,7 @@ class MethodResult(VerdictResult):
     """The verdicts of another method on each window; see `detect_by_method`."""
 
     def __init__(self, comparison: Comparison, name: str, healthy: Sequence[str], false_alarm: float):
-        from enginediag_cli.report.outputs.judgements import BY_METHOD
+        from enginediag_cli.report.tables.detection import BY_METHOD
         from enginediag_cli.residuals.files import Judging
 
         self._comparison, self._false_alarm = comparison, false_alarm
@@ -360,8 +358,8 @@ class MethodResult(VerdictResult):
         self.unread = files.intake.unread
 
     def _learnt(self, healthy: Source | None) -> FittedMethod:
-        from enginediag_cli.methods.base import learnt_windows
-        from enginediag_cli.report.recordings import tell_left_out
+        from enginediag_cli.methods.on_recordings import learnt_windows
+        from enginediag_cli.report.tables.recordings import tell_left_out
         from enginediag_cli.residuals.gross_gate import GrossErrorGate
 
         if healthy is None:
@@ -375,8 +373,8 @@ class MethodResult(VerdictResult):
         return self._method.train(self._monitor, windows)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.methods.base import judged_windows, recorded_windows
-        from enginediag_cli.report.detection_rows import method_row
+        from enginediag_cli.methods.on_recordings import judged_windows, recorded_windows
+        from enginediag_cli.report.tables.detection import BY_METHOD, MethodRow
         from enginediag_cli.residuals.gross_gate import GrossErrorGate
 
         gate, files = GrossErrorGate(self._monitor), self._files
@@ -390,7 +388,7 @@ class MethodResult(VerdictResult):
             place = found.window.place
             files.counts.update(outside=place.outside, incomplete=place.incomplete)
             files.elsewhere.update(place.elsewhere)
-            yield method_row(found, self._method)
+            yield BY_METHOD.row(MethodRow(found, self._method))
 
 
 def detect_by_method(

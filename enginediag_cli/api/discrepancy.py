@@ -11,7 +11,6 @@ from enginediag_cli.api.inputs import EngineLike, NominalLike, RecordingsLike, a
 from enginediag_cli.api.results import DocumentResult, MessageLog, Picture, Result, Row
 from enginediag_cli.errors import DataError, NoVerdictError, UsageError
 from enginediag_cli.report.messages import Messages
-from enginediag_cli.report.summaries import EXPLAIN, LOCATE, PER_RECORD
 from enginediag_cli.shipped import own_or_shipped
 
 if TYPE_CHECKING:
@@ -72,7 +71,7 @@ class Inquiry:
 
     def tell(self, loaded: LoadedCase) -> None:
         """What should be known of the nominal state, and what was left out of the recordings."""
-        from enginediag_cli.report.recordings import tell_baseline, tell_left_out, tell_mismatches, tell_thinning
+        from enginediag_cli.report.tables.recordings import tell_baseline, tell_left_out, tell_mismatches, tell_thinning
 
         if loaded.baseline is not None:
             tell_baseline(self.messages, loaded.baseline, self.case.source.engine_instance)
@@ -202,8 +201,8 @@ class LocateResult(Result):
     def __init__(self, inquiry: Inquiry, every_place: bool):
         from enginediag_cli.mismatch.fit.load import load_case
         from enginediag_cli.mismatch.locate.locate import locate as run
-        from enginediag_cli.mismatch.locate.verdict_kind import classify_verdict
-        from enginediag_cli.report.outputs.discrepancy import LOCATE as DECLARED
+        from enginediag_cli.mismatch.locate.verdict_kind import kind_of
+        from enginediag_cli.report.tables.location import LOCATE as DECLARED
 
         loaded = load_case(inquiry.case)
         inquiry.tell(loaded)
@@ -216,7 +215,6 @@ class LocateResult(Result):
             table=DECLARED,
             head=inquiry.head("locate", loaded.intake.provenance, **notes),
             columns=DECLARED.names,
-            summary_columns=LOCATE,
             messages=inquiry.messages,
         )
         self.found, self.judged = int(self.converged and self.located.mismatch), int(self.converged)
@@ -224,7 +222,7 @@ class LocateResult(Result):
     @property
     def verdict(self) -> str:
         """What kind of mismatch it is, or that there is none; "" where there is no verdict."""
-        from enginediag_cli.report.located import verdict_of
+        from enginediag_cli.report.tables.location import verdict_of
 
         return verdict_of(self._kind) if self.converged else ""
 
@@ -236,12 +234,12 @@ class LocateResult(Result):
     @property
     def sentences(self) -> list[str]:
         """What was found, in words."""
-        from enginediag_cli.report.located import sentences
+        from enginediag_cli.report.tables.location import sentences
 
         return list(sentences(self.located, self._kind, self.evidence.engine))
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.report.located import located_rows
+        from enginediag_cli.report.tables.location import located_rows
 
         if not self.converged:
             self.messages.error(self.sentences[0])
@@ -253,7 +251,7 @@ class LocateResult(Result):
     def plot(self) -> Picture:
         """The map of places and drivers, and the residuals that show the best. Raises NoVerdictError without a
         verdict."""
-        from enginediag_cli.report.located import picture
+        from enginediag_cli.report.tables.location import picture
 
         if not self.converged:
             raise NoVerdictError(self.sentences[0])
@@ -319,8 +317,8 @@ class PerRecordResult(Result):
         from enginediag_cli.mismatch.fit.freeform import list_locations
         from enginediag_cli.mismatch.fit.identified import nuisance
         from enginediag_cli.mismatch.fit.load import load_case
-        from enginediag_cli.mismatch.unrecorded.per_record import scan, thin_records
-        from enginediag_cli.report.outputs.discrepancy import PER_RECORD as DECLARED
+        from enginediag_cli.mismatch.unrecorded.per_record import scan, thinned
+        from enginediag_cli.report.tables.location import PER_RECORD as DECLARED
 
         if every < 1:
             raise UsageError(f"--per-record: {every} is no number of records")
@@ -336,7 +334,6 @@ class PerRecordResult(Result):
             table=DECLARED,
             head=inquiry.head("locate", loaded.intake.provenance, **notes),
             columns=DECLARED.names,
-            summary_columns=PER_RECORD,
             messages=inquiry.messages,
         )
         self.judged = int(self.fits[0].location is not None and self.fits[0].converged)
@@ -346,7 +343,7 @@ class PerRecordResult(Result):
         from enginediag_cli.mismatch.unrecorded.per_record import inlet_temperature
         from enginediag_cli.mismatch.unrecorded.per_record_effects import similar_effects
         from enginediag_cli.physics.registry import candidates
-        from enginediag_cli.report.located import per_record_rows, per_record_sentences
+        from enginediag_cli.report.tables.location import per_record_rows, per_record_sentences
 
         yield from per_record_rows(self.fits)
         best, evidence = self.fits[0], self.evidence
@@ -415,7 +412,7 @@ class ExplainResult(DocumentResult):
         from enginediag_cli.mismatch.explain.story import explain_mismatch
         from enginediag_cli.mismatch.fit.load import load_case
         from enginediag_cli.physics.registry import candidates
-        from enginediag_cli.report.explanation_rows import COLUMNS
+        from enginediag_cli.report.tables.explanation import EXPLAIN
 
         loaded = load_case(inquiry.case, identified=True, controls=True)
         inquiry.tell(loaded)
@@ -425,8 +422,8 @@ class ExplainResult(DocumentResult):
         asked = {"without": ", ".join(without)} if without else {}
         super().__init__(
             head=inquiry.head("explain", loaded.intake.provenance, **asked),
-            columns=COLUMNS,
-            summary_columns=EXPLAIN,
+            columns=EXPLAIN.names,
+            summary_columns=EXPLAIN.terminal,
             messages=inquiry.messages,
         )
         self.judged = int(self.story.answer.status != NOT_CONVERGED or self.story.control is not None)
@@ -445,33 +442,33 @@ class ExplainResult(DocumentResult):
     @property
     def sentences(self) -> list[str]:
         """The answer in words."""
-        from enginediag_cli.report.explanations import sentences
+        from enginediag_cli.report.tables.explanation_text import sentences
 
         return list(sentences(self.story))
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.report.explanation_rows import rows
+        from enginediag_cli.report.tables.explanation import rows
 
         yield from rows(self.story)
         for line in self.sentences:
             self.messages.note(line)
 
     def _document(self, provenance: Sequence[str]) -> Mapping[str, Any]:
-        from enginediag_cli.report.explanation_rows import document
+        from enginediag_cli.report.tables.explanation import document
 
         return document(self.story, tuple(provenance))
 
     @property
     def curves(self) -> list[Row]:
         """What no listed effect explains, as points of curves along its driver, with units and standard errors."""
-        from enginediag_cli.report.explanation_rows import curve_rows
+        from enginediag_cli.report.tables.explanation import curve_rows
 
         return list(curve_rows(self.story.curves))
 
     @property
     def amplitudes(self) -> list[Row]:
         """Amplitude of an effect whose driver is not recorded, record by record, with unit and standard error."""
-        from enginediag_cli.report.explanation_rows import amplitude_rows
+        from enginediag_cli.report.tables.explanation import amplitude_rows
 
         return list(amplitude_rows(self.story))
 

@@ -72,12 +72,12 @@ class CheckResult(Result):
     """What is known of files; see `check`. `found` counts files that cannot be used, `judged` those that can."""
 
     def __init__(self, files: Sequence[str], against: Against, messages: Messages):
-        from enginediag_cli.report.recordings import ACCEPTANCE_COLUMNS, ACCEPTANCE_SUMMARY
+        from enginediag_cli.report.tables.recordings import CHECK
 
         self._paths, self._against = files, against
         self._checks: list[FileCheck] = []
         self._coming = self._checked()
-        super().__init__(columns=ACCEPTANCE_COLUMNS, summary_columns=ACCEPTANCE_SUMMARY, messages=messages)
+        super().__init__(columns=CHECK.names, summary_columns=CHECK.terminal, messages=messages)
 
     def files(self) -> Iterator[FileCheck]:
         """The files in turn, each looked into when it is asked for; the last is about those that are the same.
@@ -199,15 +199,15 @@ def _held_against(
         return Against()  # what a folder's options give is for its recordings
     mapped = None
     if recorder is not None:
-        from enginediag_cli.recordings.recorder_file import load_recorder
-        from enginediag_cli.report.recordings import undecided_lines
+        from enginediag_cli.recordings.recorder import load_recorder
+        from enginediag_cli.report.tables.recordings import undecided_lines
 
         mapped = load_recorder(str(own_or_shipped(recorder)))
         for text in undecided_lines(mapped.undecided):
             messages.warning(text)
     baseline = as_baseline(nominal, accept_changed_engine=accept_changed_engine)
     if baseline is not None:
-        from enginediag_cli.report.recordings import tell_baseline
+        from enginediag_cli.report.tables.recordings import tell_baseline
 
         tell_baseline(messages, baseline, instance)
         return Against(baseline.engine, baseline.nominal, mapped, instance)
@@ -220,8 +220,8 @@ def _shown(file: str) -> str:
 
 def _recording(file: str, against: Against) -> FileCheck:
     """What is known of a recording, of each engine in it. Raises DataError."""
-    from enginediag_cli.intake.acceptance import accepted
-    from enginediag_cli.report.recordings import acceptance_rows
+    from enginediag_cli.intake.accepted import accepted
+    from enginediag_cli.report.tables.recordings import acceptance_rows
 
     rows: list[Row] = []
     lines: list[tuple[str, str]] = []
@@ -233,7 +233,7 @@ def _recording(file: str, against: Against) -> FileCheck:
 
 def _page(report: Accepted) -> Iterator[tuple[str, str]]:
     """All that is known of a recording, in words; what keeps it from being judged is an error."""
-    from enginediag_cli.report.recordings import PROBLEM, headline, remarks
+    from enginediag_cli.report.tables.recordings import PROBLEM, headline, remarks
 
     yield "note", headline(report)
     for remark in remarks(report):
@@ -255,7 +255,7 @@ def _yaml(file: str) -> FileCheck:
         undecided = load_recorder(file).undecided
     if kind == "engine":
         from enginediag_cli.physics.engine_file import load_engine
-        from enginediag_cli.report.recordings import overview_rows
+        from enginediag_cli.report.tables.recordings import overview_rows
 
         remarks = list(overview_rows(load_engine(file)))
     more = "".join(f"\n  open: {text}" for text in undecided)

@@ -12,7 +12,6 @@ from enginediag_cli.api.inputs import RecordingsLike, as_recordings
 from enginediag_cli.api.results import DocumentResult, MessageLog, Picture, Result, Row
 from enginediag_cli.errors import NoVerdictError, UsageError
 from enginediag_cli.report.messages import Messages
-from enginediag_cli.report.summaries import FLEET
 from enginediag_cli.shipped import own_or_shipped
 
 if TYPE_CHECKING:
@@ -38,14 +37,16 @@ class FleetResult(DocumentResult):
     """
 
     def __init__(self, run: FleetRun, what: str, head: Callable[[], tuple[str, ...]], messages: Messages):
+        from enginediag_cli.report.tables.fleet import TERMINAL
+
         self.run, self._what = run, what
-        super().__init__(head=head, summary_columns=FLEET if what == "engines" else (), messages=messages)
+        super().__init__(head=head, summary_columns=TERMINAL if what == "engines" else (), messages=messages)
         engines, listed = run.finding.engines, run.finding.discoveries.engines
         self.found = sum(engine.serial in listed or bool(engine.instruments) for engine in engines)
         self.judged = sum(engine.verdict != "no verdict" for engine in engines)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.report.fleet_rows import tell_models, tell_result
+        from enginediag_cli.report.tables.fleet import tell_models, tell_result
 
         tell_models(self.messages, self.run)
         yield from self.table_of(self._what)
@@ -63,7 +64,7 @@ class FleetResult(DocumentResult):
         -------
         list of dict
         """
-        from enginediag_cli.report.fleet_rows import ROWS
+        from enginediag_cli.report.tables.fleet import ROWS
 
         return list(ROWS[_table(what)](self.run))
 
@@ -83,7 +84,7 @@ class FleetResult(DocumentResult):
         return self.table_of("flights")
 
     def _document(self, provenance: Sequence[str]) -> Mapping[str, Any]:
-        from enginediag_cli.report.fleet_rows import document
+        from enginediag_cli.report.tables.fleet import document
 
         return document(self.run, provenance)
 
@@ -180,7 +181,7 @@ class StoreResult(Result):
         self.found, self.judged = sum(bool(key) for _, key in standing.known), len(standing.known)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.report.fleet_rows import status_rows, tell_standing
+        from enginediag_cli.report.tables.fleet import status_rows, tell_standing
 
         yield from status_rows(self.standing)
         tell_standing(self.messages, self.standing)
@@ -287,7 +288,7 @@ def merge_stores(into: str | Path, *others: str | Path, messages: Messages | Non
     """
     from enginediag_cli.fleets.models import merge
     from enginediag_cli.fleets.store import Store
-    from enginediag_cli.report.fleet_rows import tell_merged
+    from enginediag_cli.report.tables.fleet import tell_merged
 
     found = []
     for other in others:

@@ -288,7 +288,7 @@ def identify(
     from enginediag_cli.engine.description import EngineDescription
     from enginediag_cli.engine.overview import heating_value_doubts
     from enginediag_cli.identification.identify import identify as run
-    from enginediag_cli.report.identification_report import doubt_lines, report_lines
+    from enginediag_cli.report.tables.identification import doubt_lines, report_lines
 
     messages = messages if messages is not None else MessageLog()
     choices = TrainingChoices(first, holdout, holdout_last, keep_probes, allow_bounds)
@@ -319,10 +319,11 @@ def _training(
     from enginediag_cli.identification.probes import without_probes, wrong_probes
     from enginediag_cli.identification.problem import without_repeats
     from enginediag_cli.intake.agreement import agreement_with_engine
-    from enginediag_cli.intake.loader import MOST, Intake, Thinning, whole_flights
-    from enginediag_cli.intake.selection import columns_of
-    from enginediag_cli.report.identification_report import probe_lines, repeat_lines
-    from enginediag_cli.report.recordings import tell_left_out, tell_mismatches, tell_thinning
+    from enginediag_cli.intake.flights import MOST, Thinning, whole_flights
+    from enginediag_cli.intake.intake import Intake
+    from enginediag_cli.intake.wanted import columns_of
+    from enginediag_cli.report.tables.identification import probe_lines, repeat_lines
+    from enginediag_cli.report.tables.recordings import tell_left_out, tell_mismatches, tell_thinning
 
     agreement = agreement_with_engine(engine)
     intake = Intake(source, columns_of(engine, past=True), agreement=agreement)
@@ -345,7 +346,7 @@ def _training(
 
 def _refusal(fit: Identification, allow_bounds: bool, accept_mismatch: bool) -> str:
     """Why a fit gives no nominal state; "" where it gives one."""
-    from enginediag_cli.report.identification_report import bounds_line
+    from enginediag_cli.report.tables.identification import bounds_line
 
     if not fit.converged:
         return f"no nominal state: {fit.reason}; nothing is written"

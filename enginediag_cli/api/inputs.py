@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from enginediag_cli.engine.engine import Engine
-    from enginediag_cli.intake.loader import Intake
-    from enginediag_cli.report.outputs.declared import Table
+    from enginediag_cli.intake.intake import Intake
+    from enginediag_cli.report.tables import Table
     from enginediag_cli.residuals.files import JudgedFiles, Judging
     from enginediag_cli.residuals.monitor import Monitor
 
@@ -354,7 +354,7 @@ class Comparison:
         if baseline is None:
             return None
         from enginediag_cli.identification.nominal_checks import with_accuracy
-        from enginediag_cli.report.recordings import tell_baseline
+        from enginediag_cli.report.tables.recordings import tell_baseline
         from enginediag_cli.residuals.monitor import monitor_of
 
         accuracy = self.options.model_error
@@ -424,8 +424,8 @@ def open_intake(source: Source, monitor: Monitor | None) -> Intake:
 
 def tell_files(messages: Messages, files: JudgedFiles) -> None:
     """What was left out of the files."""
-    from enginediag_cli.report.recordings import tell_left_out, tell_mismatches
     from enginediag_cli.report.sentences import count
+    from enginediag_cli.report.tables.recordings import tell_left_out, tell_mismatches
 
     tell_mismatches(messages, files.intake.mismatches)
     for file, reason in files.intake.unread.items():

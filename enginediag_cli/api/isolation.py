@@ -13,7 +13,6 @@ from enginediag_cli.errors import UsageError
 from enginediag_cli.faults.chances import INSTRUMENT, PARAMETER
 from enginediag_cli.progress import each
 from enginediag_cli.report.messages import Messages
-from enginediag_cli.report.summaries import COMPONENTS, ISOLATE
 from enginediag_cli.shipped import own_or_shipped
 
 if TYPE_CHECKING:
@@ -130,9 +129,8 @@ class IsolationResult(Result):
     something was isolated."""
 
     def __init__(self, comparison: Comparison, choices: IsolationChoices, options: IsolationOptions):
-        from enginediag_cli.isolation.windows import Isolating
-        from enginediag_cli.report.outputs.judgements import COMPONENTS as BY_COMPONENT
-        from enginediag_cli.report.outputs.judgements import ISOLATE as BY_PARAMETER
+        from enginediag_cli.isolation.of_windows import Isolating
+        from enginediag_cli.report.tables.isolation import COMPONENTS, ISOLATE
 
         choices.check(comparison)
         self._quiet = comparison.messages.quiet
@@ -157,11 +155,10 @@ class IsolationResult(Result):
             flips,
         )
         self._drawn: list[IsolatedWindow] = []
-        table = BY_COMPONENT if by_component else BY_PARAMETER
+        table = COMPONENTS if by_component else ISOLATE
         notes = {"method": choices.method, "false_alarm": str(options.false_alarm)}
         head = comparison.head("isolate", table, files.intake, notes, configs=choices.files(), last=choices.notes)
-        summary = COMPONENTS if by_component else ISOLATE
-        super().__init__(table=table, head=head, summary_columns=summary, messages=comparison.messages)
+        super().__init__(table=table, head=head, messages=comparison.messages)
         self.unread = files.intake.unread
 
     def _looked_for(self, form: str) -> Any:
@@ -173,7 +170,7 @@ class IsolationResult(Result):
         return lambda number, named: form in ("nested", "cell") or (in_words and named and number <= SENTENCES)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.report.isolation_rows import beside_cells, isolated_rows, tell_isolated
+        from enginediag_cli.report.tables.isolation import isolated_rows, tell_isolated
 
         choices = self._choices
         shown = {"flips": choices.flips, "work_scope": choices.work_scope}
@@ -187,8 +184,8 @@ class IsolationResult(Result):
             self._drawn[:] = [*(w for w in self._drawn if w.named and not found.named), found]
             if number <= SENTENCES:
                 tell_isolated(self.messages, found, scope)
-            for row in isolated_rows(found, self._diagnosis.catalogue is not None, advice=choices.advise):
-                yield {**row, **beside_cells(found, scope, forms)}
+            catalogue = self._diagnosis.catalogue is not None
+            yield from isolated_rows(found, catalogue, advice=choices.advise, scope=scope, forms=forms)
         tell_files(self.messages, self._files)
 
     @cached_property

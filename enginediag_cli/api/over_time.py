@@ -12,7 +12,6 @@ from enginediag_cli.api.inputs import Comparison, NominalLike, RecordingsLike, c
 from enginediag_cli.api.results import Picture, Result, Row
 from enginediag_cli.errors import UsageError
 from enginediag_cli.report.messages import Messages
-from enginediag_cli.report.summaries import FLIGHTS, MARGIN, TREND, TREND_COMPONENTS
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.series import Series
@@ -138,29 +137,27 @@ class TrendResult(Result):
         self._generic = monitor is None or monitor.slopes is not None
         self._monitor = None if monitor is None else of_series(monitor)
         self._series, self._margins, self._files = self._read()
-        table, summary = self._declared()
+        table = self._table()
         intake, margin = self._files.intake, choices.margin
         head = comparison.head("trend", table, intake, {}, configs=margin.configs, last=margin.notes)
-        super().__init__(table=table, head=head, summary_columns=summary, messages=comparison.messages)
+        super().__init__(table=table, head=head, messages=comparison.messages)
         self.unread = intake.unread
 
-    def _declared(self) -> tuple[Any, tuple[str, ...]]:
-        from enginediag_cli.report.outputs import judgements as outputs
+    def _table(self) -> Any:
+        from enginediag_cli.report.tables import output
 
         what = self._choices.what
-        return {
-            "trend": (outputs.TREND, TREND),
-            "components": (outputs.EVENTS, TREND_COMPONENTS),
-            "flights": (outputs.FLIGHTS, FLIGHTS),
-            "margin": (outputs.MARGIN, MARGIN),
-        }["components" if what == "trend" and self._choices.by == "component" else what]
+        if what == "trend":
+            return output("trend/components" if self._choices.by == "component" else "trend")
+        return output(f"trend/{what}")
 
     def _read(self) -> tuple[Series, Margins | None, JudgedFiles]:
         """The series of flights, its margins where they are followed, and the files that it was read from."""
-        from enginediag_cli.detection.series import series_of
-        from enginediag_cli.fleets.maintenance import margins_of
-        from enginediag_cli.report.trend_rows import tell_instruments_in_flights, tell_margins
-        from enginediag_cli.residuals.reduced import for_comparison
+        from enginediag_cli.detection.trend import series_of
+        from enginediag_cli.fleets.margin_of_series import margins_of
+        from enginediag_cli.report.tables.margin import tell_margins
+        from enginediag_cli.report.tables.trend import tell_instruments_in_flights
+        from enginediag_cli.residuals.series_monitor import for_comparison
 
         choices, monitor, margins = self._choices, self._monitor, None
         question = choices.margin.question(healthy=self._healthy, sensors=choices.sensors)
@@ -181,7 +178,8 @@ class TrendResult(Result):
         return series, margins, files
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.report.trend_rows import flight_rows, margin_rows
+        from enginediag_cli.report.tables.margin import margin_rows
+        from enginediag_cli.report.tables.trend import flight_rows
 
         if self._choices.what == "margin" and self._margins is not None:
             rows = list(margin_rows(self._margins))
@@ -199,8 +197,8 @@ class TrendResult(Result):
         """Rows of what changed in each engine, and of what maintenance did."""
         from enginediag_cli.detection.series import FEWEST
         from enginediag_cli.fleets.work_scope import Scoping
-        from enginediag_cli.isolation.timeline import stories_of
-        from enginediag_cli.report.trend_rows import tell_too_few
+        from enginediag_cli.isolation.over_time import stories_of
+        from enginediag_cli.report.tables.trend import tell_too_few
 
         choices, series = self._choices, self._series
         for engine, stretches in series.stretches.items():
@@ -217,13 +215,12 @@ class TrendResult(Result):
 
     def _of_engine(self, engine: str, story: Any, scoping: Scoping | None, before: Sequence[Row]) -> list[Row]:
         from enginediag_cli.fleets.maintenance import conditions_of, maintenance_of
-        from enginediag_cli.report.trend_rows import component_rows, tell_story, trend_rows
-        from enginediag_cli.report.work_scope_rows import (
+        from enginediag_cli.report.tables.answers import (
             maintenance_row,
             tell_maintenance,
             tell_scope,
-            with_scope,
         )
+        from enginediag_cli.report.tables.trend import component_rows, tell_story, trend_rows
 
         choices, series, messages = self._choices, self._series, self.messages
         form = "" if choices.work_scope == "sentences" else choices.work_scope
@@ -233,7 +230,7 @@ class TrendResult(Result):
         if scoping is not None and story.events and (form or not messages.quiet):
             scope = scoping.of_story(story, series.known, conditions_of(series.stretches[engine]))
         tell_scope(messages, engine, scope)
-        rows = list(with_scope(as_rows(engine, story, series), scope, form))
+        rows = list(as_rows(engine, story, series, scope, form))
         if scoping is not None:
             for found in maintenance_of(scoping, series, engine, tuple(choices.events)):
                 tell_maintenance(messages, engine, found, series, scoping)

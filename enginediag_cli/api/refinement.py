@@ -12,7 +12,6 @@ from enginediag_cli.api.inputs import EngineLike, NominalLike, RecordingsLike, a
 from enginediag_cli.api.results import DocumentResult, Picture, Row
 from enginediag_cli.errors import NoVerdictError, UsageError
 from enginediag_cli.report.messages import Messages
-from enginediag_cli.report.summaries import REFINE
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
@@ -87,8 +86,7 @@ class RefineResult(DocumentResult):
 
     def __init__(self, inquiry: Inquiry, choices: RefineChoices):
         from enginediag_cli.mismatch.fit.load import load_case
-        from enginediag_cli.report.outputs.discrepancy import CONTROL
-        from enginediag_cli.report.outputs.discrepancy import REFINE as EFFECTS
+        from enginediag_cli.report.tables.refinement import CONTROL, REFINE
 
         choices.check()
         case, self._inquiry, self._choices = inquiry.case, inquiry, choices
@@ -108,10 +106,10 @@ class RefineResult(DocumentResult):
         self.accepted = not self.reason
         labels = ", ".join(loaded.evidence.flights[k].label for k in self._unseen)
         super().__init__(
-            table=EFFECTS if self._control is None else CONTROL,
+            table=REFINE if self._control is None else CONTROL,
             head=inquiry.head("refine", loaded.intake.provenance, unseen=labels),
-            columns=(EFFECTS if self._control is None else CONTROL).names,
-            summary_columns=REFINE,
+            columns=(REFINE if self._control is None else CONTROL).names,
+            summary_columns=REFINE.terminal,
             messages=inquiry.messages,
         )
         self.judged = int(self.accepted)
@@ -125,7 +123,7 @@ class RefineResult(DocumentResult):
         """The control that the engine lacks, fitted and judged."""
         from enginediag_cli.mismatch.fit.evidence import as_recordings as recordings_of
         from enginediag_cli.mismatch.refine.controlled import refine_control
-        from enginediag_cli.report.controls import control_sentences
+        from enginediag_cli.report.tables.explanation_text import control_sentences
 
         assert loaded.control is not None and loaded.as_described is not None
         described, engine = self._described = loaded.as_described
@@ -166,7 +164,7 @@ class RefineResult(DocumentResult):
         from enginediag_cli.mismatch.explain.answer import HIDDEN_STATE
         from enginediag_cli.mismatch.explain.story import explain_mismatch, named_effects
         from enginediag_cli.physics.registry import candidates
-        from enginediag_cli.report.explanations import sentences
+        from enginediag_cli.report.tables.explanation_text import sentences
 
         effects = list(candidates(training.engine, self._choices.without))
         story = explain_mismatch(training, effects, advise=False, every_record=True)
@@ -177,21 +175,19 @@ class RefineResult(DocumentResult):
         return list(named_effects(story)), None
 
     def _refusal(self) -> str:
-        from enginediag_cli.report import controls as refined_controls
-        from enginediag_cli.report import refinements
+        from enginediag_cli.report.tables import refinement as refinements
 
         if self._control is not None:
-            return "" if self._control.accepted else refined_controls.refusal(self._control)
+            return "" if self._control.accepted else refinements.control_refinement_refusal(self._control)
         return "" if self._refinement is None else refinements.refusal(self._refinement)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.report import controls as refined_controls
-        from enginediag_cli.report import refinements
+        from enginediag_cli.report.tables import refinement as refinements
 
         lines: list[str] = []
         if self._control is not None:
-            yield from refined_controls.rows(self._control)
-            lines = list(refined_controls.sentences(self._control))
+            yield from refinements.control_refinement_rows(self._control)
+            lines = list(refinements.control_refinement_sentences(self._control))
         elif self._refinement is not None:
             rows = list(refinements.rows(self._refinement))
             yield from rows
@@ -210,11 +206,10 @@ class RefineResult(DocumentResult):
         return super().summary() + ("" if self.accepted else f"\nnot accepted: {self.reason}")
 
     def _document(self, provenance: Sequence[str]) -> Mapping[str, Any]:
-        from enginediag_cli.report import controls as refined_controls
-        from enginediag_cli.report import refinements
+        from enginediag_cli.report.tables import refinement as refinements
 
         if self._control is not None:
-            return refined_controls.document(self._control, tuple(provenance))
+            return refinements.control_refinement_document(self._control, tuple(provenance))
         if self._refinement is None:
             raise NoVerdictError(self.reason)
         return refinements.document(self._refinement, tuple(provenance))
@@ -316,7 +311,7 @@ class RefineResult(DocumentResult):
         """Write the states of a switched effect, record by record, as CSV or, by its name, Parquet; a note says where
         there are none. Raises OSError."""
         from enginediag_cli.report.output import Output
-        from enginediag_cli.report.refinements import state_rows
+        from enginediag_cli.report.tables.refinement import state_rows
 
         if self._control is not None:
             self.messages.note(f"{path}: not written; what a control does in a record is in active_limit of simulate")

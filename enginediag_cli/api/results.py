@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from enginediag_cli.report.output import Output
-    from enginediag_cli.report.outputs.declared import Table
+    from enginediag_cli.report.tables import Table
 
 __all__ = ["DocumentResult", "MessageLog", "Picture", "Result", "header_lines", "provenance_notes"]
 
@@ -111,13 +111,14 @@ class Result(ABC):
     def __init__(
         self,
         *,
-        table: Table | None = None,
+        table: Table[Any] | None = None,
         head: Callable[[], tuple[str, ...]] = tuple,
         columns: Sequence[str] | None = None,
         summary_columns: Sequence[str] = (),
         messages: Messages | None = None,
     ):
-        self.table, self.summary_columns = table, tuple(summary_columns)
+        self.table = table
+        self.summary_columns = tuple(summary_columns or (table.terminal if table else ()))
         self.messages = messages if messages is not None else MessageLog()
         self.found = self.judged = 0
         self.unread: Mapping[str, str] = {}

@@ -14,7 +14,6 @@ from enginediag_cli.api.results import Result, Row, frame
 from enginediag_cli.errors import DataError, UsageError
 from enginediag_cli.progress import each
 from enginediag_cli.report.messages import Messages
-from enginediag_cli.report.summaries import SIMULATE
 from enginediag_cli.shipped import own_or_shipped
 
 if TYPE_CHECKING:
@@ -116,6 +115,7 @@ class SimulationResult(Result):
         import numpy as np
 
         from enginediag_cli.recordings.provenance import header_lines
+        from enginediag_cli.report.tables import output
         from enginediag_cli.simulation.simulate import moves, simulate_in_chunks, told_states
 
         flying, noisy = (np.random.default_rng([choices.seed, stream]) for stream in (0, 1))
@@ -127,7 +127,7 @@ class SimulationResult(Result):
         flight = [] if choices.flight is None else [str(own_or_shipped(choices.flight))]
         configs = [engine.path, *flight, *files]
         head = header_lines("simulate", seed=choices.seed, configs=configs, notes=notes, inherited=inherited)
-        super().__init__(head=lambda: head, summary_columns=SIMULATE, messages=messages)
+        super().__init__(head=lambda: head, summary_columns=output("simulate").terminal, messages=messages)
         self._warn_outside(given)
         self._pieces = simulate_in_chunks(engine, given, faults, noise, noisy, steady=choices.steady)
         self._done: list[Simulated] = []
@@ -286,7 +286,7 @@ class SimulationResult(Result):
                     writer.write(recording_of(piece.columns))
                 return
             names = tuple(first.columns)
-            output.write_rows(_rows(both()), names, summary=(*SIMULATE, *names), provenance=head)
+            output.write_rows(_rows(both()), names, summary=(*self.summary_columns, *names), provenance=head)
 
 
 def _rows(pieces: Iterable[Simulated]) -> Iterator[Row]:

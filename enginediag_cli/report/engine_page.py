@@ -15,7 +15,6 @@ from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.report import result_files as kinds
 from enginediag_cli.report.evidence import EngineEvidence, Evidence
 from enginediag_cli.report.html import Block, Lead, Section, State, Tabled, Words
-from enginediag_cli.report.isolation_rows import CANNOT_TELL
 from enginediag_cli.report.plotting.chart import Chart, Mark, Table, Value, columns_of, scale_of
 from enginediag_cli.report.plotting.health import (
     Brought,
@@ -40,8 +39,9 @@ from enginediag_cli.report.plotting.residuals import (
 )
 from enginediag_cli.report.result_files import ALONE, Order, Row, given_rows, order_of, rival
 from enginediag_cli.report.sentences import change, count, listed, probability, rounded, with_unit
-from enginediag_cli.report.trend_rows import margin_words
-from enginediag_cli.report.work_scope_rows import MAINTENANCE
+from enginediag_cli.report.tables.answers import MAINTENANCE
+from enginediag_cli.report.tables.isolation import CANNOT_TELL
+from enginediag_cli.report.tables.margin import margin_words
 from enginediag_cli.units import split_column
 
 

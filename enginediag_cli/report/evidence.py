@@ -19,9 +19,9 @@ from enginediag_cli.parameters import Parameter, unspecified
 from enginediag_cli.progress import each, stage
 from enginediag_cli.report import result_files as kinds
 from enginediag_cli.report.plotting.chart import Origin
-from enginediag_cli.report.recordings import elsewhere_lines, left_out_lines, not_judged_lines
 from enginediag_cli.report.result_files import Kind, Records, Result, Row, records_of
-from enginediag_cli.residuals.files import JudgedFiles, Judging, record_residuals
+from enginediag_cli.report.tables.recordings import elsewhere_lines, left_out_lines, not_judged_lines
+from enginediag_cli.residuals.files import JudgedFiles, Judging
 from enginediag_cli.residuals.monitor import Monitor, agreement_with
 from enginediag_cli.residuals.windows import WindowStatistics
 
@@ -170,14 +170,14 @@ def computed(question: Question, given: Sequence[Result]) -> tuple[Evidence, lis
 
 def _detected(question: Question, left_out: list[str]) -> Iterator[Row]:
     from enginediag_cli.detection.verdict import judge
-    from enginediag_cli.report.detection_rows import detection_row
+    from enginediag_cli.report.tables.detection import DETECT, DETECTABLE
     from enginediag_cli.residuals.reduced import Economy
 
     files = _files(question, question.monitor)
     # whether anything has changed does not depend on what wrong slopes of maps would make of the change
     files.economy = Economy(replace(question.monitor, slopes=None))
     for window, _ in each(files.windows(), "windows judged"):
-        row = detection_row(judge(window, question.false_alarm, monitor=question.monitor), True)
+        row = DETECT.row(judge(window, question.false_alarm, monitor=question.monitor), DETECTABLE)
         yield Row(row, _place(window))
     for left in files.intake.left_out:
         left_out += left_out_lines(left)
@@ -187,9 +187,9 @@ def _detected(question: Question, left_out: list[str]) -> Iterator[Row]:
 def _isolated(question: Question, windows: list[WindowStatistics]) -> Iterator[Row]:
     from enginediag_cli.isolation.diagnosis import DiagnosisOptions
     from enginediag_cli.isolation.methods import IsolationOptions
-    from enginediag_cli.isolation.windows import Isolating
-    from enginediag_cli.report.isolation_rows import isolated_rows
-    from enginediag_cli.residuals.long_windows import KeptRecords
+    from enginediag_cli.isolation.of_windows import Isolating
+    from enginediag_cli.report.tables.isolation import isolated_rows
+    from enginediag_cli.residuals.kept_records import KeptRecords
 
     judging, kept = question.judging, None
     if not judging.reference and judging.linearise == "estimate":
@@ -205,10 +205,10 @@ def _isolated(question: Question, windows: list[WindowStatistics]) -> Iterator[R
 
 @stage("following the series")
 def _series(question: Question) -> dict[kinds.Kind, list[Row]]:
-    from enginediag_cli.detection.series import series_of
-    from enginediag_cli.isolation.timeline import stories_of
-    from enginediag_cli.report.trend_rows import flight_rows, trend_rows
-    from enginediag_cli.residuals.reduced import of_series
+    from enginediag_cli.detection.trend import series_of
+    from enginediag_cli.isolation.over_time import stories_of
+    from enginediag_cli.report.tables.trend import flight_rows, trend_rows
+    from enginediag_cli.residuals.series_monitor import of_series
 
     series = series_of(_series_files(question, of_series(question.suspicious)))
     told: dict[kinds.Kind, list[Row]] = {kinds.FLIGHTS: [], kinds.TREND: []}
@@ -224,9 +224,9 @@ def _series(question: Question) -> dict[kinds.Kind, list[Row]]:
 
 @stage("following the margin")
 def _margins(question: Question, left_out: list[str]) -> list[Row]:
-    from enginediag_cli.fleets.maintenance import margins_of
-    from enginediag_cli.report.trend_rows import margin_rows, odd_events
-    from enginediag_cli.residuals.reduced import for_comparison, of_series
+    from enginediag_cli.fleets.margin_of_series import margins_of
+    from enginediag_cli.report.tables.margin import margin_rows, odd_events
+    from enginediag_cli.residuals.series_monitor import for_comparison, of_series
 
     monitor = of_series(question.suspicious)
     margins = margins_of(_series_files(question, for_comparison(monitor)), monitor, question.margins)

@@ -33,6 +33,10 @@ if TYPE_CHECKING:
     from enginediag_cli.parameters import Parameter
 
 
+TERMS_COLUMNS = ("term", "title", "varies_with")
+VARIABLES_COLUMNS = ("variable", "at_design", "unit", "words")
+SITES_COLUMNS = ("term", "at", "acts_on", "carried", "coefficients")
+"""Columns that a narrow terminal shows of physics terms, of variables of formulas, and of places."""
 WIDTH = 100
 """Letters of a line of text and of the labels before it."""
 LABEL = 14

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from enginediag_cli.residuals.instruments import FaultInFlights, InstrumentFault
 
 
-def told(known: Mapping[str, Parameter], names: Iterable[str]) -> list[str]:
+def parameter_words(known: Mapping[str, Parameter], names: Iterable[str]) -> list[str]:
     """The parameters of these names as an engineer says them; one that is not known keeps its name."""
     return [p.words for p in meanings(known, names).values()]
 

@@ -21,7 +21,7 @@ import scipy
 
 from enginediag_cli import __version__
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.report.outputs.validation import ISOLATED, PROVE, STUDY
+from enginediag_cli.report.tables.trials import ISOLATED, PROVE, STUDY
 from enginediag_cli.validation import kinds
 from enginediag_cli.validation.explain_trials import Plan as TrialPlan
 from enginediag_cli.validation.isolation_trials import OUTCOMES, Plan, by_kind, reliability, sheet

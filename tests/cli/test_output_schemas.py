@@ -11,14 +11,14 @@ import json
 import re
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from enginediag_cli.report.outputs.declared import Table, column
-from enginediag_cli.report.outputs.judgements import WINDOW
-from enginediag_cli.report.outputs.registry import OUTPUTS, output
+from enginediag_cli.report.tables import OUTPUTS, Columns, Table, column, output
+from enginediag_cli.report.tables.detection import WINDOW
 
 RELEASED = Path(__file__).with_name("output_schemas.json")
 TESTS = Path(__file__).parents[1]
@@ -68,11 +68,11 @@ def cell_fits(text: str, kind: str, empty: bool) -> bool:
     return True
 
 
-def undeclared(table: Table, names: list[str]) -> list[str]:
+def undeclared(table: Table[Any], names: list[str]) -> list[str]:
     return [name for name in names if table.column(name) is None]
 
 
-def wrong_cells(table: Table, text: str) -> list[str]:
+def wrong_cells(table: Table[Any], text: str) -> list[str]:
     """Cells and columns of a CSV that are not as declared."""
     head, *lines = list(csv.reader(line for line in io.StringIO(text) if not line.startswith("#")))
     found = undeclared(table, head)
@@ -211,7 +211,7 @@ def released() -> dict[str, Any]:
     return {
         name: {
             "version": (table := output(name)).version,
-            "columns": {cell.pop("name"): cell for cell in map(table.cell, (*table.columns, *table.families))},
+            "columns": {cell.pop("name"): cell for cell in table.schema()["csv"]["columns"]},
             "document": {f.name: {"type": f.kind, "nullable": not f.required} for f in table.document},
         }
         for name in OUTPUTS
@@ -285,11 +285,38 @@ def test_the_columns_of_windows_are_those_that_residuals_have():
     assert set(MADE_COLUMNS) <= set(output("residual").names)
 
 
-def test_a_row_has_the_declared_order_keeps_what_is_not_declared_and_leaves_out_what_nobody_asked_for():
-    table = Table("x", 1, "x", (column("a", "number", "a"), column("b", "text", "b")), asked={"b": "--b"})
-    assert table.row({"c": 1, "a": 2.0}) == {"a": 2.0, "c": 1}
-    assert list(table.row({"b": "x", "a": 1.0})) == ["a", "b"]
-    assert table.row({}) == {"a": None}
+OF_NUMBERS: Columns[complex] = Columns()
+
+
+def test_a_row_has_the_declared_order_and_optional_columns_only_where_they_are_asked_for():
+    columns = (OF_NUMBERS("real", "number", "r"), OF_NUMBERS("size", "number", "s", abs, only_with="--size"))
+    table = Table("x", 1, "x", columns, ("real",))
+    assert table.row(3 + 4j) == {"real": 3.0}
+    assert list(table.row(3 + 4j, ["size"]).items()) == [("real", 3.0), ("size", 5.0)]
+
+
+def test_a_forgotten_value_is_an_error_and_an_absent_part_gives_empty_cells():
+    table = Table("x", 1, "x", (column("a", "number", "a"), column("b", "text?", "b")))
+    with pytest.raises(KeyError, match="b"):
+        table.row({"a": 2.0})
+    with pytest.raises(AttributeError):
+        Table("x", 1, "x", (OF_NUMBERS("none", "number", "no attribute of a complex number"),)).row(1j)
+    part = OF_NUMBERS.part(lambda number: number if number.imag else None, (OF_NUMBERS("imag", "number?", "i"),))
+    table = Table("x", 1, "x", part)
+    assert table.row(2j) == {"imag": 2.0} and table.row(2 + 0j) == {"imag": None}
+
+
+def test_families_stand_behind_a_column_or_behind_all():
+    columns = tuple(OF_NUMBERS(name, "number", name) for name in ("real", "imag"))
+    families = (OF_NUMBERS("size:<norm>", "number", "size"),)
+    table = Table("x", 1, "x", columns, families=families, family_cells=lambda number: {"size:2": abs(number)})
+    assert list(table.row(1j)) == ["real", "imag", "size:2"]
+    assert list(replace(table, families_after="real").row(1j)) == ["real", "size:2", "imag"]
+
+
+def test_a_terminal_shows_declared_columns_only():
+    with pytest.raises(ValueError, match="which are no columns"):
+        Table("x", 1, "x", (column("a", "number", "a"),), ("b",))
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 from enginediag_cli.config.kinds import FILE_KINDS
-from enginediag_cli.report.outputs.registry import OUTPUTS
+from enginediag_cli.report.tables import OUTPUTS
 
 
 def test_without_a_kind_all_kinds_are_listed(run):

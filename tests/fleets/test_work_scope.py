@@ -32,7 +32,7 @@ from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv
-from enginediag_cli.report.work_scope_rows import maintenance_sentence, work_scope_sentences
+from enginediag_cli.report.tables.answers import maintenance_sentence, work_scope_sentences
 from enginediag_cli.residuals.files import JudgedFiles, Judging
 from enginediag_cli.residuals.monitor import monitor_of
 from enginediag_cli.residuals.windows import WindowPlan

@@ -19,7 +19,7 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.remainder import Gates
 from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.physics.registry import candidates
-from enginediag_cli.report.isolation_rows import flips_sentence
+from enginediag_cli.report.tables.isolation import flips_sentence
 
 LIBRARY = ("reynolds_efficiency", "reynolds_turbine_efficiency", "power_offtake")
 

@@ -16,9 +16,9 @@ from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.options import effect_option
 from enginediag_cli.planning.separation import SAME, SWITCH, best_of_each_kind
-from enginediag_cli.report.explanation_rows import document, rows
-from enginediag_cli.report.explanations import sentences
 from enginediag_cli.report.output import finite, plain
+from enginediag_cli.report.tables.explanation import document, rows
+from enginediag_cli.report.tables.explanation_text import explanations_sentences as sentences
 
 RIVALS = ("power_offtake@hp", "thermocouple_radiation@T45", "nozzle_discharge@core_nozzle")
 

@@ -24,7 +24,7 @@ from enginediag_cli.mismatch.unrecorded.per_record import (
 from enginediag_cli.mismatch.unrecorded.per_record_effects import effects_beside, similar_effects
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import candidates, effect
-from enginediag_cli.report.located import per_record_rows, per_record_sentences
+from enginediag_cli.report.tables.location import per_record_rows, per_record_sentences
 
 POWER_PLANT = Path(__file__).resolve().parents[2] / "configs" / "power_plant.yaml"
 N, STOP, HELD_AT = 90, 0.02, 823.15

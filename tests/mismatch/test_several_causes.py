@@ -25,7 +25,7 @@ from enginediag_cli.mismatch.fit.options import effect_option, fault_options, on
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.physics.registry import candidates
-from enginediag_cli.report.explanations import rest_sentences, share_left
+from enginediag_cli.report.tables.explanation_text import rest_sentences, share_left
 
 REYNOLDS = ("reynolds_efficiency", "hpc", {"exponent": 0.1})
 LOAD = ("power_offtake", "hp", {"fraction": 0.006})

@@ -18,8 +18,8 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.unrecorded.finding import Switch
 from enginediag_cli.physics.registry import effect
-from enginediag_cli.report.explanations import curve_in_words
-from enginediag_cli.report.laws import moment
+from enginediag_cli.report.tables.explanation_text import curve_in_words
+from enginediag_cli.report.tables.formulas import moment
 
 
 @pytest.fixture(scope="module")

@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 from parameter_makers import meaning_of
 
-from enginediag_cli.report.sentences import listed, spelled, told
+from enginediag_cli.report.sentences import listed, parameter_words, spelled
 
 
 def test_a_parameter_is_told_by_its_own_words_and_one_that_is_not_known_by_its_name():
     known = meaning_of(["hpc.efficiency"])
-    assert told(known, ["hpc.efficiency", "odd.thing"]) == ["HPC isentropic efficiency", "odd.thing"]
+    assert parameter_words(known, ["hpc.efficiency", "odd.thing"]) == ["HPC isentropic efficiency", "odd.thing"]
 
 
 @pytest.mark.parametrize(

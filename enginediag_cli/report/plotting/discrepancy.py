@@ -20,12 +20,12 @@ import numpy as np
 from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.identification.nominal import EVERYTHING
 from enginediag_cli.intervals import NORMAL_95
-from enginediag_cli.report.controls import fall_in_words, headline
-from enginediag_cli.report.laws import equation
 from enginediag_cli.report.plotting.chart import BLUE, FAINT, INK, ORANGE, PAPER, padded
 from enginediag_cli.report.plotting.svg import HEADING, SMALL, TITLE, Drawing, Edge, Letters, Panel, shade, ticks
-from enginediag_cli.report.refinements import alarms_in_words, named_effect, unseen_in_words
 from enginediag_cli.report.sentences import count
+from enginediag_cli.report.tables.explanation_text import control_headline
+from enginediag_cli.report.tables.formulas import equation
+from enginediag_cli.report.tables.refinement import alarms_in_words, fall_in_words, named_effect, unseen_in_words
 
 if TYPE_CHECKING:
     from enginediag_cli.identification.nominal import SensorQuality
@@ -379,7 +379,7 @@ def control_picture(r: ControlRefinement) -> str:
     ]
     if not pairs:
         raise ValueError("a control that no unseen flight has judged has no picture")
-    lines = lines_of([f"In the model now: {headline(r.law)}", *fall_in_words(r)])
+    lines = lines_of([f"In the model now: {control_headline(r.law)}", *fall_in_words(r)])
     top = HEAD + LINE * len(lines)
     title = f"{r.law.label}: before and after, on flights that were not fitted"
     on = headed(title, lines, top + BESIDE_ROWS + ROW * len(pairs))

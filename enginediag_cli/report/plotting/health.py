@@ -16,7 +16,6 @@ from typing import Protocol
 from enginediag_cli.fleets.findings import Estimate
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.report.outputs.judgements import with_ends
 from enginediag_cli.report.plotting.chart import (
     Axis,
     Band,
@@ -34,7 +33,7 @@ from enginediag_cli.report.plotting.chart import (
 )
 from enginediag_cli.report.plotting.fleet import NAN, EventFound, FlightFound, MarginFound
 from enginediag_cli.report.result_files import Order, Row, order_of
-from enginediag_cli.report.trend_rows import FLIGHT, MAINTENANCE, WHOLE
+from enginediag_cli.report.tables.margin import FLIGHT, MAINTENANCE, WHOLE, with_ends
 from enginediag_cli.units import split_column
 
 MOST_CURVES = 5

@@ -260,7 +260,7 @@ def of_isolation(windows: Sequence[IsolatedWindow]) -> Chart:
 def of_trend(series: Series, rows: Sequence[Mapping[str, Any]]) -> Chart:
     """Of the first engine in which something changed, else of the first: its health over flights; rows: of `trend`.
     Raises NoVerdictError where no engine has flights."""
-    from enginediag_cli.report.trend_rows import flight_rows
+    from enginediag_cli.report.tables.trend import flight_rows
 
     flights = [_row(row) for row in flight_rows(series)]
     if not flights:

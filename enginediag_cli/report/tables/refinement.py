@@ -1,24 +1,85 @@
-"""A refinement in rows, sentences and one JSON object: what unseen flights say before and after."""
+"""`refine`: its tables, words and document: what unseen flights say before and after, of effects or of a control."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from enginediag_cli.identification.quality import EVERYTHING
 from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.mismatch.controlled.fitted import BLOCKS
 from enginediag_cli.mismatch.refine.criteria import BETTER, LEVEL, Criterion, Records, Significance, Verdict
-from enginediag_cli.report.explanations import as_rate
 from enginediag_cli.report.output import short_cell
-from enginediag_cli.report.outputs.discrepancy import REFINE
 from enginediag_cli.report.sentences import count, p_value, rounded, spelled, with_unit
+from enginediag_cli.report.tables import Table, column, part
+from enginediag_cli.report.tables.explanation_text import as_rate, control_headline
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.term import Coefficient, Effect
     from enginediag_cli.identification.nominal import SensorQuality
     from enginediag_cli.mismatch.refine.alarms import Alarms
+    from enginediag_cli.mismatch.refine.controlled import ControlRefinement
     from enginediag_cli.mismatch.refine.refine import Refinement
 
-COLUMNS = REFINE.names
+
+_WHAT = (
+    column("what", "text", "the figure: rms, chi2 per reading, log likelihood …"),
+    column("of", "text", "sensor, flight or setting that it is of"),
+)
+_FIGURES = (
+    column("unit", "text", "unit of before and after"),
+    column("before", "number?", "with the engine file as it was", "unit"),
+    column("after", "number?", "with what was put in", "unit"),
+    column("n", "integer?", "readings, or windows, that it is of"),
+)
+_SAID = (
+    column("sentences", "texts", "the result in words"),
+    column("provenance", "texts", "what made it, as the head of a CSV"),
+)
+_SCHEMA = column("schema", "text", "name and version of this schema")
+
+REFINE: Table[Mapping[str, Any]] = Table(
+    "refine",
+    1,
+    "refine --report: figures of flights that were not fitted",
+    (*_WHAT, *_FIGURES),
+    terminal=("what", "of", "before", "after", "unit", "n"),
+    document=(
+        _SCHEMA,
+        column("verdict", "text", "accepted, refused or cannot be judged"),
+        column("refused", "text?", "why nothing was written"),
+        column("still_missing", "text?", "what the fitted flights show beyond"),
+        part("effects", "terms with their coefficients", many=True),
+        part("standard_errors", "of the coefficients"),
+        part("criteria", "what was asked, what was found", many=True),
+        column("log_likelihood_gain", "number?", "on unseen flights"),
+        part("flights", "log likelihood of each unseen flight", many=True),
+        part("chi2_per_reading", "on unseen flights", empty=True),
+        part("detect", "false alarms before and after", empty=True),
+        part("rows", "the rows of the CSV", (*_WHAT, *_FIGURES), many=True),
+        *_SAID,
+    ),
+)
+
+CONTROL: Table[Mapping[str, Any]] = Table(
+    "refine/control",
+    1,
+    "refine --report, where a control is put into the engine file",
+    (*_WHAT, column("where", "text", "regime of the control, or everything"), *_FIGURES),
+    document=(
+        _SCHEMA,
+        column("accepted", "boolean", "whether the file was written"),
+        column("failed", "text?", "why not"),
+        column("control", "text", "the control in words"),
+        part("standard_errors", "of set point and stops"),
+        part("rows", "the rows of the CSV", many=True),
+        column("errors_smaller_by", "number?", "factor on unseen flights, mean over the sensors"),
+        column("runs_gained", "number?", "share of runs of records that gain"),
+        *_SAID,
+    ),
+)
+
 ABOUT = {Records.ALL: "", Records.ON: ", where it is on", Records.CONTRAST: ", on against off"}
 """Behind "Unseen flights"."""
 NOTHING_TO_TELL = {
@@ -197,7 +258,7 @@ def document(r: Refinement, provenance: tuple[str, ...]) -> dict[str, Any]:
 
 
 def _row(what: str, of: str, unit: str, before: float, after: float, n: int | None) -> dict[str, Any]:
-    return {"what": what, "of": of, "unit": unit, "before": before, "after": after, "n": n}
+    return REFINE.row({"what": what, "of": of, "unit": unit, "before": before, "after": after, "n": n})
 
 
 def _alarms(a: Alarms) -> dict[str, Any]:
@@ -250,3 +311,63 @@ def _size(q: SensorQuality) -> str:
 def _equal(p: float) -> str:
     text = p_value(p)
     return text if text.startswith("<") else f"= {text}"
+
+
+FEWEST = 30
+"""Records of a regime below which its figures are not told in a sentence; rows have them."""
+
+
+def control_refinement_rows(r: ControlRefinement) -> Iterator[dict[str, Any]]:
+    """RMS by sensor, over all unseen records and by what the control does."""
+    after = {(q.sensor, q.regime): q for q in r.after}
+    for one in r.before:
+        other = after.get((one.sensor, one.regime))
+        if other is not None:
+            yield dict(
+                zip(CONTROL.names, ("rms", one.sensor, one.regime, one.unit, one.rms, other.rms, one.n), strict=True)
+            )
+
+
+def control_refinement_sentences(r: ControlRefinement) -> Iterator[str]:
+    """What unseen flights say."""
+    if r.unconverged:
+        yield "The model without the control could not be fitted; its errors are those where the fit ended."
+    told = [row for row in control_refinement_rows(r) if row["n"] >= FEWEST]
+    names = [f"{row['of']}{'' if row['where'] == EVERYTHING else ', ' + row['where']}" for row in told]
+    width = max(map(len, names), default=0)
+    if told:
+        yield f"{'RMS on unseen flights':{width}}  {'before':>10}  {'after':>10}  {'records':>8}"
+    for name, row in zip(names, told, strict=True):
+        one, other = (with_unit(row[k], row["unit"]) for k in ("before", "after"))
+        yield f"{name:{width}}  {one:>10}  {other:>10}  {row['n']:>8,}"
+    yield from fall_in_words(r)
+
+
+def fall_in_words(r: ControlRefinement) -> Iterator[str]:
+    """By how much errors on unseen flights fall, where that was judged."""
+    if math.isfinite(r.fall):
+        yield (
+            f"Errors on unseen flights are {rounded(math.exp(r.fall))} times smaller (mean over the sensors), in "
+            f"{rounded(100.0 * r.runs, digits=2)} % of {BLOCKS} runs of records."
+        )
+
+
+def control_refinement_refusal(r: ControlRefinement) -> str:
+    """Why nothing is written."""
+    return r.failed or f"unseen flights are not predicted better with {control_headline(r.law)}"
+
+
+def control_refinement_document(r: ControlRefinement, head: tuple[str, ...]) -> dict[str, Any]:
+    """Everything as one object."""
+    return {
+        "schema": CONTROL.id,
+        "accepted": r.accepted,
+        "failed": r.failed,
+        "control": control_headline(r.law),
+        "standard_errors": dict(r.standard_errors),
+        "rows": list(control_refinement_rows(r)),
+        "errors_smaller_by": math.exp(r.fall) if math.isfinite(r.fall) else None,
+        "runs_gained": r.runs if math.isfinite(r.runs) else None,
+        "sentences": list(control_refinement_sentences(r)),
+        "provenance": list(head),
+    }

@@ -1,28 +1,26 @@
-"""What a model lacks, in plain sentences: effects, faults in time, unlisted physics, hidden switches, and doubts.
+"""What a model lacks, in sentences: effects, faults in time, unlisted physics, hidden switches, controls, and doubts.
 
-What was not looked for because a recorder left out the records that would show it.
-
-What an explanation leaves of a mismatch, in words.
-
-Why something that was fitted is no explanation, in words.
+Also what an explanation leaves of a mismatch, why something that was fitted is no explanation, and what was not looked
+for because a recorder left out the records that would show it.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.intervals import NORMAL_95
-from enginediag_cli.mismatch.explain.answer import FORMULA, HIDDEN_STATE, IDENTIFIED, NO_DISCREPANCY, NOT_CONVERGED
+from enginediag_cli.mismatch.controlled.fitted import BLOCKS
+from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, LAW, NAMED, NOTHING
 from enginediag_cli.mismatch.explain.curves import best_places
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.fit.options import FORMULA_OPTION as LAW_OPTION
 from enginediag_cli.physics.registry import each
-from enginediag_cli.report.controls import control_sentences
-from enginediag_cli.report.isolation_rows import explanation_flips
-from enginediag_cli.report.laws import (
+from enginediag_cli.report.sentences import change, count, listed, probability, rounded, spelled, with_unit
+from enginediag_cli.report.tables.answers import explanation_flips
+from enginediag_cli.report.tables.formulas import (
     advice_sentences,
     equations,
     hidden_sentences,
@@ -32,11 +30,13 @@ from enginediag_cli.report.laws import (
     nearest_law,
     of_many,
 )
-from enginediag_cli.report.sentences import change, count, listed, probability, rounded, spelled, with_unit
+from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.term import Coefficient as Declared
     from enginediag_cli.engine.term import Effect
+    from enginediag_cli.mismatch.controlled.find import Found, Tried
+    from enginediag_cli.mismatch.controlled.law import ControlLaw
     from enginediag_cli.mismatch.explain.answer import Answer, Coefficient, Explanation
     from enginediag_cli.mismatch.explain.curves import Curve
     from enginediag_cli.mismatch.explain.gated import UnsteadyRecords
@@ -44,7 +44,121 @@ if TYPE_CHECKING:
     from enginediag_cli.mismatch.fit.options import Option
 
 
-def gated_sentences(g: UnsteadyRecords | None) -> Iterator[str]:
+KEYS = ("set_point", "low", "high")
+
+
+def control_headline(law: ControlLaw) -> str:
+    """ "compressor guide vanes hold T5 at 823.1 K until they are open, or closed to 33 deg"."""
+    quantity, unit = split_column(law.hold)
+    a = law.actuator
+    stops = [f"{rounded(v)} {a.unit}" for v in (law.low, law.high)]
+    return f"{a.words}: {quantity} is held at {with_unit(law.set_point, unit, digits=5)} between {listed(stops)}"
+
+
+def control_sentences(f: Found) -> Iterator[str]:
+    """What is held by what, when, how surely, and what else was tried."""
+    law, unit = f.best.law, split_column(f.best.law.hold)[1]
+    still = f.still
+    yield f"Missing: a control. {_start(control_headline(law))}."
+    yield (
+        f"  {law.hold} stands within {with_unit(still.scatter, unit)} there, where the model without it says "
+        f"{with_unit(still.predicted, unit)}; it holds in {_share(f.held)} of the records"
+        + "".join(f", is at its {q} stop in {_share(v)}" for q, v in f.at_limit.items() if v > 0.0)
+        + (f", and does not act in {_share(f.released)}" if f.released > 0.0 else "")
+        + "."
+    )
+    if law.enabled is not None:
+        e = law.enabled
+        side = "at most" if e.side == "at_most" else "at least"
+        yield (
+            f"  It acts while {e.column} is {side} {rounded(e.value, digits=5)}, which tells all but {_share(e.wrong)} "
+            f"of the records; else the {law.actuator.words} stand at {rounded(law.actuator.neutral)} "
+            f"{law.actuator.unit}."
+        )
+    for key, error in f.standard_errors.items():
+        of = unit if key == "set_point" else law.actuator.unit
+        told = key.replace("_", " ") if key == "set_point" else f"{key} stop"
+        yield f"  {told}: {with_unit(getattr(law, key), of, error)}"
+    if law.assumed:
+        yield f"  Positions rest on {law.assumed}, which is assumed: readings only know what they give together."
+    yield (
+        f"  Identified with it, errors on records that the fit had not seen are {rounded(_times(f.best))} times "
+        f"smaller (mean over the sensors), in {_share(f.best.blocks)} of {BLOCKS} runs of records."
+    )
+    if f.rivals:
+        yield f"These flights cannot tell it from {listed([control_headline(t.law) for t in f.rivals], 'or')}."
+    for t in f.worse:
+        yield f"Tried and worse: {control_headline(t.law)} ({rounded(_times(t))} times smaller)."
+
+
+def control_rows(f: Found) -> Iterator[dict[str, Any]]:
+    """One row per number of every law that was not surely worse."""
+    for rank, t in enumerate((f.best, *f.rivals), start=1):
+        law = t.law
+        errors = law.errors(t.fit.standard_errors)
+        for key in KEYS:
+            error = errors.get(key)
+            value = getattr(law, key)
+            yield {
+                "rank": rank,
+                "kind": "control",
+                "name": law.label,
+                "component": law.component,
+                "driver": law.enabled.column if law.enabled else None,
+                "coefficient": f"{law.name}.{key}",
+                "value": value,
+                "standard_error": error,
+                "low": None if error is None else value - NORMAL_95 * error,
+                "high": None if error is None else value + NORMAL_95 * error,
+                "unit": split_column(law.hold)[1] if key == "set_point" else law.actuator.unit,
+                "gain": t.gain,
+                "statement": control_headline(law),
+            }
+
+
+def control_document(f: Found) -> dict[str, Any]:
+    """Everything as one object."""
+    law = f.best.law
+    return {
+        "name": law.label,
+        "in_words": control_headline(law),
+        "actuator": law.actuator.name,
+        "hold": law.hold,
+        **{k: getattr(law, k) for k in KEYS},
+        "standard_errors": dict(f.standard_errors),
+        "acts_while": None if law.enabled is None else vars(law.enabled),
+        "holds_share": f.held,
+        "at_stop_share": dict(f.at_limit),
+        "released_share": f.released,
+        "errors_smaller_by": _times(f.best),
+        "runs_gained": f.best.blocks,
+        "rivals": [_rival(t) for t in f.rivals],
+        "worse": [_rival(t) for t in f.worse],
+    }
+
+
+def _rival(t: Tried) -> dict[str, Any]:
+    return {
+        "name": t.law.label,
+        "in_words": control_headline(t.law),
+        "errors_smaller_by": _times(t),
+        "runs_gained": t.blocks,
+    }
+
+
+def _times(t: Tried) -> float:
+    return math.exp(t.gain)
+
+
+def _share(x: float) -> str:
+    return f"{rounded(100.0 * x, digits=2)} %"
+
+
+def _start(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def gated_sentences(g: Gated | None) -> Iterator[str]:
     """None where nothing was left out."""
     if g is not None:
         yield (

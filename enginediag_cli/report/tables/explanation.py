@@ -1,19 +1,24 @@
-"""The answer of `explain` as rows (one per coefficient), as one JSON object, and as CSV files of curves."""
+"""`explain`: its tables, rows of coefficients, of curves and of amplitudes, and its document."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from enginediag_cli.mismatch.explain.answer import HIDDEN_STATE, IDENTIFIED, UNEXPLAINED
-from enginediag_cli.report.controls import control_document, control_rows
-from enginediag_cli.report.explanations import headline, sentences, why_rejected
-from enginediag_cli.report.isolation_rows import flip_cells, flip_words
-from enginediag_cli.report.laws import advice_document, follows_document, law_document
-from enginediag_cli.report.outputs.discrepancy import EXPLAIN
+from enginediag_cli.mismatch.explain.answer import HIDDEN, NAMED, NONE
+from enginediag_cli.report.tables import Table, column, part
+from enginediag_cli.report.tables.answers import FLIPS, flip_cells, flip_words
+from enginediag_cli.report.tables.explanation_text import (
+    control_document,
+    control_rows,
+    headline,
+    sentences,
+    why_rejected,
+)
+from enginediag_cli.report.tables.formulas import advice_document, follows_document, law_document
 
 if TYPE_CHECKING:
     from enginediag_cli.mismatch.explain.answer import Explanation
@@ -22,7 +27,139 @@ if TYPE_CHECKING:
     from enginediag_cli.mismatch.fit.freeform import Cell
     from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
 
-COLUMNS = EXPLAIN.names
+
+_PLACE = (
+    column("location", "text", "where it acts"),
+    column("component", "text", "component of the place"),
+    column("driver", "text", "what it varies with"),
+)
+
+EXPLAIN: Table[Mapping[str, Any]] = Table(
+    "explain",
+    1,
+    "one row per coefficient of every explanation; of unlisted physics one per place that was fitted",
+    (
+        column("status", "text", "what the answer is"),
+        column("rank", "integer?", "rank of the explanation, from 1"),
+        column("kind", "text?", "effect, fault, law, switch, control, free form …"),
+        column("name", "text?", "name of the explanation, effect@place"),
+        column("component", "text?", "component where it acts"),
+        column("driver", "text?", "what it varies with"),
+        column("probability", "number?", "probability of the explanation"),
+        column("coefficient", "text?", "the coefficient of this row"),
+        column("value", "number?", "its value", "of the coefficient"),
+        column("standard_error", "number?", "its standard error", "of the coefficient"),
+        column("low", "number?", "lower end of its 95 % interval", "of the coefficient"),
+        column("high", "number?", "upper end of its 95 % interval", "of the coefficient"),
+        column("unit", "text?", "unit of the coefficient"),
+        column("gain", "number?", "fall of χ², twice the log likelihood"),
+        column("flights_gained", "number?", "share of flights that gain"),
+        column("statement", "text?", "the same in words"),
+    ),
+    terminal=(
+        "rank",
+        "name",
+        "probability",
+        "coefficient",
+        "value",
+        "low",
+        "high",
+        "unit",
+        "status",
+        "driver",
+        "kind",
+        "gain",
+        "statement",
+    ),
+    document=(
+        column("schema", "text", "name and version of this schema"),
+        column("status", "text", "what the answer is"),
+        column("reason", "text?", "why there is none"),
+        column("kind", "text?", "kind of the leading explanation"),
+        column("sentences", "texts", "the answer in words"),
+        *FLIPS,
+        part("control", "a control that the model lacks", empty=True),
+        part(
+            "explanations",
+            "those that cannot be told apart, likeliest first",
+            (
+                column("name", "text", "effect@place, joined by +"),
+                column("in_words", "text", "the same in words"),
+                column("kinds", "texts", "of each member"),
+                column("components", "texts", "of each member"),
+                column("drivers", "texts", "of each member"),
+                column("probability", "number?", "probability of the explanation"),
+                column("gain", "number?", "fall of χ², twice the log likelihood"),
+                column("chi2", "number?", "χ² with it"),
+                column("flights_gained", "number?", "share of flights that gain"),
+                part("coefficients", "with intervals", many=True),
+                part("rates", "coefficients that are times, as rates", many=True),
+            ),
+            many=True,
+        ),
+        part("rest", "places at which something is left", _PLACE, many=True),
+        part("rejected", "explanations that were rejected, and why"),
+        part("places", "leading places of the map", _PLACE, many=True),
+        part("curves", "free-form curves", _PLACE, many=True),
+        part("law", "a law that no library holds", empty=True),
+        part("hidden", "what acts without a recorded driver", many=True),
+        part(
+            "follows",
+            "what the first of these follows after all, as a switch with hysteresis, best first",
+            (
+                column("variable", "text", "name of the variable"),
+                column("way", "text", "above, below, falling or rising: when it is on"),
+                column("lower", "number", "lower threshold", "of the variable, or its design value"),
+                column("upper", "number", "upper threshold", "of the variable, or its design value"),
+                column("turns", "integer", "changes of state that they give back"),
+                column("changes", "integer", "of so many"),
+                column("wrong", "integer", "records that they have wrong"),
+                column("records", "integer", "of so many"),
+                column("gain", "number", "by how much shorter this is to write down", "nat"),
+            ),
+            many=True,
+        ),
+        column("map_accuracy", "number", "stated accuracy of the maps"),
+        part("advice", "what to record next", empty=True),
+        column("chi2", "number?", "χ² without any explanation"),
+        column("readings", "integer?", "readings that it is of"),
+        column("provenance", "texts", "what made it, as the head of a CSV"),
+    ),
+)
+
+CURVES: Table[Mapping[str, Any]] = Table(
+    "explain/curves",
+    1,
+    "explain --curves: points of the fitted free-form curves",
+    (
+        column("location", "text", "where it acts"),
+        column("driver", "text", "what it varies with"),
+        column("driver_unit", "text", "unit of the driver"),
+        column("driver_value", "number", "value of the driver", "driver_unit"),
+        column("change", "number", "change there", "unit"),
+        column("standard_error", "number", "its standard error", "unit"),
+        column("unit", "text", "unit of the change"),
+    ),
+)
+
+AMPLITUDES: Table[Mapping[str, Any]] = Table(
+    "explain/amplitudes",
+    1,
+    "explain --amplitudes: an effect without a recorded driver, record by record",
+    (
+        column("engine", "text", "engine of the record"),
+        column("flight", "text", "flight of the record"),
+        column("record", "integer", "number of the record in its flight, from 1"),
+        column("time_s", "number?", "time of the record", "s"),
+        column("location", "text", "where it acts"),
+        column("amplitude", "number", "its amplitude", "unit"),
+        column("standard_error", "number", "its standard error", "unit"),
+        column("unit", "text", "unit of the amplitude"),
+        column("probability_on", "number?", "probability that the switch is on"),
+        column("changed_from_s", "number?", "earliest time at which it changed to this", "s"),
+        column("changed_to_s", "number?", "latest time at which it changed to this", "s"),
+    ),
+)
 CELLS = 10
 """Places in the file; the first few are of interest."""
 
@@ -30,7 +167,7 @@ CELLS = 10
 def rows(story: ExplanationResult) -> Iterator[dict[str, Any]]:
     """One row per coefficient of every explanation; of unlisted physics one per fitted place; else one row."""
     a = story.answer
-    empty = dict.fromkeys(COLUMNS) | {"status": a.status}
+    empty = dict.fromkeys(EXPLAIN.names) | {"status": a.status}
     if story.control is not None:
         yield from ({**empty, "status": IDENTIFIED, **row} for row in control_rows(story.control))
     if a.explanations:

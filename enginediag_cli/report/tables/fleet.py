@@ -7,9 +7,9 @@ from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.report.messages import Messages
-from enginediag_cli.report.recordings import elsewhere_lines, not_judged_lines
 from enginediag_cli.report.sentences import count, instrument_in_flights
-from enginediag_cli.report.trend_rows import taken_off_words
+from enginediag_cli.report.tables.margin import taken_off_words
+from enginediag_cli.report.tables.recordings import elsewhere_lines, not_judged_lines
 
 if TYPE_CHECKING:
     from enginediag_cli.fleets.findings import EngineFinding, Estimate
@@ -17,8 +17,27 @@ if TYPE_CHECKING:
     from enginediag_cli.fleets.run import FleetRun
     from enginediag_cli.residuals.instruments import FaultInFlights
 
+
 SCHEMA = "enginediag/fleet/1"
 """Of the document, whose keys stay while this does."""
+
+TERMINAL = (
+    "rank",
+    "engine",
+    "verdict",
+    "severity",
+    "unit",
+    "since",
+    "changed",
+    "instruments",
+    "margin_K",
+    "remaining_flights",
+    "discovery",
+    "flights",
+    "reason",
+    "build",
+)
+"""Columns of engines that a narrow terminal shows, most important first."""
 
 SHOWN = 10
 """Recordings that are told one by one; the document has all."""

@@ -1,13 +1,15 @@
-"""What is known of recordings and of files they are judged by: what was excluded and why, and what `check` says.
+"""What is known of recordings and of files they are judged by: what was excluded and why, what `check` says, the log.
 
 The acceptance report of a recording is told as rows, one for each thing that is known of it, and as a page of lines; of
-an engine file `check` shows its design table, and a heating value that does not fit the fuel.
+an engine file `check` shows its design table, and a heating value that does not fit the fuel. The columns of what
+`simulate` records are here, too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,8 +18,8 @@ from enginediag_cli.engine.overview import design_table, heating_value_doubts
 from enginediag_cli.intake.excluded import GrossCounts, LeftOut
 from enginediag_cli.intake.selection import Baseline
 from enginediag_cli.report.messages import Messages
-from enginediag_cli.report.outputs.files import CHECK
 from enginediag_cli.report.sentences import count, rounded, with_unit
+from enginediag_cli.report.tables import Table, as_column, column, part
 from enginediag_cli.residuals.windows import Elsewhere
 from enginediag_cli.units import split_column
 
@@ -27,6 +29,86 @@ if TYPE_CHECKING:
     from enginediag_cli.intake.agreement import Disagreement
     from enginediag_cli.intake.loader import Thinning
     from enginediag_cli.intake.selection import Wanted
+
+
+CHECK: Table[Mapping[str, Any]] = Table(
+    "check",
+    1,
+    "one row per file, then one for each thing that is known of it",
+    (
+        column("file", "text", "the file"),
+        column("engine", "text?", "engine of a recording that holds several"),
+        column("ok", "boolean", "false where it keeps the file from being used"),
+        column("level", "text?", "note, warning or problem"),
+        column("about", "text?", "sensors, inputs, units, frozen, time, repeated, read, masked, envelope …"),
+        column("line", "integer?", "line of the file, from 1"),
+        column("last_line", "integer?", "last line, where it is several"),
+        column("column", "integer?", "character of the line, from 1"),
+        column("name", "text?", "column of the recording"),
+        column("count", "integer?", "records, readings or columns"),
+        column("found", "text?", "what is so"),
+        column("problem", "text?", "what is wrong"),
+        column("hint", "text?", "how to mend it"),
+    ),
+    ("file", "level", "line", "problem", "found", "hint"),
+)
+
+
+_ABOUT = "a message that is about it"
+_BEGIN, _END = "event: begin", "event: end"
+
+LOG: Table[Mapping[str, Any]] = Table(
+    "log",
+    1,
+    "--log: one JSON object a line; the first of a run has event begin, the last event end",
+    (
+        column("time", "text", "UTC, ISO 8601 to the millisecond"),
+        column("version", "text", "version of the program"),
+        column("command", "text", "the command"),
+        column("run", "text", "whose line it is, where runs share a log"),
+        column("level", "text", "note, warning or error"),
+        column("message", "text", "what was said"),
+        column("event", "text", "begin or end", only_with="the first and the last line"),
+        column("arguments", "texts", "the command line", only_with=_BEGIN),
+        column("folder", "text", "where it was given", only_with=_BEGIN),
+        column("process", "integer", "its process", only_with=_BEGIN),
+        column("exit_code", "integer", "how the run ended", only_with=_END),
+        column("seconds", "number", "how long it took", "s", only_with=_END),
+        as_column(part("outputs", "every file written: file, sha256, bytes", many=True), itemgetter("outputs"), _END),
+        column("file", "text", "file that a message is about", only_with=_ABOUT),
+        column("flight", "text", "flight that a message is about", only_with=_ABOUT),
+        column("engine", "text", "engine that a message is about", only_with=_ABOUT),
+        column("lines", "numbers", "its first and last line in the file", only_with=_ABOUT),
+        column("flights", "integer", "flights that a message is about", only_with=_ABOUT),
+        as_column(part("counts", "what was counted"), itemgetter("counts"), _ABOUT),
+        column("line", "integer?", "line of the file", only_with=_ABOUT),
+        column("column", "integer?", "character of the line", only_with=_ABOUT),
+        column("hint", "text", "how to mend it", only_with=_ABOUT),
+        column("verdict", "text", "fault or no verdict, of a window of detect", only_with="detect"),
+        column("p_value", "number?", "of that window", only_with="detect"),
+        column("lock", "text", "file whose lock the run holds", only_with="--lock"),
+        column("traceback", "text", "of an internal error", only_with="exit code 70"),
+    ),
+)
+
+
+_FLIGHTS = "flights, or --conditions that have the column"
+SIMULATE: Table[Mapping[str, Any]] = Table(
+    "simulate",
+    1,
+    "one row per record: what the engine's sensors record",
+    (
+        column("flight", "integer", "number of the flight, from 1", only_with=_FLIGHTS),
+        column("time_s", "number", "time since the flight began", "s", only_with=_FLIGHTS),
+        column("phase", "text", "phase of the flight", only_with=_FLIGHTS),
+        column("status", "text", "ok, or what is doubtful about the record"),
+    ),
+    families=(
+        column("<quantity>_<unit>", "number?", "input or reading of the engine", "as its name says"),
+        column("mach", "number", "flight Mach number"),
+    ),
+    terminal=("time_s", "flight", "altitude_m", "mach", "status"),
+)
 
 
 SOME_LINES = 5
@@ -92,9 +174,9 @@ def left_out_lines(left: LeftOut) -> Iterator[str]:
     """One line per column that lost readings, and one per reason for which whole records went."""
     place = _place(left)
     yield from (f"{place}: {line}" for line in left.reading.report_lines())
-    for column, reasons in left.columns.items():
+    for name, reasons in left.columns.items():
         why = ", ".join(f"{reason} {n}" for reason, n in reasons.items())
-        yield f"{place}: {column}: {sum(reasons.values())} of {left.readings[column]} readings masked ({why})"
+        yield f"{place}: {name}: {sum(reasons.values())} of {left.readings[name]} readings masked ({why})"
     if left.frozen:
         yield f"{place}: {count(left.frozen, 'record')} in which nothing moves, not judged: the recorder was frozen"
     if left.repeated:
@@ -105,28 +187,28 @@ def left_out_lines(left: LeftOut) -> Iterator[str]:
 
 
 def gross_lines(gross: GrossCounts) -> Iterator[str]:
-    """What was rejected as gross errors, a line per column; from a few per cent on it is a finding about the sensor."""
-    for column, n in sorted(gross.readings.items(), key=lambda item: (-item[1], item[0])):
+    """What was rejected as gross errors, a line per name; from a few per cent on it is a finding about the sensor."""
+    for name, n in sorted(gross.readings.items(), key=lambda item: (-item[1], item[0])):
         share = f"{n} of {gross.judged:,} readings" + (
-            f" ({100 * gross.share(column):.2g} %)" if gross.noteworthy(column) else ""
+            f" ({100 * gross.share(name):.2g} %)" if gross.noteworthy(name) else ""
         )
-        if column in gross.dead:
+        if name in gross.dead:
             what = "far from anything that the engine can give, not used: the sensor is dead, or its column is another"
         else:
             what = f"{'gross errors (spikes)' if n > 1 else 'a gross error (spike)'}, not used"
-            what += ": check the sensor and its wiring" if gross.noteworthy(column) else ""
-        yield f"{column}: {share} {'are' if n > 1 else 'is'} {what}{_named_lines(gross.lines.get(column, ()), n)}"
-    for column, n in gross.wrong_inputs.items():
-        why = f"{column} is wrong there" if column else "most of their readings are wrong there"
-        why = "most of its readings are wrong there" if n == 1 and not column else why
-        lines = _named_lines(gross.lines.get(column, ()), n)
+            what += ": check the sensor and its wiring" if gross.noteworthy(name) else ""
+        yield f"{name}: {share} {'are' if n > 1 else 'is'} {what}{_named_lines(gross.lines.get(name, ()), n)}"
+    for name, n in gross.wrong_inputs.items():
+        why = f"{name} is wrong there" if name else "most of their readings are wrong there"
+        why = "most of its readings are wrong there" if n == 1 and not name else why
+        lines = _named_lines(gross.lines.get(name, ()), n)
         yield f"{count(n, 'record')} of {gross.judged:,} not judged: {why}{lines}"
-    for column in gross.spoilt:
-        yield f"{column}: more than half of the readings are gross errors; all are used, judge without this sensor"
-    for column, runs in gross.excursions.items():
+    for name in gross.spoilt:
+        yield f"{name}: more than half of the readings are gross errors; all are used, judge without this sensor"
+    for name, runs in gross.excursions.items():
         for first, last, n in runs:
             yield (
-                f"{column}: short excursion in lines {first} to {last} ({n} records), taken for a disturbance of the "
+                f"{name}: short excursion in lines {first} to {last} ({n} records), taken for a disturbance of the "
                 "sensor and not used"
             )
 
@@ -189,9 +271,6 @@ def tell_baseline(messages: Messages, baseline: Baseline, engine_instance: str =
 
 NOTE, WARNING, PROBLEM = "note", "warning", "problem"
 """What is so; what the user should look at; what keeps the recording from being judged."""
-
-ACCEPTANCE_COLUMNS = CHECK.names
-ACCEPTANCE_SUMMARY = ("file", "level", "line", "problem", "found", "hint")
 
 
 @dataclass(frozen=True)
@@ -289,10 +368,10 @@ def _columns(report: Accepted) -> Iterator[Remark]:
             yield Remark(PROBLEM, "inputs", what, near, absent.column)
         elif absent.column in wanted.optional:
             yield Remark(WARNING, "inputs", f"no column {absent.column}: taken as not recorded", near, absent.column)
-    for column in acceptance.empty if acceptance.records else ():
-        needed = column in wanted.inputs
-        level, about = (PROBLEM if needed else WARNING), ("inputs" if column in wanted.given else "sensors")
-        yield Remark(level, about, f"{column} has no reading", name=column, count=0)
+    for name in acceptance.empty if acceptance.records else ():
+        needed = name in wanted.inputs
+        level, about = (PROBLEM if needed else WARNING), ("inputs" if name in wanted.given else "sensors")
+        yield Remark(level, about, f"{name} has no reading", name=name, count=0)
 
 
 def _sensors(report: Accepted, wanted: Wanted) -> Iterator[Remark]:
@@ -376,10 +455,10 @@ def _masks(report: Accepted) -> Iterator[Remark]:
     left = report.left
     for line in left.reading.report_lines():
         yield Remark(NOTE, "read", line)
-    for column, reasons in left.columns.items():
+    for name, reasons in left.columns.items():
         lost, why = sum(reasons.values()), ", ".join(f"{reason} {n}" for reason, n in reasons.items())
-        told = f"{column}: {lost} of {left.readings[column]} readings masked ({why})"
-        yield Remark(NOTE, "masked", told, name=column, count=lost)
+        told = f"{name}: {lost} of {left.readings[name]} readings masked ({why})"
+        yield Remark(NOTE, "masked", told, name=name, count=lost)
     if report.refused:
         yield Remark(PROBLEM, "gate", report.refused, count=0)
     elif left.gate is not None:

@@ -1,17 +1,14 @@
-"""The answer of `locate` in words and as rows.
-
-One free amplitude per record at each place in turn, in words and as rows.
-"""
+"""`locate`: its tables, its words and its picture: where model and recordings differ, and along which driver."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from enginediag_cli.drivers import CONSTANT, TIME
 from enginediag_cli.intervals import NORMAL_95
-from enginediag_cli.report.outputs.discrepancy import LOCATE
 from enginediag_cli.report.sentences import listed, p_value, rounded, with_unit
+from enginediag_cli.report.tables import Columns, Table, column
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
@@ -26,7 +23,76 @@ if TYPE_CHECKING:
     from enginediag_cli.report.plotting.discrepancy import Scatter
 
 
-COLUMNS = LOCATE.names
+LOCATE: Table[Mapping[str, Any]] = Table(
+    "locate",
+    1,
+    "one row per place within reach of the best; a single one where there is no place to tell",
+    (
+        column("verdict", "text", "what kind of mismatch it is, or that there is none"),
+        column("rank", "integer?", "rank of the place, from 1"),
+        column("driver", "text?", "what it varies with; what these flights cannot tell apart as a = b"),
+        column("along", "text?", "the driver of the group that was scored"),
+        column("location", "text?", "where it acts"),
+        column("component", "text?", "component of the place"),
+        column("within", "boolean?", "whether the place is within reach of the best"),
+        column("statistic", "number?", "fall of χ² by a free-form correction there"),
+        column("dof", "number?", "degrees of freedom of the correction"),
+        column("p_value", "number?", "adjusted for all places looked at"),
+        column("share", "number?", "share of the excess χ² that it takes away"),
+        column("stability", "number?", "share of resamples of whole flights in which it comes first"),
+        column("driver_stability", "number?", "share of resamples in which its driver comes first"),
+        column("refit", "number?", "fall of χ² after a refit inside the model"),
+    ),
+    terminal=(
+        "rank",
+        "location",
+        "driver",
+        "statistic",
+        "p_value",
+        "share",
+        "stability",
+        "verdict",
+        "component",
+        "refit",
+    ),
+)
+
+
+class PlaceFit(NamedTuple):
+    """A free amplitude in every record at one place, with the χ² per record of the best place."""
+
+    rank: int
+    fit: PerRecord
+    best: float
+
+
+of_fit: Columns[PlaceFit] = Columns()
+
+PER_RECORD: Table[PlaceFit] = Table(
+    "locate/per-record",
+    1,
+    "locate --per-record: one row per place with a free amplitude in every record, best first",
+    (
+        of_fit("rank", "integer", "rank of the place, from 1"),
+        of_fit(
+            "location", "text", "where the amplitude acts; nothing for the model as it is", lambda row: row.fit.name
+        ),
+        of_fit(
+            "component",
+            "text?",
+            "component of the place",
+            lambda row: row.fit.location.component if row.fit.location else None,
+        ),
+        of_fit("chi2_per_record", "number", "χ² per record that is left", lambda row: row.fit.per_record),
+        of_fit(
+            "times_best", "number", "that over the χ² per record of the best", lambda row: row.fit.per_record / row.best
+        ),
+        of_fit("at_bound", "integer", "identified parameters that end at a bound", lambda row: len(row.fit.at_bound)),
+        of_fit("failed", "integer", "records that could not be computed", lambda row: row.fit.failed),
+        of_fit("converged", "boolean", "whether the fit converged", lambda row: row.fit.converged),
+    ),
+    terminal=("rank", "location", "chi2_per_record", "times_best", "at_bound", "failed", "converged", "component"),
+)
 
 TESTS = {
     "omnibus": "χ² of the fit {value}, {about}",
@@ -45,30 +111,12 @@ def located_rows(located: Located, kind: Kind, everything: bool) -> Iterator[dic
 
     What has no recorded driver comes first, with 2 ln of its likelihood ratio as statistic.
     """
-    verdict = verdict_of(kind)
-    empty: dict[str, Any] = dict.fromkeys(COLUMNS)
-    told, rank = False, 0
+    empty: dict[str, Any] = dict.fromkeys(LOCATE.names) | {"verdict": verdict_of(kind)}
     hidden = kind.hidden
-    if hidden is not None:
-        for place in (hidden.location, *hidden.rivals):
-            first = place == hidden.location
-            rank, told = rank + 1, True
-            yield {
-                **empty,
-                "verdict": verdict,
-                "rank": rank,
-                "driver": "not recorded",
-                "location": place.name,
-                "component": hidden.location.component if first else None,
-                "within": True,
-                "statistic": 2.0 * hidden.lr if first else None,
-            }
+    found = [] if hidden is None else list(_hidden_places(hidden))
     leads = {lead.group: lead.stability for lead in located.leads}
     for p in located.places if everything else () if hidden is not None else located.within:
-        rank, told = rank + 1, True
-        yield {
-            "verdict": verdict,
-            "rank": rank,
+        place = {
             "driver": p.group,
             "along": p.cell.driver.name,
             "location": p.location,
@@ -82,8 +130,22 @@ def located_rows(located: Located, kind: Kind, everything: bool) -> Iterator[dic
             "driver_stability": leads[p.group],
             "refit": p.refit,
         }
-    if not told:
-        yield {**empty, "verdict": verdict}
+        found.append(place)
+    yield from (empty | {"rank": rank} | place for rank, place in enumerate(found, start=1))
+    if not found:
+        yield empty
+
+
+def _hidden_places(hidden: HiddenFinding) -> Iterator[dict[str, Any]]:
+    for place in (hidden.location, *hidden.rivals):
+        first = place == hidden.location
+        yield {
+            "driver": "not recorded",
+            "location": place.name,
+            "component": hidden.location.component if first else None,
+            "within": True,
+            "statistic": 2.0 * hidden.lr if first else None,
+        }
 
 
 def sentences(located: Located, kind: Kind, engine: Engine) -> Iterator[str]:
@@ -281,17 +343,8 @@ SEPARATED = 5.0
 
 def per_record_rows(found: Sequence[PerRecord]) -> Iterator[dict[str, Any]]:
     """One row per place, best first; "nothing" is the model as it is."""
-    for rank, f in enumerate(found, start=1):
-        yield {
-            "rank": rank,
-            "location": f.name,
-            "component": f.location.component if f.location else None,
-            "chi2_per_record": f.per_record,
-            "times_best": f.per_record / found[0].per_record,
-            "at_bound": len(f.at_bound),
-            "failed": f.failed,
-            "converged": f.converged,
-        }
+    for rank, fit in enumerate(found, start=1):
+        yield PER_RECORD.row(PlaceFit(rank, fit, found[0].per_record))
 
 
 def per_record_sentences(

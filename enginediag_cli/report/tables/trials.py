@@ -7,17 +7,19 @@ What `study` writes: rates, counts or reliability as rows, all of it as one obje
 
 from __future__ import annotations
 
-from enginediag_cli.config.fields import Field
-from enginediag_cli.report.outputs.declared import Table, column, part
+from collections.abc import Mapping
+from typing import Any
+
+from enginediag_cli.report.tables import Column, Table, column, part
 
 _RATE = (
-    column("rate", "number", "share, or mean, as the score says", empty=True),
-    column("count", "integer", "how many of them", empty=True),
+    column("rate", "number?", "share, or mean, as the score says"),
+    column("count", "integer?", "how many of them"),
     column("of", "integer", "trials, or answers, that the rate is of"),
-    column("low", "number", "lower end of its 95 % interval", empty=True),
-    column("high", "number", "upper end of its 95 % interval", empty=True),
-    column("target", "text", "what was asked; empty where nothing was", empty=True),
-    column("met", "text", "yes or no; empty without a target", empty=True),
+    column("low", "number?", "lower end of its 95 % interval"),
+    column("high", "number?", "upper end of its 95 % interval"),
+    column("target", "text?", "what was asked; empty where nothing was"),
+    column("met", "text?", "yes or no; empty without a target"),
 )
 
 _RUN = (
@@ -29,7 +31,7 @@ _RUN = (
 )
 _SCHEMA = column("schema", "text", "name and version of this schema")
 
-PROVE = Table(
+PROVE: Table[Mapping[str, Any]] = Table(
     "prove",
     1,
     "one row per score, truth and kind of trials, then one per bin",
@@ -55,17 +57,17 @@ PROVE = Table(
     ),
 )
 
-ISOLATED = Table(
+ISOLATED: Table[Mapping[str, Any]] = Table(
     "prove/isolate",
     1,
     "prove --question isolate: the sheet, reliability of stated probabilities, and outcomes by kind",
     (
         column("table", "text", "sheet, reliability, outcomes or kinds"),
         column("score", "text", "what is counted"),
-        column("kind", "text", "kind of the trials", empty=True),
-        column("bin", "text", "bin of stated probability", empty=True),
-        column("stated", "number", "mean stated probability of the bin", empty=True),
-        column("gap", "number", "rate less mean stated probability", empty=True),
+        column("kind", "text?", "kind of the trials"),
+        column("bin", "text?", "bin of stated probability"),
+        column("stated", "number?", "mean stated probability of the bin"),
+        column("gap", "number?", "rate less mean stated probability"),
         *_RATE,
     ),
     document=(
@@ -89,20 +91,20 @@ _REPETITIONS = column("repetitions", "integer", "diagnoses")
 _COUNT = column("count", "integer", "how often")
 _STUDY_RATE = (
     column("rate", "number", "share"),
-    column("low", "number", "lower end of its 95 % interval", empty=True),
-    column("high", "number", "upper end of its 95 % interval", empty=True),
+    column("low", "number?", "lower end of its 95 % interval"),
+    column("high", "number?", "upper end of its 95 % interval"),
 )
 
 
-def _rate(name: str, help: str) -> tuple[Field, ...]:
+def _rate(name: str, help: str) -> tuple[Column, ...]:
     return (
-        column(name, "number", f"share of diagnoses: {help}", empty=True),
-        column(f"{name}_low", "number", "lower end of its 95 % interval", empty=True),
-        column(f"{name}_high", "number", "upper end of its 95 % interval", empty=True),
+        column(name, "number?", f"share of diagnoses: {help}"),
+        column(f"{name}_low", "number?", "lower end of its 95 % interval"),
+        column(f"{name}_high", "number?", "upper end of its 95 % interval"),
     )
 
 
-STUDY = Table(
+STUDY: Table[Mapping[str, Any]] = Table(
     "study",
     1,
     "one row per case and method: rates with binomial intervals",
@@ -114,8 +116,20 @@ STUDY = Table(
         *_rate("false_alarm", "a change was found, where there is none"),
         *_rate("exact", "exactly what changed was named"),
         *_rate("contained", "what changed is among what was named"),
-        column("mean_size", "number", "parameters named, on the mean", empty=True),
+        column("mean_size", "number?", "parameters named, on the mean"),
         column("seconds_per_diagnosis", "number", "CPU time of one diagnosis", "s"),
+    ),
+    terminal=(
+        "case",
+        "method",
+        "repetitions",
+        "detected",
+        "exact",
+        "contained",
+        "false_alarm",
+        "mean_size",
+        "no_verdict",
+        "seconds_per_diagnosis",
     ),
     document=(
         column("schema", "text", "name and version of this schema"),
@@ -127,9 +141,9 @@ STUDY = Table(
                 _REPETITIONS,
                 column("no_verdict", "integer", "diagnoses without a verdict"),
                 column("detected", "integer", "diagnoses that found a change"),
-                column("exact", "integer", "diagnoses that named exactly what changed", empty=True),
-                column("contained", "integer", "diagnoses among whose names is what changed", empty=True),
-                column("mean_size", "number", "parameters named, on the mean", empty=True),
+                column("exact", "integer?", "diagnoses that named exactly what changed"),
+                column("contained", "integer?", "diagnoses among whose names is what changed"),
+                column("mean_size", "number?", "parameters named, on the mean"),
                 column("unchanged", "integer", "diagnoses of engines in which nothing changed"),
                 column("false_alarms", "integer", "of these, with a finding"),
                 part("false_alarm_rate", "with its interval", _STUDY_RATE, empty=True),
@@ -154,15 +168,15 @@ STUDY = Table(
     ),
 )
 
-COUNTS = Table(
+COUNTS: Table[Mapping[str, Any]] = Table(
     "study/counts",
     1,
     "study --show counts: how often each parameter was named, one column per parameter",
     (*_PLACE, _REPETITIONS),
-    families=(column("<parameter>", "integer", "diagnoses that name the parameter", empty=True),),
+    families=(column("<parameter>", "integer?", "diagnoses that name the parameter"),),
 )
 
-RELIABILITY = Table(
+RELIABILITY: Table[Mapping[str, Any]] = Table(
     "study/reliability",
     1,
     "study --show reliability: one row per bin of stated probability",
@@ -176,7 +190,7 @@ RELIABILITY = Table(
         column("rate", "number", "share of them that is right"),
         column("count", "integer", "as right"),
         column("of", "integer", "as answers"),
-        column("low", "number", "lower end of the 95 % interval of the rate", empty=True),
-        column("high", "number", "upper end of the 95 % interval of the rate", empty=True),
+        column("low", "number?", "lower end of the 95 % interval of the rate"),
+        column("high", "number?", "upper end of the 95 % interval of the rate"),
     ),
 )

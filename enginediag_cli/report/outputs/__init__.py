@@ -1,1 +1,0 @@
-"""What each command writes: columns and documents, declared once for whoever makes them and for their schemas."""

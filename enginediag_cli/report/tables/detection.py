@@ -1,0 +1,356 @@
+"""`residual` and `detect`: their tables, of windows, of records, and of blocks of a flight that is followed.
+
+The columns of every row that is about a window of records say which window it is, and what became of its records.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from enginediag_cli.report.sentences import instrument_fault
+from enginediag_cli.report.tables import Columns, Table, column
+
+if TYPE_CHECKING:
+    from enginediag_cli.detection.follow import BlockReport
+    from enginediag_cli.detection.verdict import Verdict
+    from enginediag_cli.methods.base import Method, Verdicts
+    from enginediag_cli.methods.on_recordings import WindowVerdict
+    from enginediag_cli.report.messages import Messages
+
+of_verdict: Columns[Verdict] = Columns()
+of_block: Columns[BlockReport] = Columns()
+of_part: Columns[Any] = Columns()
+
+SOURCE = of_part("source", "text", "file that holds the window")
+FLIGHT = of_part("flight", "text", "flight, as its recording calls it; empty where it does not say")
+ENGINE = of_part("engine", "text", "engine, as its recording calls it; empty where it does not say")
+STRETCH = (
+    of_part("first_line", "integer", "first line of the window in its file, from 1"),
+    of_part("last_line", "integer", "last line of the window"),
+    of_part("start_s", "number?", "time of the first record", unit="s"),
+    of_part("end_s", "number?", "time of the last record", unit="s"),
+    of_part("records", "integer", "records in the window"),
+    of_part("outside", "integer", "of these, outside the operating points identified and not judged"),
+    of_part("incomplete", "integer", "of these, without an input or any reading"),
+    of_part("failed", "integer", "of these, not computed by the engine's model"),
+)
+SENSORS = (
+    of_part("sensors", "integer", "sensors that gave a reading"),
+    of_part("sensors_of", "integer", "sensors that there are"),
+)
+PLACE = (
+    *(SOURCE, FLIGHT, ENGINE, *STRETCH, *SENSORS),
+    of_part("extrapolated", "integer", "records judged beyond the operating points identified, with limits as wider"),
+)
+REASON = of_part("reason", "text", "why there is no verdict; empty where there is one")
+WINDOW = (*PLACE, REASON)
+"""The columns of `residuals.flat.window_row`."""
+
+INSTRUMENTS = of_part(
+    "instruments",
+    "texts?",
+    "instruments that are stuck or scatter, in words",
+    lambda of: [instrument_fault(fault) for fault in of.instruments],
+)
+GROSS = of_part(
+    "gross_readings",
+    "integer?",
+    "readings rejected as gross errors; empty of statistics, which do not tell",
+    lambda window: window.gross.rejected if window.gross.judged else None,
+)
+VERDICT = of_part("verdict", "text", "healthy, fault or no verdict")
+
+
+def _not_excited(verdict: Verdict) -> list[str] | None:
+    statistics = verdict.window.statistics
+    if verdict.score is None or verdict.detectable is None or statistics is None:
+        return None
+    return [str(combination) for combination in statistics.unexcited()]
+
+
+def _smallest_changes(verdict: Verdict) -> dict[str, float]:
+    if verdict.score is None or verdict.detectable is None or verdict.window.statistics is None:
+        return {}
+    sizes = zip(verdict.score.parameters, verdict.detectable, strict=True)
+    return {f"detectable:{name}": size for name, size in sizes}
+
+
+DETECT: Table[Verdict] = Table(
+    "detect",
+    1,
+    "one row per window: has the engine departed from nominal?",
+    (
+        *of_verdict.part(lambda v: v.window, PLACE),
+        REASON,
+        of_verdict(
+            "judged",
+            "integer",
+            "records that the test rests on",
+            lambda v: v.window.statistics.n if v.window.statistics else 0,
+        ),
+        *of_verdict.part(
+            lambda v: v.test,
+            (
+                of_part("statistic", "number?", "generalised likelihood ratio, χ² with `dof` where nothing changed"),
+                of_part("dof", "integer?", "degrees of freedom of the statistic"),
+                of_part("threshold", "number?", "value of the statistic from which there is an alarm"),
+                of_part("p_value", "number?", "probability of such a statistic where nothing changed"),
+                of_part("alarm", "boolean?", "whether the statistic is beyond its threshold"),
+            ),
+        ),
+        of_verdict(
+            "fit",
+            "number?",
+            "χ² per degree of freedom that no change of parameters explains",
+            lambda v: v.fit.ratio if v.fit else None,
+        ),
+        VERDICT,
+        *of_verdict.part(lambda v: v.window, (INSTRUMENTS, GROSS)),
+        of_verdict(
+            "not_excited",
+            "texts?",
+            "changes that the window could not have shown",
+            _not_excited,
+            only_with="--detectable",
+        ),
+    ),
+    terminal=("flight", "engine", "verdict", "p_value", "fit", "records", "start_s", "end_s", "reason", "source"),
+    families=(
+        of_verdict(
+            "detectable:<parameter>",
+            "number?",
+            "smallest change that the window would have shown",
+            unit="of the parameter",
+            only_with="--detectable",
+        ),
+    ),
+    family_cells=_smallest_changes,
+)
+DETECTABLE = ("not_excited", "detectable:<parameter>")
+"""Columns that are there with --detectable."""
+
+FOLLOW: Table[BlockReport] = Table(
+    "detect/follow",
+    1,
+    "detect --follow: one row per block of a flight, as it comes",
+    (
+        of_block("source", "text", SOURCE.help, lambda b: b.key[0]),
+        of_block("flight", "text", FLIGHT.help, lambda b: b.key[1]),
+        of_block("engine", "text", ENGINE.help, lambda b: b.key[2]),
+        of_block("block", "integer", "number of the block in its flight, from 0"),
+        *STRETCH,
+        of_block("repeated", "integer", "records whose readings are those of the record before, not judged"),
+        of_block("judged", "integer", "records that were judged"),
+        *SENSORS,
+        of_block("log10_e", "number", "evidence that something changed since the flight began, as a power of ten"),
+        of_block("alarm", "boolean", "whether the evidence has reached 1/false-alarm, now or before"),
+        *of_block.part(
+            lambda b: b.change,
+            (
+                of_part("kind", "text?", "what the change looks like in time"),
+                of_part("leading", "text?", "the leading kind where several are possible"),
+                of_part("probability", "number?", "probability of the leading kind"),
+                of_part(
+                    "likely", "text?", "parameter that the change is likeliest one of", lambda change: change.parameter
+                ),
+                of_part("onset_s", "number?", "since when", unit="s"),
+                of_part(
+                    "onset_low_s",
+                    "number?",
+                    "lower end of the 95 % interval of the onset",
+                    lambda change: change.low_s,
+                    "s",
+                ),
+                of_part(
+                    "onset_high_s",
+                    "number?",
+                    "upper end of the 95 % interval of the onset",
+                    lambda change: change.high_s,
+                    "s",
+                ),
+            ),
+        ),
+        of_block("reason", "text", "why the block tells nothing; empty where it does"),
+        INSTRUMENTS,
+        of_block("gross_readings", "integer?", GROSS.help, lambda b: b.gross.rejected),
+    ),
+    terminal=("flight", "block", "log10_e", "alarm", "kind", "likely", "onset_s", "end_s", "records", "source"),
+)
+
+
+class MethodRow(NamedTuple):
+    """What another method says of a window."""
+
+    found: WindowVerdict
+    method: Method
+
+    @property
+    def verdicts(self) -> Verdicts | None:
+        """None of a window without a verdict."""
+        return None if self.found.reason else self.found.verdicts
+
+    @property
+    def isolated(self) -> list[str]:
+        names = self.verdicts.isolated_names(self.found.number) if self.verdicts is not None else None
+        return list(names or ())
+
+    @property
+    def probability(self) -> float | None:
+        stated = self.verdicts.probability if self.verdicts is not None and self.isolated else None
+        return None if stated is None else float(stated[self.found.number])
+
+
+of_method: Columns[MethodRow] = Columns()
+TEST_COLUMNS = ("statistic", "threshold", "p_value")
+
+
+def _tests(of: MethodRow) -> dict[str, Any]:
+    """Cells of each test of the method; empty without a verdict."""
+    tests = {test.name: test for test in of.verdicts.tests} if of.verdicts is not None else {}
+    return {
+        f"{name}:{figure}": getattr(tests[name], figure)[of.found.number] if name in tests else None
+        for name in of.method.tests
+        for figure in TEST_COLUMNS
+    }
+
+
+BY_METHOD: Table[MethodRow] = Table(
+    "detect/method",
+    1,
+    "detect --method: one row per window, judged by another method",
+    (
+        *of_method.part(lambda of: of.found.window.place, PLACE),
+        *of_method.part(lambda of: of.found, (REASON,)),
+        of_method("judged", "integer", "records that the verdict rests on", lambda of: of.found.window.judged),
+        of_method("method", "text", "the method", lambda of: of.method.name),
+        of_method(
+            "alarm",
+            "boolean?",
+            "whether any test is beyond its threshold",
+            lambda of: bool(of.verdicts.alarm[of.found.number]) if of.verdicts is not None else None,
+        ),
+        of_method("isolated", "texts", "what the method names"),
+        of_method(
+            "isolated_kind",
+            "text?",
+            "whether it names parameters or sensors",
+            lambda of: of.verdicts.kind if of.verdicts is not None and of.isolated else None,
+        ),
+        of_method("probability", "number?", "probability that the method states for what it names"),
+        *of_method.part(lambda of: of.found, (VERDICT,)),
+    ),
+    families=(
+        of_method("<test>:statistic", "number?", "value of a test"),
+        of_method("<test>:threshold", "number?", "value from which the test alarms"),
+        of_method("<test>:p_value", "number?", "probability of such a value where nothing changed"),
+    ),
+    family_cells=_tests,
+    families_after="method",
+)
+
+
+_MADE = {
+    "nominal": "fingerprint of the nominal state and its engine",
+    "window": "length of the windows; empty for whole flights",
+    "step": "from one window to the next",
+    "linearise": "where the model was linearised",
+    "monitor": "parameters monitored, as they were asked for",
+    "reference": "records that the window was compared with, 0 for nominal",
+    "last": "records at the end of each flight that alone were judged, 0 for all",
+    "model_error": "accuracy of the maps, where it was set by hand",
+    "recorder": "fingerprint of the recorder file",
+    "engine_instance": "the engine that was chosen of several",
+}
+_SQUARED = "per product of two parameters"
+RECORDED = "a recording that has the column"
+
+RESIDUAL: Table[dict[str, Any]] = Table(
+    "residual",
+    1,
+    "one row per window: local statistics s, F, V, which add; all that detect, isolate and trend need",
+    (
+        *WINDOW,
+        column("silent", "texts?", "monitored errors of sensors that gave no reading"),
+        column("n", "integer?", "records that the statistics rest on"),
+        column("chi2", "number?", "χ² of the residuals"),
+        column("dof", "number?", "its degrees of freedom"),
+        column("noise_A1", "number?", "how uncertain the noise makes the metric: first moment"),
+        column("noise_A2", "number?", "how uncertain the noise makes the metric: second moment"),
+        column("noise_Q", "number?", "how far the noise is from Gaussian"),
+        column("parameters", "text?", "what each parameter is, as a JSON list"),
+        column("conditions", "text?", "mean of each input over the records judged, as a JSON object"),
+        column(
+            "nuisance",
+            "text?",
+            "JSON object: how many unit normals all windows share (common), and the standard deviations of what each "
+            "recording has anew (own); empty: counted in s, F and V already (--reference)",
+        ),
+        *(column(f"made:{name}", "text", help) for name, help in _MADE.items()),
+        column("checksum", "text", "checksum of the other cells of the row"),
+    ),
+    ("flight", "engine", "start_s", "end_s", "records", "n", "chi2", "dof", "outside", "reason", "source"),
+    families=(
+        column("theta0:<parameter>", "number?", "nominal value", "of the parameter"),
+        column("prior_sigma:<parameter>", "number?", "prior size of a change", "of the parameter"),
+        column(
+            "nuisance:<number>",
+            "text?",
+            "s, F and V of what nuisance lists, and F and V between it and the parameters: f8: and base 64 of float64",
+        ),
+        column("s:<parameter>", "number?", "score Σ JᵀR⁻¹e", "per parameter"),
+        column("F:<parameter>|<parameter>", "number?", "information Σ JᵀR⁻¹J, upper triangle", _SQUARED),
+        column("V:<parameter>|<parameter>", "number?", "covariance of s, upper triangle", _SQUARED),
+        column(
+            "slopes:<parameter>|<parameter>",
+            "number?",
+            "covariance that wrong slopes of the maps add to a change",
+            "product of two parameters",
+        ),
+    ),
+)
+
+RECORDS: Table[dict[str, Any]] = Table(
+    "residual/records",
+    1,
+    "residual --what records: one row per record, measured minus predicted",
+    (
+        column("source", "text", "file of the record"),
+        column("line", "integer", "its line there, from 1"),
+        column("flight", "text", "flight, as the recording calls it", only_with=RECORDED),
+        column("engine", "text", "engine, as the recording calls it", only_with=RECORDED),
+        column("time_s", "number?", "time of the record", "s", only_with=RECORDED),
+        column("state", "text", "ok, or why there is no residual or what is doubtful about it"),
+    ),
+    families=(
+        column("<sensor>:residual", "number?", "measured minus predicted", "of the sensor's column"),
+        column("<sensor>:sigmas", "number?", "the residual in standard deviations of the noise"),
+    ),
+)
+
+
+def tell_window(messages: Messages, verdict: Verdict, *, in_words: bool) -> None:
+    """Instruments that are stuck or scatter, where they are told in words; a window that is not healthy, for the log
+    alone: its rows say more."""
+    if in_words and verdict.window.instruments:
+        from enginediag_cli.report.tables.isolation import tell_instruments
+
+        tell_instruments(messages, verdict)
+    if verdict.verdict == "healthy" or messages.log is None:
+        return
+    from enginediag_cli.report.tables.isolation import about, where
+
+    told = f"{where(verdict)}: {verdict.verdict}" + (f", {verdict.reason}" if verdict.reason else "")
+    p_value = verdict.test.p_value if verdict.test else None
+    messages.record("note", told, verdict=verdict.verdict, p_value=p_value, **about(verdict))
+
+
+def tell_new_instruments(messages: Messages, report: BlockReport, known: set[str]) -> None:
+    """Instruments of a flight that are found stuck or scattering for the first time, beside those that are `known`."""
+    from enginediag_cli.report.sentences import instrument_fault
+
+    source, flight, engine = report.key
+    place = ", ".join(filter(None, [engine and f"engine {engine}", flight and f"flight {flight}"])) or source
+    for fault in report.instruments:
+        if fault.name not in known:
+            known.add(fault.name)
+            messages.note(f"{place}: {instrument_fault(fault)}", engine=engine, flight=flight)

@@ -1,0 +1,542 @@
+"""`isolate`: its tables and its words.
+
+One row per window and isolated parameter or instrument, or with --by component one per window.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from math import isfinite
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from enginediag_cli.isolation.adequacy import Adequacy
+from enginediag_cli.isolation.prior import SEPARATED
+from enginediag_cli.parameters import spelled
+from enginediag_cli.report.messages import Messages
+from enginediag_cli.report.sentences import (
+    change,
+    instrument_fault,
+    listed,
+    named_fault,
+    no_verdict,
+    not_listed,
+    one_of,
+    outside_physics,
+    parameter_words,
+    probability,
+    sensor_or_component,
+    unexplained,
+    wrong_file,
+)
+from enginediag_cli.report.tables import Columns, Table, as_column
+from enginediag_cli.report.tables.answers import (
+    FLIPS,
+    WORK_SCOPE,
+    flip_cells,
+    flip_column,
+    flips_sentence,
+    next_recording,
+    work_scope_cells,
+    work_scope_sentences,
+)
+from enginediag_cli.report.tables.detection import INSTRUMENTS, WINDOW
+from enginediag_cli.units import split_column
+
+if TYPE_CHECKING:
+    from enginediag_cli.detection.verdict import Verdict
+    from enginediag_cli.fleets.work_scope import WorkScope
+    from enginediag_cli.isolation.classes import Class
+    from enginediag_cli.isolation.components import ComponentIsolation
+    from enginediag_cli.isolation.diagnosis import Diagnosis
+    from enginediag_cli.isolation.named_faults import NamedIsolation
+    from enginediag_cli.isolation.of_windows import IsolatedWindow
+    from enginediag_cli.isolation.result import IsolationResult
+    from enginediag_cli.parameters import Parameter
+    from enginediag_cli.residuals.windows import WindowStatistics
+
+FORM_WORDS = {"bias": "a bias", "scale": "a scale error", "drift": "a drift", "soak": "heat soak"}
+"""Forms of an instrument's error, by the quantity of the parameter."""
+CANNOT_TELL = "cannot tell"
+"""The verdict where the leading answer does not stand."""
+LEAST_INCLUSION = 0.01
+"""Probability below which a component is not listed as one that may have changed."""
+
+
+class IsolatedPart(NamedTuple):
+    """A parameter, or an instrument that is stuck or scatters, with its change."""
+
+    parameter: str
+    inclusion: float | None
+    change: float
+    unit: str
+    lower: float | None = None
+    upper: float | None = None
+    percent: float | None = None
+
+
+class IsolationRow(NamedTuple):
+    """A window and one of the parts that are isolated in it; flips and work_scope: the cells of these columns."""
+
+    found: IsolatedWindow
+    part: IsolatedPart | None = None
+    flips: Mapping[str, Any] = {}
+    work_scope: Any = None
+
+    @property
+    def window(self) -> WindowStatistics:
+        return self.found.verdict.window
+
+    @property
+    def diagnosis(self) -> Diagnosis | None:
+        return self.found.diagnosis
+
+    @property
+    def result(self) -> IsolationResult | None:
+        return self.diagnosis.result if self.diagnosis else None
+
+    @property
+    def components(self) -> ComponentIsolation | None:
+        return self.found.components
+
+    @property
+    def adequacy(self) -> Adequacy | None:
+        answer = self.components if self.found.by_component else self.diagnosis
+        return answer.adequacy if answer else None
+
+    @property
+    def verdict(self) -> str:
+        """That of the test, or that the answer to what it found does not stand; an instrument that is stuck or
+        scatters is a fault whatever the test says of the rest."""
+        stands = self.adequacy is None or self.adequacy.stands
+        return self.found.verdict.with_instruments if stands else CANNOT_TELL
+
+    @property
+    def isolated(self) -> list[str] | None:
+        instruments = [fault.name for fault in self.window.instruments]
+        return [*self.result.isolated, *instruments] if self.result else instruments or None
+
+    @property
+    def probability(self) -> float | None:
+        if self.result is None:
+            return None
+        return self.result.probability * float(np.prod([fault.probability for fault in self.window.instruments]))
+
+    @property
+    def note(self) -> str:
+        """Why there is no verdict, or what a bad fit did to the answer."""
+        known = self.found.known
+        if self.components is not None:
+            larger = "" if self.components.complete else "larger sets of parameters were not considered"
+            return "; ".join(filter(None, [reservation(self.components.adequacy, known), larger]))
+        if self.diagnosis is None or self.result is None:
+            return self.found.verdict.reason
+        caution = reservation(self.diagnosis.adequacy, known)
+        return "; ".join(filter(None, [caution, *_forms(self.result, known), self.result.note]))
+
+
+of_row: Columns[IsolationRow] = Columns()
+of_class: Columns[Class] = Columns()
+of_named: Columns[NamedIsolation] = Columns()
+of_result: Columns[IsolationResult] = Columns()
+of_components: Columns[ComponentIsolation] = Columns()
+of_part: Columns[Any] = Columns()
+
+
+def _figure(get: Callable[[Adequacy], float]) -> Callable[[IsolationRow], float | None]:
+    """A figure of how well an answer fits; None where nothing is left to test it by."""
+
+    def figure(row: IsolationRow) -> float | None:
+        value = get(row.adequacy or Adequacy())
+        return value if isfinite(value) else None
+
+    return figure
+
+
+def with_chances(sets: Sequence[Any]) -> list[str]:
+    """Sets of parameters with their probabilities, as cells have them: "hpc.efficiency & T3.bias (0.02)"."""
+    return [f"{' & '.join(r.parameters) or 'nothing'} ({r.probability:.2g})" for r in sets]
+
+
+_TESTED = (
+    of_row("verdict", "text", "healthy, fault, no verdict, or cannot tell where the leading answer does not stand"),
+    of_row(
+        "p_value",
+        "number?",
+        "probability of such a statistic where nothing changed",
+        lambda row: row.found.verdict.test.p_value if row.found.verdict.test else None,
+    ),
+    of_row("fit_before", "number?", "χ² per degree of freedom without any answer", _figure(lambda a: a.before)),
+    of_row("fit", "number?", "χ² per degree of freedom that the answer leaves", _figure(lambda a: a.fit)),
+    of_row("explained", "number?", "share of the excess χ² that the answer takes away", _figure(lambda a: a.explained)),
+    of_row(
+        "unlisted",
+        "number?",
+        "probability that it is something that is not among the suspects",
+        lambda row: row.adequacy.unlisted if row.adequacy else None,
+    ),
+    *of_row.part(lambda row: row.window, (INSTRUMENTS,)),
+)
+_CLASS = (
+    of_class("class", "number?", "probability that one of `members` is it", lambda c: c.probability),
+    of_class(
+        "members",
+        "texts?",
+        "answers that the data cannot tell apart",
+        lambda c: [" & ".join((*c.shared, *member)) for member in c.members],
+    ),
+    of_class("would_tell", "texts?", "sensors that would tell the members apart", lambda c: list(c.would_tell)),
+)
+_NOTE = of_row("note", "text", "why there is no verdict, or what a bad fit did to the answer")
+_BESIDE = (
+    as_column(FLIPS[0], lambda row: row.flips["flips"], "--flips, or json"),
+    as_column(FLIPS[1], lambda row: row.flips["flips_told"], "json"),
+    as_column(WORK_SCOPE, lambda row: row.work_scope, "--work-scope, or json"),
+)
+
+ISOLATE: Table[IsolationRow] = Table(
+    "isolate",
+    1,
+    "one row per window and isolated parameter, a single one where none is isolated",
+    (
+        *of_row.part(lambda row: row.window, WINDOW),
+        *_TESTED,
+        of_row("isolated", "texts?", "the set of parameters that changed, with the instruments that are wrong"),
+        of_row(
+            "probability",
+            "number?",
+            "probability that these changed and nothing else that matters; with those of all others and `unlisted`, 1",
+        ),
+        *of_row.part(lambda row: row.result and row.result.one_of, _CLASS),
+        *of_row.part(
+            lambda row: row.part,
+            (
+                of_part("parameter", "text?", "the parameter that this row is about"),
+                of_part("inclusion", "number?", "probability that this parameter changed, in any set"),
+                of_part("change", "number?", "its change from nominal", unit="of the parameter"),
+                of_part(
+                    "lower", "number?", "lower end of the change's interval (--confidence)", unit="of the parameter"
+                ),
+                of_part(
+                    "upper", "number?", "upper end of the change's interval (--confidence)", unit="of the parameter"
+                ),
+                of_part("unit", "text?", "unit of the change; 1 is a share of nominal"),
+                of_part("percent", "number?", "the change in per cent of nominal", unit="%"),
+            ),
+        ),
+        *of_row.part(
+            lambda row: row.result,
+            (
+                of_result(
+                    "rivals",
+                    "texts?",
+                    "other sets that cannot be excluded, with their probabilities",
+                    lambda result: with_chances(result.rivals),
+                ),
+                of_result("rivals_left_out", "integer?", "rivals that are not listed"),
+            ),
+        ),
+        _NOTE,
+        *of_row.part(
+            lambda row: row.diagnosis and row.diagnosis.named,
+            (
+                of_named(
+                    "named",
+                    "texts?",
+                    "faults of the catalogue that it is",
+                    lambda named: list(named.faults) or (["unlisted"] if named.free else []),
+                    only_with="--catalogue",
+                ),
+                of_named(
+                    "named_probability",
+                    "number?",
+                    "probability of exactly these faults",
+                    lambda named: named.probability,
+                    only_with="--catalogue",
+                ),
+                of_named(
+                    "severity",
+                    "texts?",
+                    "size of each named fault with its interval, 1 as the catalogue has it",
+                    lambda named: [f"{s.value:.3g} ({s.lower:.3g} to {s.upper:.3g})" for s in named.severities],
+                    only_with="--catalogue",
+                ),
+                of_named(
+                    "named_rivals",
+                    "texts?",
+                    "other faults that cannot be excluded",
+                    lambda named: with_chances(named.rivals),
+                    only_with="--catalogue",
+                ),
+            ),
+        ),
+        of_row(
+            "advice",
+            "texts",
+            "what to record next, in sentences",
+            lambda row: next_recording(row.found.advice) if row.diagnosis else [],
+            only_with="--advise",
+        ),
+        *_BESIDE,
+    ),
+    (
+        "flight",
+        "engine",
+        "verdict",
+        "parameter",
+        "change",
+        "lower",
+        "upper",
+        "unit",
+        "probability",
+        "start_s",
+        "fit",
+        "note",
+        "rivals",
+    ),
+)
+CATALOGUE = ("named", "named_probability", "severity", "named_rivals")
+"""Columns that are there with --catalogue."""
+
+COMPONENTS: Table[IsolationRow] = Table(
+    "isolate/components",
+    1,
+    "isolate --by component: one row per window",
+    (
+        *of_row.part(lambda row: row.window, WINDOW),
+        *_TESTED,
+        *of_row.part(
+            lambda row: row.components,
+            (
+                of_components("components", "texts?", "the components that changed", lambda c: list(c.components)),
+                of_components("probability", "number?", "probability of exactly these"),
+            ),
+        ),
+        *of_row.part(lambda row: row.components and row.components.one_of, _CLASS),
+        *of_row.part(
+            lambda row: row.components,
+            (
+                of_components(
+                    "inclusion",
+                    "texts?",
+                    "each component with the probability that it changed, likeliest first",
+                    lambda c: [
+                        f"{name} ({chance:.2g})"
+                        for name, chance in sorted(c.inclusion.items(), key=lambda item: -item[1])
+                        if chance >= LEAST_INCLUSION
+                    ],
+                ),
+                of_components(
+                    "rivals",
+                    "texts?",
+                    "other sets of components, with their probabilities",
+                    lambda c: with_chances(c.rivals),
+                ),
+            ),
+        ),
+        _NOTE,
+        *_BESIDE,
+    ),
+    ("flight", "engine", "verdict", "components", "probability", "start_s", "fit", "rivals", "note"),
+)
+
+
+def isolated_rows(
+    found: IsolatedWindow,
+    catalogue: bool = False,
+    *,
+    advice: bool = False,
+    scope: WorkScope | None = None,
+    forms: Mapping[str, str] | None = None,
+) -> Iterator[dict[str, Any]]:
+    """Rows of one window, by parameter or by component as it was isolated.
+
+    forms: how `flips` and `work_scope` are written, "" not at all, "cell" as text, "nested" in full.
+    """
+    forms = forms or {}
+    flips = forms.get("flips")
+    cells = (flip_cells if flips == "nested" else flip_column)(found.flips, words_of(found)) if flips else {}
+    restored, asked = work_scope_cells(scope, forms.get("work_scope", ""))
+    optional = [*cells, *asked]
+    if found.by_component:
+        yield COMPONENTS.row(IsolationRow(found, None, cells, restored), optional)
+        return
+    optional += [*(CATALOGUE if catalogue else ()), *(["advice"] if advice and found.diagnosis is not None else [])]
+    parts: list[IsolatedPart | None] = [*_parts(found)]
+    for part in parts or [None]:
+        yield ISOLATE.row(IsolationRow(found, part, cells, restored), optional)
+
+
+def _parts(found: IsolatedWindow) -> Iterator[IsolatedPart]:
+    """Parameters that are isolated in a window, then its instruments that are stuck or scatter."""
+    if found.diagnosis is not None:
+        inclusion = found.diagnosis.result.inclusion
+        for s in found.diagnosis.result.sizes:
+            unit = found.known[s.parameter].unit
+            yield IsolatedPart(s.parameter, inclusion.get(s.parameter), s.change, unit, s.lower, s.upper, s.percent)
+    for fault in found.instruments:
+        yield IsolatedPart(fault.name, fault.probability, fault.size, split_column(fault.column)[1] or "1")
+
+
+def reservation(adequacy: Adequacy, known: Mapping[str, Parameter]) -> str:
+    """Why the answer does not stand; empty where it does."""
+
+    if adequacy.stands:
+        return ""
+    if adequacy.disagreement is not None and adequacy.disagreement.doubtful:
+        return wrong_file(adequacy.disagreement)
+    if adequacy.beyond is not None:
+        name, change = adequacy.beyond
+        return outside_physics(known[name], change, adequacy.unlisted)
+    return not_listed(adequacy.fit, adequacy.unlisted)
+
+
+def words_of(found: IsolatedWindow) -> Callable[[Sequence[str]], list[str]]:
+    """How the names of an answer are said: of parameters, else of components."""
+
+    def words(names: Sequence[str]) -> list[str]:
+        return [parameter_words(found.known, [n])[0] if n in found.known else spelled(n) for n in names]
+
+    return words
+
+
+def tell_isolated(messages: Messages, found: IsolatedWindow, scope: WorkScope | None = None) -> None:
+    """The answer for one window in words."""
+
+    of = about(found.verdict)
+    tell_instruments(messages, found.verdict)
+    if found.components is not None:
+        messages.note(f"{where(found.verdict)}: {component_sentence(found.components, found.known)}", **of)
+    elif not found.by_component:
+        tell(messages, found.verdict, found.diagnosis, found.known, next_recording(found.advice))
+    if found.flips is not None and found.named:
+        messages.note(f"{where(found.verdict)}: {flips_sentence(found.flips, words_of(found))}")
+    for sentence in work_scope_sentences(scope) if scope is not None else ():
+        messages.note(f"{where(found.verdict)}: {sentence}")
+
+
+def tell_instruments(messages: Messages, verdict: Verdict) -> None:
+    """Instruments of a window that are stuck or scatter, in words."""
+    for fault in verdict.window.instruments:
+        messages.note(f"{where(verdict)}: {instrument_fault(fault)}", **about(verdict))
+
+
+def _forms(result: IsolationResult, known: Mapping[str, Parameter]) -> list[str]:
+    """Of which instruments these records do not separate the forms of the error, and which are possible."""
+
+    found = []
+    for name, shares in result.forms.items():
+        if shares[name] < SEPARATED:
+            likely = sorted(shares, key=lambda form: -shares[form])
+            forms = [FORM_WORDS[known[form].quantity] for form in likely if shares[form] > 1 - SEPARATED]
+            found.append(f"{known[name].part}: {listed(forms, 'or')}, these records do not separate them")
+    return found
+
+
+def where(verdict: Verdict) -> str:
+    """Which window it is: its flight and engine, or else file and lines."""
+    window = verdict.window
+    names = (window.flight and f"flight {window.flight}", window.engine and f"engine {window.engine}")
+    return " ".join(filter(None, names)) or f"{window.source}:{window.first_line}-{window.last_line}"
+
+
+def about(verdict: Verdict) -> dict[str, Any]:
+    """Which window it is, for a log."""
+    window = verdict.window
+    return {
+        "file": window.source,
+        "flight": window.flight,
+        "engine": window.engine,
+        "lines": [window.first_line, window.last_line],
+    }
+
+
+def tell(
+    messages: Messages,
+    verdict: Verdict,
+    diagnosis: Diagnosis | None,
+    known: Mapping[str, Parameter],
+    advice: Sequence[str] = (),
+) -> None:
+    """The answer for one window in words."""
+
+    here, of = where(verdict), about(verdict)
+    if diagnosis is None:
+        messages.note(no_verdict(verdict.reason, where=here), **of)
+        return
+    result = diagnosis.result
+    changes = [
+        change(known[size.parameter], size.change, size.reach, chance=result.inclusion.get(size.parameter))
+        for size in result.sizes
+    ]
+    alone = f": probability {probability(result.probability)}" if result.inclusion else ""
+    caution = reservation(diagnosis.adequacy, known)
+    if caution:
+        messages.note(f"{here}: {caution}", **of)
+    if verdict.window.doubtful:  # what would explain a right file says nothing of this one
+        return
+    leading = "" if diagnosis.adequacy.stands else "leading, but not to be relied on: "
+    left = unexplained(diagnosis.adequacy.before, diagnosis.adequacy.fit, diagnosis.adequacy.explained)
+    nothing = "no further change that matters" if verdict.window.instruments else "no change that matters"
+    what = "; ".join([*changes, "nothing else that matters"] if changes and alone else changes) or nothing
+    messages.note(f"{here}: {leading}{what}{alone}{left and f'; {left}'}", **of)
+    for sentence in _forms(result, known):
+        messages.note(f"{here}: {sentence}", **of)
+    if result.one_of is not None:
+        messages.note(f"{here}: {one_of(result.one_of, lambda names: parameter_words(known, names))}", **of)
+    if diagnosis.nonlinear:
+        messages.note(f"{here}: a large change, judged with the full model", **of)
+    if diagnosis.rivalry is not None and result.one_of is None:  # else it is told among the members
+        r = diagnosis.rivalry
+        sensors, components, shared = (parameter_words(known, each) for each in (r.sensors, r.components, r.shared))
+        rivalry = sensor_or_component(sensors, components, r.of_sensors, r.of_components, shared)
+        messages.note(f"{here}: {rivalry}", **of)
+    if result.rivals:
+        rivals = [" & ".join(r.parameters) or "no change" for r in result.rivals[:3]]
+        more = len(result.rivals) - len(rivals) + result.rivals_left_out
+        behind = f" and {more} more" if more else ""
+        share = f" (with the answer, {100 * result.coverage:.3g} % in all)" if result.inclusion else ""
+        messages.note(f"{here}: not excluded either: {'; '.join(rivals)}{behind}{share}", **of)
+    if diagnosis.named is not None:
+        messages.note(f"{here}: {_named_sentence(diagnosis.named, known)}", **of)
+    for sentence in advice:
+        messages.note(f"{here}: {sentence}", **of)
+
+
+def _named_sentence(named: NamedIsolation, known: Mapping[str, Parameter]) -> str:
+    """The named answer and its leading rival."""
+
+    if named.faults:
+        sentence = named_fault([(s.fault, s.value, s.upper - s.value) for s in named.severities], named.probability)
+    elif named.free:
+        sentence = f"none of the catalogue's faults (probability {probability(named.unlisted)})"
+    else:
+        sentence = f"no fault of the catalogue (probability {probability(named.probability)})"
+    if named.rivals:
+        rival = named.rivals[0]
+        name = listed([known[n].words if n in known else spelled(n) for n in rival.parameters]) or "no fault"
+        sentence += f"; next: {name} ({probability(rival.probability)})"
+    return sentence
+
+
+def component_sentence(found: ComponentIsolation, known: Mapping[str, Parameter]) -> str:
+    """The answer for one window in words."""
+
+    def words(components: tuple[str, ...]) -> str:
+        return listed([spelled(c) for c in components]) or "no component"
+
+    sentence = f"{words(found.components)} changed (probability {probability(found.probability)})"
+    if found.perhaps:
+        besides = [f"{spelled(c)} ({probability(found.inclusion[c])})" for c in found.perhaps]
+        sentence = f"{words(found.components)} changed (probability {probability(found.all_of_them)})"
+        sentence += f", perhaps {listed(besides)} as well; exactly this: probability {probability(found.probability)}"
+    if found.rivals:
+        sentence += f"; next: {words(found.rivals[0].parameters)} ({probability(found.rivals[0].probability)})"
+    if found.one_of is not None:
+        sentence += f"; {one_of(found.one_of, lambda names: [spelled(c) for c in names])}"
+    left = unexplained(found.adequacy.before, found.adequacy.fit, found.adequacy.explained)
+    sentence += left and f"; {left}"
+    caution = reservation(found.adequacy, known)
+    leading = "" if found.adequacy.stands else "leading, but not to be relied on: "
+    return f"{caution}; {leading}{sentence}" if caution else sentence

@@ -1,0 +1,329 @@
+"""`trend --what margin`: its table and words: what margin is left, what maintenance gave back, how long it lasts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from enginediag_cli.fleets.finding import Estimate
+from enginediag_cli.fleets.work_scope import POWER
+from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.report.messages import Messages
+from enginediag_cli.report.sentences import (
+    change,
+    count,
+    listed,
+    maintained,
+    rounded,
+    with_unit,
+)
+from enginediag_cli.report.tables import Column, Columns, Table
+from enginediag_cli.report.tables.answers import gain_cells, gain_words
+from enginediag_cli.units import split_column
+
+if TYPE_CHECKING:
+    from enginediag_cli.detection.trend import Series, Stretch
+    from enginediag_cli.fleets.finding import EventRow, Margin
+    from enginediag_cli.fleets.margin_of_series import Brought, Followed, Margins
+    from enginediag_cli.fleets.work_scope import Gain, Reference
+    from enginediag_cli.parameters import Parameter
+    from enginediag_cli.report.plotting.fleet import MarginFound
+
+
+of_part: Columns[Any] = Columns()
+FLIGHT, MAINTENANCE, WHOLE = "flight", "maintenance", "margin"
+"""What a row tells, in its cell `row`."""
+NO_LIMIT = "no limit is stated"
+"""The reason that can be mended by an option."""
+AS_MUCH = "until as much is lost as when engines are taken off"
+"""The limit where no temperature is stated."""
+
+
+def with_ends(name: str) -> tuple[str, str, str]:
+    """A column of the margin's table, and those of its interval: used_K, used_low, used_high."""
+    stem = name.removesuffix("_K")
+    return name, f"{stem}_low", f"{stem}_high"
+
+
+class MarginRow(NamedTuple):
+    """What a row of the margin is about: a flight, an event of maintenance, or the engine as a whole."""
+
+    followed: Followed
+    row: str
+    number: int
+    stretches: Sequence[Stretch]
+    used: Estimate = Estimate()
+    left: Estimate = Estimate()
+    event: EventRow | None = None
+    brought: Brought | None = None
+    known: Mapping[str, Parameter] = {}
+
+    @property
+    def margin(self) -> Margin:
+        return self.followed.finding.margin
+
+    @property
+    def whole(self) -> Margin | None:
+        """Of the row of the engine alone."""
+        return self.margin if self.row == WHOLE else None
+
+    @property
+    def window(self) -> Any:
+        return self.stretches[self.number - 1].window if self.number else None
+
+    @property
+    def gain(self) -> tuple[Gain, Reference] | None:
+        found, reference = self.brought, self.followed.reference
+        return None if found is None or found.gain is None or reference is None else (found.gain, reference)
+
+    @property
+    def held(self) -> str | None:
+        if self.gain is None:
+            return None
+        _, reference = self.gain
+        held = "power" if reference.held == POWER else "thrust"
+        return f"{split_column(reference.temperature)[0]} at equal {held}, {reference.words}"
+
+    @property
+    def reason(self) -> str | None:
+        if self.event is not None and self.brought is not None:
+            return self.event.reason or self.brought.reason
+        return self.whole.reason if self.whole else None
+
+
+def _gain_in(row: MarginRow, value: str, low: str, high: str) -> Estimate:
+    """Cells of what maintenance gained."""
+    cells = gain_cells(*row.gain) if row.gain else {}
+    return Estimate(*(cells.get(name, math.nan) for name in (value, low, high)))
+
+
+def _known(value: float) -> float | None:
+    """A cell that holds nothing where a number is not known or has no end."""
+    return value if math.isfinite(value) else None
+
+
+of_margin: Columns[MarginRow] = Columns()
+_OF_FLIGHTS = "of all flights together; in a row of a flight, by that flight alone"
+
+
+def _estimate(
+    name: str, help: str, get: Callable[[MarginRow], Estimate | None], unit: str, level: str = "95 %"
+) -> tuple[Column, ...]:
+    """A column and those of its interval."""
+    helps = (help, f"lower end of its {level} interval", f"upper end of its {level} interval")
+    ends: tuple[Callable[[Estimate], float], ...] = (lambda x: x.value, lambda x: x.low, lambda x: x.high)
+
+    def cell(end: Callable[[Estimate], float]) -> Callable[[MarginRow], float | None]:
+        return lambda row: _known(end(get(row) or Estimate()))
+
+    columns = zip(with_ends(name), helps, ends, strict=True)
+    return tuple(of_margin(n, "number?", words, cell(end), unit) for n, words, end in columns)
+
+
+MARGIN: Table[MarginRow] = Table(
+    "trend/margin",
+    1,
+    "trend --what margin: one row per flight, one per event of maintenance, and one with the margin of each engine",
+    (
+        of_margin("engine", "text", "engine, as its recording calls it", lambda row: row.followed.finding.serial),
+        of_margin("row", "text", "what the row tells: flight, maintenance or margin"),
+        of_margin(
+            "number",
+            "integer?",
+            "flight, counted from 1; the first after maintenance; the last",
+            lambda row: row.number or None,
+        ),
+        *of_margin.part(
+            lambda row: row.window,
+            (
+                of_part("flight", "text?", "that flight, as its recording calls it"),
+                of_part("source", "text?", "file that holds it"),
+            ),
+        ),
+        *of_margin.part(
+            lambda row: row.margin,
+            (
+                of_part("column", "text?", "the hottest recorded temperature of burnt gas, whose margin it is"),
+                of_part("condition", "text?", "reference condition of the margin"),
+                of_part(
+                    "limit_K",
+                    "number?",
+                    "limit of the temperature there, as stated",
+                    lambda margin: _known(margin.limit_K),
+                    "K",
+                ),
+            ),
+        ),
+        *_estimate(
+            "used_K", f"kelvins that wear has taken since the baseline, {_OF_FLIGHTS}", lambda row: row.used, "K"
+        ),
+        *_estimate("margin_K", f"kelvins to the limit, {_OF_FLIGHTS}", lambda row: row.left, "K"),
+        *_estimate(
+            "remaining_flights",
+            "flights until the limit; empty: no end in sight",
+            lambda row: row.whole.remaining_flights if row.whole else None,
+            "",
+            "90 %",
+        ),
+        *_estimate(
+            "rate_K",
+            "kelvins that wear takes in a flight now",
+            lambda row: row.whole.rate_K_per_flight if row.whole else None,
+            "K",
+        ),
+        of_margin(
+            "event", "text?", "wash, overhaul or exchange", lambda row: row.event.event.kind if row.event else None
+        ),
+        of_margin(
+            "component",
+            "text?",
+            "component that it was done to; empty: the engine",
+            lambda row: row.event.event.component if row.event else None,
+        ),
+        of_margin(
+            "brought",
+            "texts",
+            "what each parameter gained, with its 95 % interval",
+            lambda row: changes(row.brought, row.known) if row.brought else [],
+        ),
+        *_estimate(
+            "recovered_K",
+            "kelvins of margin that maintenance gave back",
+            lambda row: row.event.recovered_K if row.event else None,
+            "K",
+        ),
+        *_estimate(
+            "temperature_gain_K",
+            "by how much turbine temperature fell at equal power",
+            lambda row: _gain_in(row, "temperature_gain", "temperature_low", "temperature_high"),
+            "K",
+        ),
+        *_estimate(
+            "fuel_gain_percent",
+            "by how much fuel flow fell at equal power",
+            lambda row: _gain_in(row, "fuel_gain_percent", "fuel_low_percent", "fuel_high_percent"),
+            "%",
+        ),
+        of_margin("held", "text?", "at which power and operating point that is"),
+        of_margin("reason", "text?", "why something cannot be told"),
+    ),
+    (
+        "engine",
+        "row",
+        "number",
+        "flight",
+        "used_K",
+        "margin_K",
+        "margin_low",
+        "margin_high",
+        "remaining_flights",
+        "remaining_flights_low",
+        "remaining_flights_high",
+        "event",
+        "recovered_K",
+        "reason",
+    ),
+)
+
+
+def margin_rows(margins: Margins) -> Iterator[dict[str, Any]]:
+    """Rows of all engines: what is left, flight by flight, what maintenance gave back, and how long it lasts."""
+    known = margins.series.known
+    for followed in margins.engines.values():
+        finding, stretches = followed.finding, margins.series.stretches[followed.finding.serial]
+        whole = finding.margin.now_K.value + finding.margin.consumed_K.value  # at the baseline
+        for flight in finding.by_flight:
+            if math.isfinite(flight.consumed_K):
+                used, half = flight.consumed_K, NORMAL_95 * flight.consumed_error_K
+                taken, left = (
+                    Estimate(used, used - half, used + half),
+                    Estimate(whole - used, whole - (used + half), whole - (used - half)),
+                )
+                yield MARGIN.row(MarginRow(followed, FLIGHT, flight.number, stretches, taken, left))
+        for event, brought in zip(finding.events, followed.brought, strict=True):
+            row = MarginRow(followed, MAINTENANCE, event.number, stretches, event=event, brought=brought, known=known)
+            yield MARGIN.row(row)
+        taken, left = finding.margin.consumed_K, finding.margin.now_K
+        yield MARGIN.row(MarginRow(followed, WHOLE, len(stretches), stretches, taken, left))
+
+
+def tell_margins(messages: Messages, margins: Margins) -> None:
+    """Margins, what maintenance brought, and what is odd about the events, in words."""
+    for engine, one in margins.engines.items():
+        name = f"engine {engine}: " if engine else ""
+        messages.note(f"{name}{margin_words(one.finding.margin)}")
+        for event, brought in zip(one.finding.events, one.brought, strict=True):
+            messages.note(f"{name}{_maintenance_words(event, brought, one.reference, margins.series)}")
+    if margins.learnt_K is not None:
+        messages.note(taken_off_words(margins.learnt_K))
+    for line in odd_events(margins):
+        messages.warning(line)
+
+
+def taken_off_words(limit_K: tuple[float, float]) -> str:
+    """What engines that were taken off tell of how far the others may go."""
+    return "engines were taken off with {:.0f} K of their margin lost, give or take {:.0f} K".format(*limit_K)
+
+
+def odd_events(margins: Margins) -> Iterator[str]:
+    """Events of engines or flights that no recording has."""
+    if margins.others:
+        yield f"events name engines of which there is no recording: {', '.join(margins.others)}"
+    for engine, one in margins.engines.items():
+        name = f"engine {engine}: " if engine else ""
+        for flight, hint in one.unknown.items():
+            yield f"{name}maintenance before flight {flight!r}, which is not recorded; {hint}"
+
+
+def _maintenance_words(event: EventRow, found: Brought, reference: Reference | None, series: Series) -> str:
+    """For instance "wash before flight 15: compressor isentropic efficiency rose by 1.0 % ± 0.4 %; it lowered T5 by
+    8 K ± 3 K and lowered fuel flow by 0.9 % ± 0.3 % at equal thrust (design point)"."""
+    what = maintained(event.event.kind, event.event.component)
+    when = event.event.flight or f"at {event.event.time_s:g} s"
+    head = f"{what} before flight {when}" if event.event.flight else f"{what} {when}"
+    parts = changes(found, series.known)
+    if not parts:
+        return f"{head}: cannot tell what it brought, because {event.reason or found.reason or 'nothing changed'}"
+    if found.gain is None or reference is None:
+        return f"{head}: {listed(parts)}; what that brought cannot be told: {found.reason}"
+    return f"{head}: {listed(parts)}; it {gain_words(found.gain, reference)}"
+
+
+def changes(found: Brought, known: Mapping[str, Parameter]) -> list[str]:
+    """What each parameter gained, in words."""
+    sizes = zip(found.names, found.change, found.deviation, strict=True)
+    return [change(known[name], size, NORMAL_95 * error) for name, size, error in sizes]
+
+
+def margin_words(m: Margin | MarginFound) -> str:
+    """For instance "T5 margin 147 K ± 2 K of the limit 1150 K; 108 flights to it (90 %: 99 to 119)"."""
+    if not m.column or not math.isfinite(m.consumed_K.value):
+        return f"cannot tell the margin of the turbine temperature, because {m.reason or 'no flight tells of it'}"
+    quantity = split_column(m.column)[0]
+    if not math.isfinite(m.now_K.value):
+        used = f"wear has taken {_size(m.consumed_K)} of the {quantity} margin"
+        if not m.reason and not math.isnan(m.remaining_flights.value):
+            return f"{used}; {remaining_words(m.remaining_flights, AS_MUCH)}"
+        mend = f": --limit {m.column} KELVIN states it" if m.reason == NO_LIMIT else ""
+        return f"{used}; cannot tell how much is left, because {m.reason or NO_LIMIT}{mend}"
+    if m.now_K.value <= 0:
+        over = Estimate(-m.now_K.value, -m.now_K.high, -m.now_K.low)
+        return f"{quantity} has passed its limit of {m.limit_K:g} K by {_size(over)} at the reference condition"
+    told = f"{quantity} margin {_size(m.now_K)} to the limit of {m.limit_K:g} K"
+    if m.reason:
+        return f"{told}; cannot tell how many flights that is, because {m.reason}"
+    return f"{told}; {remaining_words(m.remaining_flights)}"
+
+
+def remaining_words(left: Estimate, until: str = "to it") -> str:
+    """Flights to the limit with their 90 % interval; `until`: what the limit is called."""
+    if not math.isfinite(left.value):
+        begin = f", 90 %: not before {rounded(left.low)} flights" if math.isfinite(left.low) else ""
+        return f"no end in sight: what these flights show does not reach the limit{begin}"
+    end = f"{left.high:,.0f}" if math.isfinite(left.high) else "no end in sight"
+    return f"{count(round(left.value), 'flight')} {until} (90 %: {left.low:,.0f} to {end})"
+
+
+def _size(x: Estimate) -> str:
+    return with_unit(x.value, "K", (x.high - x.low) / 2)
