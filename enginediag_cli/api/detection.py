@@ -358,7 +358,7 @@ class MethodResult(VerdictResult):
         self.unread = files.intake.unread
 
     def _learnt(self, healthy: Source | None) -> FittedMethod:
-        from enginediag_cli.methods.on_recordings import learnt_windows
+        from enginediag_cli.methods.base import learnt_windows
         from enginediag_cli.report.tables.recordings import tell_left_out
         from enginediag_cli.residuals.gross_gate import GrossErrorGate
 
@@ -373,7 +373,7 @@ class MethodResult(VerdictResult):
         return self._method.train(self._monitor, windows)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.methods.on_recordings import judged_windows, recorded_windows
+        from enginediag_cli.methods.base import judged_windows, recorded_windows
         from enginediag_cli.report.tables.detection import BY_METHOD, MethodRow
         from enginediag_cli.residuals.gross_gate import GrossErrorGate
 

@@ -201,7 +201,7 @@ class LocateResult(Result):
     def __init__(self, inquiry: Inquiry, every_place: bool):
         from enginediag_cli.mismatch.fit.load import load_case
         from enginediag_cli.mismatch.locate.locate import locate as run
-        from enginediag_cli.mismatch.locate.verdict_kind import kind_of
+        from enginediag_cli.mismatch.locate.verdict_kind import classify_verdict
         from enginediag_cli.report.tables.location import LOCATE as DECLARED
 
         loaded = load_case(inquiry.case)
@@ -317,7 +317,7 @@ class PerRecordResult(Result):
         from enginediag_cli.mismatch.fit.freeform import list_locations
         from enginediag_cli.mismatch.fit.identified import nuisance
         from enginediag_cli.mismatch.fit.load import load_case
-        from enginediag_cli.mismatch.unrecorded.per_record import scan, thinned
+        from enginediag_cli.mismatch.unrecorded.per_record import scan, thin_records
         from enginediag_cli.report.tables.location import PER_RECORD as DECLARED
 
         if every < 1:

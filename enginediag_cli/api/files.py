@@ -220,7 +220,7 @@ def _shown(file: str) -> str:
 
 def _recording(file: str, against: Against) -> FileCheck:
     """What is known of a recording, of each engine in it. Raises DataError."""
-    from enginediag_cli.intake.accepted import accepted
+    from enginediag_cli.intake.acceptance import accepted
     from enginediag_cli.report.tables.recordings import acceptance_rows
 
     rows: list[Row] = []

@@ -319,9 +319,8 @@ def _training(
     from enginediag_cli.identification.probes import without_probes, wrong_probes
     from enginediag_cli.identification.problem import without_repeats
     from enginediag_cli.intake.agreement import agreement_with_engine
-    from enginediag_cli.intake.flights import MOST, Thinning, whole_flights
-    from enginediag_cli.intake.intake import Intake
-    from enginediag_cli.intake.wanted import columns_of
+    from enginediag_cli.intake.loader import MOST, Intake, Thinning, whole_flights
+    from enginediag_cli.intake.selection import columns_of
     from enginediag_cli.report.tables.identification import probe_lines, repeat_lines
     from enginediag_cli.report.tables.recordings import tell_left_out, tell_mismatches, tell_thinning
 

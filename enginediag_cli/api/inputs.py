@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from enginediag_cli.engine.engine import Engine
-    from enginediag_cli.intake.intake import Intake
+    from enginediag_cli.intake.loader import Intake
     from enginediag_cli.report.tables import Table
     from enginediag_cli.residuals.files import JudgedFiles, Judging
     from enginediag_cli.residuals.monitor import Monitor

@@ -129,7 +129,7 @@ class IsolationResult(Result):
     something was isolated."""
 
     def __init__(self, comparison: Comparison, choices: IsolationChoices, options: IsolationOptions):
-        from enginediag_cli.isolation.of_windows import Isolating
+        from enginediag_cli.isolation.windows import Isolating
         from enginediag_cli.report.tables.isolation import COMPONENTS, ISOLATE
 
         choices.check(comparison)

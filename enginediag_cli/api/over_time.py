@@ -153,11 +153,11 @@ class TrendResult(Result):
 
     def _read(self) -> tuple[Series, Margins | None, JudgedFiles]:
         """The series of flights, its margins where they are followed, and the files that it was read from."""
-        from enginediag_cli.detection.trend import series_of
-        from enginediag_cli.fleets.margin_of_series import margins_of
+        from enginediag_cli.detection.series import series_of
+        from enginediag_cli.fleets.maintenance import margins_of
         from enginediag_cli.report.tables.margin import tell_margins
         from enginediag_cli.report.tables.trend import tell_instruments_in_flights
-        from enginediag_cli.residuals.series_monitor import for_comparison
+        from enginediag_cli.residuals.reduced import for_comparison
 
         choices, monitor, margins = self._choices, self._monitor, None
         question = choices.margin.question(healthy=self._healthy, sensors=choices.sensors)
@@ -197,7 +197,7 @@ class TrendResult(Result):
         """Rows of what changed in each engine, and of what maintenance did."""
         from enginediag_cli.detection.series import FEWEST
         from enginediag_cli.fleets.work_scope import Scoping
-        from enginediag_cli.isolation.over_time import stories_of
+        from enginediag_cli.isolation.timeline import stories_of
         from enginediag_cli.report.tables.trend import tell_too_few
 
         choices, series = self._choices, self._series

@@ -31,7 +31,7 @@ COMPONENT_COLUMNS = ("component", "title", "unknowns")
 def _schemas() -> Iterator[tuple[str, str]]:
     """Every name that has a schema, and what it is."""
     from enginediag_cli.config.kinds import FILE_KINDS
-    from enginediag_cli.report.outputs.registry import OUTPUTS, PREFIX, output
+    from enginediag_cli.report.tables import OUTPUTS, PREFIX, output
 
     yield from ((kind.name, kind.help) for kind in FILE_KINDS.values())
     yield from ((f"{PREFIX}{name}", output(name).help) for name in OUTPUTS)
@@ -78,7 +78,7 @@ def schema(messages: Messages, kind: str | None) -> None:
     from enginediag_cli.config.hints import near
     from enginediag_cli.config.json_schema import json_schema
     from enginediag_cli.config.kinds import FILE_KINDS
-    from enginediag_cli.report.outputs.registry import OUTPUTS, PREFIX, output
+    from enginediag_cli.report.tables import OUTPUTS, PREFIX, output
 
     if kind is None:
         every = dict(_schemas())

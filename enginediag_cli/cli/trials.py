@@ -116,8 +116,8 @@ def study(
 
 def _write_study(described: Study, results: Results, seed: int, show: str, output: Output, file: str) -> None:
     from enginediag_cli.api.results import header_lines
-    from enginediag_cli.report.outputs.validation import COUNTS, RELIABILITY, STUDY
     from enginediag_cli.report.summaries import STUDY as SUMMARY
+    from enginediag_cli.report.tables.trials import COUNTS, RELIABILITY, STUDY
     from enginediag_cli.validation.rows import as_json, shortened, study_rows
 
     found, columns = study_rows(described, results, show)
@@ -398,7 +398,7 @@ def _report_cost(messages: Messages, records: Sequence[Record], name: str, what:
 
 def _write_explanations(plan: explain_trials.Plan, records: list[Record], sizes: bool, output: Output) -> None:
     from enginediag_cli.api.results import header_lines
-    from enginediag_cli.report.outputs.validation import PROVE
+    from enginediag_cli.report.tables.trials import PROVE
     from enginediag_cli.validation.rows import bin_rows, rows, score_sheet_document, size_rows, table
 
     found = score_sheet_document(plan, records, sizes)
@@ -415,7 +415,7 @@ def _write_explanations(plan: explain_trials.Plan, records: list[Record], sizes:
 
 def _write_isolation(plan: isolation_trials.Plan, records: list[Record], output: Output) -> None:
     from enginediag_cli.api.results import header_lines
-    from enginediag_cli.report.outputs.validation import ISOLATED
+    from enginediag_cli.report.tables.trials import ISOLATED
     from enginediag_cli.validation.rows import document, isolation_sheet_rows, tables
 
     found = document(plan, records)

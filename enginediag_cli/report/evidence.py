@@ -187,9 +187,9 @@ def _detected(question: Question, left_out: list[str]) -> Iterator[Row]:
 def _isolated(question: Question, windows: list[WindowStatistics]) -> Iterator[Row]:
     from enginediag_cli.isolation.diagnosis import DiagnosisOptions
     from enginediag_cli.isolation.methods import IsolationOptions
-    from enginediag_cli.isolation.of_windows import Isolating
+    from enginediag_cli.isolation.windows import Isolating
     from enginediag_cli.report.tables.isolation import isolated_rows
-    from enginediag_cli.residuals.kept_records import KeptRecords
+    from enginediag_cli.residuals.long_windows import KeptRecords
 
     judging, kept = question.judging, None
     if not judging.reference and judging.linearise == "estimate":
@@ -205,10 +205,10 @@ def _isolated(question: Question, windows: list[WindowStatistics]) -> Iterator[R
 
 @stage("following the series")
 def _series(question: Question) -> dict[kinds.Kind, list[Row]]:
-    from enginediag_cli.detection.trend import series_of
-    from enginediag_cli.isolation.over_time import stories_of
+    from enginediag_cli.detection.series import series_of
+    from enginediag_cli.isolation.timeline import stories_of
     from enginediag_cli.report.tables.trend import flight_rows, trend_rows
-    from enginediag_cli.residuals.series_monitor import of_series
+    from enginediag_cli.residuals.reduced import of_series
 
     series = series_of(_series_files(question, of_series(question.suspicious)))
     told: dict[kinds.Kind, list[Row]] = {kinds.FLIGHTS: [], kinds.TREND: []}
@@ -224,9 +224,9 @@ def _series(question: Question) -> dict[kinds.Kind, list[Row]]:
 
 @stage("following the margin")
 def _margins(question: Question, left_out: list[str]) -> list[Row]:
-    from enginediag_cli.fleets.margin_of_series import margins_of
+    from enginediag_cli.fleets.maintenance import margins_of
     from enginediag_cli.report.tables.margin import margin_rows, odd_events
-    from enginediag_cli.residuals.series_monitor import for_comparison, of_series
+    from enginediag_cli.residuals.reduced import for_comparison, of_series
 
     monitor = of_series(question.suspicious)
     margins = margins_of(_series_files(question, for_comparison(monitor)), monitor, question.margins)

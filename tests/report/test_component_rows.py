@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from parameter_makers import meaning_of
 
-from enginediag_cli.isolation.components import ComponentIsolation
-from enginediag_cli.isolation.result import Explanation
+from enginediag_cli.isolation.diagnosis import ComponentIsolation
+from enginediag_cli.isolation.results import Explanation
 from enginediag_cli.report.tables.isolation import component_sentence
 
 KNOWN = meaning_of(("compressor.efficiency", "hpt.efficiency", "lpt.efficiency"))

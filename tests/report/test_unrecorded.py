@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from enginediag_cli.mismatch.explain.follows import Follows
-from enginediag_cli.mismatch.unrecorded.latched import Latched, Way
+from enginediag_cli.mismatch.explain.follows import HysteresisFit
+from enginediag_cli.mismatch.unrecorded.latched import Latched, SwitchingDirection
 from enginediag_cli.report.tables.formulas import follows_document, follows_sentences
 
 

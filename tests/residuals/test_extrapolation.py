@@ -12,7 +12,6 @@ from enginediag_cli.identification.problem import TrainingRecording
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.report.tables.recordings import elsewhere_lines
-from enginediag_cli.residuals.compact import compact
 from enginediag_cli.residuals.monitor import monitor_from_nominal
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.reduced import compact, reduced

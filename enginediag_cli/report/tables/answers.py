@@ -9,13 +9,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import isfinite, log10
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.detection.trend import Series
+from enginediag_cli.detection.series import Series
 from enginediag_cli.fleets.maintenance import Maintenance
 from enginediag_cli.fleets.work_scope import POWER, Gain, Quantity, Reference, Scoping, WorkScope
 from enginediag_cli.intervals import NORMAL_95
-from enginediag_cli.isolation.flips.errors import ACCURACY, INPUT, MAP, PRIOR, SPREAD, STATED
-from enginediag_cli.isolation.flips.flips import Flip, Flips
-from enginediag_cli.isolation.of_windows import NextRecording
+from enginediag_cli.isolation.sensitivity_analysis import ACCURACY, INPUT, MAP, PRIOR, SPREAD, STATED, Flip, Flips
+from enginediag_cli.isolation.windows import NextRecording
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.sentences import (
@@ -34,7 +33,7 @@ from enginediag_cli.report.tables.formulas import suggestion
 from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
-    from enginediag_cli.mismatch.explain.story import Story
+    from enginediag_cli.mismatch.explain.story import ExplanationResult
 
 FLIP = (
     column("what", "text", "the map, instrument, input or prior that would have to be wrong"),
@@ -177,13 +176,13 @@ def _to(flip: Flip, first: Sequence[str], words: Words) -> str:
     return f"{told} if {_condition(flip, words)}"
 
 
-def flip_words(story: Story) -> Words:
+def flip_words(story: ExplanationResult) -> Words:
     """How names of explanations, and of parameters that may be wrong beside them, are said."""
     known = story.evidence.engine.parameters
     return lambda names: [known[n].words if n in known else n for n in names]
 
 
-def explanation_flips(story: Story) -> Iterator[str]:
+def explanation_flips(story: ExplanationResult) -> Iterator[str]:
     """What would flip the first name of `explain`; nothing where none is named."""
     if story.flips is not None:
         told = flips_sentence(story.flips, flip_words(story))

@@ -13,8 +13,7 @@ from enginediag_cli.report.tables import Columns, Table, column
 if TYPE_CHECKING:
     from enginediag_cli.detection.follow import BlockReport
     from enginediag_cli.detection.verdict import Verdict
-    from enginediag_cli.methods.base import Method, Verdicts
-    from enginediag_cli.methods.on_recordings import WindowVerdict
+    from enginediag_cli.methods.base import Method, Verdicts, WindowVerdict
     from enginediag_cli.report.messages import Messages
 
 of_verdict: Columns[Verdict] = Columns()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from enginediag_cli.mismatch.explain.answer import HIDDEN, NAMED, NONE
+from enginediag_cli.mismatch.explain.answer import HIDDEN_STATE, IDENTIFIED, UNEXPLAINED
 from enginediag_cli.report.tables import Table, column, part
 from enginediag_cli.report.tables.answers import FLIPS, flip_cells, flip_words
 from enginediag_cli.report.tables.explanation_text import (

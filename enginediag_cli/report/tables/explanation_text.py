@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.controlled.fitted import BLOCKS
-from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, LAW, NAMED, NOTHING
+from enginediag_cli.mismatch.explain.answer import FORMULA, HIDDEN_STATE, IDENTIFIED, NO_DISCREPANCY, NOT_CONVERGED
 from enginediag_cli.mismatch.explain.curves import best_places
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.fit.options import FORMULA_OPTION as LAW_OPTION
@@ -35,11 +35,10 @@ from enginediag_cli.units import split_column
 if TYPE_CHECKING:
     from enginediag_cli.engine.term import Coefficient as Declared
     from enginediag_cli.engine.term import Effect
-    from enginediag_cli.mismatch.controlled.find import Found, Tried
+    from enginediag_cli.mismatch.controlled.find import ControlSearchResult, FittedControlLaw
     from enginediag_cli.mismatch.controlled.law import ControlLaw
     from enginediag_cli.mismatch.explain.answer import Answer, Coefficient, Explanation
     from enginediag_cli.mismatch.explain.curves import Curve
-    from enginediag_cli.mismatch.explain.gated import UnsteadyRecords
     from enginediag_cli.mismatch.explain.story import ExplanationResult
     from enginediag_cli.mismatch.fit.options import Option
 
@@ -55,7 +54,7 @@ def control_headline(law: ControlLaw) -> str:
     return f"{a.words}: {quantity} is held at {with_unit(law.set_point, unit, digits=5)} between {listed(stops)}"
 
 
-def control_sentences(f: Found) -> Iterator[str]:
+def control_sentences(f: ControlSearchResult) -> Iterator[str]:
     """What is held by what, when, how surely, and what else was tried."""
     law, unit = f.best.law, split_column(f.best.law.hold)[1]
     still = f.still
@@ -91,7 +90,7 @@ def control_sentences(f: Found) -> Iterator[str]:
         yield f"Tried and worse: {control_headline(t.law)} ({rounded(_times(t))} times smaller)."
 
 
-def control_rows(f: Found) -> Iterator[dict[str, Any]]:
+def control_rows(f: ControlSearchResult) -> Iterator[dict[str, Any]]:
     """One row per number of every law that was not surely worse."""
     for rank, t in enumerate((f.best, *f.rivals), start=1):
         law = t.law
@@ -116,7 +115,7 @@ def control_rows(f: Found) -> Iterator[dict[str, Any]]:
             }
 
 
-def control_document(f: Found) -> dict[str, Any]:
+def control_document(f: ControlSearchResult) -> dict[str, Any]:
     """Everything as one object."""
     law = f.best.law
     return {
@@ -137,7 +136,7 @@ def control_document(f: Found) -> dict[str, Any]:
     }
 
 
-def _rival(t: Tried) -> dict[str, Any]:
+def _rival(t: FittedControlLaw) -> dict[str, Any]:
     return {
         "name": t.law.label,
         "in_words": control_headline(t.law),
@@ -146,7 +145,7 @@ def _rival(t: Tried) -> dict[str, Any]:
     }
 
 
-def _times(t: Tried) -> float:
+def _times(t: FittedControlLaw) -> float:
     return math.exp(t.gain)
 
 

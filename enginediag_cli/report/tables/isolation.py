@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from enginediag_cli.isolation.adequacy import Adequacy
 from enginediag_cli.isolation.prior import SEPARATED
+from enginediag_cli.isolation.results import Adequacy
 from enginediag_cli.parameters import spelled
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.sentences import (
@@ -47,12 +47,10 @@ from enginediag_cli.units import split_column
 if TYPE_CHECKING:
     from enginediag_cli.detection.verdict import Verdict
     from enginediag_cli.fleets.work_scope import WorkScope
-    from enginediag_cli.isolation.classes import Class
-    from enginediag_cli.isolation.components import ComponentIsolation
-    from enginediag_cli.isolation.diagnosis import Diagnosis
-    from enginediag_cli.isolation.named_faults import NamedIsolation
-    from enginediag_cli.isolation.of_windows import IsolatedWindow
-    from enginediag_cli.isolation.result import IsolationResult
+    from enginediag_cli.isolation.catalogue import NamedIsolation
+    from enginediag_cli.isolation.diagnosis import ComponentIsolation, Diagnosis
+    from enginediag_cli.isolation.results import Class, IsolationResult
+    from enginediag_cli.isolation.windows import IsolatedWindow
     from enginediag_cli.parameters import Parameter
     from enginediag_cli.residuals.windows import WindowStatistics
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from enginediag_cli.fleets.finding import Estimate
+from enginediag_cli.fleets.findings import Estimate
 from enginediag_cli.fleets.work_scope import POWER
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.report.messages import Messages
@@ -23,9 +23,9 @@ from enginediag_cli.report.tables.answers import gain_cells, gain_words
 from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
-    from enginediag_cli.detection.trend import Series, Stretch
-    from enginediag_cli.fleets.finding import EventRow, Margin
-    from enginediag_cli.fleets.margin_of_series import Brought, Followed, Margins
+    from enginediag_cli.detection.series import Series, Stretch
+    from enginediag_cli.fleets.findings import EventRow, Margin
+    from enginediag_cli.fleets.maintenance import Brought, Followed, Margins
     from enginediag_cli.fleets.work_scope import Gain, Reference
     from enginediag_cli.parameters import Parameter
     from enginediag_cli.report.plotting.fleet import MarginFound

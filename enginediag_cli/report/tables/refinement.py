@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.identification.quality import EVERYTHING
+from enginediag_cli.identification.nominal import EVERYTHING
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.controlled.fitted import BLOCKS
 from enginediag_cli.mismatch.refine.criteria import BETTER, LEVEL, Criterion, Records, Significance, Verdict

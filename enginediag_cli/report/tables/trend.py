@@ -9,9 +9,9 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from enginediag_cli.detection.trend import flight_change, has_times
+from enginediag_cli.detection.series import flight_change, has_times
 from enginediag_cli.intervals import NORMAL_95
-from enginediag_cli.isolation.story import CANNOT_TELL, HALF
+from enginediag_cli.isolation.events import CANNOT_TELL, HALF
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.sentences import (
     change,
@@ -23,9 +23,9 @@ from enginediag_cli.report.tables import Columns, Table, as_column
 from enginediag_cli.report.tables.answers import WORK_SCOPE, work_scope_cells
 
 if TYPE_CHECKING:
-    from enginediag_cli.detection.trend import Series, Stretch
+    from enginediag_cli.detection.series import Series, Stretch
     from enginediag_cli.fleets.work_scope import WorkScope
-    from enginediag_cli.isolation.story import Event, Member, Story
+    from enginediag_cli.isolation.events import Event, Member, Story
 
 
 LEAST_INCLUSION = 0.01
