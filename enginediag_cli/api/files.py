@@ -199,7 +199,7 @@ def _held_against(
         return Against()  # what a folder's options give is for its recordings
     mapped = None
     if recorder is not None:
-        from enginediag_cli.recordings.recorder import load_recorder
+        from enginediag_cli.recordings.recorder_file import load_recorder
         from enginediag_cli.report.tables.recordings import undecided_lines
 
         mapped = load_recorder(str(own_or_shipped(recorder)))

@@ -21,7 +21,7 @@ from enginediag_cli.report import result_files as kinds
 from enginediag_cli.report.plotting.chart import Origin
 from enginediag_cli.report.result_files import Kind, Records, Result, Row, records_of
 from enginediag_cli.report.tables.recordings import elsewhere_lines, left_out_lines, not_judged_lines
-from enginediag_cli.residuals.files import JudgedFiles, Judging
+from enginediag_cli.residuals.files import JudgedFiles, Judging, record_residuals
 from enginediag_cli.residuals.monitor import Monitor, agreement_with
 from enginediag_cli.residuals.windows import WindowStatistics
 

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from enginediag_cli.mismatch.controlled.law import ControlLaw
     from enginediag_cli.mismatch.explain.answer import Answer, Coefficient, Explanation
     from enginediag_cli.mismatch.explain.curves import Curve
+    from enginediag_cli.mismatch.explain.gated import UnsteadyRecords
     from enginediag_cli.mismatch.explain.story import ExplanationResult
     from enginediag_cli.mismatch.fit.options import Option
 
@@ -157,7 +158,7 @@ def _start(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def gated_sentences(g: Gated | None) -> Iterator[str]:
+def gated_sentences(g: UnsteadyRecords | None) -> Iterator[str]:
     """None where nothing was left out."""
     if g is not None:
         yield (
