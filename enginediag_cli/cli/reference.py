@@ -122,18 +122,18 @@ def physics(messages: Messages, name: str | None, engine: str | None, variables:
     CSV, NAME has one row per coefficient, with --engine one per place; JSON has everything.
     """
     from enginediag_cli.api.files import describe_effect, list_effects, list_law_variables
-    from enginediag_cli.report.summaries import SITES, TERMS, VARIABLES
+    from enginediag_cli.report.reference import SITES_COLUMNS, TERMS_COLUMNS, VARIABLES_COLUMNS
 
     whole = output.chosen_format() != "table" or output.wide or bool(output.columns)
     if variables:
         if engine is None or name is not None:
             raise click.UsageError("--variables needs --engine, and no NAME")
         listed = list_law_variables(engine)
-        output.write_rows(listed.rows, VARIABLES, provenance=listed.provenance)
+        output.write_rows(listed.rows, VARIABLES_COLUMNS, provenance=listed.provenance)
     elif name is None:
         listed = list_effects(engine)
         # sentences and equations have no room in a table
-        columns = None if whole else SITES if engine else TERMS
+        columns = None if whole else SITES_COLUMNS if engine else TERMS_COLUMNS
         output.write_rows(listed.rows, columns, provenance=listed.provenance)
     else:
         found = describe_effect(name, engine)

@@ -116,7 +116,6 @@ def study(
 
 def _write_study(described: Study, results: Results, seed: int, show: str, output: Output, file: str) -> None:
     from enginediag_cli.api.results import header_lines
-    from enginediag_cli.report.summaries import STUDY as SUMMARY
     from enginediag_cli.report.tables.trials import COUNTS, RELIABILITY, STUDY
     from enginediag_cli.validation.rows import as_json, shortened, study_rows
 
@@ -126,7 +125,9 @@ def _write_study(described: Study, results: Results, seed: int, show: str, outpu
     if output.chosen_format() == "table" and show == "rates" and not (output.wide or output.columns):
         found = [shortened(row) for row in found]
         columns = tuple(found[0])
-    output.write_document(lambda: as_json(described, results, seed), found, columns, summary=SUMMARY, provenance=head)
+    output.write_document(
+        lambda: as_json(described, results, seed), found, columns, summary=STUDY.terminal, provenance=head
+    )
 
 
 def _collect(

@@ -21,7 +21,7 @@ from enginediag_cli.mismatch.refine.refine import refine
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
 from enginediag_cli.planning.flights import DURATION_S, MANOEUVRE
-from enginediag_cli.report.tables.explanation_text import explanations_sentences as sentences
+from enginediag_cli.report.tables.explanation_text import sentences
 from enginediag_cli.report.tables.formulas import suggestion
 from enginediag_cli.shipped import shipped
 

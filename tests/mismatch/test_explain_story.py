@@ -18,7 +18,7 @@ from enginediag_cli.mismatch.fit.options import effect_option
 from enginediag_cli.planning.separation import SAME, SWITCH, best_of_each_kind
 from enginediag_cli.report.output import finite, plain
 from enginediag_cli.report.tables.explanation import document, rows
-from enginediag_cli.report.tables.explanation_text import explanations_sentences as sentences
+from enginediag_cli.report.tables.explanation_text import sentences
 
 RIVALS = ("power_offtake@hp", "thermocouple_radiation@T45", "nozzle_discharge@core_nozzle")
 

@@ -13,7 +13,7 @@ from enginediag_cli.mismatch.explain.on_all import judged_on_all
 from enginediag_cli.mismatch.explain.story import explain_mismatch
 from enginediag_cli.mismatch.fit import share
 from enginediag_cli.mismatch.fit.share import chosen, is_long, on_share, share_of
-from enginediag_cli.report.tables.explanation_text import explanations_sentences as sentences
+from enginediag_cli.report.tables.explanation_text import sentences
 
 REYNOLDS = ("reynolds_efficiency", "hpc")
 LIBRARY = carried((*REYNOLDS, {}), ("inlet_ram_recovery", "inlet", {}), ("reynolds_efficiency", "booster", {}))

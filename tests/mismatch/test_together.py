@@ -12,7 +12,7 @@ from enginediag_cli.mismatch.explain.answer import IDENTIFIED
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.refine.refine import _fitted
 from enginediag_cli.physics.registry import Together, candidates, each, kinds_of_places
-from enginediag_cli.report.tables.explanation_text import explanations_headline as headline
+from enginediag_cli.report.tables.explanation_text import headline
 
 TERM, SIZE = "reynolds_turbine_efficiency", 0.12
 LIBRARY = {TERM, "reynolds_efficiency", "power_offtake", "guide_vanes", "turbine_tip_clearance"}
