@@ -99,7 +99,7 @@ def test_known_endings_are_written(folder, run, name):
     assert Path(name).exists()
 
 
-WRITTEN = ("output", "picture", "report", "truth", "states", "journal", "amplitudes", "curves", "plan", "trials_output")
+WRITTEN = ("output", "picture", "report", "states", "journal", "amplitudes", "curves", "plan", "trials_output")
 
 
 def test_every_file_option_that_is_written_is_known_as_such():
