@@ -63,7 +63,7 @@ COEFFICIENT = Section(
 )
 LAW = Section(
     "law",
-    "an effect that the library does not hold, by a formula; `enginediag physics --engine ENGINE --variables` lists what it may vary with",
+    "an effect outside the library, as a formula of the variables that `enginediag physics --variables` lists",
     (
         Field("law", "text", "a name of your own"),
         Field("at", "text", "where it acts: a parameter of the engine (hpc.efficiency) or a recorded reading (T45_K)"),
