@@ -23,7 +23,7 @@ from enginediag_cli.config.fields import AnySection, Either, Field, Section, Var
 from enginediag_cli.config.kinds import FILE_KINDS
 from enginediag_cli.config.validate import NAME
 from enginediag_cli.glossary import GLOSSARY, as_markdown
-from enginediag_cli.report.outputs.registry import OUTPUTS, output
+from enginediag_cli.report.tables import OUTPUTS, output
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMAND = "python tests/documents/reference.py --write"
