@@ -13,8 +13,6 @@ from blocks import ROOT, SHARED, Workplace, alike, blocks, difference, documents
 from enginediag_cli.cli.main import enginediag
 
 MOST_LINES, WIDEST = 150, 120
-LONGEST_MEAN_SENTENCE = 22.0
-"""Words. Plain technical prose has 15 to 20 in a sentence."""
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)|^\[[^\]]+\]: (\S+)$", re.M)
 SPAN = re.compile(r"`(enginediag [^`]+)`")
 DOCUMENTS = documents()
@@ -123,20 +121,6 @@ def test_the_readme_is_one_that_is_read():
     lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
     assert len(lines) <= MOST_LINES
     assert [line for line in lines if len(line) > WIDEST] == []
-
-
-def sentences(document: Path) -> list[list[str]]:
-    """Words of each sentence of a document's prose; headings, tables, code and lists of links are no prose."""
-    text = re.sub(r"<!--.*?-->", "", prose(document), flags=re.S)
-    kept = [line for line in text.splitlines() if not re.match(r" {4}|\||#|!\[|\[\w+\]:|.*· ?$", line)]
-    text = re.sub(r"\]\([^)]*\)|\]\[\w+\]|[*`\[]", "", "\n".join(kept))
-    found = [part.split() for part in re.split(r"(?<=[.!?])\s|\n\s*\n|\n- ", text)]
-    return [words for words in found if len(words) > 2]
-
-
-def test_sentences_of_the_readme_are_short():
-    lengths = [len(words) for words in sentences(ROOT / "README.md")]
-    assert len(lengths) > 10 and sum(lengths) / len(lengths) <= LONGEST_MEAN_SENTENCE
 
 
 def test_the_citation_names_this_version():

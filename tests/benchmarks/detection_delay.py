@@ -72,7 +72,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the first flight of a row")
     options = parser.parse_args()
     monitor = nominal_monitor()
-    print("| change | flights | missed | before onset | median delay | 90 % | told as | onset in interval |")
+    print("| change | flights | missed | before onset | median delay | 90 % | reported as | onset in interval |")
     print("|---|---|---|---|---|---|---|---|")
     for law, name, size in [*CASES, ("none", "", 0.0)]:
         title = f"{law} {name} {size:+g}" if law != "none" else "none (alarms)"

@@ -42,7 +42,7 @@ def named(window: Sequence[Row]) -> list[str]:
 
 
 def answer(window: Sequence[Row]) -> str:
-    told = " + ".join(sorted(named(window))) or "nothing stands out"
+    told = " + ".join(sorted(named(window))) or "no significant change"
     verdict = window[0]["verdict"]
     return told if verdict == "fault" else f"{told} ({verdict})"
 

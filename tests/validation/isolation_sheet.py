@@ -26,7 +26,7 @@ ROWS = {
     "false_sensor": ("an output sensor named that was right", "≤ 3 %"),
     "false_input": ("an input channel named that was right", ""),
     "interval": ("intervals that hold", "≥ 90 %"),
-    "covered": ("the truth in answer and rivals", "≥ 95 %"),
+    "covered": ("the truth in answer and alternatives", "≥ 95 %"),
     "exact": ("exactly the truth", ""),
     "cannot_tell": ('"cannot tell"', ""),
     "no_verdict": ("no verdict", ""),
@@ -48,7 +48,7 @@ def scores(found: Sheet) -> None:
     print("| | found | aimed at |\n|---|---|---|")
     for name, (words, target) in ROWS.items():
         print(f"| {words} | {counted(name, found['sheet'][name])} | {target} |")
-    print(f"\n| kind | trials | {' | '.join(OUTCOMES)} | exact | in answer and rivals | intervals |")
+    print(f"\n| kind | trials | {' | '.join(OUTCOMES)} | exact | in answer and alternatives | intervals |")
     print("|---" * (len(OUTCOMES) + 5) + "|")
     for kind, own in found["kinds"].items():
         rates = " | ".join(f"{own[n]['count']} of {own[n]['of']}" for n in ("exact", "covered", "interval"))
