@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -97,30 +97,73 @@ class DriverValues:
 
 @dataclass(frozen=True)
 class Coefficient:
-    """One number of an effect, in `unit`.
+    """One number of an effect.
 
-    `absent`: the value at which the effect is not there; `lower`, `upper`: physical bounds, whose sign is
-    knowledge (a bleed takes air); `sigma`: prior standard deviation when the term is searched for; `typical`: a
-    plausible size, with its sign. `shape`: a number that matters only when another coefficient is not absent
-    (a threshold, an exponent that is not sought); it keeps its `absent` value in a search, but where it is
-    `free`: sought with the others, though by itself it is no effect (a time constant); `closed`: it may
-    well lie at one of its bounds. `per_full`: the time for a full scale, see `Site.full`. `assumed`: the range is
-    engineering judgement, not read in a source.
+    Parameters
+    ----------
+    name, unit, description : str
+        The name completes the parameter's name; unit "1" for a number without one.
+    absent : float
+        Value at which the effect is not there.
+    lower, upper : float
+        Physical bounds; their sign is knowledge (a bleed takes air).
+    sigma : float
+        Prior standard deviation when the term is searched for.
+    typical : float
+        A plausible size, with its sign.
+    shape : bool
+        It matters only when another coefficient is not absent (a threshold, an exponent that is not sought): a search
+        keeps its `absent` value. See `shape_coefficient`.
+    free : bool
+        It is sought with the others, though by itself it is no effect (a time constant).
+    per_full : bool
+        It is the time for a full scale, see `Site.full`.
+    closed : bool
+        It may well lie at one of its bounds.
+    cited : bool
+        The range is read in the term's reference; otherwise it is engineering judgement.
     """
 
     name: str
     unit: str
     description: str
-    absent: float
-    lower: float
+    _: KW_ONLY
+    absent: float = 0.0
+    lower: float = 0.0
     upper: float
     sigma: float
     typical: float
-    assumed: bool = False
     shape: bool = False
     free: bool = False
     per_full: bool = False
     closed: bool = False
+    cited: bool = False
+
+
+def shape_coefficient(
+    name: str,
+    unit: str,
+    description: str,
+    *,
+    value: float,
+    lower: float = 0.0,
+    upper: float,
+    sigma: float,
+    cited: bool = False,
+) -> Coefficient:
+    """A coefficient that keeps its `value` in a search and has no effect by itself; see `Coefficient`."""
+    return Coefficient(
+        name,
+        unit,
+        description,
+        absent=value,
+        lower=lower,
+        upper=upper,
+        sigma=sigma,
+        typical=value,
+        shape=True,
+        cited=cited,
+    )
 
 
 @dataclass(frozen=True)
@@ -267,18 +310,22 @@ class Effect:
 class Place:
     """A site of one engine while a term is installed there.
 
-    `network` is the engine, `component` the component of the site's name (None for a shaft or sensor), `design`
-    the evaluation of the sized engine at its design point, one point, for reference values.
+    `network` is the engine, `design` the evaluation of the sized engine at its design point, one point, for reference
+    values.
     """
 
     def __init__(self, network: Network, effect: Effect, hooks: Hooks):
         self.network, self.effect, self._hooks = network, effect, hooks
         self.site = effect.site
-        self.component: Component | None = next((c for c in network.components if c.name == self.site.name), None)
         assert network.design_point is not None
         self.design: Evaluation = network.design_point
         self._states: list[str] = []
         self._absent = {effect.parameter_name(c.name): c.absent for c in effect.term.amplitudes() if not c.free}
+
+    @property
+    def component(self) -> Component:
+        """The component of the site's name, where the site is neither a shaft nor a sensor."""
+        return next(c for c in self.network.components if c.name == self.site.name)
 
     def c(self, e: Evaluation, coefficient: str) -> Value:
         """Value of a coefficient in this evaluation: absent where the effect is switched off."""

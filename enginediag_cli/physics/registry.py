@@ -1,11 +1,6 @@
-"""Finds physics terms by name: the term `reynolds_efficiency` is the one class of `terms/reynolds_efficiency.py`.
+"""The library of physics terms, by name, and the effects of an engine that they make.
 
-To add an effect, write its file; nothing else lists it.
-
-One effect at several places of one kind, by one size: all cooling ports, both nozzles, all compressors.
-
-A search that names the same effect at two places has two sizes for what may be one. An engine file carries it as the
-same effect stated at each of the places with equal coefficients (`each`).
+A term is a class with a NAME in one of the family modules of `terms/`; nothing else lists it.
 """
 
 from __future__ import annotations
@@ -29,26 +24,31 @@ if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
 
 
-def term_names() -> tuple[str, ...]:
-    """Names of all terms, sorted; no term is imported."""
-    return tuple(sorted(m.name for m in pkgutil.iter_modules(terms.__path__)))
-
-
 @cache
+def _library() -> Mapping[str, Term]:
+    """All terms by name, sorted. Families are imported when an engine or a search first names a term."""
+    families = [import_module(f"{terms.__name__}.{m.name}") for m in pkgutil.iter_modules(terms.__path__)]
+    classes = [c for module in families for c in vars(module).values() if _is_term(c, module.__name__)]
+    found = {c.NAME: c() for c in classes}
+    if len(found) < len(classes):
+        names = [c.NAME for c in classes]
+        raise TypeError(f"two terms have the NAME {next(n for n in names if names.count(n) > 1)!r}")
+    return dict(sorted(found.items()))
+
+
+def _is_term(c: Any, module: str) -> bool:
+    """Whether an object of a module is a term that the module defines, and no base class of terms."""
+    return inspect.isclass(c) and c.__module__ == module and issubclass(c, Term) and "NAME" in vars(c)
+
+
+def term_names() -> tuple[str, ...]:
+    """Names of all terms, sorted."""
+    return tuple(_library())
+
+
 def term(name: str) -> Term:
     """The term of that name. Raises KeyError."""
-    if name not in term_names():
-        raise KeyError(name)
-    module = import_module(f"{terms.__name__}.{name}")
-    found = [
-        c
-        for _, c in inspect.getmembers(module, inspect.isclass)
-        # its module first: to Python 3.10 tuple[str, ...] is a class, of builtins, of which nothing is a subclass
-        if c.__module__ == module.__name__ and issubclass(c, Term) and getattr(c, "NAME", None) == name
-    ]
-    if len(found) != 1:
-        raise TypeError(f"{module.__name__} must hold exactly one Term with NAME {name!r}")
-    return found[0]()
+    return _library()[name]
 
 
 def own_drivers() -> tuple[Driver, ...]:

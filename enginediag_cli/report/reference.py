@@ -216,7 +216,7 @@ def term_row(term: Term) -> dict[str, Any]:
         "driver": term.DRIVER.word,
         "varies_with": term.varies_with(),
         "coefficients": [c.name for c in term.COEFFICIENTS],
-        "assumed": [c.name for c in term.COEFFICIENTS if c.assumed],
+        "assumed": [c.name for c in term.COEFFICIENTS if not c.cited],
         "columns": list(term.INPUTS),
         "switches": term.SWITCHES,
         "statement": term.STATEMENT,
@@ -238,7 +238,7 @@ def coefficient_rows(term: Term) -> Iterator[dict[str, Any]]:
             "typical": c.typical,
             "prior_sigma": c.sigma,
             "sought": not c.shape,
-            "assumed": c.assumed,
+            "assumed": not c.cited,
             "description": c.description,
         }
 
@@ -331,7 +331,7 @@ def _physics_terms_facts(c: Coefficient) -> Iterator[str]:
         yield f"{c.absent:g} unless the engine file says otherwise, {within}; not sought"
     else:
         yield f"absent at {c.absent:g}, typically {c.typical:g}, {within}; prior standard deviation {c.sigma:g}"
-    if c.assumed:
+    if not c.cited:
         yield ASSUMED
 
 

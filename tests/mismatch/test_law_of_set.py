@@ -34,7 +34,7 @@ STEP, SINCE, RECORDS = 0.004, 3, 40
 def sets() -> FittedSets:
     """Of flights with a wave over Mach number at the HPC's efficiency, and a T45 that reads 0.4 % more since one."""
     engine = concealed.turbofan()
-    size = Coefficient("a", "1", "size", 0.0, -1.0, 1.0, 0.05, 0.03)
+    size = Coefficient("a", "1", "size", lower=-1.0, upper=1.0, sigma=0.05, typical=0.03)
     at = Acts("hpc.efficiency", "hpc", "", True)
     law = Law("truth", at, Expression.parsed(WAVE), {"mach": variables_of(engine.network)["mach"]}, (size,))
     flown = concealed.flights((Effect(law, at.site, {"a": 0.03}),), np.random.default_rng(31), count=6, records=RECORDS)

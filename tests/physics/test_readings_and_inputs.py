@@ -10,7 +10,7 @@ import yaml
 
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect, term
-from enginediag_cli.physics.terms.static_pressure_error import _recorded
+from enginediag_cli.physics.terms.environment import recorded_altitude
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -48,7 +48,7 @@ def test_a_position_error_leaves_total_pressure_and_temperature_as_they_are():
 @pytest.mark.parametrize("h_recorded", [0.0, 10990.0, 11500.0])
 def test_the_recorded_altitude_is_found_from_the_true_one(h_recorded):
     T = 288.15 - 0.0065 * min(h_recorded, 11000.0)
-    assert _recorded(np.array([h_recorded + 0.4 * T]), 0.4) == pytest.approx(h_recorded, abs=1e-9)
+    assert recorded_altitude(np.array([h_recorded + 0.4 * T]), 0.4) == pytest.approx(h_recorded, abs=1e-9)
 
 
 def test_the_heated_probe_errs_most_on_the_ground_and_in_inverse_proportion_to_mach_and_pressure_in_flight():

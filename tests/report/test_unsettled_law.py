@@ -37,7 +37,9 @@ def test_the_likeliest_of_several_is_no_statement_of_its_own():
 
 def _law(count: int) -> Effect:
     """A formula of so many coefficients at the HPC's efficiency."""
-    sizes = tuple(Coefficient(f"a{k}", "1", "size", 0.0, -1.0, 1.0, 0.1, 0.0) for k in range(count))
+    sizes = tuple(
+        Coefficient(f"a{k}", "1", "size", lower=-1.0, upper=1.0, sigma=0.1, typical=0.0) for k in range(count)
+    )
     acts = Acts("hpc.efficiency", "hpc", "", True)
     text = Expression.parsed(" + ".join(f"a{k}" for k in range(count)))
     return Effect(Law("truth", acts, text, {}, sizes, "Efficiency changes."), acts.site, {})
@@ -76,7 +78,7 @@ def test_of_an_average_the_forms_are_told_and_the_likeliest_formula():
 
 def test_a_formula_that_is_long_is_not_written_out():
     acts = Acts("hpc.efficiency", "hpc", "", True)
-    size = Coefficient("a", "1", "size", 0.0, -1.0, 1.0, 0.1, 0.0)
+    size = Coefficient("a", "1", "size", lower=-1.0, upper=1.0, sigma=0.1, typical=0.0)
     text = "a * (" + " + ".join(["0.123456"] * (LONG // 10)) + ")"
     law = Law("long", acts, Expression.parsed(text), {}, (size,), "Efficiency changes.")
     assert of_many(law) and "long formula" in equation(law) and "0.123456" not in equation(law)

@@ -195,7 +195,7 @@ def _proposal(first: Fitted, mean: Mean) -> Proposal:
         acts,
         Expression.parsed(f"{AMPLITUDE} * ({text})"),
         {k.variable.name: k.variable for k in of},
-        (Coefficient(AMPLITUDE, unit, "size", 0.0, -np.inf, np.inf, place.scale, size),),
+        (Coefficient(AMPLITUDE, unit, "size", lower=-np.inf, upper=np.inf, sigma=place.scale, typical=size),),
         statement_of(place, parameter, AVERAGE, of),
     )
     candidate = Candidate(place, Formula(AVERAGE, of, {}, mean.curve / size, 0.0), size, 0.0, 0.0, 0.0)

@@ -37,11 +37,25 @@ def proposed(candidate: Candidate, parameter: Parameter, name: str) -> Effect:
     text = re.sub(r"\((\w+) - 0\)", r"\1", text)
     acts, unit = acting(candidate.location, parameter)
     size = candidate.location.scale / float(np.std(formula.curve))
-    coefficients = [Coefficient(AMPLITUDE, unit, "size", 0.0, -np.inf, np.inf, size, candidate.amplitude)]
+    coefficients = [
+        Coefficient(AMPLITUDE, unit, "size", lower=-np.inf, upper=np.inf, sigma=size, typical=candidate.amplitude)
+    ]
     for s in formula.form.shapes:
         at, x = formula.shape[s.letter], formula.of[s.of].values
         # a shape at a bound is another form: a threshold beyond what was flown is a straight line
-        shape = Coefficient(s.letter, s.unit, "shape", at, *s.bounds(x), s.sigma(x), at, free=True, closed=True)
+        low, high = s.bounds(x)
+        shape = Coefficient(
+            s.letter,
+            s.unit,
+            "shape",
+            absent=at,
+            lower=low,
+            upper=high,
+            sigma=s.sigma(x),
+            typical=at,
+            free=True,
+            closed=True,
+        )
         coefficients.append(shape)
     variables = {k.variable.name: k.variable for k in formula.of}
     statement = statement_of(candidate.location, parameter, formula.form, formula.of)

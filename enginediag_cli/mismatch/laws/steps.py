@@ -202,7 +202,9 @@ def _proposal(place: Location, part: Part, size: float, priors: tuple[float, flo
     curve = np.asarray(expression.at({**values, **dict.fromkeys(letters, 1.0)}), float)
     parameter = parameter_at(place, engine)
     acts, unit = acting(place, parameter)
-    coefficients = tuple(Coefficient(a, unit, "size", 0.0, -np.inf, np.inf, size, 0.0) for a in letters)
+    coefficients = tuple(
+        Coefficient(a, unit, "size", lower=-np.inf, upper=np.inf, sigma=size, typical=0.0) for a in letters
+    )
     variables = {k.variable.name: k.variable for k in part.of}
     statement = statement_of(place, parameter, part.form, part.of)
     law = Law(part.name, acts, expression, variables, coefficients, statement)

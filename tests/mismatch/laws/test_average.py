@@ -52,7 +52,7 @@ class Ground:
     def __init__(self) -> None:
         engine = concealed.turbofan()
         mach = variables_of(engine.network)["mach"]
-        size = Coefficient("a", "1", "size", 0.0, -1.0, 1.0, 0.05, 0.02)
+        size = Coefficient("a", "1", "size", lower=-1.0, upper=1.0, sigma=0.05, typical=0.02)
         law = Law("truth", Acts("hpc.efficiency", "hpc", "", True), Expression.parsed(SWING), {"mach": mach}, (size,))
         truth = Effect(law, law.acts.site, {"a": 0.02})
         given = concealed.evidence(concealed.flights((truth,), np.random.default_rng(1320), count=4, records=40))

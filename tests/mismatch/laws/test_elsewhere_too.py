@@ -23,7 +23,7 @@ from enginediag_cli.physics.laws.law import Acts, Law, variables_of
 def _truth(place: str, slope: float) -> Effect:
     engine = concealed.turbofan()
     acts = Acts(f"{place}.efficiency", place, "", True)
-    a = Coefficient("a", "1", "slope", 0.0, -1.0, 1.0, 0.05, slope)
+    a = Coefficient("a", "1", "slope", lower=-1.0, upper=1.0, sigma=0.05, typical=slope)
     law = Law("truth", acts, Expression.parsed("a * ln(reynolds_index)"), variables_of(engine.network), (a,))
     return Effect(law, acts.site, {"a": slope})
 

@@ -25,7 +25,7 @@ def _step_of(slope: float) -> tuple[HypothesisFit, HypothesisFit]:
     """The fit without and with a smooth step at the HPC, where the truth is a straight line of this slope."""
     engine = concealed.turbofan()
     acts = Acts("hpc.efficiency", "hpc", "", True)
-    a = Coefficient("a", "1", "slope", 0.0, -1.0, 1.0, 0.05, slope)
+    a = Coefficient("a", "1", "slope", lower=-1.0, upper=1.0, sigma=0.05, typical=slope)
     law = Law("truth", acts, Expression.parsed("a * (reynolds_index - 1)"), variables_of(engine.network), (a,))
     truth = [Effect(law, acts.site, {"a": slope})] if slope else []
     given = concealed.evidence(concealed.flights(truth, np.random.default_rng(1101), count=4, records=40))

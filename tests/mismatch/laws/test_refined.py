@@ -36,7 +36,7 @@ class Searched:
     def __init__(self, formula: str, size: float, of: tuple[str, ...], carrying: str):
         engine = concealed.turbofan()
         every = variables_of(engine.network)
-        a = Coefficient("a", "1", "size", 0.0, -10.0, 10.0, 0.05, size)
+        a = Coefficient("a", "1", "size", lower=-10.0, upper=10.0, sigma=0.05, typical=size)
         acts = Acts("hpc.efficiency", "hpc", "", True)
         law = Law("truth", acts, Expression.parsed(formula), {n: every[n] for n in of}, (a,))
         truth = Effect(law, acts.site, {"a": size})

@@ -28,7 +28,7 @@ class Searched:
 
     def __init__(self) -> None:
         engine = concealed.turbofan()
-        a = Coefficient("a", "1", "size", 0.0, -10.0, 10.0, 0.05, 0.06)
+        a = Coefficient("a", "1", "size", lower=-10.0, upper=10.0, sigma=0.05, typical=0.06)
         acts = Acts("sensor.P3.scale", "sensor.P3", "1", True)
         law = Law("truth", acts, Expression.parsed(f"a * ({ALONG} - 1)"), variables_of(engine.network), (a,))
         truth = Effect(law, acts.site, {"a": 0.06})

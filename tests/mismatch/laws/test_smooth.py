@@ -38,7 +38,7 @@ def _said(
     """Of a law at the HPC's efficiency, at a fit that carries the best law of one variable."""
     engine = concealed.turbofan()
     acts = Acts("hpc.efficiency", "hpc", "", True)
-    a = Coefficient("a", "1", "size", 0.0, -1.0, 1.0, 0.05, size)
+    a = Coefficient("a", "1", "size", lower=-1.0, upper=1.0, sigma=0.05, typical=size)
     every = variables_of(engine.network)
     law = Law("truth", acts, Expression.parsed(formula), {n: every[n] for n in of}, (a,))
     given = concealed.evidence(

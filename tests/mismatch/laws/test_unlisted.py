@@ -28,7 +28,10 @@ def looked(*effects: Effect) -> tuple[float, float]:
 
 @pytest.mark.slow
 def test_a_wave_that_no_form_has_is_plainly_likelier_as_any_curve() -> None:
-    acts, a = Acts("hpc.efficiency", "hpc", "", True), Coefficient("a", "1", "size", 0.0, -900.0, 900.0, 100.0, 200.0)
+    acts, a = (
+        Acts("hpc.efficiency", "hpc", "", True),
+        Coefficient("a", "1", "size", lower=-900.0, upper=900.0, sigma=100.0, typical=200.0),
+    )
     mach = {"mach": variables_of(concealed.turbofan().network)["mach"]}
     law = Law("truth", acts, Expression.parsed(TWO_WAVES), mach, (a,))
     smooth, listed = looked(Effect(law, acts.site, {"a": 200.0}))

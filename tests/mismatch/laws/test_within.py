@@ -29,7 +29,7 @@ BEYOND_SATURATED = 20.0
 def _searched(acts: Acts, slope: float):
     """The base of flights with a law in proportion to inlet temperature, and that law as it is scored at each place."""
     engine = concealed.turbofan()
-    a = Coefficient("a", "1", "slope", 0.0, -np.inf, np.inf, 1.0, slope)
+    a = Coefficient("a", "1", "slope", lower=-np.inf, upper=np.inf, sigma=1.0, typical=slope)
     known = variables_of(engine.network)
     law = Law("truth", acts, Expression.parsed("a * (inlet_temperature - 1)"), known, (a,))
     truth = Effect(law, acts.site, {"a": slope})
