@@ -15,8 +15,8 @@ from enginediag_cli.report.messages import Messages
 from enginediag_cli.shipped import own_or_shipped
 
 if TYPE_CHECKING:
-    from enginediag_cli.engine.description import EngineDescription
     from enginediag_cli.engine.engine import Engine
+    from enginediag_cli.engine.load import EngineDescription
     from enginediag_cli.identification.covariance import AtBound
     from enginediag_cli.identification.identify import Identification
     from enginediag_cli.identification.nominal import Estimate, Nominal
@@ -285,7 +285,7 @@ def identify(
     ----------
     Regularised Gauss–Newton with robust loss and noise in turn; see `enginediag_cli.identification.identify`.
     """
-    from enginediag_cli.engine.description import EngineDescription
+    from enginediag_cli.engine.load import EngineDescription
     from enginediag_cli.engine.overview import heating_value_doubts
     from enginediag_cli.identification.identify import identify as run
     from enginediag_cli.report.tables.identification import doubt_lines, report_lines

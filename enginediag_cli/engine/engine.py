@@ -12,22 +12,24 @@ import numpy as np
 from enginediag_cli.engine import solver
 from enginediag_cli.engine import start as anchors
 from enginediag_cli.engine.dual import Array
-from enginediag_cli.engine.moving.recall import Known, Recall
-from enginediag_cli.engine.moving.tape import Tape, Tapes
+from enginediag_cli.engine.evaluation import Sensor
 from enginediag_cli.engine.network import Network
-from enginediag_cli.engine.outputs import (
+from enginediag_cli.engine.recall import Known, Recall
+from enginediag_cli.engine.start import correction, total_ratios
+from enginediag_cli.engine.strategy import (
     INVALID_INPUT,
     NOT_CONVERGED,
     OK,
     OUTSIDE_MAP,
     STATUS,
+    Batch,
     Outputs,
     Prediction,
+    Strategy,
+    Tries,
     through,
 )
-from enginediag_cli.engine.sensors import Sensor
-from enginediag_cli.engine.start import correction, total_ratios
-from enginediag_cli.engine.strategy import Batch, Strategy, Tries
+from enginediag_cli.engine.tape import Tape, Tapes
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.parameters import Parameter
 

@@ -21,8 +21,8 @@ import numpy as np
 
 from enginediag_cli.engine.dual import Array, Value
 from enginediag_cli.engine.evaluation import Evaluation, FlowHook, Hooks, Solved, ValueHook
-from enginediag_cli.engine.moving.filters import Filter
-from enginediag_cli.engine.moving.recall import Memory
+from enginediag_cli.engine.filters import Filter
+from enginediag_cli.engine.recall import Memory
 from enginediag_cli.parameters import Parameter, spelled
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import Any
 
 from enginediag_cli.config.hints import near
 from enginediag_cli.config.validate import Checked
-from enginediag_cli.engine.controls.section import lever
+from enginediag_cli.engine.control_section import lever
 from enginediag_cli.errors import Problem
 
 DRIVEN = ("load", "propeller")

@@ -64,7 +64,7 @@ def model_key(fleet: Fleet, build: Build) -> str:
 def identify_common(fleet: Fleet, build: Build, recordings: Sequence[Recorded], path: Path) -> CommonModel:
     """Identify the model of a build and write its nominal file, unless another run has done so meanwhile. Raises
     DataError, and NoVerdictError when there is none."""
-    from enginediag_cli.engine.description import EngineDescription
+    from enginediag_cli.engine.load import EngineDescription
     from enginediag_cli.identification.identify import identify
     from enginediag_cli.identification.nominal_file import write_nominal
     from enginediag_cli.identification.probes import without_probes, wrong_probes

@@ -24,7 +24,7 @@ import numpy as np
 from enginediag_cli.config.hints import near
 from enginediag_cli.config.reading import refuse_other_kind
 from enginediag_cli.config.validate import Checked
-from enginediag_cli.engine.description import EngineDescription
+from enginediag_cli.engine.load import EngineDescription
 from enginediag_cli.engine.wrapped import MonitoredModel
 from enginediag_cli.error_model.maps import FAMILY
 from enginediag_cli.errors import ConfigError, Mark, Problem

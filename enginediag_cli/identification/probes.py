@@ -40,7 +40,7 @@ from enginediag_cli.engine.components.passages import Bleed, Duct, Inlet
 from enginediag_cli.engine.components.turbine import Turbine
 from enginediag_cli.engine.dual import log, value
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.flow import Flow
+from enginediag_cli.engine.evaluation import Flow
 from enginediag_cli.engine.gas import Mixture
 from enginediag_cli.engine.network import OFFTAKE_SHARE
 from enginediag_cli.identification.problem import TrainingRecording

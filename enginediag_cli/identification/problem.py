@@ -44,8 +44,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from enginediag_cli.config.hints import near
-from enginediag_cli.engine.blocks import IDENTIFICATION, LOSSES
-from enginediag_cli.engine.moving.tape import MOMENT, PAST
+from enginediag_cli.engine.declaration import IDENTIFICATION, LOSSES
+from enginediag_cli.engine.tape import MOMENT, PAST
 from enginediag_cli.engine.wrapped import Model
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.noise import gaps, position

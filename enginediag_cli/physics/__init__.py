@@ -1,1 +1,1 @@
-"""Physical effects that an engine model may carry or lack: one effect per file in `terms/`."""
+"""Physical effects that an engine model may carry or lack: the library in `terms/`, and laws that engine files state."""

@@ -20,15 +20,15 @@ import numpy as np
 
 from enginediag_cli import __version__
 from enginediag_cli.config.fields import Field, Section
-from enginediag_cli.engine.moving.tape import MOMENT
-from enginediag_cli.physics.laws.law import variables_of
+from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.physics.law import variables_of
 from enginediag_cli.report.sentences import with_unit
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.components import Actuator, Component
     from enginediag_cli.engine.engine import Engine
-    from enginediag_cli.engine.example import Shown
     from enginediag_cli.engine.network import Network
+    from enginediag_cli.engine.overview import Shown
     from enginediag_cli.engine.term import Coefficient, Site, Term
     from enginediag_cli.parameters import Parameter
 

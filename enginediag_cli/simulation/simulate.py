@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from enginediag_cli.engine.engine import Engine, Prediction
 from enginediag_cli.engine.transient.moving_engine import Flown, MovingEngine
-from enginediag_cli.engine.transient.networks import Flight
-from enginediag_cli.engine.transient.states import remembered, states_of
+from enginediag_cli.engine.transient.states import Flight, remembered, states_of
 from enginediag_cli.engine.wrapped import EngineLike, PredictionLike
 from enginediag_cli.errors import DataError
 from enginediag_cli.faults.catalogue import (

@@ -45,7 +45,7 @@ from enginediag_cli.mismatch.fit.identified import (
 )
 from enginediag_cli.mismatch.fit.options import effect_option, fault_options, option_scores
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.physics.laws.law import variables_of
+from enginediag_cli.physics.law import variables_of
 from enginediag_cli.physics.registry import candidates
 from enginediag_cli.validation.causes import Cause, causes_of, hypothesis
 from enginediag_cli.validation.concealed_effects import SHOWS, Recorded, Sealed

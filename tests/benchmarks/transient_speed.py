@@ -18,7 +18,7 @@ import numpy as np
 
 from enginediag_cli.engine import solver
 from enginediag_cli.engine.transient.moving_engine import MovingEngine
-from enginediag_cli.engine.transient.networks import Flight
+from enginediag_cli.engine.transient.states import Flight
 from enginediag_cli.physics.engine_file import load_engine
 
 FILE = Path(__file__).parents[2] / "configs" / "turbofan_governed.yaml"

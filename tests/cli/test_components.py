@@ -8,7 +8,7 @@ import json
 import pytest
 
 from enginediag_cli.engine.components import COMPONENTS
-from enginediag_cli.engine.example import ENGINES, shown
+from enginediag_cli.engine.overview import ENGINES, shown
 from enginediag_cli.physics.engine_file import load_engine
 
 

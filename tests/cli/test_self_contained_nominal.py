@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from healthy_files import make
 
-from enginediag_cli.engine.description import EngineDescription
+from enginediag_cli.engine.load import EngineDescription
 from enginediag_cli.errors import ConfigError
 from enginediag_cli.identification.nominal_file import format_nominal, read_nominal, write_nominal
 from enginediag_cli.intake.selection import open_baseline

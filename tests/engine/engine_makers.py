@@ -10,8 +10,7 @@ import numpy as np
 from enginediag_cli.config.validate import default_value
 from enginediag_cli.engine.components import COMPONENTS
 from enginediag_cli.engine.dual import Dual, value
-from enginediag_cli.engine.evaluation import Evaluation, Shaft
-from enginediag_cli.engine.flow import Flow
+from enginediag_cli.engine.evaluation import Evaluation, Flow, Shaft
 from enginediag_cli.engine.gas import DRY_AIR, Gas, Mixture
 from enginediag_cli.physics.engine_file import load_engine
 

@@ -10,7 +10,7 @@ from standing import standing
 
 from enginediag_cli.engine.components.combustion import burnt, fuel_for
 from enginediag_cli.engine.dual import value
-from enginediag_cli.engine.flow import static_pressure
+from enginediag_cli.engine.evaluation import static_pressure
 from enginediag_cli.errors import ConfigError
 from enginediag_cli.physics.engine_file import load_engine
 

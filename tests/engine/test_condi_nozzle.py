@@ -175,7 +175,7 @@ def test_fixed_and_limited_at_once_is_refused():
 @pytest.mark.parametrize("npr", [1.05, 1.6, 2.4, 9.0])
 def test_its_derivatives_match_differences(options, npr):
     from enginediag_cli.engine.dual import Dual, log
-    from enginediag_cli.engine.flow import Flow
+    from enginediag_cli.engine.evaluation import Flow
 
     part = component("condi_nozzle", **{"from": "7"}, **options)
     at = {"T": 900.0, "P": npr * P0, "p0": P0}

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine import solver
-from enginediag_cli.engine.controls.actuators import Held
+from enginediag_cli.engine.controls import Held
 from enginediag_cli.engine.dual import value
 from enginediag_cli.physics.engine_file import load_engine
 

@@ -7,8 +7,7 @@ import pytest
 from engine_makers import GAS, fourth_order, gradient, seeds
 
 from enginediag_cli.engine.dual import value
-from enginediag_cli.engine.gas import DRY_AIR, Gas, Mixture
-from enginediag_cli.engine.nasa9 import DRY_AIR_MOLE_FRACTION, MOLAR_MASS, molar_heat_capacity
+from enginediag_cli.engine.gas import DRY_AIR, DRY_AIR_MOLE_FRACTION, MOLAR_MASS, Gas, Mixture, molar_heat_capacity
 
 T = np.linspace(200.0, 2400.0, 441)
 # kg of fuel and of water vapour per kg of dry air

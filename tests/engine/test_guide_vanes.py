@@ -7,7 +7,7 @@ import pytest
 from engine_makers import GAS, component, evaluation, flow, fourth_order, gradient, seeds, shaft
 
 from enginediag_cli.engine.dual import value
-from enginediag_cli.engine.maps.compressor_map import closed_efficiency, closed_flow
+from enginediag_cli.engine.maps import closed_efficiency, closed_flow
 
 A, B = 0.012, 4e-4
 

@@ -7,7 +7,7 @@ import pytest
 from engine_makers import GAS, component, evaluation, flow, fourth_order, gradient, seeds
 
 from enginediag_cli.engine.dual import value
-from enginediag_cli.engine.flow import Flow, mix, static_pressure
+from enginediag_cli.engine.evaluation import Flow, mix, static_pressure
 from enginediag_cli.engine.gas import DRY_AIR, Mixture
 
 TABLES = {0.1: (0.99303, 5.8218), 0.3: (0.93947, 2.0351), 0.5: (0.84302, 1.3398), 0.8: (0.65602, 1.0382)}  # p/P, A/A*

@@ -8,7 +8,7 @@ from engine_makers import component, evaluation, flow, fourth_order, gradient, s
 
 from enginediag_cli.engine.components.nozzles import throat
 from enginediag_cli.engine.dual import value
-from enginediag_cli.engine.flow import Flow
+from enginediag_cli.engine.evaluation import Flow
 from enginediag_cli.engine.gas import DRY_AIR
 
 R = 287.05

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from engine_makers import fourth_order, gradient, seeds
 
-from enginediag_cli.engine.maps import compressor_map, turbine_map
+from enginediag_cli.engine import maps as compressor_map
+from enginediag_cli.engine import maps as turbine_map
 
 LOSS = 0.13
 COMPRESSOR = {f.name: f.default for f in compressor_map.FIELDS}

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from engine_makers import CONFIGS
 
-from enginediag_cli.engine.controls.actuators import Held
+from enginediag_cli.engine.controls import Held
 from enginediag_cli.engine.wiring import power_settings
 from enginediag_cli.errors import ConfigError
 from enginediag_cli.physics.engine_file import load_engine

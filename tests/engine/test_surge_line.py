@@ -7,7 +7,7 @@ import pytest
 from engine_makers import component, evaluation, flow, fourth_order, gradient, shaft
 
 from enginediag_cli.engine.dual import Dual
-from enginediag_cli.engine.maps.compressor_map import SurgeLine
+from enginediag_cli.engine.maps import SurgeLine
 
 LINE = {"corrected_flow": [10.0, 20.0, 24.0], "pressure_ratio": [5.0, 12.0, 14.0]}
 MAP = "Nc_map,Rline,Wc_map,PR_map,eff_map\n" + "".join(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from engine_makers import fourth_order, gradient, seeds
 
-from enginediag_cli.engine.maps.table_map import make_table, read_table
+from enginediag_cli.engine.maps import make_table, read_table
 from enginediag_cli.errors import ConfigError
 
 X = np.array([0.3, 0.5, 0.6, 0.85, 1.0, 1.1])

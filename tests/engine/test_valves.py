@@ -8,7 +8,7 @@ from engine_makers import GAS, component, evaluation, flow, gradient, operating_
 from mixed_flow import MIXED_FLOW
 from standing import standing
 
-from enginediag_cli.engine.flow import mix
+from enginediag_cli.engine.evaluation import mix
 from enginediag_cli.physics.engine_file import load_engine
 
 COLUMNS = ("N1_rpm", "N2_rpm", "T3_K", "P3_Pa", "T5_K", "P6_Pa", "Fn_N", "W2_kg_s")

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from enginediag_cli.engine.warm import WarmEngine, warm
+from enginediag_cli.engine.wrapped import WarmEngine, warm
 from enginediag_cli.physics.engine_file import load_engine
 
 CONFIG = Path(__file__).resolve().parents[2] / "configs" / "citation_jt15d.yaml"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from identification_toy import ToyEngine, fly
 
-from enginediag_cli.engine.warm import warm
+from enginediag_cli.engine.wrapped import warm
 from enginediag_cli.identification.gauss_newton import Fit
 from enginediag_cli.identification.identify import _without
 from enginediag_cli.identification.map_error import with_map_error, with_range_of

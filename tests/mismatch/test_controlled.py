@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from enginediag_cli.config.document import parse_document
-from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
+from enginediag_cli.engine.load import EngineDescription
 from enginediag_cli.identification.problem import TrainingRecording
 from enginediag_cli.mismatch.controlled.actuators import free_actuators
 from enginediag_cli.mismatch.controlled.find import ControlSearchResult, find_law

@@ -23,8 +23,8 @@ from enginediag_cli.mismatch.laws.scan import Scan, known_variables, scored
 from enginediag_cli.mismatch.laws.search import LawSearch
 from enginediag_cli.mismatch.laws.shortlist import Proposal, proposal
 from enginediag_cli.mismatch.laws.summary import summary
-from enginediag_cli.physics.laws.expression import Expression
-from enginediag_cli.physics.laws.law import Acts, Law, variables_of
+from enginediag_cli.physics.expression import Expression
+from enginediag_cli.physics.law import Acts, Law, variables_of
 
 WAVE = "a * ((mach - 0.5) / 0.15) * exp(-((mach - 0.5) / 0.15) ** 2)"
 STEP, SINCE, RECORDS = 0.004, 3, 40

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from term_makers import shipped
 
-from enginediag_cli.engine.controls.actuators import Recorded
-from enginediag_cli.engine.moving.tape import MOMENT
+from enginediag_cli.engine.controls import Recorded
+from enginediag_cli.engine.tape import MOMENT
 from enginediag_cli.physics.registry import effect, term, term_names
 
 BEFORE, AFTER, RECORDS = 20, 3, 400  # records of 1 s before a step of power, behind it, and in all

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from ground_recordings import CONFIGS, public_data
 
-from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
+from enginediag_cli.engine.load import EngineDescription
 from enginediag_cli.identification.problem import TrainingRecording
 from enginediag_cli.mismatch.controlled.find import ControlSearchResult, find_law
 from enginediag_cli.mismatch.refine.controlled import refine_control

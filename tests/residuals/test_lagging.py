@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from enginediag_cli.detection.verdict import judge
-from enginediag_cli.engine.moving.filters import Clock, Lag
-from enginediag_cli.engine.moving.tape import LAGS_S, MOMENT, Lagging
+from enginediag_cli.engine.filters import Clock, Lag
+from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.engine.wrapped import LAGS_S, Lagging
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.nominal_file import read_nominal, write_nominal
 from enginediag_cli.identification.problem import TrainingRecording

@@ -59,7 +59,7 @@ def test_a_flight_begins_steady_and_lags_behind_what_is_asked_for(engine):
 def test_a_run_that_cannot_be_made_exact_is_told_by_its_records(engine, monkeypatch):
     slam = plan(1.0, (0, 0.3), (2, 0.3), (2.5, 0.8), (20, 0.8))
     exact = flown(engine, slam)
-    monkeypatch.setattr("enginediag_cli.engine.transient.collocation.SWEEPS", 0)
+    monkeypatch.setattr("enginediag_cli.engine.transient.moving_engine.SWEEPS", 0)
     stepped = flown(engine, slam)
     assert exact.loose == 0 and stepped.loose == len(stepped)
     assert np.allclose(exact.columns["N1_rpm"], stepped.columns["N1_rpm"], rtol=1e-4)

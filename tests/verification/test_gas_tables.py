@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
-from enginediag_cli.engine.gas import DRY_AIR, Gas, Mixture
-from enginediag_cli.engine.nasa9 import molar_heat_capacity
+from enginediag_cli.engine.gas import DRY_AIR, Gas, Mixture, molar_heat_capacity
 
 GAS = Gas()
 CARBON = Gas(0.0)  # its "fuel products" are CO2 less O2

@@ -18,8 +18,7 @@ from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.atmosphere import T_ISA, saturated_water
 from enginediag_cli.engine.components.base import FROM, NAME, TO, Actuator, Component, Design, Unknown, scalar
 from enginediag_cli.engine.dual import Dual, Value, chain, select, sqrt, value
-from enginediag_cli.engine.evaluation import Evaluation
-from enginediag_cli.engine.flow import Flow, at_impulse, at_mach, kept, static_pressure
+from enginediag_cli.engine.evaluation import Evaluation, Flow, at_impulse, at_mach, kept, static_pressure
 from enginediag_cli.engine.gas import DRY_AIR, T_FIT, T_REFERENCE, Gas, Mixture
 from enginediag_cli.parameters import Parameter, spelled
 

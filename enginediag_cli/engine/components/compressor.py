@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from enginediag_cli.config.fields import Field, Section
+from enginediag_cli.engine import maps as compressor_map
 from enginediag_cli.engine.atmosphere import P_ISA, T_ISA
 from enginediag_cli.engine.components.base import (
     FROM,
@@ -22,11 +23,18 @@ from enginediag_cli.engine.components.base import (
     scalar,
 )
 from enginediag_cli.engine.dual import Value, exp, locally, log, sqrt, value
-from enginediag_cli.engine.evaluation import Evaluation
-from enginediag_cli.engine.flow import Flow
-from enginediag_cli.engine.maps import compressor_map
-from enginediag_cli.engine.maps.compressor_map import SURGE_LINE, VANES, SurgeLine, closed_efficiency, closed_flow
-from enginediag_cli.engine.maps.table_map import RULES, TableMap, make_table, read_table
+from enginediag_cli.engine.evaluation import Evaluation, Flow
+from enginediag_cli.engine.maps import (
+    RULES,
+    SURGE_LINE,
+    VANES,
+    SurgeLine,
+    TableMap,
+    closed_efficiency,
+    closed_flow,
+    make_table,
+    read_table,
+)
 from enginediag_cli.parameters import Parameter, spelled
 
 PORT = Section(

@@ -19,8 +19,7 @@ from enginediag_cli.engine.atmosphere import T_ISA
 from enginediag_cli.engine.components.base import FROM, NAME, TO, Unknown, scalar
 from enginediag_cli.engine.components.passages import LAW, Lossy
 from enginediag_cli.engine.dual import Value, exp, power, select, value
-from enginediag_cli.engine.evaluation import Evaluation
-from enginediag_cli.engine.flow import Flow
+from enginediag_cli.engine.evaluation import Evaluation, Flow
 from enginediag_cli.parameters import Parameter
 
 BALANCED = 1e-12

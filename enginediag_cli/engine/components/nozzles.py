@@ -17,8 +17,7 @@ import numpy as np
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.components.base import FROM, NAME, Actuator, Component, Design, scalar
 from enginediag_cli.engine.dual import Value, chain, exp, log, maximum, select, sqrt, value
-from enginediag_cli.engine.evaluation import Evaluation
-from enginediag_cli.engine.flow import Flow
+from enginediag_cli.engine.evaluation import Evaluation, Flow
 from enginediag_cli.parameters import Parameter, spelled
 
 SMALLEST_LOG_RATIO = 1e-4  # within it the flow passes linearly through zero

@@ -39,8 +39,7 @@ from enginediag_cli.engine.components.base import (
     scalar,
 )
 from enginediag_cli.engine.dual import Dual, Value, chain, exp, log, sqrt, value
-from enginediag_cli.engine.evaluation import Evaluation
-from enginediag_cli.engine.flow import Flow, at_impulse, at_mach, mix, static_pressure
+from enginediag_cli.engine.evaluation import Evaluation, Flow, at_impulse, at_mach, mix, static_pressure
 from enginediag_cli.engine.gas import DRY_AIR, Mixture
 from enginediag_cli.parameters import Parameter
 

@@ -22,7 +22,7 @@ from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.components.base import NAME, Actuator, Component, Design, scalar
 from enginediag_cli.engine.dual import Value, chain, power, sqrt, value
 from enginediag_cli.engine.evaluation import Evaluation, Shaft
-from enginediag_cli.engine.maps.table_map import RULES, TableMap, make_table, read_table
+from enginediag_cli.engine.maps import RULES, TableMap, make_table, read_table
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.units import RAD_S_PER_RPM
 

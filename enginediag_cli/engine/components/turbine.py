@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.config.fields import Field, Section
+from enginediag_cli.engine import maps as turbine_map
 from enginediag_cli.engine.atmosphere import P_ISA
 from enginediag_cli.engine.components.base import FROM, NAME, TO, Component, Design, Unknown, scalar
 from enginediag_cli.engine.dual import Value, log, sqrt, value
-from enginediag_cli.engine.evaluation import Evaluation
-from enginediag_cli.engine.flow import Flow, mix
-from enginediag_cli.engine.maps import turbine_map
-from enginediag_cli.engine.maps.table_map import RULES, TableMap, make_table, read_table
+from enginediag_cli.engine.evaluation import Evaluation, Flow, mix
+from enginediag_cli.engine.maps import RULES, TableMap, make_table, read_table
 from enginediag_cli.parameters import Parameter
 
 TABLE = Section(

@@ -35,8 +35,7 @@ from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.network import Network
 from enginediag_cli.engine.solver import LARGEST_STEP, SMALL
 from enginediag_cli.engine.solver import TOLERANCE as EFFORT_TOLERANCE
-from enginediag_cli.engine.transient.networks import Course, MovingNetwork
-from enginediag_cli.engine.transient.states import ELAPSED, STEP
+from enginediag_cli.engine.transient.states import ELAPSED, STEP, Course, MovingNetwork
 
 GAMMA = 0.4358665215084589994160194
 """Weight of a stage's own derivative: the root of γ³ − 3γ² + 3γ/2 − 1/6 at which the method is L-stable."""

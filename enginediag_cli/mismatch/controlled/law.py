@@ -14,8 +14,8 @@ import numpy as np
 
 from enginediag_cli.config.document import Node, appended, dump, parse_document, with_item, with_key
 from enginediag_cli.engine.components.base import Actuator
-from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
+from enginediag_cli.engine.load import EngineDescription
 
 DIGITS = 7
 """Significant digits of set points and stops."""

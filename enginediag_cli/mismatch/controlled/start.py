@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
+from enginediag_cli.engine.load import EngineDescription
 from enginediag_cli.engine.network import position_column
 from enginediag_cli.errors import ConfigError
 from enginediag_cli.mismatch.controlled.actuators import Free

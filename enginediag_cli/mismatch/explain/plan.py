@@ -16,14 +16,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.moving.tape import MOMENT
+from enginediag_cli.engine.tape import MOMENT
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.foreseen import PredictedReadings, Rival
 from enginediag_cli.mismatch.fit.evidence import Dataset, Flight
 from enginediag_cli.mismatch.fit.extended import NUMBER
-from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis, input_values, nuisance, stack_column
-from enginediag_cli.physics.laws.law import Law
+from enginediag_cli.mismatch.fit.identified import Identified, inputs_of, nuisance, stacked
+from enginediag_cli.physics.law import Law
 from enginediag_cli.planning.flights import PlannedFlight, flights, manoeuvres
 from enginediag_cli.planning.separation import (
     SAME,

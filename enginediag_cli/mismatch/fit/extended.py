@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.warm import WarmEngine
-from enginediag_cli.engine.wrapped import Question, WrappedModel
+from enginediag_cli.engine.wrapped import Question, WarmEngine, WrappedModel
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.physics.registry import term, term_names
 

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from enginediag_cli.engine.moving.tape import MOMENT
+from enginediag_cli.engine.tape import MOMENT
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.fit.identified import Hypothesis, IdentifiedHypothesis

@@ -10,7 +10,7 @@ from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.laws.band import Band
 from enginediag_cli.mismatch.laws.scan import Formula
-from enginediag_cli.physics.laws.law import Variable
+from enginediag_cli.physics.law import Variable
 
 Group = tuple[Variable, ...]
 """Variables that the records cannot tell apart, the one that the law has first."""

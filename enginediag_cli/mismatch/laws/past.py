@@ -13,10 +13,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from enginediag_cli.engine.dual import Dual, Value, value
-from enginediag_cli.engine.moving.filters import Clock, Filter
-from enginediag_cli.engine.moving.tape import MOMENT
-from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis
-from enginediag_cli.physics.laws.expression import Followed, Past
+from enginediag_cli.engine.filters import Clock, Filter
+from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.mismatch.fit.identified import Identified
+from enginediag_cli.physics.expression import Followed, Past
 
 COURSE = 8
 """Records that a stretch has on average, from which a recording tells a course."""

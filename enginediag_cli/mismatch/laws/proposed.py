@@ -12,8 +12,8 @@ from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.laws.grammar import Form
 from enginediag_cli.mismatch.laws.scan import Candidate, KnownVariable
 from enginediag_cli.parameters import Parameter, spelled
-from enginediag_cli.physics.laws.expression import Expression
-from enginediag_cli.physics.laws.law import Acts, Law, at_lever, varies_itself
+from enginediag_cli.physics.expression import Expression
+from enginediag_cli.physics.law import Acts, Law, at_lever, varies_itself
 
 AMPLITUDE = "a"
 """The letter of every form that is its size."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from enginediag_cli.drivers import SAME
 from enginediag_cli.engine.dual import Value
-from enginediag_cli.engine.moving.filters import Clock
+from enginediag_cli.engine.filters import Clock
 from enginediag_cli.engine.term import STILL
 from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.extended import ExtendedModel
@@ -29,8 +29,8 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.laws.grammar import FORMS, Form, Shape
 from enginediag_cli.mismatch.laws.past import clock_of, past_along
 from enginediag_cli.mismatch.laws.within import Room, ends_of
-from enginediag_cli.physics.laws.expression import Past
-from enginediag_cli.physics.laws.law import Variable, variables_of
+from enginediag_cli.physics.expression import Past
+from enginediag_cli.physics.law import Variable, variables_of
 from enginediag_cli.progress import stage
 
 PAIRS = 0.25

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from enginediag_cli.drivers import LAGGING, RATE
-from enginediag_cli.engine.moving.filters import Lag, RateOfChange
-from enginediag_cli.engine.moving.tape import MOMENT, NO_MOMENT, Tape
+from enginediag_cli.engine.filters import Lag, RateOfChange
+from enginediag_cli.engine.tape import MOMENT, NO_MOMENT, Tape
 from enginediag_cli.engine.term import DriverValues
 from enginediag_cli.identification.instruments import stretches
 from enginediag_cli.mismatch.fit.evidence import Dataset

@@ -17,8 +17,8 @@ from enginediag_cli.config.document import Node, appended, dump, load_document
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.errors import DataError
-from enginediag_cli.physics.laws.declared import entry_of
-from enginediag_cli.physics.laws.law import Law
+from enginediag_cli.physics.engine_file import entry_of
+from enginediag_cli.physics.law import Law
 from enginediag_cli.recordings.write import output
 
 DIGITS = 6

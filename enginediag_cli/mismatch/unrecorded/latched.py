@@ -25,7 +25,7 @@ from functools import cached_property
 
 import numpy as np
 
-from enginediag_cli.engine.moving.filters import Clock, came_from
+from enginediag_cli.engine.filters import Clock, came_from
 
 GRID, FINER = 80, 30
 """Values of a variable among which thresholds are sought, and about the best of them again."""

@@ -1,1 +1,1 @@
-"""One physical effect per module; the module is named as its term. `enginediag_cli.physics.registry` finds them."""
+"""The library of effects, in families; a new effect is one class in its family."""

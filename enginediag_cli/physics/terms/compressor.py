@@ -13,9 +13,8 @@ from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.passages import Inlet, Splitter
 from enginediag_cli.engine.dual import Value, exp, log, select, value
-from enginediag_cli.engine.evaluation import Evaluation
-from enginediag_cli.engine.flow import Flow
-from enginediag_cli.engine.maps.compressor_map import closed_efficiency, closed_flow
+from enginediag_cli.engine.evaluation import Evaluation, Flow
+from enginediag_cli.engine.maps import closed_efficiency, closed_flow
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term, shape_coefficient
 from enginediag_cli.physics.parts import (
     Quantity,

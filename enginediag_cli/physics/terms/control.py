@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, ClassVar
 
 from enginediag_cli.drivers import RATE
 from enginediag_cli.engine.components.base import scalar
-from enginediag_cli.engine.controls.actuators import Recorded
-from enginediag_cli.engine.moving.filters import Delay, Filter, Lag, PerFull, RateLimit, SecondOrder
-from enginediag_cli.engine.moving.tape import PAST
+from enginediag_cli.engine.controls import Recorded
+from enginediag_cli.engine.filters import Delay, Filter, Lag, PerFull, RateLimit, SecondOrder
+from enginediag_cli.engine.tape import PAST
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
 from enginediag_cli.physics.parts import burners
 

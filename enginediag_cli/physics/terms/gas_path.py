@@ -19,8 +19,7 @@ from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.nozzles import Exhaust, Nozzle, throat
 from enginediag_cli.engine.components.passages import Duct
 from enginediag_cli.engine.dual import Value, exp, log
-from enginediag_cli.engine.evaluation import Evaluation
-from enginediag_cli.engine.flow import Flow
+from enginediag_cli.engine.evaluation import Evaluation, Flow
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term, shape_coefficient
 from enginediag_cli.physics.parts import Quantity, burners, flies, is_hot, relative_flow, sites_at, sites_behind
 

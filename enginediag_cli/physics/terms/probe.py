@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, ClassVar
 from enginediag_cli.drivers import AMBIENT_PRESSURE, BURNER_TEMPERATURE, CONSTANT, CORRECTED_SPEED, POWER, RATE
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.dual import Value, exp, log, sqrt
-from enginediag_cli.engine.evaluation import Evaluation, ValueHook
-from enginediag_cli.engine.flow import Flow
-from enginediag_cli.engine.moving.filters import Delay, Lag
-from enginediag_cli.engine.moving.tape import PAST
+from enginediag_cli.engine.evaluation import Evaluation, Flow, ValueHook
+from enginediag_cli.engine.filters import Delay, Lag
 from enginediag_cli.engine.network import STATION_COLUMN
+from enginediag_cli.engine.tape import PAST
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term, shape_coefficient
 from enginediag_cli.physics.parts import burners, flies, is_hot, relative_flow
 

@@ -16,9 +16,9 @@ import numpy as np
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.laws.finding import TOGETHER
 from enginediag_cli.mismatch.unrecorded.finding import Limit
-from enginediag_cli.mismatch.unrecorded.latched import SwitchingDirection
-from enginediag_cli.physics.laws.declared import entry_of
-from enginediag_cli.physics.laws.law import Law
+from enginediag_cli.mismatch.unrecorded.latched import Way
+from enginediag_cli.physics.engine_file import entry_of
+from enginediag_cli.physics.law import Law
 from enginediag_cli.planning.flights import DURATION_S, MANOEUVRE, RECORDS
 from enginediag_cli.planning.separation import SAME, SENSOR, SWITCH, best_of_each_kind
 from enginediag_cli.report.sentences import count, listed, probability, rounded, with_unit

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.engine.moving.filters import (
+from enginediag_cli.engine.filters import (
     Backlash,
     Clock,
     Delay,

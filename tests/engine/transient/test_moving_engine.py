@@ -12,13 +12,12 @@ import pytest
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.evaluation import Evaluation, Hooks, Shaft
 from enginediag_cli.engine.gas import Gas
-from enginediag_cli.engine.transient import collocation
 from enginediag_cli.engine.transient import integrate as dense
 from enginediag_cli.engine.transient import integrate as tableau
+from enginediag_cli.engine.transient import moving_engine as collocation
 from enginediag_cli.engine.transient.integrate import between, integrate
 from enginediag_cli.engine.transient.moving_engine import Flown, MovingEngine
-from enginediag_cli.engine.transient.networks import Flight, MovingNetwork, course_of
-from enginediag_cli.engine.transient.states import Rotor, states_of
+from enginediag_cli.engine.transient.states import Flight, MovingNetwork, Rotor, course_of, states_of
 from enginediag_cli.physics.engine_file import load_engine
 
 CONFIGS = Path(__file__).parents[3] / "configs"

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.moving.tape import MOMENT
+from enginediag_cli.engine.tape import MOMENT
 from enginediag_cli.engine.transient.moving_engine import MovingEngine
-from enginediag_cli.engine.transient.networks import Flight
+from enginediag_cli.engine.transient.states import Flight
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
 

@@ -25,10 +25,10 @@ from enginediag_cli.mismatch.laws.refined import refined
 from enginediag_cli.mismatch.laws.said import Said, Says
 from enginediag_cli.mismatch.laws.scan import Candidate, KnownVariable, Scan, formulas_of, known_variables
 from enginediag_cli.mismatch.laws.shortlist import proposal
-from enginediag_cli.physics.laws.declared import entry_of
-from enginediag_cli.physics.laws.expression import LONGEST, Expression
-from enginediag_cli.physics.laws.law import Acts, Law, variables_of
-from enginediag_cli.validation.formula_marks import all_built
+from enginediag_cli.physics.engine_file import entry_of
+from enginediag_cli.physics.expression import LONGEST, Expression
+from enginediag_cli.physics.law import Acts, Law, variables_of
+from enginediag_cli.validation.blind.laws.told import all_built
 
 SWING = "a * (mach - 0.55) / 0.15 * exp(-((mach - 0.55) / 0.15) ** 2)"
 FORMS = ("step", "optimum", "bump")

@@ -10,19 +10,18 @@ import numpy as np
 import pytest
 import yaml
 
-from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.dual import Dual, value
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.moving.filters import Clock
+from enginediag_cli.engine.filters import Clock
+from enginediag_cli.engine.load import EngineDescription
 from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.laws.grammar import FORMS, Form
 from enginediag_cli.mismatch.laws.past import past_along
 from enginediag_cli.mismatch.laws.proposed import proposed
-from enginediag_cli.mismatch.laws.scan import Candidate, Formula, KnownVariable, formulas
-from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.physics.laws.declared import entry_of
-from enginediag_cli.physics.laws.expression import unit_of
-from enginediag_cli.physics.laws.law import Law, variables_of
+from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known, formulas
+from enginediag_cli.physics.engine_file import entry_of, load_engine
+from enginediag_cli.physics.expression import unit_of
+from enginediag_cli.physics.law import Law, variables_of
 
 TURBOFAN = Path(__file__).parents[3] / "configs" / "turbofan.yaml"
 EACH = pytest.mark.parametrize("form", FORMS, ids=[f.name for f in FORMS])

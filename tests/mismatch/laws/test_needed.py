@@ -14,8 +14,8 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.scan import formulas, known_variables, scored
 from enginediag_cli.mismatch.laws.shortlist import proposal
-from enginediag_cli.physics.laws.expression import Expression
-from enginediag_cli.physics.laws.law import Acts, Law, variables_of
+from enginediag_cli.physics.expression import Expression
+from enginediag_cli.physics.law import Acts, Law, variables_of
 
 CLEAR = 8.0
 """−ln p of a size that is needed."""

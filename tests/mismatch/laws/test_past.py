@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine.dual import Dual
-from enginediag_cli.engine.moving.filters import Backlash, Clock, Lag
-from enginediag_cli.engine.moving.tape import MOMENT, NO_MOMENT
+from enginediag_cli.engine.filters import Backlash, Clock, Lag
+from enginediag_cli.engine.tape import MOMENT, NO_MOMENT
 from enginediag_cli.mismatch.laws.past import clock_of, past_along
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.physics.laws.expression import Expression
+from enginediag_cli.physics.expression import Expression
 
 N = 60
 TURBOJET = Path(__file__).parents[3] / "configs" / "turbojet.yaml"

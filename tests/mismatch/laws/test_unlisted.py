@@ -11,8 +11,8 @@ from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_wit
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.laws.scan import known_variables, scanned
 from enginediag_cli.mismatch.laws.unlisted import any_curve_at_all
-from enginediag_cli.physics.laws.expression import Expression
-from enginediag_cli.physics.laws.law import Acts, Law, variables_of
+from enginediag_cli.physics.expression import Expression
+from enginediag_cli.physics.law import Acts, Law, variables_of
 
 TWO_WAVES = "a * mach * (mach - 0.25) * (mach - 0.4) * (mach - 0.55) * (mach - 0.7) * (mach - 0.85)"
 

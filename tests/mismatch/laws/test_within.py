@@ -18,8 +18,8 @@ from enginediag_cli.mismatch.laws.posterior import evidence_of
 from enginediag_cli.mismatch.laws.scan import Candidate, formulas, known_variables, scored
 from enginediag_cli.mismatch.laws.shortlist import proposal
 from enginediag_cli.mismatch.laws.within import Room
-from enginediag_cli.physics.laws.expression import Expression
-from enginediag_cli.physics.laws.law import Acts, Law, at_lever, variables_of
+from enginediag_cli.physics.expression import Expression
+from enginediag_cli.physics.law import Acts, Law, at_lever, variables_of
 from enginediag_cli.physics.registry import effect
 
 BEYOND_SATURATED = 20.0

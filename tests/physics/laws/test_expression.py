@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine.dual import Dual, value
-from enginediag_cli.physics.laws.expression import LONGEST, Expression, ExpressionError, unit_of
+from enginediag_cli.physics.expression import LONGEST, Expression, ExpressionError, unit_of
 
 FORMULAS = {
     "a * (x - 1) + b": lambda a, b, x: a * (x - 1) + b,

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.moving.tape import MOMENT
+from enginediag_cli.engine.load import EngineDescription
+from enginediag_cli.engine.tape import MOMENT
 from enginediag_cli.errors import ConfigError
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.physics.laws.expression import Expression, ExpressionError
-from enginediag_cli.physics.laws.law import variables_of
+from enginediag_cli.physics.expression import Expression, ExpressionError
+from enginediag_cli.physics.law import variables_of
 
 TURBOJET = Path(__file__).parents[3] / "configs" / "turbojet.yaml"
 SHAPES = {

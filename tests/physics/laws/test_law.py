@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine.components.base import scalar
-from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
+from enginediag_cli.engine.load import EngineDescription
 from enginediag_cli.errors import ConfigError
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.problem import IdentificationSettings, TrainingRecording

@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from enginediag_cli.engine.dual import Array
-from enginediag_cli.engine.moving.filters import Filter
-from enginediag_cli.engine.moving.tape import MOMENT, Tape, Tapes
+from enginediag_cli.engine.filters import Filter
+from enginediag_cli.engine.tape import MOMENT, Tape, Tapes
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine

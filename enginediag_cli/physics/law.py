@@ -49,9 +49,9 @@ from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.nozzles import Nozzle
 from enginediag_cli.engine.dual import Value, sqrt
 from enginediag_cli.engine.evaluation import Evaluation, reynolds_index_of
-from enginediag_cli.engine.moving.tape import MOMENT, PAST
+from enginediag_cli.engine.tape import MOMENT, PAST
 from enginediag_cli.engine.term import Coefficient, Driver, Effect, Place, Site, Term
-from enginediag_cli.physics.laws.expression import Expression, Followed
+from enginediag_cli.physics.expression import Expression, Followed
 from enginediag_cli.physics.registry import term, term_names
 from enginediag_cli.units import split_column
 

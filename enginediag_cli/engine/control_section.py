@@ -17,8 +17,18 @@ from enginediag_cli.config.hints import near
 from enginediag_cli.config.validate import Checked
 from enginediag_cli.engine.components import Component
 from enginediag_cli.engine.components.base import Actuator
-from enginediag_cli.engine.controls.actuators import Governor, Held, Recorded, Scheduled
-from enginediag_cli.engine.controls.control import Aim, Control, Pace, Release, Schedule, Stops
+from enginediag_cli.engine.controls import (
+    Aim,
+    Control,
+    Governor,
+    Held,
+    Pace,
+    Recorded,
+    Release,
+    Schedule,
+    Scheduled,
+    Stops,
+)
 from enginediag_cli.engine.dual import Dual, Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.errors import ConfigError, Problem

@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from enginediag_cli.engine.dual import Value, chain, exp, log, maximum, minimum, power, sqrt, value
-from enginediag_cli.engine.moving.filters import Backlash, Filter, Lag, RateLimit
+from enginediag_cli.engine.filters import Backlash, Filter, Lag, RateLimit
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,0 @@
-"""Engines that move, on recordings: what an engine remembers is a filter along the time of the record."""

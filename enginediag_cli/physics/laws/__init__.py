@@ -1,1 +1,0 @@
-"""Laws that an engine file states by a formula: data, where `physics/terms/` are code."""
