@@ -211,7 +211,7 @@ def _all_numbers(row: list[str], at: list[int]) -> bool:
         return False
 
 
-FIELDS = (
+COMPRESSOR_FIELDS = (
     Field("work_slope", "number", "s: fall of work with flow coefficient at design", 1.2, minimum=0.05, maximum=8.0),
     Field(
         "choking_exponent", "number", "c: how much the speed lines steepen with flow", 3.0, minimum=0.5, maximum=15.0
@@ -224,7 +224,7 @@ FIELDS = (
     Field("loss_speed", "number", "b: growth of loss off design speed", 0.5, minimum=-2.0, maximum=20.0),
     Field("loss_speed_slope", "number", "g: tilt of loss with speed", 0.0, minimum=-2.0, maximum=2.0),
 )
-NAMES = tuple(f.name for f in FIELDS)
+COMPRESSOR_COEFFICIENTS = tuple(f.name for f in COMPRESSOR_FIELDS)
 
 
 def work_and_loss(n: Value, w: Value, design_loss: float, coefficient: dict[str, Value]) -> tuple[Value, Value]:
@@ -316,11 +316,12 @@ class SurgeLine:
         return chain(self.ratio[k] + slope[k] * (w - self.flow[k]), (slope[k], flow))
 
 
-TURBINE_MAP_FIELDS = (
+TURBINE_FIELDS = (
     Field("choking_exponent", "number", "k: how early the flow capacity saturates", 3.0, minimum=0.5, maximum=12.0),
     Field("capacity_speed_slope", "number", "c: fall of flow capacity with speed", 0.0, minimum=-0.5, maximum=0.5),
     Field("efficiency_loading", "number", "a: loss off the design blade-speed ratio", 0.5, minimum=0.0, maximum=5.0),
 )
+TURBINE_COEFFICIENTS = tuple(f.name for f in TURBINE_FIELDS)
 
 
 def saturation(log_pressure_ratio: Value, choking_exponent: Value) -> Value:

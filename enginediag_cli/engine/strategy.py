@@ -29,7 +29,6 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.engine import solver
-from enginediag_cli.engine import solver as elimination
 from enginediag_cli.engine.dual import Array, Value, value
 from enginediag_cli.engine.evaluation import Evaluation, Sensor
 from enginediag_cli.engine.gas import T_LIMIT
@@ -191,7 +190,7 @@ class Outputs:
         some = slice(None) if len(rows) == e.size else rows
         F_x, G_x = (solver.directed(e, r, self._unknowns)[..., some] for r in (e.balances, outputs))
         # G_x F_x⁻¹ first: there are fewer outputs than parameters
-        weights = elimination.substituted(*elimination.factors(F_x.transpose(1, 0, 2)), G_x.transpose(1, 0, 2))
+        weights = solver.substituted(*solver.factors(F_x.transpose(1, 0, 2)), G_x.transpose(1, 0, 2))
         F_theta, G_theta = (solver.directed(e, r, self._along)[..., some] for r in (e.balances, outputs))
         for weight, balance in zip(weights, F_theta, strict=True):
             for out, w in zip(G_theta, weight, strict=True):

@@ -68,7 +68,7 @@ def test_a_term_is_shown_in_full(run, name, monkeypatch):
     for c in found.COEFFICIENTS:
         assert f"{c.name} [{c.unit}]: {c.description}" in shown
         assert f"within {c.lower:g} to {c.upper:g}" in shown
-    assert shown.count("range assumed") == sum(c.assumed for c in found.COEFFICIENTS)
+    assert shown.count("range assumed") == sum(not c.cited for c in found.COEFFICIENTS)
     assert "  turbofan: " in ended.stdout and "  power_plant: " in ended.stdout
     assert max(map(len, ended.stdout.splitlines())) <= 105
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from enginediag_cli.config.fields import Field, Section
-from enginediag_cli.engine import maps as compressor_map
+from enginediag_cli.engine import maps
 from enginediag_cli.engine.atmosphere import P_ISA, T_ISA
 from enginediag_cli.engine.components.base import (
     FROM,
@@ -64,7 +64,7 @@ TABLE = Section(
         Field("efficiency_scale", "number", "efficiency per map efficiency; default from the design point", None),
     ),
 )
-SHAPE = Section("map", "coefficients of the parametric map", compressor_map.FIELDS)
+SHAPE = Section("map", "coefficients of the parametric map", maps.COMPRESSOR_FIELDS)
 
 VANE_DEFAULTS = {f.name: f.default for f in VANES.fields}
 """What vanes do to a map whose engine file does not say: the usual figures of the form."""
@@ -144,7 +144,7 @@ class Compressor(Valves):
     @property
     def map_shapes(self) -> tuple[str, ...]:
         """Quantities that say of which shape the map is; none of a table."""
-        return () if self.table is not None else tuple(f"map.{f.name}" for f in compressor_map.FIELDS)
+        return () if self.table is not None else tuple(f"map.{f.name}" for f in maps.COMPRESSOR_FIELDS)
 
     def parameters(self) -> tuple[Parameter, ...]:
         # to first order vanes off their schedule are a change of flow capacity: one answer for both
@@ -154,7 +154,7 @@ class Compressor(Valves):
             self.health("flow_capacity", "corrected flow", words=capacity, wear=-1),
         ]
         if self.table is None:
-            for f, shape in zip(compressor_map.FIELDS, self.map_shapes, strict=True):
+            for f, shape in zip(maps.COMPRESSOR_FIELDS, self.map_shapes, strict=True):
                 nominal = self.values["map"][f.name]
                 sigma = max(0.25 * abs(nominal), 0.2)
                 found.append(
@@ -234,7 +234,7 @@ class Compressor(Valves):
         if self.table is None:
             n = corrected_speed * (1.0 / self.speed_scale)
             w = corrected_flow * (1.0 / self.flow_scale) / capacity
-            shape = [e[f"{self.name}.map.{k}"] for k in compressor_map.NAMES]
+            shape = [e[f"{self.name}.map.{k}"] for k in maps.COMPRESSOR_COEFFICIENTS]
             work, loss = locally(self._work_and_loss, n, w, *shape)
             scale = theta * self.work_scale
             rise = work * scale
@@ -262,7 +262,7 @@ class Compressor(Valves):
         return 1.0 + (self.surge_line.at(flow * (1.0 / self.flow_scale)) - 1.0) * self.ratio_scale
 
     def _work_and_loss(self, n: Value, w: Value, *shape: Value) -> tuple[Value, Value]:
-        return compressor_map.work_and_loss(n, w, self.design_loss, dict(zip(compressor_map.NAMES, shape, strict=True)))
+        return maps.work_and_loss(n, w, self.design_loss, dict(zip(maps.COMPRESSOR_COEFFICIENTS, shape, strict=True)))
 
     def _deliver(self, e: Evaluation, inlet: Flow, rise: Value, ratio: Value) -> None:
         """Outlet flow, bleeds and shaft power W Δh − Σ W_b (1 − work fraction) Δh."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.config.fields import Field, Section
-from enginediag_cli.engine import maps as turbine_map
+from enginediag_cli.engine import maps
 from enginediag_cli.engine.atmosphere import P_ISA
 from enginediag_cli.engine.components.base import FROM, NAME, TO, Component, Design, Unknown, scalar
 from enginediag_cli.engine.dual import Value, log, sqrt, value
@@ -38,7 +38,7 @@ NO_DEMAND = 1e-9
 """Share of the gas's enthalpy flow below which what a shaft needs is nothing."""
 EXHAUST_SHARE = 0.97
 """Of the pressure ratio down to ambient, in a hint: what a nozzle or a stack behind the turbine must be left with."""
-SHAPE = Section("map", "coefficients of the parametric map", turbine_map.FIELDS)
+SHAPE = Section("map", "coefficients of the parametric map", maps.TURBINE_FIELDS)
 
 
 class Turbine(Component):
@@ -92,7 +92,7 @@ class Turbine(Component):
     @property
     def map_shapes(self) -> tuple[str, ...]:
         """Quantities that say of which shape the map is; none of a table."""
-        return () if self.table is not None else tuple(f"map.{f.name}" for f in turbine_map.FIELDS)
+        return () if self.table is not None else tuple(f"map.{f.name}" for f in maps.TURBINE_FIELDS)
 
     def parameters(self) -> tuple[Parameter, ...]:
         found = [
@@ -100,7 +100,7 @@ class Turbine(Component):
             self.health("flow_capacity", "flow capacity W√T/P"),
         ]
         if self.table is None:
-            for f, shape in zip(turbine_map.FIELDS, self.map_shapes, strict=True):
+            for f, shape in zip(maps.TURBINE_FIELDS, self.map_shapes, strict=True):
                 nominal = self.values["map"][f.name]
                 found.append(
                     self.design(
@@ -127,11 +127,11 @@ class Turbine(Component):
         drop = inlet.h - inlet.expanded_enthalpy(log_ratio)
         capacity, efficiency = e[f"{self.name}.flow_capacity"], e[f"{self.name}.efficiency"]
         if self.table is None:
-            shape = {k: e[f"{self.name}.map.{k}"] for k in turbine_map.NAMES}
-            capacity = capacity * turbine_map.relative_capacity(log_ratio, speed, np.log(self.design_ratio), shape)
+            shape = {k: e[f"{self.name}.map.{k}"] for k in maps.TURBINE_COEFFICIENTS}
+            capacity = capacity * maps.relative_capacity(log_ratio, speed, np.log(self.design_ratio), shape)
             blade_speed = N / sqrt(drop) * (1.0 / self.design_blade_speed)
             efficiency = (
-                efficiency * self.values["isentropic_efficiency"] * turbine_map.relative_efficiency(blade_speed, shape)
+                efficiency * self.values["isentropic_efficiency"] * maps.relative_efficiency(blade_speed, shape)
             )
         else:
             map_ratio = 1.0 + (ratio - 1.0) * (1.0 / self.ratio_scale)
