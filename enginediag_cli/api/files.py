@@ -537,7 +537,7 @@ def list_components() -> Listing:
     Listing
     """
     from enginediag_cli.engine.components import COMPONENTS
-    from enginediag_cli.engine.example import shown
+    from enginediag_cli.engine.overview import shown
     from enginediag_cli.report.reference import component_row
 
     rows = [component_row(kind, shown(name)) for name, kind in COMPONENTS.items()]
@@ -562,7 +562,7 @@ def describe_component(name: str) -> Description:
         For a type that is not there; names the nearest.
     """
     from enginediag_cli.engine.components import COMPONENTS
-    from enginediag_cli.engine.example import shown
+    from enginediag_cli.engine.overview import shown
     from enginediag_cli.report.reference import component_row, key_rows, page, parameter_rows
 
     if name not in COMPONENTS:
@@ -591,6 +591,6 @@ def _shipped_engines() -> Mapping[str, Engine]:
 
 def _laws(engine: Engine) -> list[Term]:
     """What of an engine's effects its own file states."""
-    from enginediag_cli.physics.laws.law import Law
+    from enginediag_cli.physics.law import Law
 
     return [e.term for e in engine.effects if isinstance(e.term, Law)]

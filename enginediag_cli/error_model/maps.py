@@ -58,9 +58,9 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import legendre
 
-from enginediag_cli.engine.blocks import MISMATCH
 from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.turbine import Turbine
+from enginediag_cli.engine.declaration import MISMATCH
 from enginediag_cli.engine.engine import Prediction
 from enginediag_cli.engine.wrapped import Question, WrappedModel
 from enginediag_cli.parameters import Parameter

@@ -20,8 +20,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.engine.wrapped import apart, warm
-from enginediag_cli.error_model.modelled import FAMILY, ErrorModel, MapErrorModel, map_accuracy_of
-from enginediag_cli.error_model.points import POINT_FAMILY, PointErrorModel
+from enginediag_cli.error_model.maps import (
+    FAMILY,
+    POINT_FAMILY,
+    ErrorModel,
+    MapErrorModel,
+    PointErrorModel,
+    map_accuracy_of,
+)
 from enginediag_cli.identification.covariance import (
     AtBound,
     Combination,

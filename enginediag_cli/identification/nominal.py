@@ -26,8 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.engine.load import EngineDescription
-from enginediag_cli.error_model.modelled import FAMILY, ErrorModel
-from enginediag_cli.error_model.points import POINT_FAMILY
+from enginediag_cli.error_model.maps import FAMILY, POINT_FAMILY, ErrorModel
 from enginediag_cli.identification.covariance import Combination
 from enginediag_cli.identification.gauss_newton import Fit
 from enginediag_cli.identification.instruments import LaggingReading

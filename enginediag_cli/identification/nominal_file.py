@@ -24,9 +24,7 @@ from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.config.reading import refuse_other_kind
 from enginediag_cli.config.validate import Checked
 from enginediag_cli.engine.load import EngineDescription
-from enginediag_cli.error_model.curves import MapCurves
-from enginediag_cli.error_model.modelled import ErrorModel
-from enginediag_cli.error_model.points import OperatingPoints
+from enginediag_cli.error_model.maps import ErrorModel, MapCurves, OperatingPoints
 from enginediag_cli.errors import ConfigError, Mark, NoVerdictError, Problem
 from enginediag_cli.identification.covariance import Combination
 from enginediag_cli.identification.instruments import LaggingReading

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from enginediag_cli.engine.moving.tape import MOMENT, NO_MOMENT
+from enginediag_cli.engine.tape import MOMENT, NO_MOMENT
 from enginediag_cli.errors import DataError, EngineDiagError, NoVerdictError
 from enginediag_cli.identification.problem import TrainingRecording, part_of, training_recordings
 from enginediag_cli.intake.agreement import SAMPLED, Agreement, Disagreement, MismatchError
@@ -32,7 +32,7 @@ from enginediag_cli.recordings.table import Recording, concat
 from enginediag_cli.recordings.table_file import OWN, ReadingCounts, TableFile
 
 if TYPE_CHECKING:
-    from enginediag_cli.engine.moving.tape import Tapes
+    from enginediag_cli.engine.tape import Tapes
     from enginediag_cli.recordings.recorder import Recorder
 
 

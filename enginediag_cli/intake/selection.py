@@ -16,7 +16,7 @@ from enginediag_cli.errors import DataError
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
-    from enginediag_cli.engine.moving.tape import Tapes
+    from enginediag_cli.engine.tape import Tapes
     from enginediag_cli.engine.wrapped import Model
     from enginediag_cli.identification.nominal import Nominal
     from enginediag_cli.recordings.table import Recording
@@ -124,7 +124,7 @@ def columns_of(
 ) -> Wanted:
     """What this engine reads; `sensors`: only these of its own; `past`: its tapes are kept although it remembers
     nothing as it is."""
-    from enginediag_cli.engine.moving.tape import MOMENT
+    from enginediag_cli.engine.tape import MOMENT
 
     name = str(getattr(engine, "name", "the engine"))
     tapes = getattr(engine, "tapes", None) if past or MOMENT in engine.optional_inputs else None

@@ -17,7 +17,7 @@ import numpy as np
 
 from enginediag_cli.engine.instrument_errors import DRIFT, InputErrors, InstrumentDrifts
 from enginediag_cli.engine.wrapped import Lagging, MonitoredModel
-from enginediag_cli.error_model.slopes import MapSlopes, map_slopes
+from enginediag_cli.error_model.sizes import MapSlopes, map_slopes
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.instruments import LaggingReading
 from enginediag_cli.identification.problem import OffsetPrior

@@ -25,7 +25,7 @@ import numpy as np
 
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.moving.tape import MOMENT
+from enginediag_cli.engine.tape import MOMENT
 from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.errors import DataError
 from enginediag_cli.mismatch.fit.evidence import Flight
@@ -42,16 +42,16 @@ from enginediag_cli.mismatch.fit.options import Option, effect_option, option_sc
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import candidates, each, effect
-from enginediag_cli.physics.terms.clock_shift import ClockShift
-from enginediag_cli.physics.terms.fuel_control_lag import FuelControlLag
-from enginediag_cli.physics.terms.fuel_rate_limit import FuelRateLimit
-from enginediag_cli.physics.terms.heat_soak import HeatSoak
-from enginediag_cli.physics.terms.load_control_delay import LoadControlDelay
-from enginediag_cli.physics.terms.load_control_lag import LoadControlLag
-from enginediag_cli.physics.terms.load_rate_limit import LoadRateLimit
-from enginediag_cli.physics.terms.load_second_order_lag import LoadSecondOrderLag
-from enginediag_cli.physics.terms.probe_lag import ProbeLag
-from enginediag_cli.physics.terms.rotor_inertia import RotorInertia
+from enginediag_cli.physics.terms.control import (
+    FuelControlLag,
+    FuelRateLimit,
+    LoadControlDelay,
+    LoadControlLag,
+    LoadRateLimit,
+    LoadSecondOrderLag,
+)
+from enginediag_cli.physics.terms.probe import ClockShift, ProbeLag
+from enginediag_cli.physics.terms.turbomachinery import HeatSoak, RotorInertia
 from enginediag_cli.units import RAD_S_PER_RPM
 from enginediag_cli.validation.trial_flights import check_engine as check_flights
 from enginediag_cli.validation.trial_flights import draw_flights, hour_columns, stack

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.moving.tape import MOMENT
+from enginediag_cli.engine.tape import MOMENT
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.errors import NoVerdictError
 from enginediag_cli.mismatch.fit.evidence import Flight

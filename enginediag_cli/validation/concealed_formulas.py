@@ -42,8 +42,8 @@ from enginediag_cli.mismatch.fit.options import effect_option, fault_options, op
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.laws.grammar import FORMS, Form, span
 from enginediag_cli.mismatch.laws.scan import KnownVariable, known_variables
-from enginediag_cli.physics.laws.expression import Expression, ExpressionError
-from enginediag_cli.physics.laws.law import Acts, Law, Variable
+from enginediag_cli.physics.expression import Expression, ExpressionError
+from enginediag_cli.physics.law import Acts, Law, Variable
 from enginediag_cli.validation.causes import VISIBLE, drawable, noise_free_fit, true_readings
 from enginediag_cli.validation.trial_flights import draw_higher
 

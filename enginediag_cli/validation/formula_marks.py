@@ -55,8 +55,8 @@ import numpy as np
 
 from enginediag_cli.config.document import appended, dump
 from enginediag_cli.drivers import SAME
-from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
+from enginediag_cli.engine.load import EngineDescription
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.errors import EngineDiagError
 from enginediag_cli.mismatch.explain.answer import (
@@ -81,9 +81,8 @@ from enginediag_cli.mismatch.fit.identified import (
     stack_column,
 )
 from enginediag_cli.mismatch.fit.options import Option
-from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.physics.laws.declared import entry_of
-from enginediag_cli.physics.laws.law import Law, variables_of
+from enginediag_cli.physics.engine_file import entry_of, load_engine
+from enginediag_cli.physics.law import Law, variables_of
 from enginediag_cli.validation.causes import VISIBLE
 from enginediag_cli.validation.concealed_effects import Recorded, Sealed, readings
 from enginediag_cli.validation.concealed_formulas import LawTruth, along, curve, law_of, spline

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.moving.tape import MOMENT
+from enginediag_cli.engine.tape import MOMENT
 from enginediag_cli.mismatch.explain.answer import (
     FORMULA,
     HIDDEN_STATE,

@@ -33,8 +33,8 @@ from itertools import combinations
 import numpy as np
 
 from enginediag_cli.engine.tape import MOMENT
-from enginediag_cli.mismatch.explain.worth_fitting import PLAINLY_WORSE
-from enginediag_cli.mismatch.fit.evidence import Evidence
+from enginediag_cli.mismatch.explain.worth_fitting import MUCH_LESS_LIKELY
+from enginediag_cli.mismatch.fit.evidence import Dataset
 from enginediag_cli.mismatch.fit.families import first_products
 from enginediag_cli.mismatch.fit.identified import (
     NULL_HYPOTHESIS,

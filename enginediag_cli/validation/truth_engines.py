@@ -49,6 +49,8 @@ import numpy as np
 
 from enginediag_cli.config.document import Node, dump, load_document
 from enginediag_cli.drivers import CORRECTED_SPEED
+from enginediag_cli.engine import maps as compressor_map
+from enginediag_cli.engine import maps as turbine_map
 from enginediag_cli.engine.atmosphere import P_ISA, T_ISA
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.compressor import Compressor
@@ -56,7 +58,6 @@ from enginediag_cli.engine.components.turbine import Turbine
 from enginediag_cli.engine.dual import Value, chain, exp, log, sqrt, value
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.evaluation import Evaluation
-from enginediag_cli.engine.maps import compressor_map, turbine_map
 from enginediag_cli.engine.term import Coefficient, Effect, Place, Site, Term
 from enginediag_cli.physics.engine_file import load_engine
 

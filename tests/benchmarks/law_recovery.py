@@ -31,7 +31,7 @@ from adcd.metrics import classify_structure
 
 from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.mismatch.laws.curve_fit import FittedCurve, Response, fitted_curves
-from enginediag_cli.mismatch.laws.scan import Formula, Known, formulas, over_records
+from enginediag_cli.mismatch.laws.scan import Formula, KnownVariable, formulas, over_records
 from enginediag_cli.physics.law import Variable
 
 NOISES = (0.0, 0.01, 0.05, 0.1)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine.tape import MOMENT
-from enginediag_cli.intake.source import Source
-from enginediag_cli.mismatch.explain.answer import NAMED, NOTHING, Coefficient, Explanation
-from enginediag_cli.mismatch.explain.plan import plan
-from enginediag_cli.mismatch.explain.story import tell
+from enginediag_cli.intake.selection import Source
+from enginediag_cli.mismatch.explain.answer import IDENTIFIED, NO_DISCREPANCY, Coefficient, Explanation
+from enginediag_cli.mismatch.explain.plan import advise_flights_for_explanations
+from enginediag_cli.mismatch.explain.story import explain_mismatch
 from enginediag_cli.mismatch.fit.attempt import attempt, begun
 from enginediag_cli.mismatch.fit.evidence import Noise
 from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, nuisance

@@ -21,8 +21,8 @@ from enginediag_cli.mismatch.explain.reach import REACH, near_alternatives
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.evidence import Flight
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Hypothesis, identify_with, nuisance
-from enginediag_cli.mismatch.fit.options import LAW, Option, effect_option
+from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, Hypothesis, identify_with, nuisance
+from enginediag_cli.mismatch.fit.options import FORMULA_OPTION, Option, effect_option
 from enginediag_cli.physics.expression import Expression
 from enginediag_cli.physics.law import Acts, Law, variables_of
 from enginediag_cli.physics.registry import effect, term_names

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine.filters import Clock
-from enginediag_cli.mismatch.unrecorded.latched import Latched, States, Way, latched
+from enginediag_cli.mismatch.unrecorded.latched import Latched, States, SwitchingDirection, latched
 
 RECORDS, STRETCH, OTHERS = 600, 200, 12
 LOWER, UPPER = 0.75, 0.82

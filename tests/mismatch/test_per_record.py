@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine.wrapped import WarmEngine
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
-from enginediag_cli.mismatch.fit.freeform import Location, locations_of
+from enginediag_cli.mismatch.fit.evidence import Dataset, Flight
+from enginediag_cli.mismatch.fit.freeform import Location, list_locations
 from enginediag_cli.mismatch.fit.identified import Hypothesis, nuisance
 from enginediag_cli.mismatch.fit.load import MismatchQuery, build_dataset
 from enginediag_cli.mismatch.unrecorded.control_law import find_stop, held_readings

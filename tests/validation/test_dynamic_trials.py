@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from enginediag_cli.cli.prove import prove
+from enginediag_cli.cli.trials import prove
 from enginediag_cli.engine.tape import MOMENT
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import term_names

@@ -25,30 +25,50 @@ from enginediag_cli.mismatch.fit.identified import Hypothesis
 from enginediag_cli.mismatch.fit.options import FORMULA_OPTION as OPTION_LAW
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.laws.finding import FittedLaw, LawFinding
-from enginediag_cli.mismatch.laws.scan import Known
+from enginediag_cli.mismatch.laws.scan import KnownVariable
 from enginediag_cli.physics.engine_file import entry_of, load_engine
 from enginediag_cli.physics.expression import Expression
 from enginediag_cli.physics.law import variables_of
-from enginediag_cli.validation.blind import explainer, flights, kinds
-from enginediag_cli.validation.blind.flights import draw_flights
-from enginediag_cli.validation.blind.laws import forms
-from enginediag_cli.validation.blind.laws.ahead import FOUND, TRUE, gain, worse
-from enginediag_cli.validation.blind.laws.ahead import NONE as NO_LAW
-from enginediag_cli.validation.blind.laws.drawn import LAMBDA, LARGEST, Ground, Sort, draw_law, shaped_law
-from enginediag_cli.validation.blind.laws.forms import OUTSIDE, RATIOS, of_none
-from enginediag_cli.validation.blind.laws.marks import curve_error, null_marks, same_driver
-from enginediag_cli.validation.blind.laws.spline import spline
-from enginediag_cli.validation.blind.laws.told import ToldLaw, all_built, built, entries, law_told
-from enginediag_cli.validation.blind.laws.truth import along, curve
-from enginediag_cli.validation.blind.line import right_less_stated
-from enginediag_cli.validation.blind.opened import evidence_of
-from enginediag_cli.validation.blind.recorded import record
-from enginediag_cli.validation.blind.score import Said
-from enginediag_cli.validation.blind.sealed import draw, engine_of
-from enginediag_cli.validation.blind.separability import separability
-from enginediag_cli.validation.blind.sheet import sheet
-from enginediag_cli.validation.blind.trial import Plan, run_trial
-from enginediag_cli.validation.rates import median
+from enginediag_cli.validation import concealed_formulas as forms
+from enginediag_cli.validation import diagnoser as explainer
+from enginediag_cli.validation import kinds
+from enginediag_cli.validation import trial_flights as flights
+from enginediag_cli.validation.concealed_effects import draw, engine_of, record
+from enginediag_cli.validation.concealed_formulas import (
+    LAMBDA,
+    LARGEST,
+    OUTSIDE,
+    RATIOS,
+    Ground,
+    Sort,
+    along,
+    curve,
+    draw_law,
+    of_none,
+    shaped_law,
+    spline,
+)
+from enginediag_cli.validation.explain_trials import Plan, run_trial
+from enginediag_cli.validation.formula_marks import (
+    FOUND,
+    TRUE,
+    ToldLaw,
+    all_built,
+    built,
+    curve_error,
+    entries,
+    gain,
+    law_told,
+    null_marks,
+    same_driver,
+    worse,
+)
+from enginediag_cli.validation.formula_marks import NONE as NO_LAW
+from enginediag_cli.validation.marks import Said, evidence_of
+from enginediag_cli.validation.score_sheet import right_less_stated, sheet
+from enginediag_cli.validation.separability import separability
+from enginediag_cli.validation.trial_flights import draw_flights
+from enginediag_cli.validation.trials import median
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 PATH = str(CONFIGS / "turbojet.yaml")

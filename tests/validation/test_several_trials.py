@@ -9,23 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from enginediag_cli.mismatch.explain.answer import FAILED, NAMED, NOTHING
+from enginediag_cli.mismatch.explain.answer import IDENTIFIED, NO_DISCREPANCY, NOT_CONVERGED
 from enginediag_cli.physics.engine_file import entry_of, load_engine
 from enginediag_cli.physics.law import Law
-from enginediag_cli.validation.blind import kinds
-from enginediag_cli.validation.blind import sealed as sealing
-from enginediag_cli.validation.blind import trial as trials
-from enginediag_cli.validation.blind.causes import Cause
-from enginediag_cli.validation.blind.laws.drawn import NothingShownError
-from enginediag_cli.validation.blind.recorded import record
-from enginediag_cli.validation.blind.score import Said
-from enginediag_cli.validation.blind.sealed import draw
-from enginediag_cli.validation.blind.several.drawn import SHOWS, SIZE, Part
-from enginediag_cli.validation.blind.several.named import matched, named_causes
-from enginediag_cli.validation.blind.several.opened import apart
-from enginediag_cli.validation.blind.sheet import sheet
-from enginediag_cli.validation.blind.trial import Plan, run_trial
-from enginediag_cli.validation.blind.visible import drawable
+from enginediag_cli.validation import concealed_effects as sealing
+from enginediag_cli.validation import explain_trials as trials
+from enginediag_cli.validation import kinds
+from enginediag_cli.validation.causes import Cause, drawable
+from enginediag_cli.validation.concealed_effects import SHOWS, SIZE, Part, draw, record
+from enginediag_cli.validation.concealed_formulas import NothingShownError
+from enginediag_cli.validation.explain_trials import Plan, run_trial
+from enginediag_cli.validation.marks import Said
+from enginediag_cli.validation.score_sheet import sheet
+from enginediag_cli.validation.several_marks import apart, matched, named_causes
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 PATH = str(CONFIGS / "turbojet.yaml")

@@ -23,7 +23,7 @@ from enginediag_cli.engine.engine import Engine
 from enginediag_cli.mismatch.explain.answer import FORMULA, Answer, Explanation
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search
-from enginediag_cli.mismatch.laws.scan import Known, known_variables
+from enginediag_cli.mismatch.laws.scan import KnownVariable, known_variables
 from enginediag_cli.physics.law import Law
 from enginediag_cli.physics.registry import candidates
 

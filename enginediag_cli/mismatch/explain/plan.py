@@ -22,7 +22,7 @@ from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.foreseen import PredictedReadings, Rival
 from enginediag_cli.mismatch.fit.evidence import Dataset, Flight
 from enginediag_cli.mismatch.fit.extended import NUMBER
-from enginediag_cli.mismatch.fit.identified import Identified, inputs_of, nuisance, stacked
+from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis, input_values, nuisance, stack_column
 from enginediag_cli.physics.law import Law
 from enginediag_cli.planning.flights import PlannedFlight, flights, manoeuvres
 from enginediag_cli.planning.separation import (

@@ -28,7 +28,7 @@ from enginediag_cli.config.hints import near
 from enginediag_cli.engine.declaration import MISMATCH
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.load import EngineDescription
-from enginediag_cli.error_model.modelled import map_accuracy_of
+from enginediag_cli.error_model.maps import map_accuracy_of
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.nominal import Nominal
 from enginediag_cli.identification.nominal_checks import with_accuracy

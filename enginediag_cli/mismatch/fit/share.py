@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from enginediag_cli.engine.tape import MOMENT
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
+from enginediag_cli.mismatch.fit.evidence import Dataset, Flight
 
 MANY, SHARE = 5000, 2000
 """Records from which on a share is taken, and about how many it is of. A year of hours and a handful of flights are

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import islice
 
 from enginediag_cli.engine.wrapped import apart
-from enginediag_cli.mismatch.fit.trial import Trial
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.carried import carried
 from enginediag_cli.mismatch.laws.fitted import Fitted, Where
 from enginediag_cli.mismatch.laws.grammar import FORMS, LATCHES

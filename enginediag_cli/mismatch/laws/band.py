@@ -15,8 +15,8 @@ import numpy as np
 
 from enginediag_cli.engine.dual import value
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.mismatch.fit.trial import Trial
-from enginediag_cli.mismatch.laws.scan import Known, past_of
+from enginediag_cli.mismatch.fit.trial import HypothesisFit
+from enginediag_cli.mismatch.laws.scan import KnownVariable, past_of
 from enginediag_cli.physics.expression import Past
 from enginediag_cli.physics.law import Law
 

@@ -36,7 +36,7 @@ from scipy.optimize import nnls
 from enginediag_cli.mismatch.fit.any_curve import AnyCurve
 from enginediag_cli.mismatch.laws.posterior import shares
 from enginediag_cli.mismatch.laws.proposed import DIGITS
-from enginediag_cli.mismatch.laws.scan import Known
+from enginediag_cli.mismatch.laws.scan import KnownVariable
 from enginediag_cli.physics.expression import LONGEST
 
 COARSE = 0.5

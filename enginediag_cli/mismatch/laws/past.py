@@ -15,7 +15,7 @@ import numpy as np
 from enginediag_cli.engine.dual import Dual, Value, value
 from enginediag_cli.engine.filters import Clock, Filter
 from enginediag_cli.engine.tape import MOMENT
-from enginediag_cli.mismatch.fit.identified import Identified
+from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis
 from enginediag_cli.physics.expression import Followed, Past
 
 COURSE = 8

@@ -16,7 +16,7 @@ import numpy as np
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.laws.finding import TOGETHER
 from enginediag_cli.mismatch.unrecorded.finding import Limit
-from enginediag_cli.mismatch.unrecorded.latched import Way
+from enginediag_cli.mismatch.unrecorded.latched import SwitchingDirection
 from enginediag_cli.physics.engine_file import entry_of
 from enginediag_cli.physics.law import Law
 from enginediag_cli.planning.flights import DURATION_S, MANOEUVRE, RECORDS

@@ -28,7 +28,7 @@ from enginediag_cli.mismatch.laws.shortlist import proposal
 from enginediag_cli.physics.engine_file import entry_of
 from enginediag_cli.physics.expression import LONGEST, Expression
 from enginediag_cli.physics.law import Acts, Law, variables_of
-from enginediag_cli.validation.blind.laws.told import all_built
+from enginediag_cli.validation.formula_marks import all_built
 
 SWING = "a * (mach - 0.55) / 0.15 * exp(-((mach - 0.55) / 0.15) ** 2)"
 FORMS = ("step", "optimum", "bump")

@@ -8,7 +8,7 @@ import pytest
 from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.mismatch.laws.curve_fit import Response, fitted_curves
 from enginediag_cli.mismatch.laws.grammar import FORMS
-from enginediag_cli.mismatch.laws.scan import Known, formulas, over_records
+from enginediag_cli.mismatch.laws.scan import KnownVariable, formulas, over_records
 from enginediag_cli.physics.law import Variable
 
 N, SIGMA = 200, 0.02

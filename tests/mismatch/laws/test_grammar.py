@@ -18,7 +18,7 @@ from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.laws.grammar import FORMS, Form
 from enginediag_cli.mismatch.laws.past import past_along
 from enginediag_cli.mismatch.laws.proposed import proposed
-from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known, formulas
+from enginediag_cli.mismatch.laws.scan import Candidate, Formula, KnownVariable, formulas
 from enginediag_cli.physics.engine_file import entry_of, load_engine
 from enginediag_cli.physics.expression import unit_of
 from enginediag_cli.physics.law import Law, variables_of

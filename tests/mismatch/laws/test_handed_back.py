@@ -13,7 +13,6 @@ from enginediag_cli.mismatch.laws.scan import KnownVariable, formulas
 from enginediag_cli.parallel import ProcessCodec
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.law import variables_of
-from enginediag_cli.side_by_side import Handing
 
 TURBOFAN = Path(__file__).parents[3] / "configs" / "turbofan.yaml"
 

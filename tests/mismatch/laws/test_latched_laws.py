@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine.tape import MOMENT
-from enginediag_cli.intake.source import Source
-from enginediag_cli.mismatch.explain.answer import HIDDEN, LAW
+from enginediag_cli.intake.selection import Source
+from enginediag_cli.mismatch.explain.answer import FORMULA, HIDDEN_STATE
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.follows import followed
 from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, refit_noise_without_switches

@@ -7,7 +7,7 @@ import pytest
 
 from enginediag_cli.drivers import MACH
 from enginediag_cli.mismatch.laws.polynomials import from_design, orthonormal, variances
-from enginediag_cli.mismatch.laws.scan import Known
+from enginediag_cli.mismatch.laws.scan import KnownVariable
 from enginediag_cli.physics.law import Variable
 
 X = np.linspace(0.2, 0.8, 50) ** 2

@@ -26,7 +26,7 @@ from enginediag_cli.mismatch.laws.steps import (
     steps_over,
 )
 from enginediag_cli.physics.engine_file import entry_of
-from enginediag_cli.validation.blind.laws.told import all_built
+from enginediag_cli.validation.formula_marks import all_built
 
 COUNT, HERE = 8, -3.0
 
