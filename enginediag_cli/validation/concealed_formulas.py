@@ -391,7 +391,9 @@ def _law(
     p = ground.engine.parameters[place.parameter]
     factor = p.nominal == 1.0 and p.unit in ("", "1")
     unit = "1" if factor else p.unit or "1"
-    coefficient = Coefficient(SIZE, unit, "size", 0.0, -np.inf, np.inf, place.scale / max(spread, 1e-300), size)
+    coefficient = Coefficient(
+        SIZE, unit, "size", lower=-np.inf, upper=np.inf, sigma=place.scale / max(spread, 1e-300), typical=size
+    )
     acts = Acts(p.name, p.component, unit, factor)
     variables = {k.variable.name: k.variable for k in of}
     law = Law(NAME, acts, Expression.parsed(shaped.text), variables, (coefficient,))

@@ -32,10 +32,15 @@ from itertools import combinations
 
 import numpy as np
 
+from enginediag_cli.drivers import CONSTANT, SAME, SWITCH, true_drivers
 from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.engine.term import Driver
 from enginediag_cli.mismatch.explain.worth_fitting import MUCH_LESS_LIKELY
+from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.evidence import Dataset
-from enginediag_cli.mismatch.fit.families import first_products
+from enginediag_cli.mismatch.fit.extended import Discrepancy
+from enginediag_cli.mismatch.fit.families import Sums, first_products, grid
+from enginediag_cli.mismatch.fit.freeform import Location, locations
 from enginediag_cli.mismatch.fit.identified import (
     NULL_HYPOTHESIS,
     FitBudget,

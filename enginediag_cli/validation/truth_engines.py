@@ -143,7 +143,7 @@ class MapError(Term):
     STATEMENT = "The component's map is a little different from the model's."
     EQUATION = "factor = 1 + error(n, w)"
     DRIVER = CORRECTED_SPEED
-    COEFFICIENTS = (Coefficient("present", "1", "1 where the error is there", 0.0, 0.0, 1.0, 1.0, 1.0),)
+    COEFFICIENTS = (Coefficient("present", "1", "1 where the error is there", upper=1.0, sigma=1.0, typical=1.0),)
     REFERENCE = "none: drawn"
 
     def __init__(self, quantity: str, shape: Shape):

@@ -10,6 +10,7 @@ from scipy import stats
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.load import EngineDescription
+from enginediag_cli.identification.nominal import SensorQuality, sensor_quality
 from enginediag_cli.identification.problem import TrainingRecording
 from enginediag_cli.mismatch.controlled.find import MOST_BLOCKS, ControlSearchResult
 from enginediag_cli.mismatch.controlled.fitted import Errors, Fitted, fitted, gain

@@ -32,17 +32,24 @@ if TYPE_CHECKING:
 
 
 class ReynoldsTerm(Term):
-    """A factor on what a compressor or turbine does, by the Reynolds number of the gas that enters it."""
+    """A factor on what a compressor or turbine does, by the Reynolds number of the gas that enters it.
+
+    (1 − η) = (1 − η_design) (Re/Re_design)^(−n) of the compressors, unless a term has its own number or factor.
+    """
 
     DRIVER = REYNOLDS_INDEX
 
-    @abstractmethod
+    def sites(self, network: Network) -> Iterable[Site]:
+        return sites_at(compressors(network), "efficiency")
+
     def number(self, flow: Flow) -> Value:
         """What is proportional to the Reynolds number of the component that this gas enters."""
+        return reynolds_index(flow)
 
-    @abstractmethod
     def factor(self, at: Place, e: Evaluation, relative: Value) -> Value:
         """The factor, where the Reynolds number is `relative` to that of the design point."""
+        loss = 1.0 / at.component.values["isentropic_efficiency"] - 1.0
+        return 1.0 - loss * (power(relative, -1.0 * at.c(e, "exponent")) - 1.0)
 
     def install(self, at: Place) -> None:
         station = at.component.values["from"]
@@ -52,12 +59,6 @@ class ReynoldsTerm(Term):
             return factor * self.factor(at, e, self.number(e.flows[station]) * (1.0 / reference))
 
         at.on_leaf(at.site.acts_on[0], changed)
-
-
-def loss_factor(at: Place, e: Evaluation, relative: Value) -> Value:
-    """η/η_design, where 1 − η grows by relative^(−n)."""
-    loss = 1.0 / at.component.values["isentropic_efficiency"] - 1.0
-    return 1.0 - loss * (power(relative, -1.0 * at.c(e, "exponent")) - 1.0)
 
 
 class ReynoldsEfficiency(ReynoldsTerm):
@@ -77,15 +78,6 @@ class ReynoldsEfficiency(ReynoldsTerm):
         "NASA TN D-6640 (n 0.06 to 0.20 as Re falls, centrifugal); Wassell 1968, J. Eng. Power 90, 349; "
         "form as in NLR GSP"
     )
-
-    def sites(self, network: Network) -> Iterable[Site]:
-        return sites_at(compressors(network), "efficiency")
-
-    def number(self, flow: Flow) -> Value:
-        return reynolds_index(flow)
-
-    def factor(self, at: Place, e: Evaluation, relative: Value) -> Value:
-        return loss_factor(at, e, relative)
 
 
 class ReynoldsFlowCapacity(ReynoldsTerm):
@@ -107,9 +99,6 @@ class ReynoldsFlowCapacity(ReynoldsTerm):
 
     def sites(self, network: Network) -> Iterable[Site]:
         return sites_at(compressors(network), "flow_capacity")
-
-    def number(self, flow: Flow) -> Value:
-        return reynolds_index(flow)
 
     def factor(self, at: Place, e: Evaluation, relative: Value) -> Value:
         return 1.0 + at.c(e, "slope") * log(relative)
@@ -136,9 +125,6 @@ class ReynoldsTurbineEfficiency(ReynoldsTerm):
     def number(self, flow: Flow) -> Value:
         """W/μ [kg/s at the viscosity of air at 288.15 K]."""
         return flow.W / viscosity_ratio(flow.T)
-
-    def factor(self, at: Place, e: Evaluation, relative: Value) -> Value:
-        return loss_factor(at, e, relative)
 
 
 class TipClearance(Term):
