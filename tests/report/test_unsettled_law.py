@@ -10,7 +10,7 @@ from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.mismatch.laws.finding import LawFinding, Share
 from enginediag_cli.physics.expression import Expression
 from enginediag_cli.physics.law import Acts, Law
-from enginediag_cli.report.laws import LONG, equation, law_sentences, law_statement, of_many
+from enginediag_cli.report.tables.formulas import LONG, equation, law_sentences, law_statement, of_many
 
 EFFECT = SimpleNamespace(term=SimpleNamespace(STATEMENT="Efficiency changes with Mach number.", EQUATION="eta (1 + f)"))
 
