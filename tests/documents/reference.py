@@ -193,7 +193,7 @@ def columns() -> Iterator[str]:
         yield from (f"## {name}", "", sentence(found.help), "")
         rows = []
         for column in (*found.columns, *found.families):
-            more = f" Only with {found.asked[column.name]}." if column.name in found.asked else ""
+            more = f" Only with {column.only_with}." if column.only_with else ""
             empty = "" if column.required else "may be empty"
             rows.append((f"`{column.name}`", kind_of(column), column.unit, empty, sentence(column.help) + more))
         yield from table(("column", "value", "unit", "", "meaning"), rows)
