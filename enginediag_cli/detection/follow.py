@@ -43,8 +43,7 @@ from enginediag_cli.detection.sequential import (
     tails,
 )
 from enginediag_cli.detection.verdict import LEAST_SENSORS, LackOfFit, lifeless, one_channel_decides, too_few, too_still
-from enginediag_cli.intake.excluded import GrossCounts, LeftOut
-from enginediag_cli.intake.loader import Intake, live_chunks
+from enginediag_cli.intake.loader import GrossCounts, Intake, LeftOut, live_chunks
 from enginediag_cli.recordings.repeated import StuckRun
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.gross_errors import FEWEST, UNRELATED, brief_departures

@@ -37,15 +37,13 @@ import numpy as np
 
 from enginediag_cli import __version__
 from enginediag_cli.errors import DataError, EngineDiagError
-from enginediag_cli.intake.excluded import GrossCounts, LeftOut
-from enginediag_cli.intake.loader import Intake
+from enginediag_cli.intake.loader import GrossCounts, Intake, LeftOut
 from enginediag_cli.intake.selection import Source, columns_of
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.recordings.provenance import sha256_of
 from enginediag_cli.recordings.repeated import StuckRun
 from enginediag_cli.recordings.steady import GateReport
-from enginediag_cli.recordings.table import Recording
-from enginediag_cli.recordings.table_file import Absent, ReadingCounts
+from enginediag_cli.recordings.table import Absent, ReadingCounts, Recording
 from enginediag_cli.recordings.write import binary_output
 from enginediag_cli.residuals.gross_gate import GrossErrorGate
 from enginediag_cli.residuals.instruments import InstrumentFault

@@ -24,15 +24,13 @@ from enginediag_cli.intake.agreement import (
     agreement_with_engine,
     agreement_with_nominal,
 )
-from enginediag_cli.intake.excluded import LeftOut
-from enginediag_cli.intake.loader import CHUNK, engines_wanted, judged_columns, named_rows, of_engine
+from enginediag_cli.intake.loader import CHUNK, LeftOut, engines_wanted, judged_columns, named_rows, of_engine
 from enginediag_cli.intake.selection import Wanted, columns_of
 from enginediag_cli.recordings.masking import Judged, MaskCounts, Masker, mask_chunks, mask_recording
 from enginediag_cli.recordings.read import read
 from enginediag_cli.recordings.recorder import Conversion
 from enginediag_cli.recordings.repeated import frozen
-from enginediag_cli.recordings.table import FlightNumbers, Recording, concat
-from enginediag_cli.recordings.table_file import Absent, ReadingCounts, absent_columns
+from enginediag_cli.recordings.table import Absent, FlightNumbers, ReadingCounts, Recording, absent_columns, concat
 from enginediag_cli.recordings.unit_inference import UnitDoubt, unit_doubt
 from enginediag_cli.units import UNITS, find_unit, split_column
 
@@ -77,7 +75,7 @@ def switch_faults(recording: Recording, switches: Iterable[str]) -> tuple[Switch
 
 
 def _is_switch(cell: str) -> bool:
-    from enginediag_cli.recordings.table_file import is_missing
+    from enginediag_cli.recordings.table import is_missing
 
     if is_missing(cell):
         return True
@@ -352,13 +350,7 @@ def _mapped(file: str, against: Against, recorder: Recorder) -> Iterator[Accepte
     for name in engines_wanted(recorder.engines, against.instance, file, fleet=True):
         one = replace(recorder, engines={name: recorder.engines[name]})
         whole = one.derive(Conversion(one, name).add(raw, end=True))
-        found = accept(
-            whole,
-            given,
-            wanted.sensors if wanted is not None else (),
-            against.switches,
-            one.judged(given),
-        )
+        found = accept(whole, given, wanted.sensors if wanted is not None else (), against.switches, one.judged(given))
         left, refused = LeftOut(file, name), ""
         left.reading = counts
         try:
@@ -374,12 +366,7 @@ def _mapped(file: str, against: Against, recorder: Recorder) -> Iterator[Accepte
 
 
 def _held(
-    file: str,
-    against: Against,
-    found: Acceptance,
-    raw: Recording,
-    clean: Recording | None,
-    left: LeftOut | None = None,
+    file: str, against: Against, found: Acceptance, raw: Recording, clean: Recording | None, left: LeftOut | None = None
 ) -> Accepted:
     """clean: what would be judged of the recording; None where nothing is known of what should be in it."""
     left = left or LeftOut(file)

@@ -1,17 +1,15 @@
-"""The past of every record: whatever is read goes onto the engine's tapes, and is told where it stands there.
+"""Recordings as every command and library user reads them: mapped, masked, in chunks of constant memory.
 
-Recordings as every command reads them: mapped, of the engine wanted, masked, in chunks of constant memory.
-
-Whole flights of an intake, for identification and the search for missing physics, which look at all at once.
-
-Recordings that are still being written: blocks of records as they come.
+One way in for files of the program's own columns and foreign ones that a recorder maps, complete or still being
+written. What was not used is data; the report puts it in words. Whole flights are for identification and the search
+for missing physics, which look at all records at once.
 """
 
 from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from itertools import chain, groupby
@@ -23,17 +21,137 @@ from enginediag_cli.engine.tape import MOMENT, NO_MOMENT
 from enginediag_cli.errors import DataError, EngineDiagError, NoVerdictError
 from enginediag_cli.identification.problem import TrainingRecording, part_of, training_recordings
 from enginediag_cli.intake.agreement import SAMPLED, Agreement, Disagreement, MismatchError
-from enginediag_cli.intake.excluded import LeftOut
 from enginediag_cli.intake.selection import STDIN, Source, Wanted, refuse_repeated
 from enginediag_cli.recordings.masking import Judged, LiveMasker, Masker
 from enginediag_cli.recordings.read import read, table_file
+from enginediag_cli.recordings.repeated import StuckRun
 from enginediag_cli.recordings.source import GrowingFile, needs_whole_file
-from enginediag_cli.recordings.table import Recording, concat
-from enginediag_cli.recordings.table_file import OWN, ReadingCounts, TableFile
+from enginediag_cli.recordings.table import OWN, Absent, ReadingCounts, Recording, TableFile, concat, rechunk
 
 if TYPE_CHECKING:
-    from enginediag_cli.engine.tape import Tapes
-    from enginediag_cli.recordings.recorder import Recorder
+    from enginediag_cli.engine.moving.tape import Tapes
+    from enginediag_cli.recordings.masking import MaskCounts
+    from enginediag_cli.recordings.recorder import LiveRecorder, Recorder
+    from enginediag_cli.recordings.steady import GateReport
+
+
+EXCURSION = 3
+"""Records in a row from which gross errors are reported as a short excursion: it may have been the engine."""
+
+
+LINES = 20
+"""Lines of the file that are named for each column; a longer list helps nobody."""
+
+
+NOTEWORTHY = 0.02
+"""Share of gross readings from which they are a finding about the sensor: good channels have a tenth of that."""
+
+
+@dataclass(frozen=True)
+class GrossCounts:
+    """What was rejected of some records as gross errors, by column.
+
+    readings: of a sensor; wrong_inputs: records of no use because that input was wrong ("": most readings were, and no
+    one input explains it); lines: the first `LINES` of either; excursions: first line, last line and number of
+    `EXCURSION` readings or more in a row; dead: sensors whose readings are none of this engine; spoilt: those with so
+    many gross readings that all were kept; judged: records that all of this is out of.
+    """
+
+    readings: Mapping[str, int] = field(default_factory=dict)
+    wrong_inputs: Mapping[str, int] = field(default_factory=dict)
+    lines: Mapping[str, Sequence[int]] = field(default_factory=dict)
+    excursions: Mapping[str, Sequence[Sequence[int]]] = field(default_factory=dict)
+    dead: Sequence[str] = ()
+    spoilt: Sequence[str] = ()
+    judged: int = 0
+
+    @property
+    def rejected(self) -> int:
+        """Readings rejected, those of records with a wrong input not counted."""
+        return sum(self.readings.values())
+
+    def __bool__(self) -> bool:
+        return bool(self.readings or self.wrong_inputs or self.spoilt)
+
+    def share(self, column: str) -> float:
+        """Share of the records in which a sensor's reading, or an input, was gross."""
+        return (self.readings.get(column, 0) + self.wrong_inputs.get(column, 0)) / max(self.judged, 1)
+
+    def noteworthy(self, column: str) -> bool:
+        """Whether a column has more gross errors than a good channel has."""
+        several = self.readings.get(column, 0) + self.wrong_inputs.get(column, 0) > 1
+        return column in self.spoilt or (several and self.share(column) > NOTEWORTHY)
+
+    def __add__(self, other: GrossCounts) -> GrossCounts:
+        if not other:
+            return replace(self, judged=self.judged + other.judged)
+
+        def total(a: Mapping[str, int], b: Mapping[str, int]) -> dict[str, int]:
+            return {c: a.get(c, 0) + b.get(c, 0) for c in (*a, *(c for c in b if c not in a))}
+
+        def first(a: Mapping[str, Sequence[Any]], b: Mapping[str, Sequence[Any]]) -> dict[str, Sequence[Any]]:
+            return {c: [*a.get(c, ()), *b.get(c, ())][:LINES] for c in (*a, *(c for c in b if c not in a))}
+
+        return GrossCounts(
+            total(self.readings, other.readings),
+            total(self.wrong_inputs, other.wrong_inputs),
+            first(self.lines, other.lines),
+            first(self.excursions, other.excursions),
+            sorted({*self.dead, *other.dead}),
+            sorted({*self.spoilt, *other.spoilt}),
+            self.judged + other.judged,
+        )
+
+
+@dataclass
+class LeftOut:
+    """Of one `file`, and one `engine` of it where the recorder tells engines apart.
+
+    records: read from it, those of other engines not counted; columns: column → reason → readings masked, `readings`
+    of that column in all; frozen, repeated: whole records not used, because nothing in them moved or because they
+    were there before; gate: what the recorder's stability gate kept; absent: sensors without a column; reading: what
+    of the file was no record or no reading; gross: what was rejected as gross errors of readings and inputs, judged by
+    the model; undecided: what the recorder, a draft, leaves open; stuck: runs of readings that repeat themselves where
+    they should have moved.
+    Counts are complete when the recording has been read to its end.
+    """
+
+    file: str
+    engine: str = ""
+    records: int = 0
+    columns: dict[str, dict[str, int]] = field(default_factory=dict)
+    readings: dict[str, int] = field(default_factory=dict)
+    frozen: int = 0
+    repeated: int = 0
+    gate: GateReport | None = None
+    absent: tuple[Absent, ...] = ()
+    reading: ReadingCounts = field(default_factory=ReadingCounts)
+    gross: GrossCounts = field(default_factory=GrossCounts)
+    undecided: tuple[str, ...] = ()
+    stuck: list[StuckRun] = field(default_factory=list)
+
+    def masked(self, counts: MaskCounts) -> None:
+        """Take over what a masker has counted so far."""
+        found = {c: {why: n for why, n in reasons.items() if n} for c, reasons in counts.columns.items()}
+        self.columns = {c: reasons for c, reasons in found.items() if reasons}
+        self.readings = {c: counts.readings[c] for c in self.columns}
+        self.frozen, self.repeated = counts.frozen, counts.repeated
+        self.stuck = list(counts.stuck)
+
+    def add_stuck(self, runs: Sequence[StuckRun]) -> None:
+        """Take over runs that the model shows to be stuck."""
+        for run in runs:
+            reasons = self.columns.setdefault(run.column, {})
+            reasons["stuck"] = reasons.get("stuck", 0) + run.records
+            self.readings.setdefault(run.column, self.records)
+        self.stuck += runs
+
+    def mapped(self, live: LiveRecorder) -> None:
+        """Take over what a recorder has counted so far."""
+        self.masked(live.counts)
+        self.records = live.records
+        if live.recorder.selects:
+            self.gate = live.gate
 
 
 class Past:
@@ -49,7 +167,7 @@ class Past:
 
     def whole(self, recorder: Recorder, file: str, inputs: tuple[str, ...], engines: tuple[str, ...]) -> None:
         """Put every record of a file on the tapes that a recorder's gate would leave out. Raises DataError."""
-        if self._tapes is None or not (recorder.steady or recorder.average_s > 0.0):
+        if self._tapes is None or not recorder.selects:
             return
         every = replace(recorder, steady=None, average_s=0.0)
         found: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
@@ -111,11 +229,11 @@ class Intake:
 
     def __post_init__(self) -> None:
         refuse_repeated(self.source.files)
-        self._recorder: Recorder | None = None
+        self.recorder: Recorder | None = None
         if self.source.recorder:
             from enginediag_cli.recordings.recorder_file import load_recorder
 
-            self._recorder = load_recorder(self.source.recorder)
+            self.recorder = load_recorder(self.source.recorder)
 
     def files(self) -> Iterator[File]:
         """The files in turn; each has to be read before the next is asked for. Raises DataError."""
@@ -150,11 +268,11 @@ class Intake:
     def ungated(self) -> Intake | None:
         """The same with every record that was read, steady or not, and no averages; None where nothing but masks leaves
         records out, or where what has been read cannot be read again."""
-        recorder = self._recorder
-        if recorder is None or not (recorder.steady or recorder.average_s > 0.0) or STDIN in self.source.files:
+        recorder = self.recorder
+        if recorder is None or not recorder.selects or STDIN in self.source.files:
             return None
         every = Intake(self.source, self.wanted, self.fleet)
-        every._recorder = replace(recorder, steady=None, average_s=0.0)
+        every.recorder = replace(recorder, steady=None, average_s=0.0)
         return every
 
     def remember(self, recording: Recording) -> None:
@@ -172,14 +290,10 @@ class Intake:
             return
         # where nothing is to be stopped, nobody needs to know why
         search = not self.source.accept_mismatch
-        found = self.agreement.disagreements(recording, engine, self._recorder, search)
+        found = self.agreement.disagreements(recording, engine, self.recorder, search)
         if found and search:
             raise MismatchError(found)
         self.mismatches += [f for f in found if str(f) not in {str(m) for m in self.mismatches}]
-
-    @property
-    def recorder(self) -> Recorder | None:
-        return self._recorder
 
 
 class File:
@@ -189,72 +303,76 @@ class File:
         self._intake, self.name, self.table = intake, name, table
 
     def masked(self) -> Iterator[Recording]:
-        """Its chunks as they are judged; what was left out goes to the intake's `left_out`."""
-        intake = self._intake
-        assert intake.wanted is not None
-        if intake.recorder is not None:
-            yield from self._mapped(intake.recorder)
-            return
-        assert self.table is not None
-        left = LeftOut(self.name)
-        intake.left_out.append(left)
-        wanted = intake.wanted
-        masker: Masker | None = None
-        past = Past(wanted.tapes)
-        counts = ReadingCounts()
-        chunks = read(self.table, declared=wanted.declared, chunk_records=CHUNK, counts=counts)
-        for chunk in of_engine(chunks, intake.source.engine_instance):
+        """Its chunks as they are judged; what was not used goes to the intake's `left_out`."""
+        if self._intake.recorder is not None:
+            yield from _foreign_records(self._intake, self.name, CHUNK)
+        else:
+            assert self.table is not None
+            yield from _own_records(self._intake, self.table, CHUNK)
+
+
+def _own_records(intake: Intake, source: Any, block: int, *, live: bool = False) -> Iterator[Recording]:
+    """Masked records of a file in the program's own columns. live: it is still being written."""
+    wanted = intake.wanted
+    assert wanted is not None
+    left = LeftOut(str(getattr(source, "name", source)))
+    intake.left_out.append(left)
+    past, masker = Past(wanted.tapes), None
+    chunks = read(source, declared=wanted.declared, chunk_records=block, tolerant=live, counts=left.reading)
+    for chunk in chain(of_engine(chunks, intake.source.engine_instance), [None]):
+        if chunk is None:
+            parts = masker.end() if masker is not None else []
+        else:
             if masker is None:
                 intake.remember(chunk)
                 left.absent = wanted.absent(chunk)
-                masker = Masker(judged_columns(wanted, chunk))
+                masker = (LiveMasker if live else Masker)(judged_columns(wanted, chunk))
             left.records += len(chunk)
-            left.reading = counts
-            intake.compare(chunk)
-            yield from (past.told("", part) for part in self._counted(masker.add(chunk), masker, left))
+            if not live:
+                intake.compare(chunk)
+            parts = masker.add(chunk)
         if masker is not None:
-            left.reading = counts
-            yield from (past.told("", part) for part in self._counted(masker.end(), masker, left))
-
-    @staticmethod
-    def _counted(chunks: list[Recording], masker: Masker, left: LeftOut) -> Iterator[Recording]:
-        left.masked(masker.counts)
-        yield from chunks
-
-    def _mapped(self, recorder: Recorder) -> Iterator[Recording]:
-        """What the recorder keeps of the file, in chunks that each are of one engine."""
-        intake, wanted = self._intake, self._intake.source.engine_instance
-        assert intake.wanted is not None
-        chosen = engines_wanted(recorder.engines, wanted, self.name, fleet=intake.fleet)
-        stream = recorder.stream(self.name, CHUNK, intake.wanted.given, chosen)
-        as_read = _AsRead(intake, recorder, chosen)
-        stream.watch = as_read.see
-        left_out = {name: LeftOut(self.name, name, undecided=recorder.undecided) for name in stream.engines}
-        intake.left_out += left_out.values()
-        named = dict.fromkeys(stream.engines, False)
-        past = Past(intake.wanted.tapes)
-        past.whole(recorder, self.name, intake.wanted.given, tuple(stream.engines))
-        for name, recording in _why_nothing(stream, as_read):
-            if not left_out[name].records:
-                intake.remember(recording)
-                left_out[name].absent = intake.wanted.absent(recording)
-            left_out[name].mapped(stream.engines[name])
-            left_out[name].reading = stream.counts
-            if as_read.gated:
-                intake.compare(recording, name)
-            part = past.told(name, recording)
-            if wanted and name != wanted:
-                part = part.select(named_rows(recording, wanted))
-                named[name] |= bool(len(part))
-            yield part
-        for name, live in stream.engines.items():
-            left_out[name].mapped(live)
-            left_out[name].reading = stream.counts
-            if wanted and name != wanted and not named[name]:
-                raise DataError(f"{self.name}: no record of engine {wanted!r}")
+            left.masked(masker.counts)
+        yield from (past.told("", part) for part in parts if len(part) or not live)
 
 
-def _why_nothing(stream: Iterable[tuple[str, Recording]], as_read: _AsRead) -> Iterator[tuple[str, Recording]]:
+def _foreign_records(intake: Intake, source: Any, block: int, *, live: bool = False) -> Iterator[Recording]:
+    """What the recorder keeps of a foreign file, in chunks that each are of one engine. live: it is still being
+    written."""
+    recorder, wanted, columns = intake.recorder, intake.source.engine_instance, intake.wanted
+    assert recorder is not None and columns is not None
+    name = str(getattr(source, "name", source))
+    chosen = engines_wanted(recorder.engines, wanted, name, fleet=intake.fleet and not live)
+    stream = recorder.stream(source, block, columns.given, chosen, live=live)
+    stream.watch = as_read = _AsRead(intake, recorder, chosen)
+    left_out = {
+        engine: LeftOut(name, engine, undecided=recorder.undecided, reading=stream.counts) for engine in stream.engines
+    }
+    intake.left_out += left_out.values()
+    past = Past(None if live and recorder.selects else columns.tapes)
+    if not live:
+        past.whole(recorder, name, columns.given, tuple(stream.engines))
+    named = dict.fromkeys(stream.engines, False)
+    for engine, recording in _explained(stream, as_read):
+        left = left_out[engine]
+        if not left.records:
+            intake.remember(recording)
+            left.absent = columns.absent(recording)
+        left.mapped(stream.engines[engine])
+        if recorder.selects:
+            intake.compare(recording, engine)
+        part = past.told(engine, recording)
+        if wanted and engine != wanted:
+            part = part.select(named_rows(recording, wanted))
+            named[engine] |= bool(len(part))
+        yield part
+    for engine, mapped in stream.engines.items():
+        left_out[engine].mapped(mapped)
+        if wanted and engine != wanted and not named[engine] and not live:
+            raise DataError(f"{name}: no record of engine {wanted!r}")
+
+
+def _explained(stream: Iterable[tuple[str, Recording]], as_read: _AsRead) -> Iterator[tuple[str, Recording]]:
     """The stream; where nothing is left of it, because of a wrong unit perhaps, that is what is raised."""
     try:
         yield from stream
@@ -270,12 +388,11 @@ class _AsRead:
 
     def __init__(self, intake: Intake, recorder: Recorder, engines: Collection[str]):
         self._intake, self._recorder, self._engines = intake, recorder, engines
-        self.gated = recorder.steady is not None or recorder.average_s > 0.0
         self._latest: Recording | None = None
 
-    def see(self, chunk: Recording) -> None:
+    def __call__(self, chunk: Recording) -> None:
         self._latest = chunk
-        if not self.gated:
+        if not self._recorder.selects:
             self.compare()
 
     def compare(self) -> None:
@@ -351,6 +468,10 @@ class WholeFlight:
     engine: str
     recording: TrainingRecording
 
+    @property
+    def records(self) -> int:
+        return len(next(iter(self.recording.columns.values()), ()))
+
 
 MOST = 30_000
 """Records that identification fits at most: it holds some 30 kB of each. Where there are more, what the model cannot do
@@ -389,14 +510,14 @@ class Thinning:
         while True:
             found, first = [], 0
             for flight, halved in flights:
-                n = len(next(iter(flight.recording.columns.values())))
+                n = flight.records
                 rows = np.flatnonzero(((first + np.arange(n)) // RUN) % 2 ** (self.halved - halved) == 0)
                 first += n
                 if len(rows) == n:
                     found.append(flight)
                 elif len(rows):
                     found.append(replace(flight, recording=part_of(flight.recording, rows)))
-            kept = sum(len(next(iter(f.recording.columns.values()))) for f in found)
+            kept = sum(f.records for f in found)
             if not self.most or kept <= self.most:
                 return found
             self.halved += 1
@@ -412,10 +533,10 @@ def whole_flights(intake: Intake, thinning: Thinning | None = None) -> list[Whol
     flights: list[tuple[WholeFlight, int]] = []
     for file in intake.files():
         flights += [(flight, thinning.halved) for flight in list(_of_file(intake, file, thinning))]
-        if thinning.most and sum(len(next(iter(f.recording.columns.values()))) for f, _ in flights) > 2 * thinning.most:
+        if thinning.most and sum(f.records for f, _ in flights) > 2 * thinning.most:
             flights = [(flight, thinning.halved) for flight in thinning.together(flights)]
     found = thinning.together(flights)
-    if not any(len(flight.recording) for flight in found):
+    if not any(flight.records for flight in found):
         raise NoVerdictError(f"{', '.join(map(intake.source.label, intake.source.files))}: there is no record")
     return found
 
@@ -446,57 +567,8 @@ def live_chunks(intake: Intake, block: int, idle_s: float) -> Iterator[Recording
     codec = OWN.codec if intake.recorder is None else intake.recorder.dialect.codec
     for file in intake.source.files:
         source: Any = file if file == STDIN or needs_whole_file(file) else GrowingFile(file, idle_s, codec=codec)
-        yield from (_own if intake.recorder is None else _mapped)(intake, source, block)
-
-
-def _own(intake: Intake, source: Any, block: int) -> Iterator[Recording]:
-    wanted = intake.wanted
-    assert wanted is not None
-    left = LeftOut(str(getattr(source, "name", source)))
-    intake.left_out.append(left)
-    masker: LiveMasker | None = None
-    past = Past(wanted.tapes)
-    counts = ReadingCounts()
-    chunks = read(source, declared=wanted.declared, chunk_records=block, tolerant=True, counts=counts)
-    for chunk in of_engine(chunks, intake.source.engine_instance):
-        if masker is None:
-            intake.remember(chunk)
-            left.absent = wanted.absent(chunk)
-            masker = LiveMasker(judged_columns(wanted, chunk))
-        left.records += len(chunk)
-        left.reading = counts
-        found = masker.add(chunk)
-        left.masked(masker.counts)
-        yield from (past.told("", piece) for piece in found if len(piece))
-
-
-def _mapped(intake: Intake, source: Any, block: int) -> Iterator[Recording]:
-    """Blocks of what the recorder keeps of a foreign file, as it comes."""
-    from enginediag_cli.recordings.recorder import LiveRecorder
-
-    recorder, wanted, columns = intake.recorder, intake.source.engine_instance, intake.wanted
-    assert recorder is not None and columns is not None
-    name = str(getattr(source, "name", source))
-    engine = engines_wanted(recorder.engines, wanted, name, fleet=False)[0]
-    live, left = LiveRecorder(recorder, engine, inputs=columns.given), LeftOut(name, engine)
-    intake.left_out.append(left)
-    held: list[Recording] = []
-    past = Past(None if recorder.steady or recorder.average_s > 0.0 else columns.tapes)
-    last: Recording | None = None
-    counts = ReadingCounts()
-    for chunk in chain(recorder.chunks(source, block, tolerant=True, counts=counts), [None]):
-        if last is None:
-            if chunk is not None:
-                intake.remember(chunk)
+        if intake.recorder is None:
+            yield from _own_records(intake, source, block, live=True)
         else:
-            found = live.add(last, end=chunk is None)
-            left.absent = columns.absent(found)
-            intake.compare(found, engine)
-            left.mapped(live)
-            left.reading = counts
-            held.append(found.select(named_rows(found, wanted)) if wanted and live.engine != wanted else found)
-            if chunk is None or sum(map(len, held)) >= block:
-                piece, held = concat(held), []
-                if len(piece):
-                    yield past.told(engine, piece)
-        last = chunk
+            parts = _foreign_records(intake, source, block, live=True)
+            yield from (part for part in rechunk(parts, block) if len(part))

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from enginediag_cli.engine.tape import Tapes
     from enginediag_cli.engine.wrapped import Model
     from enginediag_cli.identification.nominal import Nominal
-    from enginediag_cli.recordings.table import Recording
-    from enginediag_cli.recordings.table_file import Absent
+    from enginediag_cli.recordings.table import Absent, Recording
 
 
 STDIN = "-"
@@ -107,7 +106,7 @@ class Wanted:
     def absent(self, recording: Recording) -> tuple[Absent, ...]:
         """The sensors that the recording has no column of. Raises DataError, with near matches, when an input or every
         sensor is missing."""
-        from enginediag_cli.recordings.table_file import absent_columns
+        from enginediag_cli.recordings.table import absent_columns
 
         missing = {a.column: a for a in absent_columns(self.declared, recording.order)}
         needed = [str(missing[c]) for c in self.inputs if c in missing]

@@ -24,8 +24,7 @@ import numpy as np
 
 from enginediag_cli.config.hints import closest
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.table import Recording, concat, rechunk
-from enginediag_cli.recordings.table_file import OWN, Dialect, is_missing, no_number
+from enginediag_cli.recordings.table import OWN, Dialect, Recording, concat, is_missing, no_number, rechunk
 
 FRACTION = re.compile(r"(.*?)[.,](\d+)(.*)")
 """A stamp with a fraction of a second: what stands before it, its digits, what stands behind."""

@@ -1,30 +1,13 @@
-"""Columns computed from recorded ones; a recorder YAML lists those that it needs.
+"""Columns computed from recorded ones, and gaps of slowly sampled columns filled; a recorder lists those that it needs.
 
-The rules by which columns are derived from recorded ones.
-
-What a rule for a derived column consists of.
-
-Water per dry air from relative humidity, temperature and pressure.
-
-Deviation of the static air temperature from the International Standard Atmosphere (ISO 2533:1975).
-
-Mach number from calibrated airspeed and pressure altitude, below the speed of sound.
-
-Static air temperature from a total temperature probe and the Mach number.
-
-Mach number from true airspeed and a static or total air temperature.
-
-Sums of columns (a gauge pressure and the ambient one), and the consensus of redundant probes.
-
-A product of columns: torque times speed, or a flow recorded per unit of pressure.
-
-How far a column is ahead of its own recent past: the driver of heat soak after a change of power.
+Missing values (NaN) in give missing values out. To add a rule: its function and its row in `RULES`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -38,16 +21,27 @@ Settings = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Rule:
-    """section: the YAML keys; needs: the columns that these settings ask for; compute: the column (N,); one_unit: these
-    columns and that one must be in the same unit.
+    """How a column is computed.
 
-    Missing values (NaN) in give missing values out.
+    section: its YAML keys; columns: those of them that name columns, one or a list; compute: the column (N,) from the
+    settings and the named columns, in the order of `columns`; one_unit: all columns must have the same unit.
     """
 
     section: Section
-    needs: Callable[[Settings], list[str]]
-    compute: Callable[[Columns, Settings], np.ndarray]
+    columns: tuple[str, ...]
+    function: Callable[..., np.ndarray]
     one_unit: bool = False
+
+    def needs(self, settings: Settings) -> list[str]:
+        """The columns that these settings ask for."""
+        keys = [settings[key] for key in self.columns]
+        return [column for key in keys for column in ([key] if isinstance(key, str) else key)]
+
+    def compute(self, columns: Columns, settings: Settings) -> np.ndarray:
+        """The derived column (N,)."""
+        keys = [settings[key] for key in self.columns]
+        arrays = [columns[key] if isinstance(key, str) else [columns[c] for c in key] for key in keys]
+        return np.asarray(self.function(settings, *arrays))
 
 
 WATER_TO_AIR = 18.015268 / 28.9652
@@ -71,10 +65,6 @@ def humidity_ratio(relative: np.ndarray, temperature_K: np.ndarray, pressure_Pa:
     return WATER_TO_AIR * vapour / (pressure_Pa - vapour)
 
 
-def _compute(columns: Columns, settings: Settings) -> np.ndarray:
-    return humidity_ratio(*(columns[settings[key]] for key in ("relative", "temperature", "pressure")))
-
-
 HUMIDITY_RATIO = Rule(
     Section(
         "humidity_ratio",
@@ -85,8 +75,8 @@ HUMIDITY_RATIO = Rule(
             Field("pressure", "text", "column of the air pressure", "ambient_pressure_Pa"),
         ),
     ),
-    lambda settings: [settings[key] for key in ("relative", "temperature", "pressure")],
-    _compute,
+    ("relative", "temperature", "pressure"),
+    lambda settings, relative, temperature, pressure: humidity_ratio(relative, temperature, pressure),
 )
 
 
@@ -103,10 +93,6 @@ def isa_temperature(altitude_m: np.ndarray) -> np.ndarray:
     return SEA_LEVEL_K - LAPSE_K_M * np.minimum(altitude_m, TROPOPAUSE_M)
 
 
-def _isa_deviation_compute(columns: Columns, settings: Settings) -> np.ndarray:
-    return columns[settings["temperature"]] - isa_temperature(columns[settings["altitude"]])
-
-
 ISA_DEVIATION = Rule(
     Section(
         "isa_deviation",
@@ -116,8 +102,8 @@ ISA_DEVIATION = Rule(
             Field("altitude", "text", "column of the pressure altitude", "altitude_m"),
         ),
     ),
-    lambda settings: [settings["temperature"], settings["altitude"]],
-    _isa_deviation_compute,
+    ("temperature", "altitude"),
+    lambda settings, temperature, altitude: temperature - isa_temperature(altitude),
 )
 
 
@@ -145,10 +131,6 @@ def mach_from_cas(cas_m_s: np.ndarray, altitude_m: np.ndarray) -> np.ndarray:
     return mach
 
 
-def _mach_from_cas_compute(columns: Columns, settings: Settings) -> np.ndarray:
-    return mach_from_cas(columns[settings["cas"]], columns[settings["altitude"]])
-
-
 MACH_FROM_CAS = Rule(
     Section(
         "mach_from_cas",
@@ -158,8 +140,8 @@ MACH_FROM_CAS = Rule(
             Field("altitude", "text", "column of the pressure altitude", "altitude_m"),
         ),
     ),
-    lambda settings: [settings["cas"], settings["altitude"]],
-    _mach_from_cas_compute,
+    ("cas", "altitude"),
+    lambda settings, cas, altitude: mach_from_cas(cas, altitude),
 )
 
 
@@ -172,10 +154,6 @@ def static_temperature(total_K: np.ndarray, mach: np.ndarray, recovery: float = 
     return total_K / (1.0 + recovery * 0.5 * (GAMMA - 1.0) * mach**2)
 
 
-def _static_temperature_compute(columns: Columns, settings: Settings) -> np.ndarray:
-    return static_temperature(columns[settings["total"]], columns[settings["mach"]], settings["recovery"])
-
-
 STATIC_TEMPERATURE = Rule(
     Section(
         "static_temperature",
@@ -186,8 +164,8 @@ STATIC_TEMPERATURE = Rule(
             Field("recovery", "number", "recovery factor of the probe", 1.0, minimum=0.0, maximum=1.0),
         ),
     ),
-    lambda settings: [settings["total"], settings["mach"]],
-    _static_temperature_compute,
+    ("total", "mach"),
+    lambda settings, total, mach: static_temperature(total, mach, settings["recovery"]),
 )
 
 
@@ -205,14 +183,6 @@ def mach_from_tas(tas_m_s: np.ndarray, temperature_K: np.ndarray, recovery: floa
     return tas_m_s / np.sqrt(GAMMA * GAS_CONSTANT * np.where(static > 0.0, static, np.nan))
 
 
-def _mach_from_tas_compute(columns: Columns, settings: Settings) -> np.ndarray:
-    return mach_from_tas(
-        columns[settings["tas"]],
-        columns[settings["temperature"]],
-        settings["recovery"] if settings["total"] else 0.0,
-    )
-
-
 MACH_FROM_TAS = Rule(
     Section(
         "mach_from_tas",
@@ -224,8 +194,8 @@ MACH_FROM_TAS = Rule(
             Field("recovery", "number", "recovery factor of a total temperature probe", 1.0, minimum=0.0, maximum=1.0),
         ),
     ),
-    lambda settings: [settings["tas"], settings["temperature"]],
-    _mach_from_tas_compute,
+    ("tas", "temperature"),
+    lambda settings, tas, temperature: mach_from_tas(tas, temperature, settings["recovery"] * settings["total"]),
 )
 
 
@@ -250,18 +220,6 @@ def consensus(readings: np.ndarray, agree_within: float, least: int = 1, *, medi
     return result
 
 
-def _sum(columns: Columns, settings: Settings) -> np.ndarray:
-    total = np.sum([columns[name] for name in settings["of"]], axis=0)
-    for name in settings["minus"]:
-        total = total - columns[name]
-    return np.asarray(total, dtype=float)
-
-
-def _consensus(columns: Columns, settings: Settings) -> np.ndarray:
-    readings = np.array([columns[name] for name in settings["of"]])
-    return consensus(readings, settings["agree_within"], settings["least"], median=settings["take"] == "median")
-
-
 SUM = Rule(
     Section(
         "sum",
@@ -271,8 +229,8 @@ SUM = Rule(
             Field("minus", "texts", "columns to subtract", ()),
         ),
     ),
-    lambda settings: [*settings["of"], *settings["minus"]],
-    _sum,
+    ("of", "minus"),
+    lambda settings, added, subtracted: reduce(np.subtract, subtracted, np.sum(added, axis=0)),
     one_unit=True,
 )
 
@@ -287,18 +245,12 @@ CONSENSUS = Rule(
             Field("take", "choice", "what is taken of those that agree", "mean", choices=("mean", "median")),
         ),
     ),
-    lambda settings: list(settings["of"]),
-    _consensus,
+    ("of",),
+    lambda settings, probes: consensus(
+        np.array(probes), settings["agree_within"], settings["least"], median=settings["take"] == "median"
+    ),
     one_unit=True,
 )
-
-
-def _product_compute(columns: Columns, settings: Settings) -> np.ndarray:
-    value = np.prod([columns[name] for name in settings["of"]], axis=0)
-    for name in settings["over"]:
-        value = value / columns[name]
-    return settings["factor"] * value
-
 
 PRODUCT = Rule(
     Section(
@@ -310,8 +262,8 @@ PRODUCT = Rule(
             Field("factor", "number", "constant factor", 1.0),
         ),
     ),
-    lambda settings: [*settings["of"], *settings["over"]],
-    _product_compute,
+    ("of", "over"),
+    lambda settings, factors, divisors: settings["factor"] * reduce(np.divide, divisors, np.prod(factors, axis=0)),
 )
 
 
@@ -341,11 +293,6 @@ def lowpass(values: np.ndarray, time_s: np.ndarray, time_constant_s: float) -> n
     return result
 
 
-def _soak_compute(columns: Columns, settings: Settings) -> np.ndarray:
-    values = columns[settings["column"]]
-    return values - lowpass(values, columns[settings["time"]], settings["time_constant_s"])
-
-
 SOAK = Rule(
     Section(
         "soak",
@@ -356,8 +303,8 @@ SOAK = Rule(
             Field("time", "text", "column of the time", "time_s"),
         ),
     ),
-    lambda settings: [settings["column"], settings["time"]],
-    _soak_compute,
+    ("column", "time"),
+    lambda settings, values, time_s: values - lowpass(values, time_s, settings["time_constant_s"]),
 )
 
 

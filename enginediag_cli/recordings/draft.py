@@ -16,7 +16,7 @@ import numpy as np
 from enginediag_cli.recordings.engine_columns import HELPERS, EngineColumns, advice, match_exactly, relate
 from enginediag_cli.recordings.header import CMAPSS_ORDER, Entry, Header, read_header
 from enginediag_cli.recordings.sniff import Clock, Sniffed, find_clock
-from enginediag_cli.recordings.table_file import DELIMITERS, THOUSANDS
+from enginediag_cli.recordings.table import DELIMITERS, THOUSANDS
 from enginediag_cli.recordings.unit_inference import (
     MOST_OUTSIDE,
     Column,

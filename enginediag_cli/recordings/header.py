@@ -67,14 +67,7 @@ CMAPSS = NamingScheme(
             for word in ("unit", "unitnumber", "unitnr", "unitid", "engine", "id", "c1")
         },
         **{word: Documented("", text="flight") for word in ("cycle", "cycles", "time", "timecycles", "timeincycles")},
-        **_numbered(
-            "setting",
-            (
-                Documented("altitude_m", "kft"),
-                Documented("mach", "1"),
-                _NOT_USED,
-            ),
-        ),
+        **_numbered("setting", (Documented("altitude_m", "kft"), Documented("mach", "1"), _NOT_USED)),
         **_numbered(
             "s",
             (

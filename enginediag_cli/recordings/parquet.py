@@ -22,8 +22,16 @@ import numpy as np
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.source import PARQUET_MAGIC, refuse_devices
-from enginediag_cli.recordings.table import Recording, check_clock, rechunk
-from enginediag_cli.recordings.table_file import Asked, RecordingWriter, TableFile, no_number, read_positions
+from enginediag_cli.recordings.table import (
+    Asked,
+    Recording,
+    RecordingWriter,
+    TableFile,
+    check_clock,
+    no_number,
+    read_positions,
+    rechunk,
+)
 from enginediag_cli.safe_text import UNSPEAKABLE, guarded
 
 NOTES = b"enginediag"

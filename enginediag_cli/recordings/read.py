@@ -39,8 +39,7 @@ from enginediag_cli.recordings.source import (
     refuse_devices,
     undecodable,
 )
-from enginediag_cli.recordings.table import Recording, check_clock, concat, rechunk
-from enginediag_cli.recordings.table_file import (
+from enginediag_cli.recordings.table import (
     DELIMITERS,
     FIXED,
     OWN,
@@ -48,11 +47,15 @@ from enginediag_cli.recordings.table_file import (
     Asked,
     Dialect,
     ReadingCounts,
+    Recording,
     TableFile,
+    check_clock,
+    concat,
     is_missing,
     no_number,
     parse_number,
     read_positions,
+    rechunk,
     separator_of,
 )
 from enginediag_cli.recordings.unit_words import unit_word
@@ -97,11 +100,7 @@ class CsvTable(TableFile):
 
 
 def table_records(
-    stream: Iterable[str],
-    name: str,
-    asked: Asked,
-    chunk_records: int,
-    cut: Callable[[], bool] = lambda: False,
+    stream: Iterable[str], name: str, asked: Asked, chunk_records: int, cut: Callable[[], bool] = lambda: False
 ) -> Iterator[Recording]:
     """The records of a text table, see `TableFile.records`. cut: whether the last line has no end, known when it has
     been read. Raises DataError."""

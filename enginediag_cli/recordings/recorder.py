@@ -34,8 +34,17 @@ from enginediag_cli.recordings.masking import Judged, LiveMasker, MaskCounts, Ma
 from enginediag_cli.recordings.read import read
 from enginediag_cli.recordings.source import Source
 from enginediag_cli.recordings.steady import GateReport, SteadySettings, average, failures, first_reasons
-from enginediag_cli.recordings.table import Recording, check_clock, concat, rechunk
-from enginediag_cli.recordings.table_file import DELIMITERS, THOUSANDS, Dialect, ReadingCounts, absent_columns
+from enginediag_cli.recordings.table import (
+    DELIMITERS,
+    THOUSANDS,
+    Dialect,
+    ReadingCounts,
+    Recording,
+    absent_columns,
+    check_clock,
+    concat,
+    rechunk,
+)
 from enginediag_cli.units import convert, to_si
 
 

@@ -18,7 +18,7 @@ from enginediag_cli.recordings.clocks import NUMBERS, zone_of
 from enginediag_cli.recordings.derived import RULES, Fill
 from enginediag_cli.recordings.recorder import Channel, Recorder
 from enginediag_cli.recordings.steady import SteadySettings
-from enginediag_cli.recordings.table_file import DELIMITERS, FIXED, LAYOUTS, THOUSANDS, WHITESPACE, known_encoding
+from enginediag_cli.recordings.table import DELIMITERS, FIXED, LAYOUTS, THOUSANDS, WHITESPACE, known_encoding
 from enginediag_cli.units import UnitError, convert, find_unit, split_column, split_header, to_si
 
 _COLUMN = Section(
@@ -177,10 +177,7 @@ RECORDER_FILE = Section(
             "computed columns, in this order",
             (),
             section=Variants(
-                "rule",
-                "how the column is computed",
-                {name: rule.section for name, rule in RULES.items()},
-                "rule",
+                "rule", "how the column is computed", {name: rule.section for name, rule in RULES.items()}, "rule"
             ),
         ),
         Field("checks", "named_sections", "proofs that the file is what it is taken for", (), section=_CHECK),

@@ -28,7 +28,7 @@ from enginediag_cli.recordings.source import (
     refuse_binary,
     unpacked,
 )
-from enginediag_cli.recordings.table_file import DELIMITERS, OWN, WHITESPACE, Asked, Dialect, TableFile, is_missing
+from enginediag_cli.recordings.table import DELIMITERS, OWN, WHITESPACE, Asked, Dialect, TableFile, is_missing
 from enginediag_cli.recordings.unit_words import UnitWord, trailing_unit, unit_word
 
 LOOKED_AT = 1 << 18

@@ -48,10 +48,7 @@ FORMATS: dict[bytes, tuple[str, str]] = {
     b"MATLAB": ("a MATLAB .mat file", _EXPORT),
     b"CDF\x01": ("a netCDF file", _EXPORT),
     b"CDF\x02": ("a netCDF file", _EXPORT),
-    ZIP_MAGIC: (
-        "a zip archive, or an Excel workbook in a pipe or under another name",
-        "unpack it, or name it .xlsx",
-    ),
+    ZIP_MAGIC: ("a zip archive, or an Excel workbook in a pipe or under another name", "unpack it, or name it .xlsx"),
     b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": ("an Excel 97 workbook (.xls)", "save it as .xlsx or CSV"),
     b"PAR1": ("a Parquet file, in a pipe or packed, whose index stands at its end", "give the file itself by its name"),
     b"\x28\xb5\x2f\xfd": ("packed by zstd", "unpack it, or pack it by gzip"),

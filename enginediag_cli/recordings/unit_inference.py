@@ -332,10 +332,7 @@ _FULL_SCALE_PCT = 135.0
 
 
 def _joint_likelihood(
-    fact: Fact,
-    columns: Sequence[Column],
-    axes: Sequence[str],
-    options: Mapping[str, tuple[str, ...]],
+    fact: Fact, columns: Sequence[Column], axes: Sequence[str], options: Mapping[str, tuple[str, ...]]
 ) -> Factor | None:
     """ln likelihood over the units of the axes that a fact leaves open, or None where a column is not recorded."""
     mine = {c.target: (c, a) for c, a in zip(columns, axes, strict=True) if c.target in fact.targets}

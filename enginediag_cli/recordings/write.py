@@ -25,8 +25,7 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.file_lock import try_lock
 from enginediag_cli.progress import touched, wipe
 from enginediag_cli.recordings.source import named_parquet
-from enginediag_cli.recordings.table import Recording
-from enginediag_cli.recordings.table_file import RecordingWriter
+from enginediag_cli.recordings.table import Recording, RecordingWriter
 from enginediag_cli.safe_text import UNSPEAKABLE, guarded, visible
 
 PART = ".part"

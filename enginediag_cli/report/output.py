@@ -22,7 +22,7 @@ from enginediag_cli.report.messages import wants_color
 from enginediag_cli.safe_text import guarded, json_escaped, visible
 
 if TYPE_CHECKING:
-    from enginediag_cli.recordings.table_file import RecordingWriter
+    from enginediag_cli.recordings.table import RecordingWriter
 
 
 def plain(value: Any) -> Any:

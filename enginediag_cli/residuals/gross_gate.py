@@ -19,7 +19,7 @@ from itertools import pairwise
 import numpy as np
 
 from enginediag_cli.engine.instrument_errors import ELAPSED
-from enginediag_cli.intake.excluded import GrossCounts, LeftOut
+from enginediag_cli.intake.loader import GrossCounts, LeftOut
 from enginediag_cli.recordings.repeated import StuckRun, joined_runs, same_runs, stuck_runs
 from enginediag_cli.recordings.table import Recording, concat
 from enginediag_cli.residuals.gross_errors import (

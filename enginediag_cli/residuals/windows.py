@@ -31,7 +31,7 @@ from enginediag_cli.engine.instrument_errors import ELAPSED
 from enginediag_cli.error_model.maps import MapErrorModel
 from enginediag_cli.errors import DataError
 from enginediag_cli.intake.agreement import Disagreement
-from enginediag_cli.intake.excluded import GrossCounts
+from enginediag_cli.intake.loader import GrossCounts
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.instruments import InstrumentFault
 from enginediag_cli.residuals.monitor import Monitor

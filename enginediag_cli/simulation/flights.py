@@ -1,15 +1,9 @@
-"""Generated flights: operating conditions without a recording to take them from.
-
-Declaration of the YAML file that describes flights to simulate.
-
-Operating conditions: what an engine is asked to do, record by record.
-
-The flights that are simulated when nobody says which.
-"""
+"""Simulated flights: the flight file, the missions it may name, and the operating conditions, record by record."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,8 +15,8 @@ from enginediag_cli.config.hints import near
 from enginediag_cli.engine.atmosphere import standard_atmosphere
 from enginediag_cli.engine.wrapped import EngineLike
 from enginediag_cli.errors import DataError
-from enginediag_cli.simulation.airliner import AIRLINER, fly_airliner
 from enginediag_cli.simulation.missions import (
+    AIRLINER,
     FOOT_M,
     GROUND,
     MANOEUVRES,
@@ -31,6 +25,7 @@ from enginediag_cli.simulation.missions import (
     UNRECORDED,
     draw_snapshots,
     draw_sweep,
+    fly_airliner,
     fly_manoeuvres,
     run_on_ground,
 )
@@ -69,21 +64,10 @@ FLIGHT_FILE = Section(
         Field("kind", "choice", "kind of file", "flight", choices=("flight",)),
         Field("description", "text", "what these flights are", ""),
         Field("source", "text", "where the numbers come from", ""),
-        Field(
-            "flights",
-            "integer",
-            "number of flights (of days on the ground) unless the command says otherwise",
-            1,
-            minimum=1,
-        ),
-        Field(
-            "mission",
-            "section",
-            "what a flight looks like",
-            section=MISSION,
-        ),
+        Field("flights", "integer", "flights (days on the ground), if the command does not say", 1, minimum=1),
+        Field("mission", "section", "what a flight looks like", section=MISSION),
         Field("constants", "number_map", "further inputs of the engine, each held at one value", {}),
-        Field("noise", "section", "sensor noise unless the command says otherwise", {}, section=NOISE),
+        Field("noise", "section", "sensor noise, if the command does not say", {}, section=NOISE),
     ),
 )
 
@@ -162,29 +146,35 @@ def generate_flights(
     flights: int | None = None,
     records: int | None = None,
 ) -> Conditions:
-    """Operating conditions of flights described by the values of a flight file.
+    """Operating conditions of flights described by a flight file.
 
-    `flights` replaces the file's number of flights. `records` ends the conditions after so many records;
-    without `flights`, as many flights are flown as that takes. Flight k is the same however many flights
-    follow it, in the missions that draw flight by flight (airliner). Raises DataError when the engine has an
-    input that the flights do not give.
+    Flight k is the same however many flights follow it, in the missions that draw flight by flight (airliner).
+
+    Parameters
+    ----------
+    plan : values of a flight file
+    engine : whose inputs are made
+    rng : of all random draws
+    flights : number of flights; default: the file's
+    records : end after so many records; without `flights`, as many flights are flown as that takes
+
+    Raises
+    ------
+    DataError
+        The engine has an input that the flights do not give.
     """
     mission = plan["mission"]
     kind = MISSIONS[mission["type"]]
     count = flights if flights is not None else plan["flights"]
     if records is not None and flights is None:
-        first = kind.generate(mission, 1, engine, _copy(rng))
+        first = kind.generate(mission, 1, engine, deepcopy(rng))
         count = min(1 + records // max(len(first["time_s"]) // 2, 1), MAX_FLIGHTS_FOR_RECORDS)
     columns = kind.generate(mission, count, engine, rng)
     conditions = _recorded(with_power(columns, engine, plan["constants"]), columns, kind.series)
     return conditions if records is None else conditions.slice(0, records)
 
 
-def with_power(
-    columns: Mapping[str, NDArray],
-    engine: EngineLike,
-    constants: Mapping[str, float],
-) -> Conditions:
+def with_power(columns: Mapping[str, NDArray], engine: EngineLike, constants: Mapping[str, float]) -> Conditions:
     """The engine's columns from generated ones: power fraction → power setting, unknown columns dropped."""
     n = len(columns["time_s"])
     temperature, pressure = standard_atmosphere(columns["altitude_m"])
@@ -209,8 +199,8 @@ def with_power(
             f"the flight file gives no {', '.join(missing)}, which engine {engine.name!r} needs; "
             "hold it under 'constants:' or simulate with --conditions"
         )
-    wanted = (*engine.inputs, *(name for name in engine.optional_inputs if name in given))
-    return Conditions({name: given[name] for name in (*LABELS, *wanted)})
+    inputs = (*engine.inputs, *(name for name in engine.optional_inputs if name in given))
+    return Conditions({name: given[name] for name in (*LABELS, *inputs)})
 
 
 def _recorded(way: Conditions, columns: Mapping[str, NDArray], series: bool) -> Conditions:
@@ -219,13 +209,6 @@ def _recorded(way: Conditions, columns: Mapping[str, NDArray], series: bool) -> 
         return Conditions(way.columns, series)
     kept = columns[UNRECORDED] == 0
     return Conditions({name: values[kept] for name, values in way.columns.items()}, series, way)
-
-
-def _copy(rng: np.random.Generator) -> np.random.Generator:
-    """A generator in the same state, so that a trial draw leaves the original as it was."""
-    bits = type(rng.bit_generator)()
-    bits.state = rng.bit_generator.state
-    return np.random.Generator(bits)
 
 
 AIRLINER_FLIGHTS = 5
@@ -240,10 +223,8 @@ def default_plan(engine: EngineLike) -> dict[str, Any]:
     """Values of a flight file: airliner flights within the engine's envelope, or days on the ground for an
     engine that knows no altitude."""
     flies = "altitude_m" in engine.inputs
-    mission = {
-        "type": "airliner" if flies else "ground",
-        **_defaults(AIRLINER if flies else GROUND),
-    }
+    kind = "airliner" if flies else "ground"
+    mission = {"type": kind, **_defaults(MISSIONS[kind].section)}
     if flies:
         _keep_inside(mission, engine)
     return {

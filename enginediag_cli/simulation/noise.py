@@ -2,8 +2,6 @@
 
 Every column has a stream of random numbers of its own, made from the seed and the column's name. So adding a
 sensor leaves the noise of the others as it was, and cutting a recording into chunks changes nothing.
-
-Declaration of sensor noise in YAML.
 """
 
 from __future__ import annotations
@@ -62,11 +60,7 @@ KINDS: Mapping[str, Mapping[str, Any]] = {
 """Noise sections by a single word: what the command line offers."""
 
 
-def column_noise(
-    values: Mapping[str, Any],
-    engine: EngineLike,
-    mark: Mark | None = None,
-) -> dict[str, ColumnNoise]:
+def column_noise(values: Mapping[str, Any], engine: EngineLike, mark: Mark | None = None) -> dict[str, ColumnNoise]:
     """Noise of every sensor of the engine, and of the inputs that the section names, by column.
 
     `values` are those of the section `noise`. Raises ConfigError for a column that the engine does not have,
@@ -79,9 +73,11 @@ def column_noise(
         for name in values["columns"]
         if name not in readable
     ]
-    noise = {column: _of_sensor(values, sensor) for column, sensor in engine.sensors.items()}
+    noise = {
+        column: _noise_of(values, _by_default(values, sensor), sensor) for column, sensor in engine.sensors.items()
+    }
     for column, own in values["columns"].items():
-        noise[column] = _own(values, own, engine.sensors.get(column))
+        noise[column] = _noise_of(values, own, engine.sensors.get(column))
     for column, one in noise.items():
         if one.distribution == "uniform" and one.correlation:
             problems.append(
@@ -102,44 +98,29 @@ def column_noise(
     return noise
 
 
-def _of_sensor(values: Mapping[str, Any], sensor: Any) -> ColumnNoise:
-    sigma = values["scale"] * _number(sensor, "noise_sigma")
-    width = values["range_fraction"] * _number(sensor, "maximum")
-    return ColumnNoise(
-        values["type"],
-        sigma,
-        width,
-        values["correlation"],
-        values["quantum_sigmas"] * sigma if values["quantum_sigmas"] else 0.0,
-        values["outlier_probability"],
-        _outlier(values["outlier_sigmas"], values["type"], sigma, width),
-    )
+def _by_default(values: Mapping[str, Any], sensor: Any) -> Mapping[str, Any]:
+    """What a column without noise of its own takes from the section."""
+    quantum = values["quantum_sigmas"]
+    step = quantum * (values["scale"] * _number(sensor, "noise_sigma")) if quantum else 0.0
+    return {**values, "sigma": None, "width": None, "quantum": step}
 
 
-def _own(values: Mapping[str, Any], own: Mapping[str, Any], sensor: Any) -> ColumnNoise:
-    sigma = own["sigma"] if own["sigma"] is not None else values["scale"] * _number(sensor, "noise_sigma")
-    width = own["width"]
-    if width is None:
-        width = values["range_fraction"] * _number(sensor, "maximum")
+def _noise_of(values: Mapping[str, Any], own: Mapping[str, Any], sensor: Any) -> ColumnNoise:
+    """The noise of a column; sizes that it does not state come from its sensor in the engine file."""
+    sigma, width = own["sigma"], own["width"]
+    sigma = values["scale"] * _number(sensor, "noise_sigma") if sigma is None else sigma
+    width = values["range_fraction"] * _number(sensor, "maximum") if width is None else width
+    # a uniform distribution of range w has the standard deviation w/√12
+    spread = width / np.sqrt(12.0) if own["type"] == "uniform" else sigma
+    outlier = own["outlier_sigmas"] * spread
     return ColumnNoise(
-        own["type"],
-        sigma,
-        width,
-        own["correlation"],
-        own["quantum"],
-        own["outlier_probability"],
-        _outlier(own["outlier_sigmas"], own["type"], sigma, width),
+        own["type"], sigma, width, own["correlation"], own["quantum"], own["outlier_probability"], outlier
     )
 
 
 def _number(sensor: Any, attribute: str) -> float:
     value = getattr(sensor, attribute, None)
     return float("nan") if value is None else float(value)
-
-
-def _outlier(sigmas: float, distribution: str, sigma: float, width: float) -> float:
-    # a uniform distribution of range w has the standard deviation w/√12
-    return sigmas * (width / np.sqrt(12.0) if distribution == "uniform" else sigma)
 
 
 class NoiseSource:
@@ -196,17 +177,8 @@ def _stream(entropy: tuple[int, ...], name: str) -> np.random.Generator:
 DISTRIBUTIONS = ("gaussian", "uniform", "none")
 
 _SHAPE = (
-    Field(
-        "correlation",
-        "number",
-        "correlation ρ between one record and the next (Gaussian noise only)",
-        0.0,
-        minimum=0.0,
-        maximum=0.999,
-    ),
-    Field(
-        "outlier_probability", "number", "probability that a reading is grossly wrong", 0.0, minimum=0.0, maximum=0.5
-    ),
+    Field("correlation", "number", "ρ from record to record (Gaussian noise only)", 0.0, minimum=0.0, maximum=0.999),
+    Field("outlier_probability", "number", "probability of a gross error", 0.0, minimum=0.0, maximum=0.5),
     Field("outlier_sigmas", "number", "size of a gross error in standard deviations of the noise", 20.0, minimum=0.0),
 )
 
@@ -215,28 +187,9 @@ COLUMN_NOISE = Section(
     "noise of one column, in its own unit",
     (
         Field("type", "choice", "distribution", "gaussian", choices=DISTRIBUTIONS),
-        Field(
-            "sigma",
-            "number",
-            "standard deviation of Gaussian noise, in the column's unit; the engine file's where absent",
-            None,
-            minimum=0.0,
-        ),
-        Field(
-            "width",
-            "number",
-            "range of uniform noise from lowest to highest, in the column's unit; "
-            "`range_fraction` of the maximum reading where absent",
-            None,
-            minimum=0.0,
-        ),
-        Field(
-            "quantum",
-            "number",
-            "step to which the reading is rounded, in the column's unit; 0 for none",
-            0.0,
-            minimum=0.0,
-        ),
+        Field("sigma", "number", "standard deviation, if Gaussian; default: the engine file's", None, minimum=0.0),
+        Field("width", "number", "range, if uniform; default: `range_fraction` of the maximum", None, minimum=0.0),
+        Field("quantum", "number", "step to which readings are rounded; 0 for none", 0.0, minimum=0.0),
         *_SHAPE,
     ),
 )
@@ -247,28 +200,9 @@ NOISE = Section(
     (
         Field("type", "choice", "distribution", "gaussian", choices=DISTRIBUTIONS),
         Field("scale", "number", "factor on the standard deviations of the engine file", 1.0, minimum=0.0),
-        Field(
-            "range_fraction",
-            "number",
-            "range of uniform noise, fraction of the sensor's maximum reading",
-            0.01,
-            minimum=0.0,
-            maximum=1.0,
-        ),
-        Field(
-            "quantum_sigmas",
-            "number",
-            "step to which readings are rounded, in standard deviations of the engine file; 0 for none",
-            0.0,
-            minimum=0.0,
-        ),
+        Field("range_fraction", "number", "range, if uniform, per maximum reading", 0.01, minimum=0.0, maximum=1.0),
+        Field("quantum_sigmas", "number", "rounding step per standard deviation of the engine file", 0.0, minimum=0.0),
         *_SHAPE,
-        Field(
-            "columns",
-            "section_map",
-            "columns, recorded inputs too, that have noise of their own",
-            {},
-            section=COLUMN_NOISE,
-        ),
+        Field("columns", "section_map", "columns with noise of their own, inputs too", {}, section=COLUMN_NOISE),
     ),
 )

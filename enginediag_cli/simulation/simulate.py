@@ -1,9 +1,5 @@
-"""A recording of an engine that flies given conditions, with given faults and sensor noise.
-
-Flights of an engine that moves: its states at every record.
-
-Simulated records as recordings, and recordings as operating conditions.
-"""
+"""A recording of an engine that flies given conditions, with given faults and sensor noise; of an engine with states,
+its states at every record."""
 
 from __future__ import annotations
 
@@ -52,8 +48,8 @@ def told_states(engine: Engine) -> str:
 
 
 @dataclass(frozen=True)
-class Flying:
-    """What is known of an engine at the records of a recording."""
+class DynamicFlight:
+    """An engine with states at the records of its flights."""
 
     engine: MovingEngine
     known: Flown
@@ -68,8 +64,8 @@ class Flying:
         return self.engine.predict(inputs, parameters, self.known.at(piece), sensors=sensors)
 
 
-def flying(engine: Engine, conditions: Conditions, inputs: Columns, values: Columns) -> Flying:
-    """Flies the conditions; `inputs` and parameters `values` (N,) are those of the records. Raises DataError for a
+def fly_dynamically(engine: Engine, conditions: Conditions, inputs: Columns, values: Columns) -> DynamicFlight:
+    """Fly the conditions. `inputs` and parameters `values` (N,) are those of the records. Raises DataError for a
     time that does not rise within a flight, and for an engine whose power setting leaves its states no room."""
     try:
         moving = MovingEngine(engine, varied=tuple(values))
@@ -92,7 +88,7 @@ def flying(engine: Engine, conditions: Conditions, inputs: Columns, values: Colu
     lost, loose = np.full(len(conditions), "", dtype=object), np.zeros(len(conditions), dtype=bool)
     for index, of in zip(records.values(), found, strict=True):
         states[:, index], unknowns[:, index], lost[index], loose[index] = of
-    return Flying(moving, Flown(states, unknowns, lost, loose))
+    return DynamicFlight(moving, Flown(states, unknowns, lost, loose))
 
 
 def _time(conditions: Conditions) -> NDArray[np.float64]:
@@ -195,12 +191,12 @@ def simulate_in_chunks(
     flown = None
     if not steady and moves(engine, conditions, tuple(values)):
         assert isinstance(engine, Engine)
-        flown = flying(engine, conditions, inputs, values)
-    return _pieces(engine, _Course(conditions, inputs, values, hidden, clocks, flown), instruments, chunk)
+        flown = fly_dynamically(engine, conditions, inputs, values)
+    return _pieces(engine, _Run(conditions, inputs, values, hidden, clocks, flown), instruments, chunk)
 
 
 @dataclass(frozen=True)
-class _Course:
+class _Run:
     """What is set for every record: conditions, the engine's inputs and parameters, what is true of them, the time, and
     the states of an engine that moves."""
 
@@ -209,7 +205,7 @@ class _Course:
     values: Mapping[str, NDArray[np.float64]]
     hidden: Mapping[str, NDArray]
     clocks: Clocks
-    flown: Flying | None = None
+    flown: DynamicFlight | None = None
 
     def predict(self, engine: EngineLike, piece: slice) -> PredictionLike:
         """What the engine shows at records `piece`."""
@@ -224,16 +220,12 @@ class Instruments:
     """What stands between the engine and the recording: sensor faults and noise, with their memories."""
 
     def __init__(
-        self,
-        noise: Mapping[str, ColumnNoise],
-        faults: FaultSet,
-        rng: np.random.Generator,
-        recorded: set[str],
+        self, noise: Mapping[str, ColumnNoise], faults: FaultSet, rng: np.random.Generator, recorded: set[str]
     ) -> None:
         wanted = (*noise, *(fault.column for fault in faults.sensors))
-        absent = sorted({column for column in wanted if column not in recorded})
-        if absent:
-            raise DataError(f"noise or a fault is wanted on {', '.join(absent)}, which the recording does not have")
+        missing = sorted({column for column in wanted if column not in recorded})
+        if missing:
+            raise DataError(f"noise or a fault on {', '.join(missing)}, which the recording does not have")
         self._sources = noise_sources(noise, rng)
         scatters = any(fault.effect["type"] == "noise" for fault in faults.sensors)
         entropy = rng.integers(0, 2**32, size=4).tolist() if scatters else ()
@@ -262,20 +254,20 @@ def _floats(column: NDArray) -> NDArray[np.float64]:
     return np.asarray(column, dtype=float)
 
 
-def _pieces(engine: EngineLike, course: _Course, instruments: Instruments, chunk: int) -> Iterator[Simulated]:
-    for start in range(0, max(len(course.conditions), 1), chunk):
+def _pieces(engine: EngineLike, run: _Run, instruments: Instruments, chunk: int) -> Iterator[Simulated]:
+    for start in range(0, max(len(run.conditions), 1), chunk):
         piece = slice(start, start + chunk)
-        given = course.conditions.slice(start, start + chunk).columns
-        prediction = course.predict(engine, piece)
+        given = run.conditions.slice(start, start + chunk).columns
+        prediction = run.predict(engine, piece)
         outputs = dict(zip(prediction.columns, np.asarray(prediction.y).T, strict=True))
-        recorded = instruments.read({**given, **outputs}, course.clocks.slice(start, start + chunk))
+        recorded = instruments.read({**given, **outputs}, run.clocks.slice(start, start + chunk))
         status = np.asarray(prediction.status)
         recorded["status"] = STATUS_WORDS[status]
         if isinstance(engine, Engine) and engine.controlled:
             recorded["active_limit"] = prediction.active_limit  # type: ignore[attr-defined]
         reasons = Counter(_reason(prediction.reason(int(k))) for k in np.flatnonzero(status))
-        hidden = {name: value[piece] for name, value in course.hidden.items()}
-        loose = course.flown.loose(piece) if course.flown is not None else 0
+        hidden = {name: value[piece] for name, value in run.hidden.items()}
+        loose = run.flown.loose(piece) if run.flown is not None else 0
         yield Simulated(recorded, hidden, dict(reasons), loose)
 
 

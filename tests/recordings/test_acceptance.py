@@ -11,8 +11,7 @@ from shared_recordings import flight, shared_data
 from enginediag_cli.errors import DataError
 from enginediag_cli.intake.acceptance import Stretch, SwitchFault, accept, switch_faults
 from enginediag_cli.recordings.read import read_all
-from enginediag_cli.recordings.table import Recording, concat
-from enginediag_cli.recordings.table_file import Absent
+from enginediag_cli.recordings.table import Absent, Recording, concat
 from enginediag_cli.recordings.unit_inference import unit_doubt
 
 SENSORS = ("N1_rpm", "T3_K", "P3_Pa", "ITT_K")

@@ -14,8 +14,7 @@ from shared_recordings import RECORDERS, shared_data
 from enginediag_cli.errors import ConfigError, DataError
 from enginediag_cli.recordings.read import read_all
 from enginediag_cli.recordings.recorder_file import load_recorder
-from enginediag_cli.recordings.table import concat
-from enginediag_cli.recordings.table_file import Absent, absent_columns
+from enginediag_cli.recordings.table import Absent, absent_columns, concat
 
 LOGGER = """\
 Prüfstand 3;Messung vom 4. März

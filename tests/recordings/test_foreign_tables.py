@@ -15,8 +15,7 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.read import read, read_all
 from enginediag_cli.recordings.recorder_file import load_recorder
 from enginediag_cli.recordings.source import GrowingFile
-from enginediag_cli.recordings.table import concat
-from enginediag_cli.recordings.table_file import ReadingCounts
+from enginediag_cli.recordings.table import ReadingCounts, concat
 
 
 def text(content: str):

@@ -34,8 +34,7 @@ from enginediag_cli.identification.nominal import Nominal
 from enginediag_cli.identification.nominal_checks import with_accuracy
 from enginediag_cli.identification.problem import IdentificationSettings, OffsetPrior, settings_from_mapping
 from enginediag_cli.intake.agreement import agreement_with_engine, agreement_with_nominal
-from enginediag_cli.intake.excluded import GrossCounts
-from enginediag_cli.intake.loader import Intake, Thinning, whole_flights
+from enginediag_cli.intake.loader import GrossCounts, Intake, Thinning, whole_flights
 from enginediag_cli.intake.selection import Baseline, Source, columns_of, open_baseline
 from enginediag_cli.mismatch.controlled.find import ControlSearchResult, find_law
 from enginediag_cli.mismatch.fit.evidence import Dataset, Flight, Noise, Owed, Settings, as_recordings

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from enginediag_cli.engine.overview import design_table, heating_value_doubts
-from enginediag_cli.intake.excluded import GrossCounts, LeftOut
+from enginediag_cli.intake.loader import GrossCounts, LeftOut
 from enginediag_cli.intake.selection import Baseline
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.sentences import count, rounded, with_unit
