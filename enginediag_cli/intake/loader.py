@@ -29,7 +29,7 @@ from enginediag_cli.recordings.source import GrowingFile, needs_whole_file
 from enginediag_cli.recordings.table import OWN, Absent, ReadingCounts, Recording, TableFile, concat, rechunk
 
 if TYPE_CHECKING:
-    from enginediag_cli.engine.moving.tape import Tapes
+    from enginediag_cli.engine.tape import Tapes
     from enginediag_cli.recordings.masking import MaskCounts
     from enginediag_cli.recordings.recorder import LiveRecorder, Recorder
     from enginediag_cli.recordings.steady import GateReport
