@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enginediag_cli.progress import Stage, each, listening, stage
-from enginediag_cli.report.run_log import EVIDENCE_S, ProgressLine, told
+from enginediag_cli.report.messages import EVIDENCE_S, ProgressLine, stage_words
 
 
 class Heard:
@@ -74,12 +74,12 @@ def test_a_listener_hears_only_what_is_inside():
 
 
 def test_time_left_is_said_only_with_evidence():
-    assert told(Stage("refits", 8, 0), 100.0) == "refits …"
-    assert told(Stage("refits", 8, 4), EVIDENCE_S / 2) == "refits  4 of 8"
-    assert told(Stage("refits", 8, 1), 100.0) == "refits  1 of 8"
-    assert told(Stage("refits", 1000, 10), 100.0) == "refits  10 of 1000"
-    assert told(Stage("refits", 8, 4), 10.0) == "refits  4 of 8, about 10 s left"
-    assert told(Stage("records", None, 3000), 10.0) == "records  3000, 300 a second"
+    assert stage_words(Stage("refits", 8, 0), 100.0) == "refits …"
+    assert stage_words(Stage("refits", 8, 4), EVIDENCE_S / 2) == "refits  4 of 8"
+    assert stage_words(Stage("refits", 8, 1), 100.0) == "refits  1 of 8"
+    assert stage_words(Stage("refits", 1000, 10), 100.0) == "refits  10 of 1000"
+    assert stage_words(Stage("refits", 8, 4), 10.0) == "refits  4 of 8, about 10 s left"
+    assert stage_words(Stage("records", None, 3000), 10.0) == "records  3000, 300 a second"
 
 
 def test_the_line_is_renewed_seldom_and_wiped_at_the_end():

@@ -249,7 +249,7 @@ def _allow_outside(context: click.Context, parameter: click.Parameter, value: bo
 def _open_log(messages: Messages, context: click.Context, typed: Mapping[str, Any], line: list[str]) -> None:
     path = _value_ahead(context, "log", typed)
     if path is not None:
-        from enginediag_cli.report.run_log import RunLog
+        from enginediag_cli.report.messages import RunLog
 
         messages.log = RunLog(path, line[0])
         messages.log.begin(line)
@@ -285,10 +285,10 @@ def _listened(messages: Messages) -> Iterator[None]:
     shown, since = messages.listener(), monotonic()
     listener: Listener | None = shown
     if messages.log is not None and not messages.log.heard:
-        from enginediag_cli.report.run_log import Logged
+        from enginediag_cli.report.messages import LogListener
 
         messages.log.heard = True
-        listener = Logged(messages.log, shown)
+        listener = LogListener(messages.log, shown)
     if listener is None:
         yield
         return

@@ -15,7 +15,7 @@ from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.report import result_files as kinds
 from enginediag_cli.report.evidence import EngineEvidence, Evidence
 from enginediag_cli.report.html import Block, Lead, Section, State, Tabled, Words
-from enginediag_cli.report.plotting.chart import Chart, Mark, Table, Value, columns_of, scale_of
+from enginediag_cli.report.plotting import Chart, Mark, Table, Value, columns_of, scale_of
 from enginediag_cli.report.plotting.health import (
     Brought,
     Course,

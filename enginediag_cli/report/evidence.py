@@ -18,7 +18,7 @@ from enginediag_cli.intake.selection import Source, columns_of
 from enginediag_cli.parameters import Parameter, unspecified
 from enginediag_cli.progress import each, stage
 from enginediag_cli.report import result_files as kinds
-from enginediag_cli.report.plotting.chart import Origin
+from enginediag_cli.report.plotting import Origin
 from enginediag_cli.report.result_files import Kind, Records, Result, Row, records_of
 from enginediag_cli.report.tables.recordings import elsewhere_lines, left_out_lines, not_judged_lines
 from enginediag_cli.residuals.files import JudgedFiles, Judging, record_residuals

@@ -1,15 +1,9 @@
-"""What a report says, before anybody writes it as HTML: sections of sentences, facts, tables and charts.
+"""A page: what a report says, as sections of sentences, facts, tables and charts, and the same as HTML.
 
-A page as HTML. Every text that came from a file is escaped here and nowhere else; scripts are named by their
-hashes, so that no other one runs, and nothing may be fetched.
-
-How a report looks: light and dark as the reader's system asks, on a phone, on paper. No font and no picture is
-fetched from anywhere.
-
-The page's own script: charts that have come into view are drawn by the library in place of their pictures, in the
-colours of light or dark, and a long table can be filtered. Without it the page reads as well.
-
-A page as the bytes of its file: with plots that move where the library is there and wanted, else with pictures.
+Every text that came from a file is escaped here and nowhere else; scripts are named by their hashes, so that no other
+one runs, and nothing may be fetched. The style (page.css) is light or dark as the reader's system asks, for a phone and
+for paper. The script (page.js) lets the plotting library draw charts that have come into view in place of their
+pictures, and filters long tables; without it the page reads as well.
 """
 
 from __future__ import annotations
@@ -21,9 +15,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from html import escape
+from importlib.resources import files
 from typing import Any, TypeAlias
 
-from enginediag_cli.report.plotting.chart import Chart, Column, Origin, Table, Value, pairs, shown
+from enginediag_cli.report.plotting import Chart, Column, Origin, Table, Value, pairs, shown
 from enginediag_cli.report.plotting.interactive import available, plot, script, version
 from enginediag_cli.report.plotting.svg import picture
 from enginediag_cli.safe_text import visible
@@ -119,67 +114,9 @@ def _charts(section: Section) -> list[Chart]:
     return own + [chart for inner in section.sections for chart in _charts(inner)]
 
 
-_BASE = """
-:root{color-scheme:light dark;--paper:#ffffff;--ink:#1f2933;--quiet:#52606d;--line:#d5dbe1;--soft:#f5f7fa;
---link:#1c5aa0;--changed:#b23c00;--cannot:#7a5b00;--silent:#52606d;--fine:#0b6b34}
-@media (prefers-color-scheme:dark){:root{--paper:#1b222b;--ink:#e4e7eb;--quiet:#a6b1bd;--line:#3e4c59;--soft:#232c37;
---link:#7db4ee;--changed:#ff9a5c;--cannot:#e6c34a;--silent:#a6b1bd;--fine:#63c98a}}
-*{box-sizing:border-box}
-body{margin:0;background:var(--paper);color:var(--ink);font:16px/1.5 system-ui,-apple-system,"Segoe UI",Roboto,
-"Helvetica Neue",Arial,sans-serif}
-main,header,footer{max-width:1060px;margin:0 auto;padding:0 20px}
-header{padding-top:26px}
-h1{font-size:1.55rem;line-height:1.25;margin:0 0 .3rem}
-h2{font-size:1.25rem;margin:2.6rem 0 .6rem;padding-top:.6rem;border-top:1px solid var(--line)}
-h3{font-size:1.05rem;margin:1.8rem 0 .4rem}
-p{margin:.5rem 0;max-width:75ch}
-a{color:var(--link)}
-.quiet{color:var(--quiet);font-size:.92rem}
-.skip{position:absolute;left:-999px}.skip:focus{left:8px;top:8px;background:var(--paper);padding:6px 10px;z-index:9}
-:focus-visible{outline:3px solid var(--link);outline-offset:2px}
-.lead{border:1px solid var(--line);border-left:6px solid var(--silent);border-radius:6px;background:var(--soft);
-padding:16px 20px;margin:14px 0}
-.lead.changed{border-left-color:var(--changed)}.lead.cannot{border-left-color:var(--cannot)}
-.lead.fine{border-left-color:var(--fine)}
-.lead .state{font-weight:700;font-size:.86rem;color:var(--silent)}
-.lead.changed .state{color:var(--changed)}.lead.cannot .state{color:var(--cannot)}.lead.fine .state{color:var(--fine)}
-.lead .verdict{font-size:1.25rem;line-height:1.35;font-weight:600;margin:.15rem 0 .7rem;max-width:60ch}
-.lead dl{display:grid;grid-template-columns:max-content 1fr;gap:.3rem 1.1rem;margin:0}
-.lead dt{color:var(--quiet);font-size:.95rem}.lead dd{margin:0;max-width:72ch}
-nav ul{display:flex;flex-wrap:wrap;gap:.2rem 1.2rem;padding:0;margin:.8rem 0;list-style:none}
-figure{margin:1.2rem 0 1.8rem}
-figcaption{margin-bottom:.4rem}figcaption strong{font-size:1.05rem}
-figcaption span{display:block;color:var(--quiet);font-size:.92rem;max-width:90ch}
-.drawn{overflow-x:auto}
-.drawn svg{display:block;width:100%;min-width:560px;height:auto;max-width:900px}
-.live{max-width:900px}
-.legend{display:flex;flex-wrap:wrap;gap:.2rem .4rem;margin:.2rem 0 .3rem}
-.legend button{font:inherit;font-size:.88rem;color:var(--ink);background:none;border:1px solid transparent;
-border-radius:4px;padding:.1rem .45rem;cursor:pointer;text-align:left}
-.legend button:hover{border-color:var(--line)}
-.legend button[aria-pressed=false]{opacity:.45;text-decoration:line-through}
-.swatch{display:inline-block;width:.75em;height:.75em;border-radius:50%;margin-right:.45em}.drawn.instead{display:none}
-caption{text-align:left;padding:.2rem .7rem}
-details{margin:.4rem 0}summary{cursor:pointer;color:var(--link)}
-.scroll{overflow:auto;max-height:26rem;border:1px solid var(--line);margin:.4rem 0}
-.scroll.open{max-height:none}
-table{border-collapse:collapse;font-size:.88rem;font-variant-numeric:tabular-nums}
-th,td{padding:.22rem .7rem;text-align:left;border-bottom:1px solid var(--line);white-space:nowrap;vertical-align:top}
-td.w{white-space:normal;min-width:16rem}
-th{position:sticky;top:0;background:var(--soft)}
-.n{text-align:right}
-pre{background:var(--soft);border:1px solid var(--line);padding:.7rem .9rem;overflow-x:auto;font-size:.84rem;
-white-space:pre-wrap;overflow-wrap:anywhere}
-.find{margin:.3rem 0}.find input{font:inherit;padding:.2rem .5rem;max-width:100%}
-@media (max-width:600px){main,header,footer{padding:0 12px}.lead{padding:12px 14px}
-.lead dl{grid-template-columns:1fr;gap:.1rem}.lead dd{margin-bottom:.5rem}.lead .verdict{font-size:1.1rem}
-h1{font-size:1.3rem}}
-@media print{:root{--paper:#fff;--ink:#000;--quiet:#444;--line:#bbb;--soft:#fff;--link:#000}
-body{font-size:10.5pt}nav,.skip,.find,.live{display:none!important}.drawn{display:block!important;overflow:visible}
-figure,.lead{break-inside:avoid}h2,h3{break-after:avoid}details:not([open]){display:none}
-.drawn svg{min-width:0;max-width:100%}.scroll{max-height:none;overflow:visible;border:0}
-th{position:static}td,th{white-space:normal}td.w{min-width:0}.lead>a{display:none}a{text-decoration:none}}
-"""
+def _text_of(name: str) -> str:
+    """A file that lies beside this one."""
+    return (files("enginediag_cli.report") / name).read_text(encoding="utf-8").strip()
 
 
 def style() -> str:
@@ -189,7 +126,7 @@ def style() -> str:
         for light, dark in pairs()
         for what in ("fill", "stroke")
     )
-    return f"{_BASE.strip()}\n@media screen and (prefers-color-scheme:dark){{{rules}}}\n"
+    return f"{_text_of('page.css')}\n@media screen and (prefers-color-scheme:dark){{{rules}}}\n"
 
 
 CLASSES = {
@@ -322,7 +259,7 @@ def _inert(text: str) -> str:
 def _table(table: Table, title: str, *, open_: bool) -> Iterator[str]:
     """With the line of each row's origin; the file is said once where there is one."""
     table = _without_empty(table)
-    files = list(dict.fromkeys(origin.file for origin in table.origins))
+    sources = list(dict.fromkeys(origin.file for origin in table.origins))
     numeric = [_is_numeric(column, [row[k] for row in table.rows]) for k, column in enumerate(table.columns)]
     head = "".join(
         f"<th scope=col{' class=n' if n else ''}>{said(column.words)}"
@@ -330,8 +267,8 @@ def _table(table: Table, title: str, *, open_: bool) -> Iterator[str]:
     )
     place = "line" if all(o.row.isdigit() for o in table.origins) else "place"
     if table.origins:
-        head += ("<th scope=col>file" if len(files) > 1 else "") + f"<th scope=col>{place}"
-    name = f"{said(title)}{f', from {said(files[0])}' if len(files) == 1 and files[0] else ''}"
+        head += ("<th scope=col>file" if len(sources) > 1 else "") + f"<th scope=col>{place}"
+    name = f"{said(title)}{f', from {said(sources[0])}' if len(sources) == 1 and sources[0] else ''}"
     kind = "scroll open" if open_ else "scroll"
     yield f'<div class="{kind}" tabindex="0" role="region" aria-label="{name}">'
     yield f"<table><caption class=quiet>{name}</caption><thead><tr>{head}</thead><tbody>\n"
@@ -339,7 +276,7 @@ def _table(table: Table, title: str, *, open_: bool) -> Iterator[str]:
     for row, origin in zip(table.rows, origins, strict=True):
         cells = "".join(_cell(value, n) for value, n in zip(row, numeric, strict=True))
         if origin is not None:
-            cells += (f"<td>{said(origin.file)}" if len(files) > 1 else "") + f"<td>{said(origin.row)}"
+            cells += (f"<td>{said(origin.file)}" if len(sources) > 1 else "") + f"<td>{said(origin.row)}"
         yield f"<tr>{cells}\n"
     yield "</tbody></table></div>"
 
@@ -366,85 +303,13 @@ def _hash(script: str) -> str:
     return base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
 
 
-_SCRIPT = """
-"use strict";
-(function () {
-  var colours = COLOURS, dark = matchMedia("(prefers-color-scheme: dark)"), drawn = new Map();
-  function draw(figure) {
-    var live = figure.querySelector(".live"), still = figure.querySelector(".drawn");
-    var text = figure.querySelector("script.plot").textContent;
-    if (dark.matches) colours.forEach(function (pair) { text = text.split(pair[0]).join(pair[1]); });
-    live.hidden = false;
-    var plot = JSON.parse(text), place = document.createElement("div");
-    plot.item.target_id = place.id = figure.id + "-live";
-    live.replaceChildren(place);
-    return Bokeh.embed.embed_item(plot.item).then(function () {
-      var shown = Bokeh.documents[Bokeh.documents.length - 1].roots()[0];
-      live.prepend(legend(plot.legend, shown));
-      drawn.set(figure, true);
-      still.classList.add("instead");
-      figure.dataset.drawn = "yes";
-    }).catch(function (error) { live.hidden = true; console.error(String(error)); });
-  }
-  function legend(series, shown) {
-    var box = document.createElement("div");
-    box.className = "legend";
-    series.forEach(function (pair) {
-      var button = document.createElement("button"), swatch = document.createElement("span");
-      button.type = "button";
-      button.title = "show or hide";
-      button.setAttribute("aria-pressed", "true");
-      swatch.className = "swatch";
-      swatch.style.background = pair[1];
-      button.append(swatch, pair[0]);
-      button.addEventListener("click", function () {
-        var on = button.getAttribute("aria-pressed") !== "true";
-        button.setAttribute("aria-pressed", String(on));
-        shown.renderers.forEach(function (r) { if (r.name === pair[0]) r.visible = on; });
-      });
-      box.append(button);
-    });
-    return box;
-  }
-  function again() { drawn.forEach(function (_, figure) { draw(figure); }); }
-  var figures = typeof Bokeh === "undefined" ? [] : Array.from(document.querySelectorAll("figure")).filter(
-    function (figure) { return figure.querySelector("script.plot"); });
-  if (figures.length) {
-    Bokeh.set_log_level("error");
-    var seen = new IntersectionObserver(function (entries) {
-      entries.forEach(function (entry) {
-        if (!entry.isIntersecting) return;
-        seen.unobserve(entry.target);
-        draw(entry.target);
-      });
-    }, {rootMargin: "300px"});
-    figures.forEach(function (figure) { seen.observe(figure); });
-    dark.addEventListener("change", again);
-  }
-  document.querySelectorAll(".scroll").forEach(function (box) {
-    var rows = box.querySelectorAll("tbody tr");
-    if (rows.length < LONG) return;
-    var label = document.createElement("label"), input = document.createElement("input");
-    label.className = "find";
-    label.textContent = "Show rows with ";
-    input.type = "search";
-    label.append(input);
-    box.before(label);
-    input.addEventListener("input", function () {
-      var wanted = input.value.toLowerCase();
-      rows.forEach(function (row) { row.hidden = !row.textContent.toLowerCase().includes(wanted); });
-    });
-  });
-})();
-"""
-
 MOVING_LONG = 15
 """Rows from which a table has a filter."""
 
 
 def page_script() -> str:
     """The same for every page."""
-    return _SCRIPT.replace("COLOURS", json.dumps(pairs())).replace("LONG", str(MOVING_LONG)).strip() + "\n"
+    return _text_of("page.js").replace("COLOURS", json.dumps(pairs())).replace("LONG", str(MOVING_LONG)) + "\n"
 
 
 def moves() -> bool:

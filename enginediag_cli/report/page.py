@@ -21,7 +21,7 @@ from enginediag_cli.report import result_files as kinds
 from enginediag_cli.report.engine_page import engine_section, lead_of, next_step
 from enginediag_cli.report.evidence import EngineEvidence, Evidence
 from enginediag_cli.report.html import Block, Bullets, Lead, Listing, Page, Section, State, Tabled, Words
-from enginediag_cli.report.plotting.chart import Column, Origin, Table, Value, columns_of
+from enginediag_cli.report.plotting import Column, Origin, Table, Value, columns_of
 from enginediag_cli.report.plotting.fleet import (
     EngineFound,
     HealthFound,

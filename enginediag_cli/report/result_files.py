@@ -33,7 +33,7 @@ from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.isolation.results import given
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.recordings.provenance import sha256_of
-from enginediag_cli.report.plotting.chart import Axis, Origin
+from enginediag_cli.report.plotting import Axis, Origin
 from enginediag_cli.residuals.flat import is_flat
 from enginediag_cli.residuals.windows import WindowStatistics
 from enginediag_cli.safe_text import shortened, unguarded

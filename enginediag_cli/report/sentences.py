@@ -74,19 +74,6 @@ def with_unit(value: float, unit: str = "", uncertainty: float | None = None, di
     return f"{text} ± {rounded(uncertainty, uncertainty)}{behind}"
 
 
-def interval(low: float, high: float, unit: str = "") -> str:
-    """For instance "1.7 to 2.3 %"; a bound that is not known is said to be so."""
-    behind = f" {unit}" if unit else ""
-    if math.isfinite(low) and math.isfinite(high):
-        half_width = (high - low) / 2
-        return f"{rounded(low, half_width / 2)} to {rounded(high, half_width / 2)}{behind}"
-    if math.isfinite(high):
-        return f"at most {rounded(high)}{behind}"
-    if math.isfinite(low):
-        return f"at least {rounded(low)}{behind}"
-    return "of unknown size"
-
-
 def probability(value: float) -> str:
     """A probability to two decimals, without ever claiming 0 or 1."""
     if math.isnan(value):
@@ -251,11 +238,6 @@ def further_records(where: str, records: float, odds: float, noncentrality: floa
     return f"{needed} {where} for odds of {odds:g} to 1 (non-centrality {rounded(noncentrality)} per record)"
 
 
-def not_excited(combinations: Sequence[str]) -> str:
-    """Changes to which these operating points are blind."""
-    return f"cannot tell: these operating points do not show {listed(list(combinations), 'or')}"
-
-
 def departed(
     statistic: float,
     threshold: float,
@@ -283,12 +265,6 @@ def no_verdict(reason: str, *, where: str = "") -> str:
 def count(number: int, noun: str, plural: str = "") -> str:
     """ "1 record", "1,200 records"."""
     return f"{number:,} {noun if number == 1 else plural or noun + 's'}"
-
-
-def masked(column: str, reasons: dict[str, int]) -> str:
-    """What was left out of one column, for instance "T3_K: 12 records masked (9 missing, 3 outliers)"."""
-    parts = ", ".join(f"{number:,} {reason}" for reason, number in reasons.items())
-    return f"{column}: {count(sum(reasons.values()), 'record')} masked ({parts})"
 
 
 def _prefix(where: str) -> str:

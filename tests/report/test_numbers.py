@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from enginediag_cli.report.sentences import interval, p_value, probability, rounded, with_unit
+from enginediag_cli.report.sentences import p_value, probability, rounded, with_unit
 
 
 @pytest.mark.parametrize(
@@ -24,18 +24,11 @@ def test_a_value_without_uncertainty_has_three_digits_and_rarely_an_exponent(val
 
 def test_an_unknown_value_is_said_to_be_unknown():
     assert rounded(math.nan) == "unknown"
-    assert interval(math.nan, math.nan) == "of unknown size"
 
 
 def test_the_unit_stands_behind_value_and_uncertainty():
     assert with_unit(4.12, "K", 0.8) == "4.1 K ± 0.8 K"
     assert with_unit(4.12, "K") == "4.12 K"
-
-
-def test_an_open_interval_names_the_bound_that_is_known():
-    assert interval(1.71, 2.29, "%") == "1.71 to 2.29 %"
-    assert interval(-math.inf, 2.0, "K") == "at most 2 K"
-    assert interval(0.5, math.inf) == "at least 0.5"
 
 
 def test_a_probability_never_claims_certainty():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from xml.dom import minidom
 
-from enginediag_cli.report.plotting.chart import padded
+from enginediag_cli.report.plotting import padded
 from enginediag_cli.report.plotting.discrepancy import Scatter, mismatch_picture, rows_of
 from enginediag_cli.report.plotting.svg import Drawing, Panel, shade, ticks
 

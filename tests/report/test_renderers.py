@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from enginediag_cli.report.plotting.chart import (
+from enginediag_cli.report.plotting import (
     Axis,
     Band,
     Bars,

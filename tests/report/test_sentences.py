@@ -40,13 +40,6 @@ def test_a_nominal_engine_and_a_missing_verdict_do_not_sound_alike():
     assert unknown == "no verdict: only 3 records in the envelope"
 
 
-def test_masked_records_are_counted_by_reason():
-    assert (
-        sentences.masked("T3_K", {"missing": 1009, "outliers": 3})
-        == "T3_K: 1,012 records masked (1,009 missing, 3 outliers)"
-    )
-
-
 def test_a_sensor_and_a_component_as_rivals_are_told_the_likelier_first():
     told = sentences.sensor_or_component(
         ["T3 sensor bias"], ["HPC isentropic efficiency"], 0.41, 0.55, ["fan isentropic efficiency"]

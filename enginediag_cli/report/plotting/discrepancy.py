@@ -20,7 +20,7 @@ import numpy as np
 from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.identification.nominal import EVERYTHING
 from enginediag_cli.intervals import NORMAL_95
-from enginediag_cli.report.plotting.chart import BLUE, FAINT, INK, ORANGE, PAPER, padded
+from enginediag_cli.report.plotting import BLUE, FAINT, INK, ORANGE, PAPER, padded
 from enginediag_cli.report.plotting.svg import HEADING, SMALL, TITLE, Drawing, Edge, Letters, Panel, shade, ticks
 from enginediag_cli.report.sentences import count
 from enginediag_cli.report.tables.explanation_text import control_headline

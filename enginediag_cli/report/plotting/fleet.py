@@ -12,15 +12,15 @@ Heat map engines × parameters: what is one engine's own, and what all have.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, TypeVar
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.fleets.findings import Estimate
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.parameters import Parameter, spelled, unspecified
-from enginediag_cli.report.plotting.chart import (
+from enginediag_cli.report.plotting import (
     Axis,
     Cells,
     Chart,
@@ -66,6 +66,8 @@ class HealthFound:
 
 @dataclass(frozen=True)
 class FlightFound:
+    """One flight of an engine, as far as its evidence and its margin go."""
+
     number: int
     flight: str
     log10_e: float
@@ -78,6 +80,8 @@ class FlightFound:
 
 @dataclass(frozen=True)
 class MarginFound:
+    """The margin of the hottest temperature of an engine."""
+
     column: str
     condition: str
     limit_K: float
@@ -105,6 +109,8 @@ class EventFound:
 
 @dataclass(frozen=True)
 class EngineFound:
+    """What a fleet document says of one engine; `since`: flight of the first change, with its interval."""
+
     serial: str
     build: str
     flights: int
@@ -139,80 +145,44 @@ def engines_of(document: Mapping[str, Any], file: str) -> list[EngineFound]:
 
 
 def _engine(e: Mapping[str, Any], file: str, place: str) -> EngineFound:
-    m = e.get("margin") or {}
-    return EngineFound(
-        str(e["serial"]),
-        str(e.get("build") or ""),
-        int(e["flights"]),
-        int(e.get("records") or 0),
-        str(e["verdict"]),
-        str(e.get("reason") or ""),
-        _number(e.get("log10_e")),
-        bool(e.get("discovery")),
-        (int(e.get("since") or 0), int(e.get("since_low") or 0), int(e.get("since_high") or 0)),
-        str(e.get("since_flight") or ""),
-        _estimate(e.get("severity")),
-        str(e.get("severity_unit") or ""),
-        [_health(h, Origin(file, f"{place}.health[{k}]")) for k, h in enumerate(e.get("health") or ())],
-        [_flight(f, Origin(file, f"{place}.by_flight[{k}]")) for k, f in enumerate(e.get("by_flight") or ())],
-        [_event(x, Origin(file, f"{place}.events[{k}]")) for k, x in enumerate(e.get("events") or ())],
-        MarginFound(
-            str(m.get("column") or ""),
-            str(m.get("condition") or ""),
-            _number(m.get("limit_K")),
-            _estimate(m.get("consumed_K")),
-            _estimate(m.get("now_K")),
-            _estimate(m.get("remaining_flights")),
-            str(m.get("reason") or ""),
-        ),
-        Origin(file, place),
-        [str(x["words"]) for x in e.get("instruments") or ()],
+    def parts(kind: type[Part], key: str, values: Callable[[Mapping[str, Any]], Mapping[str, Any]]) -> list[Part]:
+        entries = enumerate(e.get(key) or ())
+        return [_read(kind, x, **values(x), origin=Origin(file, f"{place}.{key}[{k}]")) for k, x in entries]
+
+    return _read(
+        EngineFound,
+        {**e, "serial": e["serial"], "flights": e["flights"], "verdict": e["verdict"]},
+        since=tuple(int(e.get(name) or 0) for name in ("since", "since_low", "since_high")),
+        health=parts(HealthFound, "health", lambda x: {"parameter": _parameter(x)}),
+        by_flight=parts(FlightFound, "by_flight", lambda x: {"number": int(x["number"])}),
+        events=parts(EventFound, "events", _event),
+        margin=_read(MarginFound, e.get("margin") or {}),
+        origin=Origin(file, place),
+        instruments=[str(x["words"]) for x in e.get("instruments") or ()],
     )
 
 
-def _health(h: Mapping[str, Any], origin: Origin) -> HealthFound:
-    from dataclasses import replace
+Part = TypeVar("Part")
 
-    known = replace(
+
+def _read(kind: type[Part], values: Mapping[str, Any], **known: Any) -> Part:
+    """An object of this kind from the values of a document; what is not there is empty, 0 or not known."""
+    cells = {f.name: READERS[str(f.type)](values.get(f.name)) for f in fields(kind) if f.name not in known}  # type: ignore[arg-type]
+    return kind(**cells, **known)
+
+
+def _event(x: Mapping[str, Any]) -> dict[str, str]:
+    event = x.get("event") or {}
+    return {"kind": str(event.get("kind") or "event"), "component": str(event.get("component") or "")}
+
+
+def _parameter(h: Mapping[str, Any]) -> Parameter:
+    component = str(h.get("component") or h["parameter"])
+    return replace(
         unspecified(str(h["parameter"]), str(h.get("unit") or "1")),
         words=str(h.get("words") or h["parameter"]),
-        component=str(h.get("component") or h["parameter"]),
-        part=spelled(str(h.get("component") or h["parameter"])),
-    )
-    return HealthFound(
-        known,
-        str(h.get("component") or ""),
-        _estimate(h.get("change")),
-        str(h.get("kind") or ""),
-        _number(h.get("probability")),
-        int(h.get("onset") or 0),
-        str(h.get("onset_flight") or ""),
-        origin,
-    )
-
-
-def _flight(f: Mapping[str, Any], origin: Origin) -> FlightFound:
-    return FlightFound(
-        int(f["number"]),
-        str(f.get("flight") or ""),
-        _number(f.get("log10_e")),
-        _number(f.get("p_value")),
-        str(f.get("verdict") or ""),
-        _number(f.get("consumed_K")),
-        _number(f.get("consumed_error_K")),
-        origin,
-    )
-
-
-def _event(x: Mapping[str, Any], origin: Origin) -> EventFound:
-    event = x.get("event") or {}
-    return EventFound(
-        str(event.get("kind") or "event"),
-        str(event.get("component") or ""),
-        int(x.get("number") or 0),
-        _estimate(x.get("recovered_K")),
-        str(x.get("reason") or ""),
-        origin,
+        component=component,
+        part=spelled(component),
     )
 
 
@@ -228,6 +198,16 @@ def _number(value: Any) -> float:
         return NAN
     number = float(value)
     return number if math.isfinite(number) else NAN
+
+
+READERS: Mapping[str, Callable[[Any], Any]] = {
+    "str": lambda value: str(value or ""),
+    "int": lambda value: int(value or 0),
+    "bool": bool,
+    "float": _number,
+    "Estimate": _estimate,
+}
+"""How a value of a document is read, by the type of the field."""
 
 
 def evidence_course(key: str, engine: EngineFound, marks: Sequence[Mark] = ()) -> Chart | None:

@@ -16,7 +16,7 @@ from typing import Protocol
 from enginediag_cli.fleets.findings import Estimate
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.report.plotting.chart import (
+from enginediag_cli.report.plotting import (
     Axis,
     Band,
     Cells,

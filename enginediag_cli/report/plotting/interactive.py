@@ -12,7 +12,7 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from enginediag_cli.report.plotting.chart import (
+from enginediag_cli.report.plotting import (
     FAINT,
     INK,
     QUIET,

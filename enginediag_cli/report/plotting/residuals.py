@@ -26,7 +26,7 @@ import numpy as np
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.isolation.results import fingerprint as isolation_fingerprint
 from enginediag_cli.parameters import Parameter, meanings
-from enginediag_cli.report.plotting.chart import (
+from enginediag_cli.report.plotting import (
     Axis,
     Bars,
     Chart,
@@ -55,7 +55,7 @@ SMALLEST = 1e-3
 
 def detection_course(key: str, rows: Sequence[Row], marks: Sequence[Mark] = ()) -> Chart:
     """Rows of `detect`, in order."""
-    from enginediag_cli.report.plotting.chart import Axis
+    from enginediag_cli.report.plotting import Axis
 
     order = order_of(rows)
     height = [math.log10(max(r.number("statistic") / r.number("threshold"), SMALLEST)) for r in rows]

@@ -15,7 +15,7 @@ from typing import Any
 from xml.sax.saxutils import escape, quoteattr
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.report.plotting.chart import (
+from enginediag_cli.report.plotting import (
     FAINT,
     INK,
     PAPER,
@@ -32,7 +32,7 @@ from enginediag_cli.report.plotting.chart import (
     x_range,
     y_range,
 )
-from enginediag_cli.report.plotting.chart import shade as model_shade
+from enginediag_cli.report.plotting import shade as model_shade
 
 FONT = "Helvetica, Arial, sans-serif"
 
