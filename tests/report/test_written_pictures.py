@@ -58,4 +58,4 @@ def test_without_its_package_a_png_is_refused_before_the_work(command, tmp_path,
 def test_a_packed_png_is_refused(tmp_path, capsys):
     flown = str(SAMPLES / "one_flight.csv")
     assert main(["locate", "turbojet.yaml", flown, "--picture", str(tmp_path / "x.png.gz")]) == 2
-    assert "packed inside; leave out .gz" in capsys.readouterr().err
+    assert "compressed already; leave out .gz" in capsys.readouterr().err

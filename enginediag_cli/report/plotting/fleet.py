@@ -165,7 +165,7 @@ def _engine(e: Mapping[str, Any], file: str, place: str) -> EngineFound:
 Part = TypeVar("Part")
 
 
-def _read(kind: type[Part], values: Mapping[str, Any], **known: Any) -> Part:
+def _read(kind: type[Part], values: Mapping[str, Any], /, **known: Any) -> Part:
     """An object of this kind from the values of a document; what is not there is empty, 0 or not known."""
     cells = {f.name: READERS[str(f.type)](values.get(f.name)) for f in fields(kind) if f.name not in known}  # type: ignore[arg-type]
     return kind(**cells, **known)
