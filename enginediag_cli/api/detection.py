@@ -358,7 +358,7 @@ class MethodResult(VerdictResult):
         self.unread = files.intake.unread
 
     def _learnt(self, healthy: Source | None) -> FittedMethod:
-        from enginediag_cli.methods.base import learnt_windows
+        from enginediag_cli.methods.base import training_windows
         from enginediag_cli.report.tables.recordings import tell_left_out
         from enginediag_cli.residuals.gross_gate import GrossErrorGate
 
@@ -367,13 +367,13 @@ class MethodResult(VerdictResult):
         source = replace(self._comparison.source, files=healthy.files)
         learnt = open_intake(source, self._monitor)
         gate = GrossErrorGate(self._monitor)
-        windows = learnt_windows(self._monitor, gate.clean(learnt.chunks()), self._comparison.judging.plan)
+        windows = training_windows(self._monitor, gate.clean(learnt.chunks()), self._comparison.judging.plan)
         gate.report(learnt.left_out)
         tell_left_out(self._comparison.messages, learnt.left_out)
         return self._method.train(self._monitor, windows)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.methods.base import judged_windows, recorded_windows
+        from enginediag_cli.methods.base import judge_windows, recorded_windows
         from enginediag_cli.report.tables.detection import BY_METHOD, MethodRow
         from enginediag_cli.residuals.gross_gate import GrossErrorGate
 
@@ -381,7 +381,7 @@ class MethodResult(VerdictResult):
 
         def judged() -> Iterator[WindowVerdict]:
             windows = recorded_windows(self._monitor, gate.clean(files.intake.chunks()), self._comparison.judging.plan)
-            yield from judged_windows(self._fitted, windows, self._false_alarm)
+            yield from judge_windows(self._fitted, windows, self._false_alarm)
             gate.report(files.intake.left_out)
 
         for _, found in self._verdicts(judged()):

@@ -15,8 +15,8 @@ from enginediag_cli.report.messages import Messages
 from enginediag_cli.shipped import own_or_shipped
 
 if TYPE_CHECKING:
-    from enginediag_cli.fleets.fleet_file import Fleet, Recorded
-    from enginediag_cli.fleets.models import Merged, Standing
+    from enginediag_cli.fleets.fleet_file import Fleet, FleetRecording
+    from enginediag_cli.fleets.models import MergeCounts, StoreStatus
     from enginediag_cli.fleets.run import FleetRun
 
 __all__ = ["FleetResult", "StoreResult", "fleet", "fleet_status", "merge_stores", "prune_store"]
@@ -150,14 +150,14 @@ def fleet(
     import os
 
     from enginediag_cli.fleets.run import run_fleet
-    from enginediag_cli.fleets.runners import runner_for
+    from enginediag_cli.fleets.runners import open_runner
     from enginediag_cli.fleets.store import opened_store
     from enginediag_cli.recordings.provenance import header_lines
 
     with _described(fleet_file, recordings) as (described, found):
         if accept_mismatch:
             described = replace(described, accept_mismatch=True)
-        with opened_store(store) as kept, runner_for(jobs or os.cpu_count() or 1, scheduler) as runner:
+        with opened_store(store) as kept, open_runner(jobs or os.cpu_count() or 1, scheduler) as runner:
             run = run_fleet(described, found, kept, runner)
     configs = [described.path, *described.configs]
     result = FleetResult(run, what, lambda: header_lines("fleet", configs=configs), _log(messages))
@@ -175,10 +175,10 @@ class StoreResult(Result):
         Recordings that are condensed, and recordings of the fleet.
     """
 
-    def __init__(self, standing: Standing, messages: Messages):
+    def __init__(self, standing: StoreStatus, messages: Messages):
         self.standing = standing
         super().__init__(columns=STATUS_COLUMNS, messages=messages)
-        self.found, self.judged = sum(bool(key) for _, key in standing.known), len(standing.known)
+        self.found, self.judged = sum(bool(key) for _, key in standing.recordings), len(standing.recordings)
 
     def _compute(self) -> Iterator[Row]:
         from enginediag_cli.report.tables.fleet import status_rows, tell_standing
@@ -215,11 +215,11 @@ def fleet_status(
     ------
     ConfigError, DataError, NoVerdictError
     """
-    from enginediag_cli.fleets.models import standing
-    from enginediag_cli.fleets.store import Store
+    from enginediag_cli.fleets.models import store_status
+    from enginediag_cli.fleets.store import FleetStore
 
     with _described(fleet_file, recordings) as (described, found):
-        return StoreResult(standing(described, found, Store(store)), _log(messages)).complete()
+        return StoreResult(store_status(described, found, FleetStore(store)), _log(messages)).complete()
 
 
 def prune_store(
@@ -255,17 +255,17 @@ def prune_store(
     ------
     ConfigError, DataError, NoVerdictError, OSError
     """
-    from enginediag_cli.fleets.models import prune
-    from enginediag_cli.fleets.store import Store
+    from enginediag_cli.fleets.models import prune_store
+    from enginediag_cli.fleets.store import FleetStore
     from enginediag_cli.report.sentences import count
 
     with _described(fleet_file, recordings) as (described, found):
-        files = prune(described, found, Store(store), only_tell=dry_run)
+        files = prune_store(described, found, FleetStore(store), only_tell=dry_run)
     _log(messages).note(f"{count(len(files), 'file')} {'would be removed' if dry_run else 'removed'}")
     return files
 
 
-def merge_stores(into: str | Path, *others: str | Path, messages: Messages | None = None) -> list[Merged]:
+def merge_stores(into: str | Path, *others: str | Path, messages: Messages | None = None) -> list[MergeCounts]:
     """Put into a store what others hold and it does not; those stay as they are.
 
     Parameters
@@ -286,13 +286,13 @@ def merge_stores(into: str | Path, *others: str | Path, messages: Messages | Non
     ------
     DataError, OSError
     """
-    from enginediag_cli.fleets.models import merge
-    from enginediag_cli.fleets.store import Store
+    from enginediag_cli.fleets.models import merge_stores
+    from enginediag_cli.fleets.store import FleetStore
     from enginediag_cli.report.tables.fleet import tell_merged
 
     found = []
     for other in others:
-        found.append(merge(Store(into), Store(other)))
+        found.append(merge_stores(FleetStore(into), FleetStore(other)))
         tell_merged(_log(messages), str(other), found[-1])
     return found
 
@@ -305,10 +305,12 @@ def _table(what: str) -> str:
 
 
 @contextmanager
-def _described(fleet_file: str | Path, recordings: RecordingsLike) -> Iterator[tuple[Fleet, tuple[Recorded, ...]]]:
+def _described(
+    fleet_file: str | Path, recordings: RecordingsLike
+) -> Iterator[tuple[Fleet, tuple[FleetRecording, ...]]]:
     """The fleet and its recordings; those that came as arrays have their files within the block. Raises UsageError for
     recordings with a recorder of their own."""
-    from enginediag_cli.fleets.fleet_file import load_fleet, recordings_of
+    from enginediag_cli.fleets.fleet_file import find_recordings, load_fleet
 
     source = as_recordings(recordings)
     if source.recorder or source.engine_instance:
@@ -317,7 +319,7 @@ def _described(fleet_file: str | Path, recordings: RecordingsLike) -> Iterator[t
         )
     described = load_fleet(own_or_shipped(fleet_file))
     described = replace(described, accept_mismatch=source.accept_mismatch)
-    yield described, recordings_of(described, source.files)
+    yield described, find_recordings(described, source.files)
 
 
 def _log(messages: Messages | None) -> Messages:

@@ -16,10 +16,10 @@ from enginediag_cli.report.messages import Messages
 from enginediag_cli.shipped import own_or_shipped
 
 if TYPE_CHECKING:
-    from enginediag_cli.fleets.work_scope import Scoping, WorkScope
+    from enginediag_cli.fleets.work_scope import WorkScope, WorkScopeEstimator
     from enginediag_cli.isolation.diagnosis import DiagnosisOptions
     from enginediag_cli.isolation.methods import IsolationOptions
-    from enginediag_cli.isolation.windows import IsolatedWindow, Isolating
+    from enginediag_cli.isolation.windows import IsolatedWindow, WindowIsolation
     from enginediag_cli.parameters import Parameter
     from enginediag_cli.residuals.long_windows import KeptRecords
     from enginediag_cli.residuals.monitor import Monitor
@@ -129,7 +129,7 @@ class IsolationResult(Result):
     something was isolated."""
 
     def __init__(self, comparison: Comparison, choices: IsolationChoices, options: IsolationOptions):
-        from enginediag_cli.isolation.windows import Isolating
+        from enginediag_cli.isolation.windows import WindowIsolation
         from enginediag_cli.report.tables.isolation import COMPONENTS, ISOLATE
 
         choices.check(comparison)
@@ -144,7 +144,7 @@ class IsolationResult(Result):
         self._diagnosis = choices.diagnosis_options(judging.linearise, options)
         kept = _kept_records(comparison, choices, monitor)
         flips = self._looked_for(choices.flips)
-        self._isolating: Isolating = Isolating(
+        self._isolating: WindowIsolation = WindowIsolation(
             files,
             self._diagnosis,
             options.false_alarm,
@@ -177,7 +177,7 @@ class IsolationResult(Result):
         forms = {name: "" if form == "sentences" else form for name, form in shown.items()}
         for number, found in enumerate(each(self._isolating.windows(), "windows isolated"), start=1):
             if number == 1 and found.verdict.window.statistics is not None and self._monitor is None:
-                choices.warn_of_sensors(self.messages, found.known.values())
+                choices.warn_of_sensors(self.messages, found.meaning.values())
             self.judged += found.judged
             self.found += found.named
             scope = self._work_scope(number, found)
@@ -189,16 +189,16 @@ class IsolationResult(Result):
         tell_files(self.messages, self._files)
 
     @cached_property
-    def _scoping(self) -> Scoping | None:
+    def _scoping(self) -> WorkScopeEstimator | None:
         """What restoring modules would bring, asked of the nominal engine once."""
-        from enginediag_cli.fleets.work_scope import Scoping
+        from enginediag_cli.fleets.work_scope import WorkScopeEstimator
 
-        return None if self._monitor is None else Scoping(self._monitor)
+        return None if self._monitor is None else WorkScopeEstimator(self._monitor)
 
     def _work_scope(self, number: int, found: IsolatedWindow) -> WorkScope | None:
         if self._scoping is None or not self._looked_for(self._choices.work_scope)(number, found.named):
             return None
-        return self._scoping.of_isolated(found, self._options.prior, self._options.largest)
+        return self._scoping.window_scope(found, self._options.prior, self._options.largest)
 
     def plot(self) -> Picture:
         """The fingerprint of the last window in which something was isolated. Raises NoVerdictError where no window

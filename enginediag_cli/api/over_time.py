@@ -15,8 +15,8 @@ from enginediag_cli.report.messages import Messages
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.series import Series
-    from enginediag_cli.fleets.maintenance import MarginQuestion, Margins
-    from enginediag_cli.fleets.work_scope import Scoping
+    from enginediag_cli.fleets.maintenance import MarginSettings, SeriesMargins
+    from enginediag_cli.fleets.work_scope import WorkScopeEstimator
     from enginediag_cli.residuals.files import JudgedFiles
 
 __all__ = ["MarginOptions", "TrendResult", "forecast", "trend"]
@@ -69,12 +69,12 @@ class MarginOptions:
         }
         return {name: str(value) for name, value in made.items() if value}
 
-    def question(self, *, healthy: int = 0, sensors: bool = True) -> MarginQuestion:
-        """With the events of the file; healthy, sensors: as of `MarginQuestion`. Raises ConfigError."""
+    def question(self, *, healthy: int = 0, sensors: bool = True) -> MarginSettings:
+        """With the events of the file; healthy, sensors: as of `MarginSettings`. Raises ConfigError."""
         from enginediag_cli.fleets.fleet_file import read_events
-        from enginediag_cli.fleets.maintenance import MarginQuestion
+        from enginediag_cli.fleets.maintenance import MarginSettings
 
-        return MarginQuestion(
+        return MarginSettings(
             limits_K=dict(self.limits_K),
             consumed_limit_K=self.consumed_limit_K,
             taken_off=tuple(self.taken_off),
@@ -151,10 +151,10 @@ class TrendResult(Result):
             return output("trend/components" if self._choices.by == "component" else "trend")
         return output(f"trend/{what}")
 
-    def _read(self) -> tuple[Series, Margins | None, JudgedFiles]:
+    def _read(self) -> tuple[Series, SeriesMargins | None, JudgedFiles]:
         """The series of flights, its margins where they are followed, and the files that it was read from."""
         from enginediag_cli.detection.series import series_of
-        from enginediag_cli.fleets.maintenance import margins_of
+        from enginediag_cli.fleets.maintenance import assess_margins
         from enginediag_cli.report.tables.margin import tell_margins
         from enginediag_cli.report.tables.trend import tell_instruments_in_flights
         from enginediag_cli.residuals.reduced import for_comparison
@@ -163,7 +163,7 @@ class TrendResult(Result):
         question = choices.margin.question(healthy=self._healthy, sensors=choices.sensors)
         if choices.follows_margin and monitor is not None:
             files = self._comparison.files(for_comparison(monitor), summed=self._whole, series=True)
-            margins = margins_of(files, monitor, question)
+            margins = assess_margins(files, monitor, question)
             tell_margins(self.messages, margins)
             if choices.what == "margin":
                 return margins.series, margins, files
@@ -196,16 +196,16 @@ class TrendResult(Result):
     def _changes(self) -> Iterator[Row]:
         """Rows of what changed in each engine, and of what maintenance did."""
         from enginediag_cli.detection.series import FEWEST
-        from enginediag_cli.fleets.work_scope import Scoping
-        from enginediag_cli.isolation.timeline import stories_of
+        from enginediag_cli.fleets.work_scope import WorkScopeEstimator
+        from enginediag_cli.isolation.timeline import diagnose_engines
         from enginediag_cli.report.tables.trend import tell_too_few
 
         choices, series = self._choices, self._series
         for engine, stretches in series.stretches.items():
             if len(stretches) < FEWEST:
                 tell_too_few(self.messages, engine, len(stretches))
-        scoping = None if self._monitor is None or choices.work_scope == "" else Scoping(self._monitor)
-        stories = stories_of(
+        scoping = None if self._monitor is None or choices.work_scope == "" else WorkScopeEstimator(self._monitor)
+        stories = diagnose_engines(
             series, reference=self._healthy, sensors=choices.sensors, generic=self._generic, against_nominal=True
         )
         rows: list[Row] = []
@@ -213,8 +213,10 @@ class TrendResult(Result):
             rows += self._of_engine(engine, story, scoping, rows)
         return iter(rows)
 
-    def _of_engine(self, engine: str, story: Any, scoping: Scoping | None, before: Sequence[Row]) -> list[Row]:
-        from enginediag_cli.fleets.maintenance import conditions_of, maintenance_of
+    def _of_engine(
+        self, engine: str, story: Any, scoping: WorkScopeEstimator | None, before: Sequence[Row]
+    ) -> list[Row]:
+        from enginediag_cli.fleets.maintenance import maintenance_effects, mean_conditions
         from enginediag_cli.report.tables.answers import (
             maintenance_row,
             tell_maintenance,
@@ -228,11 +230,11 @@ class TrendResult(Result):
         tell_story(messages, engine, story, series)
         scope = None
         if scoping is not None and story.events and (form or not messages.quiet):
-            scope = scoping.of_story(story, series.known, conditions_of(series.stretches[engine]))
+            scope = scoping.series_scope(story, series.known, mean_conditions(series.stretches[engine]))
         tell_scope(messages, engine, scope)
         rows = list(as_rows(engine, story, series, scope, form))
         if scoping is not None:
-            for found in maintenance_of(scoping, series, engine, tuple(choices.events)):
+            for found in maintenance_effects(scoping, series, engine, tuple(choices.events)):
                 tell_maintenance(messages, engine, found, series, scoping)
                 rows.append(maintenance_row(engine, found, series, scoping, form, [*before, *rows]))
         return rows

@@ -105,7 +105,7 @@ class Clocks:
         return Clocks({name: values[start:stop] for name, values in self.readings.items()})
 
 
-def clocks_of(columns: Mapping[str, NDArray], n: int) -> Clocks:
+def clocks_from_columns(columns: Mapping[str, NDArray], n: int) -> Clocks:
     """Clocks of N records from their `flight` and `time_s` columns, where there are any.
 
     Flights are counted in order of appearance, whatever they are called.
@@ -187,7 +187,7 @@ def sensor_truth(faults: Iterable[SensorFault], clocks: Clocks) -> dict[str, NDA
     """What sensor faults do at each record, (N,) by name; biases of one column add, factors multiply."""
     hidden: dict[str, NDArray[np.float64]] = {}
     for fault in faults:
-        name, what = fault.truth_name, truth(fault, clocks)
+        name, what = fault.truth_name, fault_truth(fault, clocks)
         if name in hidden:
             combine = {"bias": np.add, "scale": np.multiply, "noise": np.hypot}.get(fault.effect["type"], np.maximum)
             what = combine(hidden[name], what)
@@ -195,7 +195,7 @@ def sensor_truth(faults: Iterable[SensorFault], clocks: Clocks) -> dict[str, NDA
     return hidden
 
 
-def truth(fault: SensorFault, clocks: Clocks) -> NDArray[np.float64]:
+def fault_truth(fault: SensorFault, clocks: Clocks) -> NDArray[np.float64]:
     """What the fault does at each record, (N,): the bias, the factor, the added standard deviation, or 1 where stuck or
     dropped."""
     grown = activity(fault.law, clocks)
@@ -217,7 +217,7 @@ class SensorFaultState:
 
     def apply(self, reading: NDArray[np.float64], clocks: Clocks) -> NDArray[np.float64]:
         """Readings (n,) of the next records with the fault in them; `clocks` are those of these records."""
-        kind, what = self.fault.effect["type"], truth(self.fault, clocks)
+        kind, what = self.fault.effect["type"], fault_truth(self.fault, clocks)
         if kind == "bias":
             return reading + what
         if kind == "scale":
@@ -226,9 +226,9 @@ class SensorFaultState:
             return reading + what * self._rng.standard_normal(len(reading))
         if kind == "dropped":
             return np.where(what > 0.0, np.nan, reading)
-        return self._stuck(reading, what > 0.0)
+        return self._repeat_reading(reading, what > 0.0)
 
-    def _stuck(self, reading: NDArray[np.float64], stuck: NDArray[np.bool_]) -> NDArray[np.float64]:
+    def _repeat_reading(self, reading: NDArray[np.float64], stuck: NDArray[np.bool_]) -> NDArray[np.float64]:
         if self.fault.effect["value"] is not None:
             return np.where(stuck, self.fault.effect["value"], reading)
         # entry 0 is what was held before this chunk; stuck from the start holds the first reading
@@ -261,7 +261,7 @@ class ComponentFault:
     reference: str = ""
     assumed: bool = False
 
-    def mark_of(self, parameter: str) -> Mark:
+    def change_mark(self, parameter: str) -> Mark:
         return self.marks.get(parameter, self.mark)
 
 
@@ -283,7 +283,9 @@ def check_faults(faults: FaultSet, engine: EngineLike) -> None:
     for fault in faults.components:
         problems += [
             Problem(
-                fault.mark_of(name), f"engine {engine.name!r} has no parameter {name!r}", near(name, engine.parameters)
+                fault.change_mark(name),
+                f"engine {engine.name!r} has no parameter {name!r}",
+                near(name, engine.parameters),
             )
             for name in fault.changes
             if name not in engine.parameters
@@ -329,7 +331,7 @@ def _check_bounds(fault: ComponentFault, parameter: Parameter, values: NDArray[n
         raise ConfigError(
             [
                 Problem(
-                    fault.mark_of(parameter.name),
+                    fault.change_mark(parameter.name),
                     f"fault {fault.name!r} takes {parameter.name} to {values[k]:g} at record {k + 1}, "
                     f"beyond its bound {bound:g}",
                     "lower the severity, or end the fault earlier",

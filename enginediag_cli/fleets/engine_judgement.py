@@ -29,30 +29,40 @@ from enginediag_cli.fleets.findings import (
     NO_VERDICT,
     EngineFinding,
     EngineHistory,
-    Estimate,
     EventRow,
+    FinalReadings,
     FleetSettings,
     FlightRow,
+    HealthChange,
     HealthRow,
-    Moved,
-    State,
+    IntervalEstimate,
 )
-from enginediag_cli.fleets.health import Course, Flights, compressors_of, course, event_number, flights_of, renewed
+from enginediag_cli.fleets.health import (
+    EngineFlights,
+    HealthCourse,
+    engine_flights,
+    event_number,
+    fit_course,
+    movable_parameters,
+    washable_components,
+)
 from enginediag_cli.fleets.margin import (
     Consumption,
     MarginScale,
-    consumption_of,
+    condition_effects,
+    engine_severity,
+    margin_consumption,
     margin_scale,
-    of_conditions,
-    severity_of,
 )
 from enginediag_cli.intervals import NORMAL_95
-from enginediag_cli.isolation.events import Story
+from enginediag_cli.isolation.events import SeriesDiagnosis
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.isolation.timeline import OF_A_FLEET, TrendOptions, judge_series
 
 
-def isolated(flights: Flights, series: Series, settings: FleetSettings, history: EngineHistory) -> Story:
+def isolate_history(
+    flights: EngineFlights, series: Series, settings: FleetSettings, history: EngineHistory
+) -> SeriesDiagnosis:
     """What changed, and when; steps at maintenance are conditions like the weather, so that what is told grew or came
     between events."""
     readings = flights.readings
@@ -66,12 +76,14 @@ def isolated(flights: Flights, series: Series, settings: FleetSettings, history:
     return judge_series(readings.joined(OF_A_FLEET), series.known, options)
 
 
-def by_story(health: Sequence[HealthRow], story: Story, history: EngineHistory) -> tuple[HealthRow, ...]:
+def apply_diagnosis(
+    health: Sequence[HealthRow], story: SeriesDiagnosis, history: EngineHistory
+) -> tuple[HealthRow, ...]:
     """The rows with kind, onset and probability as isolated."""
-    return tuple(_told(row, story, history) for row in health)
+    return tuple(_apply_to_row(row, story, history) for row in health)
 
 
-def chances(story: Story, parameters: Sequence[str]) -> dict[int, float]:
+def change_probabilities(story: SeriesDiagnosis, parameters: Sequence[str]) -> dict[int, float]:
     """Of each parameter, by position, the probability that it changed in one of the events."""
     found: dict[int, float] = {}
     for event in story.events:
@@ -82,7 +94,7 @@ def chances(story: Story, parameters: Sequence[str]) -> dict[int, float]:
     return found
 
 
-def _told(row: HealthRow, story: Story, history: EngineHistory) -> HealthRow:
+def _apply_to_row(row: HealthRow, story: SeriesDiagnosis, history: EngineHistory) -> HealthRow:
     told = replace(
         row,
         kind="steady",
@@ -91,7 +103,7 @@ def _told(row: HealthRow, story: Story, history: EngineHistory) -> HealthRow:
         onset_low=0,
         onset_high=0,
         onset_flight="",
-        rate_per_flight=Estimate(),
+        rate_per_flight=IntervalEstimate(),
     )
     for event in story.events:
         for member in event.members:
@@ -111,7 +123,7 @@ def _told(row: HealthRow, story: Story, history: EngineHistory) -> HealthRow:
     if told.kind == "deterioration":
         span = max(story.flights - told.onset, 1)
         c = told.change
-        told = replace(told, rate_per_flight=Estimate(c.value / span, c.low / span, c.high / span))
+        told = replace(told, rate_per_flight=IntervalEstimate(c.value / span, c.low / span, c.high / span))
     return told
 
 
@@ -120,12 +132,12 @@ MOVES = 0.01
 gets no verdict for it."""
 
 
-def p_of_still(flights: Flights, course: Course) -> float:
+def p_steady_baseline(flights: EngineFlights, course: HealthCourse) -> float:
     """Probability that a baseline which stands still has as much of a course; NaN of fewer than three flights."""
     b = flights.baseline
     if b < 3:
         return float("nan")
-    r = (flights.z - of_conditions(flights, course))[:b]
+    r = (flights.z - condition_effects(flights, course))[:b]
     t = np.arange(b) - 0.5 * (b - 1)
     contrast = t @ r / np.sqrt(t @ t)
     size = np.abs(contrast) / np.sqrt(np.diag(course.scatter))
@@ -145,16 +157,16 @@ PLAUSIBLE = 2.0
 
 
 @dataclass(frozen=True)
-class _Judged:
+class _EngineState:
     """What is known of an engine when its rows are made."""
 
-    flights: Flights
+    flights: EngineFlights
     path: EPath
     members: Sequence[tuple[int, ...]]
-    course: Course
+    course: HealthCourse
 
 
-def judged_engine(
+def judge_engine(
     history: EngineHistory, series: Series, settings: FleetSettings, scale: MarginScale | None = None
 ) -> EngineFinding:
     """What the history of one engine says; series: what its parameters are, and its monitor; scale: of its margin,
@@ -164,41 +176,41 @@ def judged_engine(
     nothing = EngineFinding(
         history.serial, history.build, len(history.stretches), records, NO_VERDICT, "", baseline=history.baseline
     )
-    current, earlier = _since_renewal(history)
+    current, earlier = _history_since_renewal(history)
     if (after := len(current.stretches) - current.baseline) < FEWEST:
         new = " since the engine was renewed" if earlier else ""
         return replace(nothing, reason=f"{max(after, 0)} flights{new} beside the baseline are too few, {FEWEST} needed")
-    flights = flights_of(current, series)
+    flights = engine_flights(current, series)
     if len(flights) - flights.baseline < FEWEST:
         return replace(nothing, reason="too few flights tell of all readings")
     suspects, members = flights.suspects(settings.sensors)
     path = e_path(flights.rows(), suspects, flights.baseline)
-    chance = _chance(path.log_e[-1])
+    chance = _change_probability(path.log_e[-1])
     stands_out = path.log_e[-1] >= -np.log(settings.false_discovery)
-    story = isolated(flights, series, settings, current) if settings.thorough and stands_out else None
+    story = isolate_history(flights, series, settings, current) if settings.thorough and stands_out else None
     if story is None:
-        changed = {i: w * chance for i, w in _inclusion(path, members).items()}
+        changed = {i: w * chance for i, w in _parameter_weights(path, members).items()}
     else:
-        changed = chances(story, [p.name for p in flights.described])
-    compressors = compressors_of(series)
-    moved = [renewed(e, flights.described, compressors) for e in flights.events]
-    found = _Judged(flights, path, members, course(flights, moved, _wrong(flights, changed)))
+        changed = change_probabilities(story, [p.name for p in flights.described])
+    compressors = washable_components(series)
+    moved = [movable_parameters(e, flights.described, compressors) for e in flights.events]
+    found = _EngineState(flights, path, members, fit_course(flights, moved, _faulty_instruments(flights, changed)))
     verdict, reason = _verdict(found, settings)
-    used = consumption_of(flights, found.course, margin_scale(series) if scale is None else scale, settings)
+    used = margin_consumption(flights, found.course, margin_scale(series) if scale is None else scale, settings)
     since = (0, 0, 0)
     if settings.onsets and (verdict == CHANGED or stands_out or chance >= SUSPECTED):
-        since = _since(onset_law(flights.rows(), suspects, flights.baseline), flights)
-    health = _health(found, chance, since, current)
+        since = _onset_interval(onset_law(flights.rows(), suspects, flights.baseline), flights)
+    health = _health_rows(found, chance, since, current)
     best, low, high = since if verdict == CHANGED or stands_out else (0, 0, 0)
     if story is not None:
-        health = by_story(health, story, current)
+        health = apply_diagnosis(health, story, current)
     if earlier:
-        health = tuple(_counted_from(row, earlier) for row in health)
-    unlisted, why = _unlisted(found, health, story)
+        health = tuple(_shift_onset(row, earlier) for row in health)
+    unlisted, why = _unlisted_reason(found, health, story)
     if why:
-        health = tuple(_of_none(row, 1.0 - unlisted) for row in health)
+        health = tuple(_clear_onset(row, 1.0 - unlisted) for row in health)
         reason = "; ".join(filter(None, [reason, why]))
-    severity = Estimate() if why else severity_of(used, found.course)
+    severity = IntervalEstimate() if why else engine_severity(used, found.course)
     return replace(
         nothing,
         verdict=verdict,
@@ -212,17 +224,25 @@ def judged_engine(
         severity=severity,
         severity_unit="K" if used.margin.column else "sigma",
         health=health,
-        by_flight=_by_flight(found, used, settings, current, earlier, verdict),
-        events=_events(found, used, history, earlier),
-        margin=replace(used.margin, consumed_K=Estimate(), now_K=Estimate(), remaining_flights=Estimate(), reason=why)
+        by_flight=_flight_rows(found, used, settings, current, earlier, verdict),
+        events=_event_rows(found, used, history, earlier),
+        margin=replace(
+            used.margin,
+            consumed_K=IntervalEstimate(),
+            now_K=IntervalEstimate(),
+            remaining_flights=IntervalEstimate(),
+            reason=why,
+        )
         if why
         else used.margin,
-        state=_state(found),
-        moved=_moved(flights, found.course, history),
+        state=_final_readings(found),
+        event_changes=_event_changes(flights, found.course, history),
     )
 
 
-def _unlisted(found: _Judged, health: Sequence[HealthRow], story: Story | None) -> tuple[float, str]:
+def _unlisted_reason(
+    found: _EngineState, health: Sequence[HealthRow], story: SeriesDiagnosis | None
+) -> tuple[float, str]:
     """Probability that what changed is something that is not among the suspects, NaN where nothing was isolated, and
     why nothing is named, "" where something listed is likelier. A change that is named, or certain, and beyond what a
     component or an instrument can do is none that is listed."""
@@ -243,13 +263,13 @@ def _unlisted(found: _Judged, health: Sequence[HealthRow], story: Story | None) 
     return unlisted, ""
 
 
-def _of_none(row: HealthRow, listed: float) -> HealthRow:
+def _clear_onset(row: HealthRow, listed: float) -> HealthRow:
     """The row where it is not among what is listed, with the probability that it is."""
     told = replace(row, kind="steady", probability=listed * row.probability, onset=0, onset_low=0, onset_high=0)
-    return replace(told, onset_flight="", rate_per_flight=Estimate())
+    return replace(told, onset_flight="", rate_per_flight=IntervalEstimate())
 
 
-def _inclusion(path: EPath, members: Sequence[tuple[int, ...]]) -> dict[int, float]:
+def _parameter_weights(path: EPath, members: Sequence[tuple[int, ...]]) -> dict[int, float]:
     """Of each parameter, by position, the probability that it is what changed, given that something did."""
     found: dict[int, float] = {}
     for at, weight in zip(members, path.suspect, strict=True):
@@ -258,7 +278,7 @@ def _inclusion(path: EPath, members: Sequence[tuple[int, ...]]) -> dict[int, flo
     return found
 
 
-def _wrong(flights: Flights, changed: Mapping[int, float]) -> list[int]:
+def _faulty_instruments(flights: EngineFlights, changed: Mapping[int, float]) -> list[int]:
     """Positions of the errors of instruments that are taken for what changed: of each instrument the likeliest of its
     forms, which exclude each other, where together they are probable enough. changed: position → probability."""
     forms: dict[str, list[int]] = {}
@@ -268,7 +288,7 @@ def _wrong(flights: Flights, changed: Mapping[int, float]) -> list[int]:
     return [max(at, key=lambda i: changed[i]) for at in forms.values() if sum(changed[i] for i in at) >= SUSPECTED]
 
 
-def _since_renewal(history: EngineHistory) -> tuple[EngineHistory, int]:
+def _history_since_renewal(history: EngineHistory) -> tuple[EngineHistory, int]:
     """The history since the whole engine was overhauled or exchanged last, and how many flights were before: after
     that it is an engine of its own, with a baseline of its own."""
     whole = [e for e in history.events if e.kind != "wash" and not e.component]
@@ -279,23 +299,23 @@ def _since_renewal(history: EngineHistory) -> tuple[EngineHistory, int]:
     return replace(history, stretches=history.stretches[first:], events=later), first
 
 
-def _chance(log_e: float) -> float:
+def _change_probability(log_e: float) -> float:
     """Probability that an engine has changed."""
     return float(1 / (1 + np.exp(-np.clip(log_e + np.log(BELIEVED / (1 - BELIEVED)), -700, 700))))
 
 
-def _verdict(found: _Judged, settings: FleetSettings) -> tuple[str, str]:
+def _verdict(found: _EngineState, settings: FleetSettings) -> tuple[str, str]:
     highest, last = float(found.path.log_e.max()), float(found.path.log_e[-1])
     if highest >= -np.log(settings.false_alarm):
         fell = last < -np.log(settings.false_alarm)
         return CHANGED, "the evidence has been stronger than it is now" if fell else ""
     flights, beyond = found.flights, -np.log(settings.false_alarm)
-    told = _shown(found)
+    told = _visible_change(found)
     shown = f"; its flights show {told}" if told else ""
-    if _visible(found, settings) < beyond:
+    if _detectable_log_e(found, settings) < beyond:
         b, n, m = flights.baseline, len(flights) - flights.baseline, flights.z.shape[1]
         return NO_VERDICT, f"a baseline of {b} flights and {n} after it cannot show a change of {m} readings{shown}"
-    if p_of_still(found.flights, found.course) < MOVES:
+    if p_steady_baseline(found.flights, found.course) < MOVES:
         b = flights.baseline
         return (
             NO_VERDICT,
@@ -306,7 +326,7 @@ def _verdict(found: _Judged, settings: FleetSettings) -> tuple[str, str]:
     return HEALTHY, ""
 
 
-def _visible(found: _Judged, settings: FleetSettings) -> float:
+def _detectable_log_e(found: _EngineState, settings: FleetSettings) -> float:
     """Logarithm of the E that the readings of this engine would have come to, had the component that shows best changed
     with the first flight after the baseline: its parameters by PLAUSIBLE together, the second half as far as the first
     and so on, since what changes is along none of the directions weighed beforehand."""
@@ -329,7 +349,7 @@ def _visible(found: _Judged, settings: FleetSettings) -> float:
     return float(e_path(moved, suspects, flights.baseline, looks=1).log_e[-1])
 
 
-def _shown(found: _Judged) -> str:
+def _visible_change(found: _EngineState) -> str:
     """What the flights themselves say has changed, by the scatter from one to the next; empty where they say nothing:
 
     T = δ_k / s_k ~ t(n − 1),    the smallest p of q parameters taken q times
@@ -337,7 +357,7 @@ def _shown(found: _Judged) -> str:
     from scipy.special import stdtr
 
     flights, c = found.flights, found.course
-    mean, covariance = c.told(c.at(len(flights) - 1))
+    mean, covariance = c.evaluate(c.state_map(len(flights) - 1))
     q = len(flights.health)
     if not q:
         return ""
@@ -345,13 +365,13 @@ def _shown(found: _Judged) -> str:
     k = int(np.argmax(np.abs(mean[:q]) / error[:q]))
     if 2.0 * q * stdtr(len(flights) - 1, -abs(mean[k]) / error[k]) >= MOVES:
         return ""
-    p, size = flights.described[c.parameters[k]], _estimate(mean[k], error[k], c.unit[k])
+    p, size = flights.described[c.parameters[k]], _interval_estimate(mean[k], error[k], c.unit[k])
     factor, unit = (1.0, p.shown_unit) if p.shown_unit else (100.0, "%")
     value, low, high = (f"{factor * x:+.2g}" for x in (size.value, size.low, size.high))
     return f"{p.words} {value} {unit} [{low}, {high}]"
 
 
-def _since(onset: np.ndarray, flights: Flights) -> tuple[int, int, int]:
+def _onset_interval(onset: np.ndarray, flights: EngineFlights) -> tuple[int, int, int]:
     """Number of the first changed flight, from 1: most probable, and the 95 % interval."""
     if not onset.any():
         return 0, 0, 0
@@ -362,7 +382,7 @@ def _since(onset: np.ndarray, flights: Flights) -> tuple[int, int, int]:
     return best, low, high
 
 
-def _counted_from(row: HealthRow, earlier: int) -> HealthRow:
+def _shift_onset(row: HealthRow, earlier: int) -> HealthRow:
     """The row with its onset counted from the first flight of all."""
     if not row.onset:
         return row
@@ -371,25 +391,25 @@ def _counted_from(row: HealthRow, earlier: int) -> HealthRow:
     )
 
 
-def _health(
-    found: _Judged, chance: float, since: tuple[int, int, int], current: EngineHistory
+def _health_rows(
+    found: _EngineState, chance: float, since: tuple[int, int, int], current: EngineHistory
 ) -> tuple[HealthRow, ...]:
     flights, path, c = found.flights, found.path, found.course
-    mean, covariance = c.told(c.at(len(flights) - 1))
+    mean, covariance = c.evaluate(c.state_map(len(flights) - 1))
     error = np.sqrt(np.diag(covariance))
-    single = _inclusion(path, found.members)
+    single = _parameter_weights(path, found.members)
     place = {int(p): k for k, p in enumerate(c.parameters)}
     best, low, high = since
     kind = "deterioration" if path.growing >= 0.5 else "step"
     rows = []
     for i, p in enumerate(flights.described):
         probability = chance * single.get(i, 0.0)
-        change, rate = Estimate(), Estimate()
+        change, rate = IntervalEstimate(), IntervalEstimate()
         if i in place:
             k = place[i]
-            change = _estimate(mean[k], error[k], c.unit[k])
+            change = _interval_estimate(mean[k], error[k], c.unit[k])
             span = max(len(flights) - best, 1)
-            rate = Estimate(change.value / span, change.low / span, change.high / span)
+            rate = IntervalEstimate(change.value / span, change.low / span, change.high / span)
         named = probability >= SUSPECTED and best > 0
         rows.append(
             HealthRow(
@@ -402,19 +422,19 @@ def _health(
                 probability,
                 *((best, low, high) if named else (0, 0, 0)),
                 current.stretches[best - 1].window.flight if named else "",
-                rate if named and kind == "deterioration" else Estimate(),
+                rate if named and kind == "deterioration" else IntervalEstimate(),
             )
         )
     return tuple(rows)
 
 
-def _estimate(mean: float, error: float, unit: float) -> Estimate:
+def _interval_estimate(mean: float, error: float, unit: float) -> IntervalEstimate:
     half = NORMAL_95 * error
-    return Estimate(float(unit * mean), float(unit * (mean - half)), float(unit * (mean + half)))
+    return IntervalEstimate(float(unit * mean), float(unit * (mean - half)), float(unit * (mean + half)))
 
 
-def _by_flight(
-    found: _Judged, used: Consumption, settings: FleetSettings, current: EngineHistory, earlier: int, verdict: str
+def _flight_rows(
+    found: _EngineState, used: Consumption, settings: FleetSettings, current: EngineHistory, earlier: int, verdict: str
 ) -> tuple[FlightRow, ...]:
     highest = np.maximum.accumulate(np.maximum(found.path.log_e, 0.0))
     rows, usual = [], NO_VERDICT if verdict == NO_VERDICT else HEALTHY
@@ -436,19 +456,19 @@ def _by_flight(
     return tuple(rows)
 
 
-def _state(found: _Judged) -> State:
+def _final_readings(found: _EngineState) -> FinalReadings:
     """The last flights against the baseline, the conditions of both taken out."""
     flights, c = found.flights, found.course
     last = flights.weight * (np.arange(len(flights)) >= max(len(flights) - LAST, flights.baseline))
     w = last**2 / np.sum(last**2)
-    off = w @ (flights.z - c.level - of_conditions(flights, c))
+    off = w @ (flights.z - c.level - condition_effects(flights, c))
     before = np.sum(flights.weight[: flights.baseline] ** 2)
     share = np.sum(w**2 / flights.weight**2) + 1 / max(before, 1.0)
     names = tuple(p.name for p in flights.described)
-    return State(names, flights.readings.D, off, share * c.scatter, flights.J.mean(axis=0))
+    return FinalReadings(names, flights.readings.D, off, share * c.scatter, flights.J.mean(axis=0))
 
 
-def _events(found: _Judged, used: Consumption, history: EngineHistory, earlier: int) -> tuple[EventRow, ...]:
+def _event_rows(found: _EngineState, used: Consumption, history: EngineHistory, earlier: int) -> tuple[EventRow, ...]:
     c, flights = found.course, found.flights
     rows: list[EventRow] = []
     for event in history.events:
@@ -466,41 +486,43 @@ def _events(found: _Judged, used: Consumption, history: EngineHistory, earlier: 
             )
             rows.append(EventRow(event, number + 1 if number < len(history.stretches) else 0, {}, reason=reason))
             continue
-        T = c.of_event(flights.events.index(event))
-        mean, covariance = c.told(T)
+        T = c.event_map(flights.events.index(event))
+        mean, covariance = c.evaluate(T)
         touched = np.flatnonzero(np.abs(T).sum(axis=1))
         gains = {
-            flights.described[c.parameters[k]].name: _estimate(mean[k], np.sqrt(covariance[k, k]), c.unit[k])
+            flights.described[c.parameters[k]].name: _interval_estimate(mean[k], np.sqrt(covariance[k, k]), c.unit[k])
             for k in touched
         }
-        recovered = Estimate()
+        recovered = IntervalEstimate()
         if used.margin.column:
             value, variance = float(used.slope @ mean), float(used.slope @ covariance @ used.slope)
-            recovered = _estimate(-value, np.sqrt(variance), 1.0)
+            recovered = _interval_estimate(-value, np.sqrt(variance), 1.0)
         rows.append(EventRow(event, number + 1, gains, recovered))
     return tuple(rows)
 
 
-def moved_by(history: EngineHistory, series: Series) -> tuple[Moved | None, ...]:
+def changes_at_events(history: EngineHistory, series: Series) -> tuple[HealthChange | None, ...]:
     """What each event did, by one course of health over all flights: those that renewed the whole engine, too, and
     those before, of which the judgement of an engine tells nothing. None where flights are on one side alone."""
-    flights = flights_of(history, series)
-    compressors = compressors_of(series)
-    moved = [renewed(e, flights.described, compressors) for e in flights.events]
-    return _moved(flights, course(flights, moved), history)
+    flights = engine_flights(history, series)
+    compressors = washable_components(series)
+    moved = [movable_parameters(e, flights.described, compressors) for e in flights.events]
+    return _event_changes(flights, fit_course(flights, moved), history)
 
 
-def _moved(flights: Flights, c: Course, history: EngineHistory) -> tuple[Moved | None, ...]:
-    told: list[Moved | None] = []
+def _event_changes(flights: EngineFlights, c: HealthCourse, history: EngineHistory) -> tuple[HealthChange | None, ...]:
+    told: list[HealthChange | None] = []
     for event in history.events:
         if event not in flights.events:
             told.append(None)
             continue
         at = flights.events.index(event)
-        mean, covariance = c.told(c.of_event(at))
+        mean, covariance = c.evaluate(c.event_map(at))
         before = c.path[int(np.argmax(c.steps[:, at] > 0)) - 1]
-        k = np.flatnonzero(np.abs(c.of_event(at)).sum(axis=1))
+        k = np.flatnonzero(np.abs(c.event_map(at)).sum(axis=1))
         names = tuple(flights.described[p].name for p in c.parameters[k])
         unit = c.unit[k]
-        told.append(Moved(names, unit * before[k], unit * mean[k], np.outer(unit, unit) * covariance[np.ix_(k, k)]))
+        told.append(
+            HealthChange(names, unit * before[k], unit * mean[k], np.outer(unit, unit) * covariance[np.ix_(k, k)])
+        )
     return tuple(told)

@@ -19,7 +19,7 @@ KINDS = ("wash", "overhaul", "exchange")
 
 
 @dataclass(frozen=True)
-class Event:
+class MaintenanceEvent:
     """Maintenance of an engine. kind: one of KINDS. `flight`: the first flight after it, or `time_s`: when it was; one
     of both. component: what it was done to, "" for the whole engine."""
 
@@ -39,14 +39,14 @@ class EngineHistory:
     build: str
     stretches: Sequence[Stretch]
     baseline: int
-    events: Sequence[Event] = ()
+    events: Sequence[MaintenanceEvent] = ()
 
 
 HEALTHY, CHANGED, NO_VERDICT = "healthy", "changed", "no verdict"
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class IntervalEstimate:
     """A value with its 95 % interval; NaN where it is not known."""
 
     value: float = nan
@@ -64,14 +64,14 @@ class HealthRow:
     component: str
     words: str
     unit: str
-    change: Estimate
+    change: IntervalEstimate
     kind: str
     probability: float
     onset: int = 0
     onset_low: int = 0
     onset_high: int = 0
     onset_flight: str = ""
-    rate_per_flight: Estimate = Estimate()
+    rate_per_flight: IntervalEstimate = IntervalEstimate()
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,10 +95,10 @@ class EventRow:
     """What a maintenance event brought. number: of the first flight after it, 0 where no flight is after it;
     gains: parameter → change across the event, in its unit; recovered_K: of the margin."""
 
-    event: Event
+    event: MaintenanceEvent
     number: int
-    gains: Mapping[str, Estimate]
-    recovered_K: Estimate = Estimate()
+    gains: Mapping[str, IntervalEstimate]
+    recovered_K: IntervalEstimate = IntervalEstimate()
     reason: str = ""
 
 
@@ -112,28 +112,28 @@ class Margin:
     column: str = ""
     condition: str = ""
     limit_K: float = nan
-    consumed_K: Estimate = Estimate()
-    now_K: Estimate = Estimate()
-    remaining_flights: Estimate = Estimate()
-    rate_K_per_flight: Estimate = Estimate()
+    consumed_K: IntervalEstimate = IntervalEstimate()
+    now_K: IntervalEstimate = IntervalEstimate()
+    remaining_flights: IntervalEstimate = IntervalEstimate()
+    rate_K_per_flight: IntervalEstimate = IntervalEstimate()
     reason: str = ""
 
 
 @dataclass(frozen=True)
-class State:
+class FinalReadings:
     """What the last flights of an engine read beside its baseline, for what is common to a fleet: off (m,), in units of
     the noise, with the covariance (m, m) of its scatter; effect (m, p) of one prior standard deviation `unit` (p,) of
     each parameter."""
 
     parameters: tuple[str, ...]
     unit: np.ndarray
-    off: np.ndarray
+    deviation: np.ndarray
     covariance: np.ndarray
     effect: np.ndarray
 
 
 @dataclass(frozen=True)
-class Moved:
+class HealthChange:
     """What an event of maintenance did to parameters `names`, as one Gaussian of `mean` (k,) and `covariance` (k, k),
     and their change `before` (k,) it, all in their units."""
 
@@ -165,7 +165,7 @@ class EngineFinding:
     since_low: int = 0
     since_high: int = 0
     since_flight: str = ""
-    severity: Estimate = Estimate()
+    severity: IntervalEstimate = IntervalEstimate()
     severity_unit: str = ""
     unlisted: float = nan
     health: Sequence[HealthRow] = ()
@@ -173,8 +173,8 @@ class EngineFinding:
     events: Sequence[EventRow] = ()
     margin: Margin = Margin()
     baseline: int = 0
-    state: State | None = field(default=None, repr=False, compare=False)
-    moved: Sequence[Moved | None] = field(default=(), repr=False, compare=False)
+    state: FinalReadings | None = field(default=None, repr=False, compare=False)
+    event_changes: Sequence[HealthChange | None] = field(default=(), repr=False, compare=False)
     instruments: Sequence[FaultInFlights] = ()
 
 
@@ -189,7 +189,7 @@ class CommonChange:
     component: str
     words: str
     unit: str
-    mean: Estimate
+    mean: IntervalEstimate
     spread: float
     engines: int
     alike: float

@@ -25,7 +25,7 @@ from enginediag_cli.config.patterns import compile_pattern, matching, search
 from enginediag_cli.config.reading import READING, named_file
 from enginediag_cli.config.validate import Checked
 from enginediag_cli.errors import ConfigError, DataError, Mark, NoVerdictError, Problem
-from enginediag_cli.fleets.findings import KINDS, Event
+from enginediag_cli.fleets.findings import KINDS, MaintenanceEvent
 from enginediag_cli.fleets.margin import LIVES
 from enginediag_cli.recordings.read import read_all
 from enginediag_cli.recordings.table import Recording
@@ -178,7 +178,7 @@ FLEET_FILE = Section(
 COLUMNS = ("engine", "kind", "flight", "time_s", "component")
 
 
-def read_events(path: Path, *, named: bool = True) -> tuple[Event, ...]:
+def read_events(path: Path, *, named: bool = True) -> tuple[MaintenanceEvent, ...]:
     """Events in the order of the file; named: each says its engine, as it must where there are several. Raises
     ConfigError with every row that is wrong."""
     try:
@@ -200,9 +200,9 @@ def read_events(path: Path, *, named: bool = True) -> tuple[Event, ...]:
         raise ConfigError(problems)
     events = []
     for k in range(len(table)):
-        event = _event(table, k)
+        event = _read_event(table, k)
         place = Mark(str(path), int(table.line[k]))
-        wrong = list(_wrong(event, place, named))
+        wrong = list(_event_problems(event, place, named))
         problems += wrong
         if not wrong:
             events.append(event)
@@ -211,15 +211,15 @@ def read_events(path: Path, *, named: bool = True) -> tuple[Event, ...]:
     return tuple(events)
 
 
-def _event(table: Recording, k: int) -> Event:
+def _read_event(table: Recording, k: int) -> MaintenanceEvent:
     def text(column: str) -> str:
         return table.text[column][k].strip() if column in table.text else ""
 
     time = float(table.columns["time_s"][k]) if "time_s" in table.columns else nan
-    return Event(text("engine"), text("kind"), text("flight"), time, text("component"))
+    return MaintenanceEvent(text("engine"), text("kind"), text("flight"), time, text("component"))
 
 
-def _wrong(event: Event, place: Mark, named: bool) -> Iterator[Problem]:
+def _event_problems(event: MaintenanceEvent, place: Mark, named: bool) -> Iterator[Problem]:
     if named and not event.engine:
         yield Problem(place, "the event names no engine", "its serial number belongs in the column 'engine'")
     if event.kind not in KINDS:
@@ -244,13 +244,13 @@ class Build:
 
 
 @dataclass(frozen=True)
-class Baseline:
+class FleetBaseline:
     """How much of each engine's early life is believed healthy: flights, or those within so many records."""
 
     flights: int | None = None
     records: int | None = None
 
-    def stretches(self, records: list[int]) -> int:
+    def count_stretches(self, records: list[int]) -> int:
         """How many of the first stretches, which hold so many `records` each, belong to it."""
         if self.flights is not None:
             return min(self.flights, len(records))
@@ -277,16 +277,16 @@ class Fleet:
     builds: tuple[Build, ...]
     serial_from: str
     pattern: re.Pattern[str] | None
-    baseline: Baseline
+    baseline: FleetBaseline
     plan: WindowPlan
     judge: Mapping[str, Any]
     identify: Mapping[str, Any]
-    events: tuple[Event, ...] = ()
+    events: tuple[MaintenanceEvent, ...] = ()
     configs: tuple[Path, ...] = field(default=())
     accept_mismatch: bool = False
 
     @property
-    def whole(self) -> bool:
+    def whole_flights(self) -> bool:
         """Whether each flight is one window."""
         return self.plan.whole_flights
 
@@ -296,12 +296,12 @@ def load_fleet(path: str | Path) -> Fleet:
     path = Path(path)
     checked = load_checked(path, "fleet")
     values = checked.values
-    problems = list(_problems(checked))
+    problems = list(_key_problems(checked))
     builds = []
-    events: tuple[Event, ...] = ()
-    for name, place in _places(checked):
+    events: tuple[MaintenanceEvent, ...] = ()
+    for name, place in _build_places(checked):
         try:
-            builds.append(_build(checked, name, place))
+            builds.append(_read_build(checked, name, place))
         except ConfigError as error:
             problems += error.problems
     if values["events"]:
@@ -319,7 +319,7 @@ def load_fleet(path: str | Path) -> Fleet:
         tuple(builds),
         values["engines"]["serial_from"],
         compile_pattern(values["engines"]["pattern"]) if values["engines"]["serial_from"] == "file" else None,
-        Baseline(values["baseline"]["flights"], values["baseline"]["records"]),
+        FleetBaseline(values["baseline"]["flights"], values["baseline"]["records"]),
         plan_windows(window) if window else WindowPlan().of_series,
         values["judge"],
         values["identify"],
@@ -328,7 +328,7 @@ def load_fleet(path: str | Path) -> Fleet:
     )
 
 
-def _places(checked: Checked) -> list[tuple[str, tuple[str, ...]]]:
+def _build_places(checked: Checked) -> list[tuple[str, tuple[str, ...]]]:
     """Name of each build, and where in the file it stands."""
     if checked.values["builds"]:
         return [(name, ("builds", name)) for name in checked.values["builds"]]
@@ -336,7 +336,7 @@ def _places(checked: Checked) -> list[tuple[str, tuple[str, ...]]]:
     return [(Path(name).stem, ())]
 
 
-def _build(checked: Checked, name: str, place: tuple[str, ...]) -> Build:
+def _read_build(checked: Checked, name: str, place: tuple[str, ...]) -> Build:
     """Raises ConfigError for files that are not there."""
     values = checked.values
     for step in place:
@@ -360,7 +360,7 @@ def _build(checked: Checked, name: str, place: tuple[str, ...]) -> Build:
     return Build(name, found["engine"], found["nominal"], tuple(values["recordings"]), found["recorder"])
 
 
-def _problems(checked: Checked) -> Iterator[Problem]:
+def _key_problems(checked: Checked) -> Iterator[Problem]:
     """What needs more than one key to be seen."""
     values = checked.values
     if values["builds"]:
@@ -418,7 +418,7 @@ DIGITS = re.compile(r"(\d+)")
 
 
 @dataclass(frozen=True)
-class Recorded:
+class FleetRecording:
     """One recording. path: absolute; name: how it is called, by which recordings are in order; build: whose it is;
     serial: of its engine where its name says it, else ""; trouble: why it is not read, "" where nothing is wrong."""
 
@@ -429,39 +429,39 @@ class Recorded:
     trouble: str = ""
 
 
-def natural(name: str) -> tuple[tuple[str | int, ...], str]:
+def natural_order(name: str) -> tuple[tuple[str | int, ...], str]:
     """A key by which flight_9 comes before flight_10."""
     parts = DIGITS.split(name)
     return tuple(int(part) if k % 2 else part for k, part in enumerate(parts)), name
 
 
-def recordings_of(fleet: Fleet, given: Sequence[str] = ()) -> tuple[Recorded, ...]:
+def find_recordings(fleet: Fleet, given: Sequence[str] = ()) -> tuple[FleetRecording, ...]:
     """All recordings of a fleet by name; those `given` in place of its patterns. What a pattern finds and cannot be
     read is among them, with its trouble. Raises DataError for one of two builds; NoVerdictError where there is none."""
     if given and len(fleet.builds) > 1:
         raise DataError("the fleet has several builds, so its file has to say which recordings are whose")
-    found: dict[str, Recorded] = {}
+    found: dict[str, FleetRecording] = {}
     for build in fleet.builds:
-        for path in given or _matching(fleet, build):
+        for path in given or _matching_paths(fleet, build):
             real = os.path.abspath(path)
             if real in found:
                 both = f"of build {found[real].build!r} and of {build.name!r}"
                 raise DataError(
                     f"{path}: matches patterns {both}" if found[real].build != build.name else f"{path}: given twice"
                 )
-            serial, trouble = _serial(fleet, path)
-            trouble = _irregular(real) or ("" if given else _outside(fleet, real)) or trouble
-            found[real] = Recorded(real, "", build.name, serial, trouble)
+            serial, trouble = _serial_number(fleet, path)
+            trouble = _irregular_reason(real) or ("" if given else _outside_reason(fleet, real)) or trouble
+            found[real] = FleetRecording(real, "", build.name, serial, trouble)
     if not found:
         patterns = ", ".join(p for build in fleet.builds for p in build.recordings)
         told = f"no file matches {patterns}" if patterns else "the file names no recordings"
         raise NoVerdictError(f"{fleet.path}: {told}; name recordings behind it on the command line")
-    names = _names(list(found))
+    names = _relative_names(list(found))
     every = [replace(r, name=names[r.path]) for r in found.values()]
-    return tuple(sorted(every, key=lambda r: natural(r.name)))
+    return tuple(sorted(every, key=lambda r: natural_order(r.name)))
 
 
-def _matching(fleet: Fleet, build: Build) -> list[str]:
+def _matching_paths(fleet: Fleet, build: Build) -> list[str]:
     folder = fleet.path.parent
     paths: dict[str, None] = {}
     for pattern in build.recordings:
@@ -473,7 +473,7 @@ def _matching(fleet: Fleet, build: Build) -> list[str]:
     return list(paths)
 
 
-def _irregular(path: str) -> str:
+def _irregular_reason(path: str) -> str:
     """Why what lies there is no recording, without looking into it: a pipe would never end."""
     try:
         mode = os.stat(path).st_mode
@@ -488,20 +488,20 @@ def _irregular(path: str) -> str:
     return f"{kind}, not a file"
 
 
-def _outside(fleet: Fleet, path: str) -> str:
+def _outside_reason(fleet: Fleet, path: str) -> str:
     folder = fleet.path.parent.resolve()
     if READING.allow_outside or Path(path).resolve().is_relative_to(folder):
         return ""
     return "lies outside the folder of the fleet file: put it below, or allow it with --allow-outside"
 
 
-def _names(paths: Sequence[str]) -> dict[str, str]:
+def _relative_names(paths: Sequence[str]) -> dict[str, str]:
     """Path → its part below the folder that all have in common, so that nothing depends on where that lies."""
     common = os.path.commonpath([os.path.dirname(p) for p in paths])
     return {p: Path(os.path.relpath(p, common)).as_posix() for p in paths}
 
 
-def _serial(fleet: Fleet, path: str) -> tuple[str, str]:
+def _serial_number(fleet: Fleet, path: str) -> tuple[str, str]:
     """Serial number by the name of a file, and what is wrong with the name."""
     if fleet.pattern is None:
         return "", ""

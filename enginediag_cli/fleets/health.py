@@ -19,7 +19,7 @@ import numpy as np
 from enginediag_cli.detection.e_values import Rows, Suspects
 from enginediag_cli.detection.series import Readings, Series
 from enginediag_cli.engine.wrapped import WrappedModel
-from enginediag_cli.fleets.findings import EngineHistory, Event
+from enginediag_cli.fleets.findings import EngineHistory, MaintenanceEvent
 from enginediag_cli.parameters import Parameter
 
 RENEWED = 25.0
@@ -28,7 +28,7 @@ is new to the fleet."""
 
 
 @dataclass(frozen=True)
-class Flights:
+class EngineFlights:
     """The readings of the m output sensors alone, z (n, m), with the effects J (n, m, p) of all p parameters; steps
     (n, e): 1 from the first flight after each of the `events` on; number (n,): of each flight, from 0."""
 
@@ -38,7 +38,7 @@ class Flights:
     noise: np.ndarray
     described: tuple[Parameter, ...]
     steps: np.ndarray
-    events: tuple[Event, ...]
+    events: tuple[MaintenanceEvent, ...]
     number: np.ndarray
     weight: np.ndarray
     baseline: int
@@ -88,7 +88,7 @@ class Flights:
         m = self.z.shape[1]
         kept = np.abs(np.diff(self.steps, axis=0)).sum(axis=1) == 0 if self.steps.size else np.ones(len(self) - 1, bool)
         d = (np.diff(self.z, axis=0) * self.weight[1:, None] / np.sqrt(2))[kept]
-        size = np.einsum("nm,mk,nk->n", d, np.linalg.inv(self.noise * _share(d, self.noise)), d) / m
+        size = np.einsum("nm,mk,nk->n", d, np.linalg.inv(self.noise * _noise_share(d, self.noise)), d) / m
         d = d * np.minimum(1.0, LARGE / np.sqrt(np.maximum(size, 1e-12)))[:, None]  # a jump is no scatter
         return np.asarray((2 * self.noise + d.T @ d) / (2 + len(d)))
 
@@ -97,7 +97,7 @@ LARGE = 3.0
 """Standard deviations beyond which a difference of two flights is drawn in: no more than one of a hundred."""
 
 
-def _share(d: np.ndarray, noise: np.ndarray) -> float:
+def _noise_share(d: np.ndarray, noise: np.ndarray) -> float:
     """What differences (n, m) usually are of their noise."""
     if not len(d):
         return 1.0
@@ -105,14 +105,14 @@ def _share(d: np.ndarray, noise: np.ndarray) -> float:
     return float(max(np.median(square), 0.25))
 
 
-def flights_of(history: EngineHistory, series: Series) -> Flights:
+def engine_flights(history: EngineHistory, series: Series) -> EngineFlights:
     """The flights of a history. Raises DataError when they have statistics of different parameters."""
     mine = replace(series, stretches={history.serial: history.stretches})
     readings = mine.readings(history.serial)
     m = readings.z.shape[1] - readings.inputs
     described = tuple(series.known[name] for name in readings.parameters)
-    events, steps = _steps(history, readings)
-    return Flights(
+    events, steps = _event_steps(history, readings)
+    return EngineFlights(
         readings,
         readings.z[:, :m],
         readings.J[:, :m],
@@ -121,18 +121,18 @@ def flights_of(history: EngineHistory, series: Series) -> Flights:
         steps,
         events,
         readings.first,
-        _weight(history, readings),
+        _flight_weights(history, readings),
         int(np.searchsorted(readings.first, history.baseline)),
     )
 
 
-def _weight(history: EngineHistory, readings: Readings) -> np.ndarray:
+def _flight_weights(history: EngineHistory, readings: Readings) -> np.ndarray:
     """Square root of how much each flight tells of what a usual one does, 1 at most: by its records."""
     records = np.array([max(history.stretches[k].kept.n, 1) for k in readings.first], float)
     return np.asarray(np.minimum(1.0, np.sqrt(records / np.median(records))))
 
 
-def event_number(event: Event, history: EngineHistory) -> int:
+def event_number(event: MaintenanceEvent, history: EngineHistory) -> int:
     """Number of the first flight after an event, from 0; the number of flights where none is after it. By the label of
     the flight, by its count where flights have no labels, else by the time."""
     windows = [x.window for x in history.stretches]
@@ -147,7 +147,7 @@ def event_number(event: Event, history: EngineHistory) -> int:
     return after[0] if after else len(windows)
 
 
-def _steps(history: EngineHistory, readings: Readings) -> tuple[tuple[Event, ...], np.ndarray]:
+def _event_steps(history: EngineHistory, readings: Readings) -> tuple[tuple[MaintenanceEvent, ...], np.ndarray]:
     told, columns = [], []
     for event in history.events:
         column = (readings.first >= event_number(event, history)).astype(float)
@@ -157,7 +157,9 @@ def _steps(history: EngineHistory, readings: Readings) -> tuple[tuple[Event, ...
     return tuple(told), np.array(columns).T.reshape(len(readings), len(columns))
 
 
-def renewed(event: Event, described: Sequence[Parameter], compressors: Collection[str]) -> Mapping[int, float]:
+def movable_parameters(
+    event: MaintenanceEvent, described: Sequence[Parameter], compressors: Collection[str]
+) -> Mapping[int, float]:
     """Positions of the parameters that an event may have moved, with the standard deviation of that beforehand, in
     prior standard deviations. A wash moves what fouling moves, an overhaul or an exchange all of its component."""
     found = {}
@@ -178,7 +180,7 @@ EXCHANGED = 1.5
 """What an exchange may bring: the wear of the old component and the difference of the new one."""
 
 
-def compressors_of(series: Series) -> frozenset[str]:
+def washable_components(series: Series) -> frozenset[str]:
     """Components that a wash cleans; none where the engine is not at hand."""
     engine = None if series.monitor is None else series.monitor.engine
     while isinstance(engine, WrappedModel):
@@ -198,7 +200,7 @@ FAILED = 10.0
 
 
 @dataclass(frozen=True)
-class Course:
+class HealthCourse:
     """parameters (q,): positions among those of the flights; unit (q,): their prior standard deviations. phi (n, K);
     mean (r,) and covariance (r, r) of the coefficients in these units: K pieces by q, then one for each `jumps`, pairs
     of event and position among q. steps (n, e); level (m,): of the readings in the baseline; scatter (m, m)."""
@@ -213,7 +215,7 @@ class Course:
     level: np.ndarray
     scatter: np.ndarray
 
-    def at(self, flight: int) -> np.ndarray:
+    def state_map(self, flight: int) -> np.ndarray:
         """Map (q, r) from coefficients to the state at a flight."""
         q = len(self.parameters)
         T = np.zeros((q, len(self.mean)))
@@ -232,7 +234,7 @@ class Course:
             found[:, position] += self.steps[:, event] * self.mean[K * q + j]
         return np.asarray(found)
 
-    def of_event(self, event: int) -> np.ndarray:
+    def event_map(self, event: int) -> np.ndarray:
         """Map (q, r) from coefficients to what an event brought."""
         q = len(self.parameters)
         T = np.zeros((q, len(self.mean)))
@@ -241,12 +243,14 @@ class Course:
                 T[position, self.phi.shape[1] * q + j] = 1.0
         return T
 
-    def told(self, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def evaluate(self, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean (q,) and covariance (q, q) of linear functions T (q, r), in prior standard deviations."""
         return T @ self.mean, T @ self.covariance @ T.T
 
 
-def course(flights: Flights, moved: Sequence[Mapping[int, float]], failed: Sequence[int] = ()) -> Course:
+def fit_course(
+    flights: EngineFlights, moved: Sequence[Mapping[int, float]], failed: Sequence[int] = ()
+) -> HealthCourse:
     """moved: of each event of the flights, positions of the parameters that it may have moved with the standard
     deviation of that; failed: positions of instruments that are suspected, whose errors are then states like health."""
     n, m = flights.z.shape
@@ -285,4 +289,4 @@ def course(flights: Flights, moved: Sequence[Mapping[int, float]], failed: Seque
     B = np.linalg.solve(inner, U.T @ z) - of_X @ mean
     level = np.linalg.solve(root, B[0])
     unit = flights.readings.D[own]
-    return Course(own, unit, phi, mean, covariance, jumps, flights.steps, level, scatter)
+    return HealthCourse(own, unit, phi, mean, covariance, jumps, flights.steps, level, scatter)

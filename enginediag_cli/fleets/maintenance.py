@@ -37,14 +37,14 @@ import numpy as np
 from enginediag_cli.config.hints import near
 from enginediag_cli.detection.series import Series, Stretch, Windows, series_of
 from enginediag_cli.errors import DataError
-from enginediag_cli.fleets.engine_judgement import judged_engine, moved_by
-from enginediag_cli.fleets.findings import EngineFinding, EngineHistory, Event, FleetSettings, Moved
-from enginediag_cli.fleets.margin import MarginScale, margin_scale, with_forecasts, with_taken_off
-from enginediag_cli.fleets.work_scope import Gain, Moments, Reference, Scoping
-from enginediag_cli.isolation.methods import in_usual_forms
-from enginediag_cli.isolation.posterior import Belief, set_posterior
+from enginediag_cli.fleets.engine_judgement import changes_at_events, judge_engine
+from enginediag_cli.fleets.findings import EngineFinding, EngineHistory, FleetSettings, HealthChange, MaintenanceEvent
+from enginediag_cli.fleets.margin import MarginScale, add_forecasts, learn_removal_limit, margin_scale
+from enginediag_cli.fleets.work_scope import ChangeMoments, Gain, PowerReference, WorkScopeEstimator
+from enginediag_cli.isolation.methods import keep_first_forms
+from enginediag_cli.isolation.posterior import SetInference, set_posterior
 from enginediag_cli.isolation.prior import SetPrior
-from enginediag_cli.isolation.results import tempered
+from enginediag_cli.isolation.results import temper
 from enginediag_cli.isolation.sensitivity_analysis import SPREAD, stated_errors
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.score import Score, fisher_score
@@ -62,7 +62,7 @@ LARGEST = 5
 
 
 @dataclass(frozen=True)
-class Maintenance:
+class MaintenanceEffect:
     """What happened before flight number `flight` (from 1), by so many flights before and after it; dispersion: by what
     the evidence was divided, since flights of one side differ: parameters that changed with their probability, mean
     changes and deviations; gain: what temperature and fuel fell by at equal power, None with the `reason`."""
@@ -79,14 +79,14 @@ class Maintenance:
     reason: str = ""
 
 
-def maintenance(
-    scoping: Scoping,
+def estimate_maintenance(
+    scoping: WorkScopeEstimator,
     statistics: Sequence[LocalStatistics],
     flight: int,
     others: Sequence[int] = (),
     spread: Mapping[str, float] | None = None,
     recorded: Mapping[str, float] | None = None,
-) -> Maintenance:
+) -> MaintenanceEffect:
     """What the maintenance before flight number `flight` (from 1) of a series did.
 
     statistics: of each flight in order; others: flights before which there was maintenance, too, beyond which levels
@@ -98,20 +98,20 @@ def maintenance(
     sides = statistics[first - 1 : flight - 1][::-1], statistics[flight - 1 : last - 1]
     if not all(sides):
         raise ValueError(f"no flight lies {'after' if sides[0] else 'before'} the maintenance at flight {flight}")
-    before, after = (_level(side[:NEAR], spread or {}) for side in sides)
+    before, after = (_flight_level(side[:NEAR], spread or {}) for side in sides)
     dispersion = max(before.dispersion, after.dispersion)  # of a side of one flight nothing is known
-    one, other = (tempered(level.score, dispersion) for level in (before, after))
-    prior = SetPrior(rises=0.5)
-    score = difference(one, other)
-    belief = Belief(score, set_posterior(score, prior, largest=LARGEST), prior)
+    one, other = (temper(level.score, dispersion) for level in (before, after))
+    prior = SetPrior(p_recovery=0.5)
+    score = level_difference(one, other)
+    belief = SetInference(score, set_posterior(score, prior, largest=LARGEST), prior)
     names = belief.posterior.names(0)
     mean, covariance = belief.moments()
     at = score.indices(names)
     engine = [i for i, p in enumerate(score.described) if not p.of_instrument]
-    told = Moments(tuple(score.parameters[i] for i in engine), mean[engine], covariance[np.ix_(engine, engine)])
+    told = ChangeMoments(tuple(score.parameters[i] for i in engine), mean[engine], covariance[np.ix_(engine, engine)])
     # the level before, as far as flights tell it beyond what is plausible
-    gain, reason = scoping.brought(_held(one)[engine], told, recorded or {})
-    return Maintenance(
+    gain, reason = scoping.maintenance_gain(_prior_held_change(one)[engine], told, recorded or {})
+    return MaintenanceEffect(
         flight,
         before.flights,
         after.flights,
@@ -125,7 +125,7 @@ def maintenance(
     )
 
 
-def difference(before: Score, after: Score) -> Score:
+def level_difference(before: Score, after: Score) -> Score:
     """The score of the difference of two levels, what both have in common cancelling."""
     (b1, I1), (b2, I2) = before.scaled(), after.scaled()
     space = range_space(I1 + I2, np.ones(len(b1)))
@@ -139,7 +139,7 @@ def difference(before: Score, after: Score) -> Score:
 
 
 @dataclass(frozen=True)
-class Level:
+class FlightLevel:
     """Score of the nearest flights of one side together, how many they are, and ĉ, at least 1, among them."""
 
     score: Score
@@ -147,25 +147,25 @@ class Level:
     dispersion: float
 
 
-def _level(side: Sequence[LocalStatistics], spread: Mapping[str, float]) -> Level:
+def _flight_level(side: Sequence[LocalStatistics], spread: Mapping[str, float]) -> FlightLevel:
     """The flights of a side, the nearest first, as long as they have a course in common: two at least, where there are;
     instruments' errors are each flight's own."""
-    found: Level | None = None
-    of: _Course | None = None
+    found: FlightLevel | None = None
+    of: _LevelAndWear | None = None
     for k, x in enumerate(side, start=1):
         variance = np.square([spread.get(name, 0.0) for name in x.parameters])
-        own = in_usual_forms(fisher_score(x, uncertainty=np.diag(variance)))
-        of = (of or _Course.begun(len(own.parameters))).joined(own, k - 0.5)
+        own = keep_first_forms(fisher_score(x, uncertainty=np.diag(variance)))
+        of = (of or _LevelAndWear.empty(len(own.parameters))).add_flight(own, k - 0.5)
         dispersion = of.dispersion(own)
         if found is not None and k > 2 and dispersion > DIFFERENT:
             break
-        found = Level(of.at_the_event(own), k, dispersion)
+        found = FlightLevel(of.level_score(own), k, dispersion)
     assert found is not None
     return found
 
 
 @dataclass(frozen=True)
-class _Course:
+class _LevelAndWear:
     """Sums over flights of a side, in prior standard deviations: score and information of level and wear, (2p,) and
     (2p, 2p); χ² and rank of the flights one by one."""
 
@@ -175,28 +175,28 @@ class _Course:
     ranks: int
 
     @staticmethod
-    def begun(p: int) -> _Course:
-        return _Course(np.zeros(2 * p), np.zeros((2 * p, 2 * p)), 0.0, 0)
+    def empty(p: int) -> _LevelAndWear:
+        return _LevelAndWear(np.zeros(2 * p), np.zeros((2 * p, 2 * p)), 0.0, 0)
 
-    def joined(self, own: Score, distance: float) -> _Course:
+    def add_flight(self, own: Score, distance: float) -> _LevelAndWear:
         b, information = own.scaled()
         d = np.array([1.0, distance])
-        return _Course(
+        return _LevelAndWear(
             self.b + np.kron(d, b),
             self.information + np.kron(np.outer(d, d), information),
             self.separate + own.glr,
             self.ranks + own.rank,
         )
 
-    def _parts(self, like: Score) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _split_parameters(self, like: Score) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Positions of the levels, and of the wear of what can wear, with its precision."""
         p = len(like.parameters)
         wears = np.array([not q.of_instrument for q in like.described])
         return np.arange(p), p + np.flatnonzero(wears), np.full(int(wears.sum()), WEAR**-2)
 
-    def at_the_event(self, like: Score) -> Score:
+    def level_score(self, like: Score) -> Score:
         """The score of the level there, wear being whatever it was."""
-        level, wear, precision = self._parts(like)
+        level, wear, precision = self._split_parameters(like)
         cross = self.information[np.ix_(level, wear)]
         M = np.linalg.solve(self.information[np.ix_(wear, wear)] + np.diag(precision), cross.T).T
         b = self.b[level] - M @ self.b[wear]
@@ -209,8 +209,8 @@ class _Course:
 
     def dispersion(self, like: Score) -> float:
         """ĉ, at least 1; 1 where nothing is left to tell it by."""
-        level, wear, precision = self._parts(like)
-        there = self.at_the_event(like)
+        level, wear, precision = self._split_parameters(like)
+        there = self.level_score(like)
         own = self.information[np.ix_(wear, wear)]
         held = np.linalg.solve(own + np.diag(precision), self.b[wear])
         chi2 = there.glr + float(self.b[wear] @ held)
@@ -221,20 +221,22 @@ class _Course:
         return max((self.separate - chi2) / freedom, 1.0) if freedom > 0.5 else 1.0
 
 
-def _held(level: Score) -> np.ndarray:
+def _prior_held_change(level: Score) -> np.ndarray:
     """Likely change (p,) from nominal, each parameter held by its prior."""
     b, information = level.scaled()
     return np.asarray(level.prior_sigma * np.linalg.solve(information + np.eye(len(b)), b))
 
 
-def maintenance_of(scoping: Scoping, series: Series, engine: str, events: Sequence[str]) -> Iterator[Maintenance]:
+def maintenance_effects(
+    scoping: WorkScopeEstimator, series: Series, engine: str, events: Sequence[str]
+) -> Iterator[MaintenanceEffect]:
     """What the maintenance before each of the flights `events`, labels or numbers from 1, did bring to an engine.
 
     DataError for a flight that is not there, or that is the first.
     """
     stretches = series.stretches[engine]
-    flights = [_number(stretches, event, engine) for event in events]
-    monitor, conditions = series.monitor, conditions_of(stretches)
+    flights = [_flight_number(stretches, event, engine) for event in events]
+    monitor, conditions = series.monitor, mean_conditions(stretches)
     spread = {}
     if monitor is not None and flights:
         readings = {**conditions, **stretches[0].window.readings}
@@ -243,18 +245,18 @@ def maintenance_of(scoping: Scoping, series: Series, engine: str, events: Sequen
     statistics = [x.statistics for x in stretches]
     for flight in sorted(set(flights)):
         try:
-            yield maintenance(scoping, statistics, flight, flights, spread, conditions)
+            yield estimate_maintenance(scoping, statistics, flight, flights, spread, conditions)
         except ValueError as error:
             raise DataError(f"--event: {error}") from None
 
 
-def conditions_of(stretches: Sequence[Stretch]) -> Mapping[str, float]:
+def mean_conditions(stretches: Sequence[Stretch]) -> Mapping[str, float]:
     """Mean of each input over the stretches that have it."""
     columns = {c for x in stretches for c in x.window.conditions}
     return {c: float(np.mean([x.window.conditions[c] for x in stretches if c in x.window.conditions])) for c in columns}
 
 
-def _number(stretches: Sequence[Stretch], event: str, engine: str) -> int:
+def _flight_number(stretches: Sequence[Stretch], event: str, engine: str) -> int:
     """Number, from 1, of the flight that has this label, alone or behind its file, or else this number."""
     labels = [x.window.flight for x in stretches]
     full = [f"{x.window.source}:{x.window.flight}" for x in stretches]
@@ -273,8 +275,8 @@ def _number(stretches: Sequence[Stretch], event: str, engine: str) -> int:
 
 
 def events_by_engine(
-    events: Sequence[Event], engines: Collection[str], path: str
-) -> tuple[dict[str, tuple[Event, ...]], tuple[str, ...]]:
+    events: Sequence[MaintenanceEvent], engines: Collection[str], path: str
+) -> tuple[dict[str, tuple[MaintenanceEvent, ...]], tuple[str, ...]]:
     """Events of a file by the `engines` that are recorded, and the names in it of which nothing is. One engine needs no
     name, in recordings or in events. Raises DataError where it is not known whose events are, or nobody's are here."""
     names = tuple(dict.fromkeys(e.engine for e in events if e.engine))
@@ -297,7 +299,7 @@ FIRST = 1
 
 
 @dataclass(frozen=True)
-class MarginQuestion:
+class MarginSettings:
     """limits_K: column → limit at the reference condition; consumed_limit_K: K of margin that engines have lost when
     they are taken off, with its standard deviation, where that and no temperature is known; taken_off: engines whose
     recordings end there, which tell it; events: of a file that is called so; baseline: first flights of an engine, of
@@ -306,7 +308,7 @@ class MarginQuestion:
     limits_K: Mapping[str, float] = field(default_factory=dict)
     consumed_limit_K: tuple[float, float] | None = None
     taken_off: Sequence[str] = ()
-    events: Sequence[Event] = ()
+    events: Sequence[MaintenanceEvent] = ()
     events_file: str = ""
     baseline: int = 0
     healthy: int = 0
@@ -314,7 +316,7 @@ class MarginQuestion:
 
 
 @dataclass(frozen=True)
-class Brought:
+class EventEffect:
     """What an event of maintenance did: changes of the parameters `names` with their standard `deviation`, and by how
     much temperature and fuel fell at equal power, None with the `reason`."""
 
@@ -326,28 +328,28 @@ class Brought:
 
 
 @dataclass(frozen=True)
-class Followed:
+class EngineMargin:
     """An engine with its margin, forecast and maintenance; brought: of each event of the finding, in its order, told at
     `reference`; unknown: flights of events that are not recorded, and what may be meant."""
 
     finding: EngineFinding
-    brought: Sequence[Brought]
-    reference: Reference | None
-    unknown: Mapping[str, str]
+    effects: Sequence[EventEffect]
+    reference: PowerReference | None
+    unknown_flights: Mapping[str, str]
 
 
 @dataclass(frozen=True)
-class Margins:
+class SeriesMargins:
     """The engines of a series, by their names; others: engines that events name, and no recording; learnt_K: margin
     that engines had lost when they were taken off, with its standard deviation, where some tell it."""
 
-    engines: Mapping[str, Followed]
+    engines: Mapping[str, EngineMargin]
     series: Series
-    others: Sequence[str]
+    unknown_engines: Sequence[str]
     learnt_K: tuple[float, float] | None = None
 
 
-def margins_of(files: Windows, monitor: Monitor, question: MarginQuestion) -> Margins:
+def assess_margins(files: Windows, monitor: Monitor, question: MarginSettings) -> SeriesMargins:
     """What a fleet of the engines of these files finds of each, and what maintenance brought.
 
     files: windows of a series, made by `for_comparison(monitor)`; monitor: says what a change does to the temperature.
@@ -363,21 +365,21 @@ def margins_of(files: Windows, monitor: Monitor, question: MarginQuestion) -> Ma
         thorough=False,
         onsets=False,
     )
-    scale = _scale(series, settings)
+    scale = _choose_scale(series, settings)
     histories = []
     for engine, stretches in series.stretches.items():
         baseline = max(question.baseline or series.healthy(engine, question.healthy), FIRST)
         histories.append(EngineHistory(engine, "", stretches, baseline, events.get(engine, ())))
-    findings = [_with_reason(judged_engine(history, series, settings, scale)) for history in histories]
-    settings = with_taken_off(settings, findings, question.taken_off, "--taken-off")
-    findings = with_forecasts(findings, settings)
+    findings = [_copy_reason(judge_engine(history, series, settings, scale)) for history in histories]
+    settings = learn_removal_limit(settings, findings, question.taken_off, "--taken-off")
+    findings = add_forecasts(findings, settings)
     learnt = settings.consumed_limit_K if question.taken_off else None
-    scoping = Scoping(monitor)
-    found = [_followed(f, h, series, scoping) for f, h in zip(findings, histories, strict=True)]
-    return Margins({one.finding.serial: one for one in found}, series, others, learnt)
+    scoping = WorkScopeEstimator(monitor)
+    found = [_engine_margin(f, h, series, scoping) for f, h in zip(findings, histories, strict=True)]
+    return SeriesMargins({one.finding.serial: one for one in found}, series, others, learnt)
 
 
-def _scale(series: Series, settings: FleetSettings) -> MarginScale:
+def _choose_scale(series: Series, settings: FleetSettings) -> MarginScale:
     """Of the hottest temperature, or of the hottest that has a limit."""
     assert series.monitor is not None
     limits, scale = settings.limits_K, margin_scale(series)
@@ -394,32 +396,34 @@ def _scale(series: Series, settings: FleetSettings) -> MarginScale:
     return own
 
 
-def _followed(finding: EngineFinding, history: EngineHistory, series: Series, scoping: Scoping) -> Followed:
-    recorded = conditions_of(history.stretches)
-    moved = list(finding.moved)
+def _engine_margin(
+    finding: EngineFinding, history: EngineHistory, series: Series, scoping: WorkScopeEstimator
+) -> EngineMargin:
+    recorded = mean_conditions(history.stretches)
+    moved = list(finding.event_changes)
     if any(change is None for change in moved):
-        across = moved_by(history, series)
+        across = changes_at_events(history, series)
         moved = [mine or other for mine, other in zip(moved, across, strict=True)]
-    told = [Brought() if change is None else _brought(change, scoping, recorded) for change in moved]
-    return Followed(finding, told, scoping.reference(recorded), _unknown(history))
+    told = [EventEffect() if change is None else _event_effect(change, scoping, recorded) for change in moved]
+    return EngineMargin(finding, told, scoping.reference(recorded), _unknown_flights(history))
 
 
-def _brought(moved: Moved, scoping: Scoping, recorded: Mapping[str, float]) -> Brought:
+def _event_effect(moved: HealthChange, scoping: WorkScopeEstimator, recorded: Mapping[str, float]) -> EventEffect:
     """At equal power, by the course of health: what flights on either side wore is no part of it."""
     deviation = np.sqrt(np.diag(moved.covariance))
-    change = Moments(moved.names, moved.mean, moved.covariance)
-    gain, reason = scoping.brought(moved.before, change, recorded)
-    return Brought(moved.names, tuple(moved.mean.tolist()), tuple(deviation.tolist()), gain, reason)
+    change = ChangeMoments(moved.names, moved.mean, moved.covariance)
+    gain, reason = scoping.maintenance_gain(moved.before, change, recorded)
+    return EventEffect(moved.names, tuple(moved.mean.tolist()), tuple(deviation.tolist()), gain, reason)
 
 
-def _with_reason(finding: EngineFinding) -> EngineFinding:
+def _copy_reason(finding: EngineFinding) -> EngineFinding:
     """An engine that could not be followed has no margin for the same reason."""
     if finding.by_flight or finding.margin.reason:
         return finding
     return replace(finding, margin=replace(finding.margin, reason=finding.reason))
 
 
-def _unknown(history: EngineHistory) -> dict[str, str]:
+def _unknown_flights(history: EngineHistory) -> dict[str, str]:
     """Flights that events name and nobody recorded, each with a hint."""
     last = len(history.stretches)
     labels = [label for x in history.stretches if (label := x.window.flight)]

@@ -26,8 +26,8 @@ from enginediag_cli.detection.series import Series
 from enginediag_cli.engine.wiring import hot_columns
 from enginediag_cli.engine.wrapped import WrappedModel
 from enginediag_cli.errors import DataError
-from enginediag_cli.fleets.findings import EngineFinding, Estimate, FleetSettings, Margin
-from enginediag_cli.fleets.health import FAILED, Course, Flights
+from enginediag_cli.fleets.findings import EngineFinding, FleetSettings, IntervalEstimate, Margin
+from enginediag_cli.fleets.health import FAILED, EngineFlights, HealthCourse
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.residuals.monitor import Monitor
 
@@ -48,14 +48,16 @@ class MarginScale:
     sensor: str = ""
     slope: dict[str, float] = field(default_factory=dict)
     nominal_K: float = float("nan")
-    at: dict[str, float] = field(default_factory=dict)
-    held: str = ""
+    reference: dict[str, float] = field(default_factory=dict)
+    held_column: str = ""
     reason: str = ""
 
     @property
     def condition(self) -> str:
         """The reference condition as text."""
-        return ", ".join(f"{c} {v:.6g}" for c, v in self.at.items()) + (f", at given {self.held}" if self.held else "")
+        return ", ".join(f"{c} {v:.6g}" for c, v in self.reference.items()) + (
+            f", at given {self.held_column}" if self.held_column else ""
+        )
 
 
 def margin_scale(series: Series, among: Collection[str] = ()) -> MarginScale:
@@ -73,7 +75,7 @@ def margin_scale(series: Series, among: Collection[str] = ()) -> MarginScale:
     if not columns:
         return MarginScale(reason="no temperature of burnt gas is recorded")
     try:
-        return _at_the_hottest(monitor, engine, columns)
+        return _hottest_scale(monitor, engine, columns)
     except KeyError as error:
         return MarginScale(reason=f"the reference condition cannot be computed: {error.args[0]}")
 
@@ -82,7 +84,7 @@ def _reads_only(sensor: Any, hot: set[str]) -> bool:
     return sensor.over is None and set(sensor.reads) <= hot
 
 
-def _at_the_hottest(monitor: Monitor, engine: Any, columns: list[str]) -> MarginScale:
+def _hottest_scale(monitor: Monitor, engine: Any, columns: list[str]) -> MarginScale:
     points = np.asarray(monitor.envelope.points)
     some = np.unique(np.linspace(0, len(points) - 1, POINTS).round().astype(int))
     inputs = {c: points[some, i] for i, c in enumerate(monitor.envelope.inputs)}
@@ -107,7 +109,7 @@ def _at_the_hottest(monitor: Monitor, engine: Any, columns: list[str]) -> Margin
         return MarginScale(reason="the engine has no derivatives at the reference condition")
     sensor = next((p.name for p in engine.sensors[column].parameters() if p.quantity == "bias"), "")
     slopes = dict(zip(names, slope.tolist(), strict=True))
-    return replace(MarginScale(column, sensor, slopes, float(here.y[0, 0]), at), held=held)
+    return replace(MarginScale(column, sensor, slopes, float(here.y[0, 0]), at), held_column=held)
 
 
 TOGETHER = 10.0
@@ -126,7 +128,9 @@ class Consumption:
     margin: Margin
 
 
-def consumption_of(flights: Flights, c: Course, scale: MarginScale, settings: FleetSettings) -> Consumption:
+def margin_consumption(
+    flights: EngineFlights, c: HealthCourse, scale: MarginScale, settings: FleetSettings
+) -> Consumption:
     """The margin of an engine whose health has the course c."""
     n, q = len(flights), len(c.parameters)
     unknown = np.full(n, np.nan)
@@ -134,20 +138,20 @@ def consumption_of(flights: Flights, c: Course, scale: MarginScale, settings: Fl
         return Consumption(np.zeros(q), unknown, unknown, Margin(reason=scale.reason))
     names = [flights.described[i].name for i in c.parameters]
     slope = np.array([scale.slope.get(name, 0.0) for name in names]) * c.unit
-    mean, covariance = c.told(c.at(n - 1))
+    mean, covariance = c.evaluate(c.state_map(n - 1))
     value, error = float(slope @ mean), float(np.sqrt(max(slope @ covariance @ slope, 0.0)))
-    used = Estimate(value, value - NORMAL_95 * error, value + NORMAL_95 * error)
-    weights = _weights(flights, c, slope)
-    level = c.level + of_conditions(flights, c)
+    used = IntervalEstimate(value, value - NORMAL_95 * error, value + NORMAL_95 * error)
+    weights = _margin_weights(flights, c, slope)
+    level = c.level + condition_effects(flights, c)
     by_flight = (flights.z - level) @ weights
     single = np.sqrt(weights @ c.scatter @ weights) / flights.weight
     limit = settings.limits_K.get(scale.column, float("nan"))
     off = _offset_K(flights, c, scale)
-    left = Estimate(*(limit - scale.nominal_K - off - x for x in (used.value, used.high, used.low)))
+    left = IntervalEstimate(*(limit - scale.nominal_K - off - x for x in (used.value, used.high, used.low)))
     return Consumption(slope, by_flight, single, Margin(scale.column, scale.condition, limit, used, left))
 
 
-def _weights(flights: Flights, c: Course, slope: np.ndarray) -> np.ndarray:
+def _margin_weights(flights: EngineFlights, c: HealthCourse, slope: np.ndarray) -> np.ndarray:
     """Weights (m,) of the readings in what a flight says of the margin: D Jᵀ (J D² Jᵀ + Σ/TOGETHER)⁻¹, in which a
     suspected instrument does not count."""
     q = len(flights.health)
@@ -157,7 +161,7 @@ def _weights(flights: Flights, c: Course, slope: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.solve(inner, health @ slope[:q]))
 
 
-def of_conditions(flights: Flights, c: Course) -> np.ndarray:
+def condition_effects(flights: EngineFlights, c: HealthCourse) -> np.ndarray:
     """What readings (n, m) follow of the conditions flown, by what the course of health leaves of them."""
     weather = flights.readings.weather
     if not weather.shape[1]:
@@ -167,7 +171,7 @@ def of_conditions(flights: Flights, c: Course) -> np.ndarray:
     return np.asarray(weather @ np.linalg.solve(H, weather.T @ left))
 
 
-def _offset_K(flights: Flights, c: Course, scale: MarginScale) -> float:
+def _offset_K(flights: EngineFlights, c: HealthCourse, scale: MarginScale) -> float:
     """By how much the engine read hotter than nominal in its baseline."""
     names = [p.name for p in flights.described]
     if scale.sensor not in names:
@@ -178,15 +182,15 @@ def _offset_K(flights: Flights, c: Course, scale: MarginScale) -> float:
     return float(c.level[s] / one[s] * flights.readings.D[i])
 
 
-def severity_of(used: Consumption, c: Course) -> Estimate:
+def engine_severity(used: Consumption, c: HealthCourse) -> IntervalEstimate:
     """How far an engine has gone: of its margin, or where no temperature tells, the length of the change of its health
     in prior standard deviations."""
     if used.margin.column:
         return used.margin.consumed_K
-    mean, covariance = c.told(c.at(len(c.phi) - 1))
+    mean, covariance = c.evaluate(c.state_map(len(c.phi) - 1))
     length = float(np.linalg.norm(mean))
     error = float(np.sqrt(mean @ covariance @ mean) / max(length, 1e-12))
-    return Estimate(length, max(length - NORMAL_95 * error, 0.0), length + NORMAL_95 * error)
+    return IntervalEstimate(length, max(length - NORMAL_95 * error, 0.0), length + NORMAL_95 * error)
 
 
 EPOCHS = 60
@@ -201,7 +205,7 @@ RECOVERED_K = 10.0
 """Standard deviation of what maintenance may bring of a margin, in K: washes bring up to as much."""
 
 
-def course_of(finding: EngineFinding) -> ForecastCourse | None:
+def consumption_course(finding: EngineFinding) -> ForecastCourse | None:
     """Consumption over the flights of a finding; None where it is not known."""
     rows = [r for r in finding.by_flight if np.isfinite(r.consumed_K)]
     if len(rows) < 3:
@@ -227,7 +231,7 @@ def course_of(finding: EngineFinding) -> ForecastCourse | None:
     return ForecastCourse(mean(t), mean(y), noise, float(t[-1]), mean(steps), offset, RECOVERED_K)
 
 
-def limit_of(finding: EngineFinding, settings: FleetSettings) -> tuple[float, float] | None:
+def margin_limit(finding: EngineFinding, settings: FleetSettings) -> tuple[float, float] | None:
     """Consumption, in K, at which the limit is reached, with its standard deviation; None where there is no limit."""
     margin = finding.margin
     if not margin.column:
@@ -240,15 +244,15 @@ def limit_of(finding: EngineFinding, settings: FleetSettings) -> tuple[float, fl
 def learnt_limit(failed: Sequence[EngineFinding]) -> tuple[float, float]:
     """Consumption, in K, at which engines were taken off, and its standard deviation between them, from the findings
     of their whole lives: what `FleetSettings.consumed_limit_K` asks for. ValueError for fewer than three."""
-    courses = [c for f in failed if (c := course_of(f)) is not None]
+    courses = [c for f in failed if (c := consumption_course(f)) is not None]
     if len(courses) < LIVES:
         raise ValueError(f"a limit is learnt from {LIVES} lives at least, and {len(courses)} can be followed")
     reference = float(np.nanmedian([f.severity.value for f in failed]))
     fits = [fitted(c, reference) for c in courses]
-    return limit_from(*ends_of(fits, learnt(fits)))
+    return removal_limit(*final_consumption(fits, learnt(fits)))
 
 
-def with_taken_off(
+def learn_removal_limit(
     settings: FleetSettings, findings: Sequence[EngineFinding], named: Sequence[str], where: str
 ) -> FleetSettings:
     """The settings with the limit that engines had reached that were taken off, where some are `named`; where: what
@@ -267,49 +271,49 @@ def with_taken_off(
     return replace(settings, consumed_limit_K=limit)
 
 
-def ends_of(fits: Sequence[Fitted], population: Population) -> tuple[np.ndarray, np.ndarray]:
+def final_consumption(fits: Sequence[Fitted], population: Population) -> tuple[np.ndarray, np.ndarray]:
     """Consumption (n,) at the end of each course, with its standard error (n,)."""
     ends = [forecast(fit, population, NEVER_K) for fit in fits]
     return np.array([e.level for e in ends]), np.array([e.level_error for e in ends])
 
 
-def limit_from(level: np.ndarray, error: np.ndarray) -> tuple[float, float]:
+def removal_limit(level: np.ndarray, error: np.ndarray) -> tuple[float, float]:
     """Mean of the ends of lives and their standard deviation, what they are known to taken out."""
     spread = float(np.sqrt(max(level.var(ddof=1) - float(np.mean(error**2)), 0.0)))
     return float(level.mean()), spread
 
 
-def with_forecasts(findings: Sequence[EngineFinding], settings: FleetSettings) -> list[EngineFinding]:
+def add_forecasts(findings: Sequence[EngineFinding], settings: FleetSettings) -> list[EngineFinding]:
     """The findings with the flights that remain to the limit, or the reason why that is not known."""
-    limits = [limit_of(f, settings) for f in findings]
+    limits = [margin_limit(f, settings) for f in findings]
     stated = [x[0] for x in limits if x is not None and x[0] > 0]
     if not stated:
-        return [_without(f, "no limit is stated") for f in findings]
+        return [_no_forecast(f, "no limit is stated") for f in findings]
     reference = float(np.median(stated))
     at = [k for k, x in enumerate(limits) if x is not None]
     some = np.unique(np.linspace(0, len(at) - 1, LEARNT_FROM).round().astype(int))
-    courses = [course_of(findings[at[k]]) for k in some.tolist()]
+    courses = [consumption_course(findings[at[k]]) for k in some.tolist()]
     population = learnt([fitted(c, reference) for c in courses if c is not None])
-    return [_with_one(f, x, reference, population) for f, x in zip(findings, limits, strict=True)]
+    return [_add_forecast(f, x, reference, population) for f, x in zip(findings, limits, strict=True)]
 
 
-def _with_one(
+def _add_forecast(
     finding: EngineFinding, limit: tuple[float, float] | None, reference: float, population: Population
 ) -> EngineFinding:
     if limit is None:
-        return _without(finding, "no limit is stated")
-    course = course_of(finding)
+        return _no_forecast(finding, "no limit is stated")
+    course = consumption_course(finding)
     if course is None:
-        return _without(finding, "too few flights tell of the margin")
+        return _no_forecast(finding, "too few flights tell of the margin")
     found = forecast(fitted(course, reference), population, *limit)
     half = NORMAL_95 * found.rate_error
     margin = replace(
         finding.margin,
-        remaining_flights=Estimate(found.quantile(0.5), found.quantile(0.05), found.quantile(0.95)),
-        rate_K_per_flight=Estimate(found.rate, found.rate - half, found.rate + half),
+        remaining_flights=IntervalEstimate(found.quantile(0.5), found.quantile(0.05), found.quantile(0.95)),
+        rate_K_per_flight=IntervalEstimate(found.rate, found.rate - half, found.rate + half),
     )
     return replace(finding, margin=margin)
 
 
-def _without(finding: EngineFinding, reason: str) -> EngineFinding:
+def _no_forecast(finding: EngineFinding, reason: str) -> EngineFinding:
     return replace(finding, margin=replace(finding.margin, reason=finding.margin.reason or reason))

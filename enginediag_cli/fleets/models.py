@@ -22,8 +22,8 @@ import numpy as np
 
 from enginediag_cli import __version__
 from enginediag_cli.errors import DataError, EngineDiagError, NoVerdictError
-from enginediag_cli.fleets.fleet_file import Baseline, Build, Fleet, Recorded, natural
-from enginediag_cli.fleets.store import NOMINALS, RECORDINGS, Making, Store
+from enginediag_cli.fleets.fleet_file import Build, Fleet, FleetBaseline, FleetRecording, natural_order
+from enginediag_cli.fleets.store import NOMINALS, RECORDINGS, CondensingSettings, FleetStore
 from enginediag_cli.identification.problem import TrainingRecording, training_recordings
 from enginediag_cli.intake.agreement import Agreement, agreement_with_engine
 from enginediag_cli.intake.loader import Intake
@@ -61,7 +61,7 @@ def model_key(fleet: Fleet, build: Build) -> str:
     return hashlib.sha256("\n".join(map(str, told)).encode()).hexdigest()[:32]
 
 
-def identify_common(fleet: Fleet, build: Build, recordings: Sequence[Recorded], path: Path) -> CommonModel:
+def identify_common(fleet: Fleet, build: Build, recordings: Sequence[FleetRecording], path: Path) -> CommonModel:
     """Identify the model of a build and write its nominal file, unless another run has done so meanwhile. Raises
     DataError, and NoVerdictError when there is none."""
     from enginediag_cli.engine.load import EngineDescription
@@ -77,7 +77,7 @@ def identify_common(fleet: Fleet, build: Build, recordings: Sequence[Recorded], 
     engine = load_engine(build.engine)
     described = EngineDescription.of(str(build.engine), engine.declared)
     wanted, agreement = columns_of(engine, past=True), agreement_with_engine(engine)
-    early = _chosen(_early_lives(fleet, build, recordings, wanted, agreement), fleet.identify)
+    early = _choose_lives(_early_lives(fleet, build, recordings, wanted, agreement), fleet.identify)
     training = [recording for life in early for recording in life.training()]
     if not training:
         raise NoVerdictError(f"build {build.name}: its recordings hold no record to identify a model from")
@@ -116,7 +116,7 @@ class _EarlyLife:
     records: int = 0
     full: bool = False
 
-    def take(self, key: tuple[str, str], part: Recording, baseline: Baseline) -> None:
+    def take(self, key: tuple[str, str], part: Recording, baseline: FleetBaseline) -> None:
         if self.full:
             return
         if baseline.flights is not None:
@@ -160,21 +160,21 @@ class _EarlyLife:
 
 
 def _early_lives(
-    fleet: Fleet, build: Build, recordings: Sequence[Recorded], wanted: Wanted, agreement: Agreement | None
+    fleet: Fleet, build: Build, recordings: Sequence[FleetRecording], wanted: Wanted, agreement: Agreement | None
 ) -> list[_EarlyLife]:
     """Early lives of engines, no more recordings read than are needed for the number that is asked for; those that
     cannot be of the engine take no part. Raises DataError where none can."""
     wrong: list[EngineDiagError] = []
     most = int(fleet.identify["engines"])
     lives: dict[str, _EarlyLife] = {}
-    for recorded in _chosen_recordings(recordings, most):
+    for recorded in _choose_recordings(recordings, most):
         if not recorded.serial and sum(life.full for life in lives.values()) >= most:
             break
         recorder = str(build.recorder) if build.recorder else None
         source = Source((recorded.path,), recorder, accept_mismatch=fleet.accept_mismatch)
         intake = Intake(source, wanted, fleet=True, agreement=agreement)
         try:
-            for key, part in _parts(intake, recorded):
+            for key, part in _flight_parts(intake, recorded):
                 life = lives.setdefault(key[2], _EarlyLife(key[2]))
                 life.take(key[:2], part, fleet.baseline)
                 if recorded.serial and life.full:
@@ -185,56 +185,56 @@ def _early_lives(
                 life.forget(recorded.path)
     if wrong and not any(life.records for life in lives.values()):
         raise wrong[0]
-    return sorted(lives.values(), key=lambda life: natural(life.serial))
+    return sorted(lives.values(), key=lambda life: natural_order(life.serial))
 
 
-def _chosen_recordings(recordings: Sequence[Recorded], most: int) -> list[Recorded]:
+def _choose_recordings(recordings: Sequence[FleetRecording], most: int) -> list[FleetRecording]:
     """Those of `most` serial numbers, evenly chosen, where names tell them; else all."""
-    serials = sorted({r.serial for r in recordings}, key=natural)
-    chosen = {serials[k] for k in _even(len(serials), most)}
+    serials = sorted({r.serial for r in recordings}, key=natural_order)
+    chosen = {serials[k] for k in _evenly_spaced(len(serials), most)}
     return [r for r in recordings if r.serial in chosen]
 
 
-def _parts(intake: Intake, recorded: Recorded) -> Iterator[tuple[tuple[str, str, str], Recording]]:
+def _flight_parts(intake: Intake, recorded: FleetRecording) -> Iterator[tuple[tuple[str, str, str], Recording]]:
     """((file, flight, serial number), records) of each flight in each chunk."""
     for chunk in intake.chunks():
         for (_, flight, engine), rows in group_rows(chunk):
             yield (recorded.path, flight, recorded.serial or engine), chunk.select(rows)
 
 
-def _chosen(lives: Sequence[_EarlyLife], asked: Mapping[str, int]) -> list[_EarlyLife]:
+def _choose_lives(lives: Sequence[_EarlyLife], asked: Mapping[str, int]) -> list[_EarlyLife]:
     """As many engines, evenly chosen, and as many whole flights of each, as hold no more records than are asked for."""
     lives = [life for life in lives if life.records]
-    lives = [lives[k] for k in _even(len(lives), int(asked["engines"]))]
+    lives = [lives[k] for k in _evenly_spaced(len(lives), int(asked["engines"]))]
     if not lives or sum(life.records for life in lives) <= asked["records"]:
         return lives
     short = [life.shortened(int(asked["records"]) // len(lives)) for life in lives]
     fewer = int(len(short) * asked["records"] / max(sum(life.records for life in short), 1))
-    return [short[k] for k in _even(len(short), max(fewer, FEWEST_ENGINES))]
+    return [short[k] for k in _evenly_spaced(len(short), max(fewer, FEWEST_ENGINES))]
 
 
-def _even(n: int, most: int) -> list[int]:
+def _evenly_spaced(n: int, most: int) -> list[int]:
     """At most `most` of n numbers, evenly chosen."""
     return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int)).tolist() if n else []
 
 
 @dataclass(frozen=True)
-class Model:
+class BuildModel:
     """What the recordings of a build are held against. identified: None where the nominal file was given, or found in
     the store."""
 
     build: Build
-    making: Making
+    settings: CondensingSettings
     generic: bool
     identified: CommonModel | None = None
 
 
-def nominal_path(fleet: Fleet, build: Build, store: Store) -> Path:
+def nominal_path(fleet: Fleet, build: Build, store: FleetStore) -> Path:
     """The nominal file of a build: its own, or where the store has it once it is identified."""
     return build.nominal or store.nominal(model_key(fleet, build))
 
 
-def model_of(fleet: Fleet, build: Build, recordings: Sequence[Recorded], store: Store) -> Model:
+def build_model(fleet: Fleet, build: Build, recordings: Sequence[FleetRecording], store: FleetStore) -> BuildModel:
     """The nominal state that a build is held against: its own, that of the store, or one identified now. Raises
     ConfigError, DataError, NoVerdictError."""
     from enginediag_cli.intake.selection import open_baseline
@@ -244,17 +244,17 @@ def model_of(fleet: Fleet, build: Build, recordings: Sequence[Recorded], store: 
         mine = [r for r in recordings if r.build == build.name and not r.trouble]
         identified = identify_common(fleet, build, mine, path)
     generic = open_baseline(path).nominal.error_model is not None
-    return Model(build, making_of(fleet, build, path), generic, identified)
+    return BuildModel(build, condensing_settings(fleet, build, path), generic, identified)
 
 
-def making_of(fleet: Fleet, build: Build, nominal: Path) -> Making:
+def condensing_settings(fleet: Fleet, build: Build, nominal: Path) -> CondensingSettings:
     """How recordings of a build are condensed."""
     fingerprint = sha256_of(nominal)
     recorder = os.path.abspath(build.recorder) if build.recorder else ""
     digest = sha256_of(recorder) if recorder else ""
     linearise = str(fleet.judge["linearise"])
     accepted = fleet.accept_mismatch
-    return Making(os.path.abspath(nominal), fingerprint, recorder, digest, fleet.plan, linearise, accepted)
+    return CondensingSettings(os.path.abspath(nominal), fingerprint, recorder, digest, fleet.plan, linearise, accepted)
 
 
 ABANDONED_S = 3600.0
@@ -262,24 +262,24 @@ ABANDONED_S = 3600.0
 
 
 @dataclass(frozen=True)
-class Standing:
+class StoreStatus:
     """How far a store holds a fleet. known: of each recording the key under which it is kept, "" where it is not;
     models: of each build whether its model is there; others: keys of recordings that are not this fleet's, or condensed
     otherwise; bytes: of the whole store."""
 
-    known: tuple[tuple[Recorded, str], ...]
+    recordings: tuple[tuple[FleetRecording, str], ...]
     models: dict[str, bool]
     others: tuple[str, ...]
     bytes: int
 
 
-def standing(fleet: Fleet, recordings: Sequence[Recorded], store: Store) -> Standing:
+def store_status(fleet: Fleet, recordings: Sequence[FleetRecording], store: FleetStore) -> StoreStatus:
     """Raises DataError when there is no store."""
-    _need(store)
+    _require_store(store)
     makings = {}
     for build in fleet.builds:
         path = nominal_path(fleet, build, store)
-        makings[build.name] = making_of(fleet, build, path) if path.exists() else None
+        makings[build.name] = condensing_settings(fleet, build, path) if path.exists() else None
     there = set(store.keys())
     known = []
     for recorded in recordings:
@@ -287,13 +287,17 @@ def standing(fleet: Fleet, recordings: Sequence[Recorded], store: Store) -> Stan
         key = making.key(sha256_of(recorded.path)) if making is not None and not recorded.trouble else ""
         known.append((recorded, key if key in there else ""))
     others = sorted(there - {key for _, key in known})
-    return Standing(tuple(known), {n: m is not None for n, m in makings.items()}, tuple(others), _size(store.folder))
+    return StoreStatus(
+        tuple(known), {n: m is not None for n, m in makings.items()}, tuple(others), _folder_size(store.folder)
+    )
 
 
-def prune(fleet: Fleet, recordings: Sequence[Recorded], store: Store, *, only_tell: bool = False) -> list[Path]:
+def prune_store(
+    fleet: Fleet, recordings: Sequence[FleetRecording], store: FleetStore, *, only_tell: bool = False
+) -> list[Path]:
     """Remove what is not this fleet's, and what killed runs have left half-written; the files, removed or, with
     `only_tell`, to be removed. Raises DataError when there is no store, OSError."""
-    found = standing(fleet, recordings, store)
+    found = store_status(fleet, recordings, store)
     files = [store.path(key) for key in found.others]
     mine = {nominal_path(fleet, build, store) for build in fleet.builds}
     files += [path for path in sorted((store.folder / NOMINALS).glob("*.yaml")) if path not in mine]
@@ -304,20 +308,20 @@ def prune(fleet: Fleet, recordings: Sequence[Recorded], store: Store, *, only_te
 
 
 @dataclass(frozen=True)
-class Merged:
+class MergeCounts:
     """copied: recordings that the store did not have; there: that it had; damaged: files left out; models: nominal
     files copied; other_models: keys of models that differ in the two stores."""
 
     copied: int
-    there: int
+    present: int
     damaged: tuple[str, ...]
     models: int
     other_models: tuple[str, ...]
 
 
-def merge(into: Store, other: Store) -> Merged:
+def merge_stores(into: FleetStore, other: FleetStore) -> MergeCounts:
     """Put into a store what another one has and it has not. Raises DataError when there is no other store, OSError."""
-    _need(other)
+    _require_store(other)
     copied, there, damaged = 0, 0, []
     for key in other.keys():
         if into.path(key).exists():
@@ -325,34 +329,34 @@ def merge(into: Store, other: Store) -> Merged:
         elif other.find(key) is None:
             damaged.append(key)
         else:
-            _copy(other.path(key), into.path(key))
+            _copy_file(other.path(key), into.path(key))
             copied += 1
     models, differ = 0, []
     for path in sorted((other.folder / NOMINALS).glob("*.yaml")):
         mine = into.nominal(path.stem)
         if not mine.exists():
-            _copy(path, mine)
+            _copy_file(path, mine)
             models += 1
         elif sha256_of(mine) != sha256_of(path):
             differ.append(path.stem)
-    return Merged(copied, there, tuple(damaged), models, tuple(differ))
+    return MergeCounts(copied, there, tuple(damaged), models, tuple(differ))
 
 
-def _copy(source: Path, target: Path) -> None:
+def _copy_file(source: Path, target: Path) -> None:
     target.parent.mkdir(parents=True, exist_ok=True)
     with open(source, "rb") as given, binary_output(target) as stream:
         shutil.copyfileobj(given, stream)
 
 
-def _need(store: Store) -> None:
+def _require_store(store: FleetStore) -> None:
     if not any((store.folder / name).is_dir() for name in (RECORDINGS, NOMINALS)):
         raise DataError(f"{store.folder}: there is no store of a fleet; `enginediag fleet … --store` makes one")
 
 
-def _size(folder: Path) -> int:
-    return sum(path.stat().st_size for path in _files(folder))
+def _folder_size(folder: Path) -> int:
+    return sum(path.stat().st_size for path in _folder_files(folder))
 
 
-def _files(folder: Path) -> Iterator[Path]:
+def _folder_files(folder: Path) -> Iterator[Path]:
     for where, _, names in os.walk(folder):
         yield from (Path(where) / name for name in names)

@@ -44,7 +44,7 @@ import numpy as np
 from enginediag_cli.detection.e_values import listed
 from enginediag_cli.detection.series import Series, series_of
 from enginediag_cli.errors import DataError, EngineDiagError, NoVerdictError
-from enginediag_cli.fleets.engine_judgement import judged_engine
+from enginediag_cli.fleets.engine_judgement import judge_engine
 from enginediag_cli.fleets.findings import (
     CHANGED,
     NO_VERDICT,
@@ -52,17 +52,24 @@ from enginediag_cli.fleets.findings import (
     Discoveries,
     EngineFinding,
     EngineHistory,
-    Estimate,
-    Event,
+    FinalReadings,
     FleetFinding,
     FleetSettings,
-    State,
+    IntervalEstimate,
+    MaintenanceEvent,
 )
-from enginediag_cli.fleets.fleet_file import Baseline, Fleet, Recorded, natural
-from enginediag_cli.fleets.margin import MarginScale, margin_scale, with_forecasts, with_taken_off
-from enginediag_cli.fleets.models import Model, model_of
+from enginediag_cli.fleets.fleet_file import Fleet, FleetBaseline, FleetRecording, natural_order
+from enginediag_cli.fleets.margin import MarginScale, add_forecasts, learn_removal_limit, margin_scale
+from enginediag_cli.fleets.models import BuildModel, build_model
 from enginediag_cli.fleets.runners import Runner
-from enginediag_cli.fleets.store import CondensedReader, CondenseTask, Outcome, Store, condense, whole_monitor
+from enginediag_cli.fleets.store import (
+    CondensedReader,
+    CondenseOutcome,
+    CondenseTask,
+    FleetStore,
+    condense,
+    whole_monitor,
+)
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.isolation.timeline import GENERIC
 from enginediag_cli.parameters import Parameter, meanings
@@ -100,22 +107,24 @@ def common_changes(
 ) -> tuple[CommonChange, ...]:
     """What engines have in common, of each parameter, those that are alike first, surest first; known: what the
     parameters are."""
-    by_kind: dict[tuple[tuple[str, ...], int], list[State]] = {}
+    by_kind: dict[tuple[tuple[str, ...], int], list[FinalReadings]] = {}
     for finding in findings:
         if finding.state is not None:
             state = finding.state
-            by_kind.setdefault((state.parameters, len(state.off)), []).append(state)
+            by_kind.setdefault((state.parameters, len(state.deviation)), []).append(state)
     told: list[tuple[float, CommonChange]] = []
     for (names, _), states in by_kind.items():
         if len(states) >= FEWEST_ENGINES:
-            told += _of_a_kind(states, tuple(meanings(known or {}, names).values()))
+            told += _common_to_states(states, tuple(meanings(known or {}, names).values()))
     return tuple(change for _, change in sorted(told, key=lambda pair: (not pair[1].common, pair[0])))
 
 
-def _of_a_kind(states: Sequence[State], described: Sequence[Parameter]) -> list[tuple[float, CommonChange]]:
+def _common_to_states(
+    states: Sequence[FinalReadings], described: Sequence[Parameter]
+) -> list[tuple[float, CommonChange]]:
     from scipy.special import ndtr
 
-    off, S = np.stack([s.off for s in states]), np.stack([s.covariance for s in states])
+    off, S = np.stack([s.deviation for s in states]), np.stack([s.covariance for s in states])
     effect, unit, n = np.mean([s.effect for s in states], axis=0), states[0].unit, len(states)
     mean = off.mean(axis=0)
     wrong = np.diag((GENERIC * mean) ** 2)
@@ -138,7 +147,7 @@ def _of_a_kind(states: Sequence[State], described: Sequence[Parameter]) -> list[
         told[component] = off @ G.T, np.einsum("pm,nmk,pk->np", G, S, G), np.diag(C)
     total = np.logaddexp.reduce(list(log.values()))
     chance = {c: float(np.exp(x - total)) for c, x in log.items()}
-    named = _class(chance)
+    named = _credible_components(chance)
     found = []
     for component, at in groups.items():
         x, v, left = told[component]
@@ -157,20 +166,20 @@ def _of_a_kind(states: Sequence[State], described: Sequence[Parameter]) -> list[
                         component,
                         p.words or p.name,
                         p.shown_unit,
-                        Estimate(value, value - half, value + half),
+                        IntervalEstimate(value, value - half, value + half),
                         float(unit[i] * spread),
                         n,
                         alike,
                         chance[component],
                         common,
-                        _reading(average, p, len(named)) if common else "",
+                        _interpretation(average, p, len(named)) if common else "",
                     ),
                 )
             )
     return found
 
 
-def _class(chance: Mapping[str, float]) -> tuple[str, ...]:
+def _credible_components(chance: Mapping[str, float]) -> tuple[str, ...]:
     """Components, likeliest first, that hold CLASS of the probability; none where nothing in common is among them."""
     told: list[str] = []
     for component in sorted(chance, key=lambda c: -chance[c]):
@@ -180,7 +189,7 @@ def _class(chance: Mapping[str, float]) -> tuple[str, ...]:
     return () if "" in told else tuple(told)
 
 
-def _reading(mean: float, parameter: Parameter, among: int) -> str:
+def _interpretation(mean: float, parameter: Parameter, among: int) -> str:
     """What a common change may be."""
     if parameter.of_instrument:
         what = "an error of the recorder or of this kind of instrument, or physics that the model lacks"
@@ -191,14 +200,14 @@ def _reading(mean: float, parameter: Parameter, among: int) -> str:
     return f"{what}{'; it, or another of those told beside it' if among > 1 else ''}: see locate and explain"
 
 
-def judged_fleet(
+def judge_fleet(
     findings: Sequence[EngineFinding], settings: FleetSettings, known: Mapping[str, Parameter] | None = None
 ) -> FleetFinding:
     """The fleet of these engines. known: what the parameters are, as a series knows them."""
     judged = [f for f in findings if f.verdict != NO_VERDICT or np.isfinite(f.log10_e)]
     chosen = listed(np.array([f.log10_e for f in judged]) * np.log(10), settings.false_discovery)
     found = {f.serial for f, of_them in zip(judged, chosen.tolist(), strict=True) if of_them}
-    told = with_forecasts([_listed(f) if f.serial in found else f for f in findings], settings)
+    told = add_forecasts([_mark_discovery(f) if f.serial in found else f for f in findings], settings)
     ranked = sorted(told, key=lambda f: -np.nan_to_num(f.severity.value, nan=-np.inf))
     names = [f.serial for f in sorted(judged, key=lambda f: -f.log10_e) if f.serial in found]
     return FleetFinding(
@@ -209,7 +218,7 @@ def judged_fleet(
     )
 
 
-def _listed(finding: EngineFinding) -> EngineFinding:
+def _mark_discovery(finding: EngineFinding) -> EngineFinding:
     """A finding on the list, which is a change whatever its own false-alarm probability says."""
     if finding.verdict == CHANGED:
         return replace(finding, discovery=True)
@@ -275,7 +284,7 @@ def tree_sum(values: list[Sum]) -> Sum | None:
 
 
 @dataclass(frozen=True)
-class Piece:
+class RecordingParts:
     """Parts of one condensed recording that are of one engine: its file, its parts, and how the recording is called."""
 
     file: str
@@ -289,31 +298,31 @@ class EngineTask:
 
     serial: str
     build: str
-    pieces: tuple[Piece, ...]
+    pieces: tuple[RecordingParts, ...]
     nominal: str
     fingerprint: str
     whole: bool
-    baseline: Baseline
-    events: tuple[Event, ...]
+    baseline: FleetBaseline
+    events: tuple[MaintenanceEvent, ...]
     settings: FleetSettings
 
 
 @dataclass(frozen=True)
-class Judged:
+class EngineOutcome:
     """What was found, the sum of the engine's statistics, and how many records lie where training has not been."""
 
     finding: EngineFinding
     total: LocalStatistics | None
-    elsewhere: Counter[Elsewhere] = field(default_factory=Counter)
+    outside_training: Counter[Elsewhere] = field(default_factory=Counter)
 
 
 @dataclass
-class _Stored:
+class _StoredWindows:
     """Windows of an engine as `series_of` reads them."""
 
     task: EngineTask
     monitor: Monitor
-    elsewhere: Counter[Elsewhere] = field(default_factory=Counter)
+    outside_training: Counter[Elsewhere] = field(default_factory=Counter)
     reasons: Counter[str] = field(default_factory=Counter)
 
     @property
@@ -325,43 +334,43 @@ class _Stored:
             with CondensedReader(piece.file) as reader:
                 for part in piece.parts:
                     for window in reader.windows(part, piece.name, self.task.serial, self.monitor.meaning):
-                        self.elsewhere.update(window.elsewhere)
+                        self.outside_training.update(window.elsewhere)
                         self.reasons.update([window.reason] if window.statistics is None else [])
                         yield window, self.monitor.meaning
 
 
-def judge(task: EngineTask) -> Judged:
+def judge_task(task: EngineTask) -> EngineOutcome:
     """What the history of an engine says; the same wherever it runs. What cannot be judged is a finding without a
     verdict, no error."""
     try:
-        return _judged(task)
+        return _judge_windows(task)
     except EngineDiagError as error:
-        return Judged(EngineFinding(task.serial, task.build, 0, 0, NO_VERDICT, str(error)), None)
+        return EngineOutcome(EngineFinding(task.serial, task.build, 0, 0, NO_VERDICT, str(error)), None)
 
 
-def _judged(task: EngineTask) -> Judged:
+def _judge_windows(task: EngineTask) -> EngineOutcome:
     monitor = whole_monitor(task.nominal, task.fingerprint)
-    stored = _Stored(task, monitor)
+    stored = _StoredWindows(task, monitor)
     series = series_of(stored, "covariance")
     stretches, instruments = series.stretches.get(task.serial, []), series.instruments.get(task.serial, ())
     if not stretches:
-        nothing = replace(_nothing(task, stored, series), instruments=instruments)
-        return Judged(nothing, None, stored.elsewhere)
-    baseline = task.baseline.stretches([x.window.records for x in stretches])
+        nothing = replace(_no_statistics(task, stored, series), instruments=instruments)
+        return EngineOutcome(nothing, None, stored.outside_training)
+    baseline = task.baseline.count_stretches([x.window.records for x in stretches])
     history = EngineHistory(task.serial, task.build, stretches, baseline, task.events)
-    finding = judged_engine(history, series, task.settings, _scale(task.nominal, task.fingerprint))
+    finding = judge_engine(history, series, task.settings, _margin_scale(task.nominal, task.fingerprint))
     finding = replace(finding, instruments=instruments)
-    return Judged(finding, tree_sum([x.statistics for x in stretches]), stored.elsewhere)
+    return EngineOutcome(finding, tree_sum([x.statistics for x in stretches]), stored.outside_training)
 
 
 @lru_cache(maxsize=4)
-def _scale(nominal: str, fingerprint: str) -> MarginScale:
+def _margin_scale(nominal: str, fingerprint: str) -> MarginScale:
     """Of the margin of all engines of a nominal file, which takes longer than an engine."""
     monitor = whole_monitor(nominal, fingerprint)
     return margin_scale(Series({}, monitor.meaning, 0, monitor=monitor))
 
 
-def _nothing(task: EngineTask, stored: _Stored, series: Series) -> EngineFinding:
+def _no_statistics(task: EngineTask, stored: _StoredWindows, series: Series) -> EngineFinding:
     most = stored.reasons.most_common(1)
     reason = f"no window has statistics: {most[0][0]}" if most else "no record"
     return replace(EngineFinding(task.serial, task.build, 0, 0, NO_VERDICT, reason), flights=series.lost)
@@ -388,13 +397,13 @@ class FleetRun:
     deviation, None where that is not known."""
 
     fleet: Fleet
-    models: Mapping[str, Model]
-    recordings: Sequence[tuple[Recorded, Outcome]]
+    models: Mapping[str, BuildModel]
+    recordings: Sequence[tuple[FleetRecording, CondenseOutcome]]
     finding: FleetFinding
     left_out: Sequence[tuple[str, str]] = ()
     sums: Mapping[str, LocalStatistics] = field(default_factory=dict)
-    unknown: Sequence[str] = ()
-    elsewhere: Counter[Elsewhere] = field(default_factory=Counter)
+    unknown_engines: Sequence[str] = ()
+    outside_training: Counter[Elsewhere] = field(default_factory=Counter)
     consumed_limit_K: tuple[float, float] | None = None
 
     @property
@@ -409,18 +418,18 @@ class FleetRun:
 
 
 def condense_all(
-    recordings: Sequence[Recorded], models: Mapping[str, Model], store: Store, runner: Runner
-) -> list[Outcome]:
+    recordings: Sequence[FleetRecording], models: Mapping[str, BuildModel], store: FleetStore, runner: Runner
+) -> list[CondenseOutcome]:
     """What became of each recording. Raises OSError when the store cannot be written."""
     tasks = list(_batches([r for r in recordings if not r.trouble], models, store))
-    found = {r.path: Outcome(r.path, trouble=r.trouble) for r in recordings if r.trouble}
+    found = {r.path: CondenseOutcome(r.path, trouble=r.trouble) for r in recordings if r.trouble}
     for _, outcomes in each(runner.run(condense, tasks), "batches of recordings condensed", len(tasks)):
         found |= {outcome.path: outcome for outcome in outcomes}
     _check_there(store, found.values())
     return [found[r.path] for r in recordings]
 
 
-def _check_there(store: Store, outcomes: Iterable[Outcome]) -> None:
+def _check_there(store: FleetStore, outcomes: Iterable[CondenseOutcome]) -> None:
     """Raises DataError when what workers have written is not seen here."""
     until = time.monotonic() + SEEN_S
     for outcome in outcomes:
@@ -437,26 +446,31 @@ def _read_bytes(path: str) -> int:
     return size * (PACKED if path.endswith((".gz", ".parquet")) else 1)
 
 
-def _batches(recordings: Sequence[Recorded], models: Mapping[str, Model], store: Store) -> Iterator[CondenseTask]:
+def _batches(
+    recordings: Sequence[FleetRecording], models: Mapping[str, BuildModel], store: FleetStore
+) -> Iterator[CondenseTask]:
     waiting: list[str] = []
     size, build = 0, ""
     for recorded in recordings:
         more = _read_bytes(recorded.path)
         if waiting and (recorded.build != build or size + more > BATCH_BYTES or len(waiting) >= BATCH_FILES):
-            yield CondenseTask(tuple(waiting), models[build].making, str(store.folder))
+            yield CondenseTask(tuple(waiting), models[build].settings, str(store.folder))
             waiting, size = [], 0
         waiting.append(recorded.path)
         size, build = size + more, recorded.build
     if waiting:
-        yield CondenseTask(tuple(waiting), models[build].making, str(store.folder))
+        yield CondenseTask(tuple(waiting), models[build].settings, str(store.folder))
 
 
 def engine_tasks(
-    fleet: Fleet, recordings: Sequence[tuple[Recorded, Outcome]], models: Mapping[str, Model], store: Store
+    fleet: Fleet,
+    recordings: Sequence[tuple[FleetRecording, CondenseOutcome]],
+    models: Mapping[str, BuildModel],
+    store: FleetStore,
 ) -> tuple[list[EngineTask], list[tuple[str, str]]]:
     """The engines in order of their serial numbers, each with its pieces in order of the recordings, and which
     recordings are left out and why."""
-    pieces: dict[tuple[str, str], list[Piece]] = {}
+    pieces: dict[tuple[str, str], list[RecordingParts]] = {}
     left_out: list[tuple[str, str]] = []
     seen: dict[tuple[str, str], str] = {}
     for recorded, outcome in recordings:
@@ -481,7 +495,7 @@ def engine_tasks(
             left_out.append((recorded.name, told))
         for serial, numbers in parts.items():
             if serial:
-                piece = Piece(str(store.path(condensed.key)), tuple(numbers), recorded.name)
+                piece = RecordingParts(str(store.path(condensed.key)), tuple(numbers), recorded.name)
                 pieces.setdefault((recorded.build, serial), []).append(piece)
     settings = FleetSettings(
         false_alarm=fleet.judge["false_alarm"],
@@ -492,7 +506,7 @@ def engine_tasks(
         thorough=fleet.judge["thorough"],
     )
     tasks = []
-    for build, serial in sorted(pieces, key=lambda k: (natural(k[1]), k[0])):
+    for build, serial in sorted(pieces, key=lambda k: (natural_order(k[1]), k[0])):
         model = models[build]
         events = tuple(e for e in fleet.events if e.engine == serial)
         tasks.append(
@@ -500,9 +514,9 @@ def engine_tasks(
                 serial,
                 build,
                 tuple(pieces[build, serial]),
-                model.making.nominal,
-                model.making.fingerprint,
-                fleet.whole,
+                model.settings.nominal,
+                model.settings.fingerprint,
+                fleet.whole_flights,
                 fleet.baseline,
                 events,
                 replace(settings, generic=model.generic),
@@ -511,31 +525,31 @@ def engine_tasks(
     return tasks, left_out
 
 
-def run_fleet(fleet: Fleet, recordings: Sequence[Recorded], store: Store, runner: Runner) -> FleetRun:
+def run_fleet(fleet: Fleet, recordings: Sequence[FleetRecording], store: FleetStore, runner: Runner) -> FleetRun:
     """Everything. Raises ConfigError, DataError, OSError, and NoVerdictError where there is no engine to judge."""
     builds = [b for b in fleet.builds if any(r.build == b.name and not r.trouble for r in recordings)]
     if not builds:
         raise NoVerdictError(f"{fleet.path}: no recording can be read: {recordings[0].name}: {recordings[0].trouble}")
-    models = {build.name: model_of(fleet, build, recordings, store) for build in builds}
+    models = {build.name: build_model(fleet, build, recordings, store) for build in builds}
     for model in models.values():  # what is wrong with a nominal file is told before work begins
-        whole_monitor(model.making.nominal, model.making.fingerprint)
+        whole_monitor(model.settings.nominal, model.settings.fingerprint)
     outcomes = list(zip(recordings, condense_all(recordings, models, store, runner), strict=True))
     tasks, left_out = engine_tasks(fleet, outcomes, models, store)
     if not tasks:
         why = f": {left_out[0][0]}: {left_out[0][1]}" if left_out else ""
         raise NoVerdictError(f"{fleet.path}: no engine to judge{why}")
     findings, sums, elsewhere = _judge_all(tasks, runner)
-    settings = with_taken_off(tasks[0].settings, findings, fleet.judge["taken_off"], f"{fleet.path}: taken_off")
+    settings = learn_removal_limit(tasks[0].settings, findings, fleet.judge["taken_off"], f"{fleet.path}: taken_off")
     serials = {task.serial for task in tasks}
     known = whole_monitor(tasks[0].nominal, tasks[0].fingerprint).meaning
     return FleetRun(
         fleet,
         models,
         outcomes,
-        judged_fleet(findings, settings, known),
+        judge_fleet(findings, settings, known),
         left_out,
         sums,
-        sorted({e.engine for e in fleet.events} - serials, key=natural),
+        sorted({e.engine for e in fleet.events} - serials, key=natural_order),
         elsewhere,
         settings.consumed_limit_K,
     )
@@ -548,17 +562,17 @@ def _judge_all(
     did not cover."""
     found: dict[int, EngineFinding] = {}
     elsewhere: Counter[Elsewhere] = Counter()
-    place = {number: k for mine in _by_build(tasks).values() for k, number in enumerate(mine)}
-    trees = {build: TreeSum[LocalStatistics](len(mine)) for build, mine in _by_build(tasks).items()}
-    for number, judged in each(runner.run(judge, tasks), "engines judged", len(tasks)):
+    place = {number: k for mine in _numbers_by_build(tasks).values() for k, number in enumerate(mine)}
+    trees = {build: TreeSum[LocalStatistics](len(mine)) for build, mine in _numbers_by_build(tasks).items()}
+    for number, judged in each(runner.run(judge_task, tasks), "engines judged", len(tasks)):
         found[number] = judged.finding
         trees[tasks[number].build].add(place[number], judged.total)
-        elsewhere.update(judged.elsewhere)
+        elsewhere.update(judged.outside_training)
     sums = {build: tree.total for build, tree in trees.items() if tree.total is not None}
     return [found[k] for k in range(len(tasks))], sums, Counter(dict(sorted(elsewhere.items())))
 
 
-def _by_build(tasks: Sequence[EngineTask]) -> dict[str, list[int]]:
+def _numbers_by_build(tasks: Sequence[EngineTask]) -> dict[str, list[int]]:
     """Numbers of the tasks of each build."""
     numbers: dict[str, list[int]] = {}
     for number, task in enumerate(tasks):

@@ -50,7 +50,7 @@ class Runner(Protocol):
         """Let the workers go."""
 
 
-class Serial:
+class SerialRunner:
     """One worker: this process."""
 
     workers = 1
@@ -65,13 +65,13 @@ class Serial:
 
 
 @contextmanager
-def runner_for(jobs: int, scheduler: str = "") -> Iterator[Runner]:
+def open_runner(jobs: int, scheduler: str = "") -> Iterator[Runner]:
     """This process for one job, so many processes, or the cluster of a Dask scheduler. Raises DataError."""
     runner: Runner
     if scheduler:
-        runner = OnDask(scheduler)
+        runner = DaskRunner(scheduler)
     elif jobs == 1:
-        runner = Serial()
+        runner = SerialRunner()
     else:
         runner = ProcessPool(jobs, ADVICE)
     try:
@@ -89,7 +89,7 @@ KEPT = "what was condensed is kept with --store"
 HINT = "pip install 'enginediag[fleet]'"
 
 
-class OnDask:
+class DaskRunner:
     """The workers of the cluster whose scheduler is at `address`."""
 
     def __init__(self, address: str):
@@ -99,7 +99,7 @@ class OnDask:
         except ImportError:
             raise DataError(f"--scheduler needs Dask, which is not installed: {HINT}, or work with --jobs") from None
         try:
-            self._client: Any = _within(partial(Client, address, timeout=CONNECT_S, set_as_default=False))
+            self._client: Any = _connect_in_time(partial(Client, address, timeout=CONNECT_S, set_as_default=False))
         except (OSError, ValueError, TimeoutError, asyncio.TimeoutError) as error:
             raise DataError(f"--scheduler {address}: no Dask scheduler answers there ({error})") from None
 
@@ -113,7 +113,7 @@ class OnDask:
     def _check_versions(self, address: str) -> None:
         """DataError unless every worker has this version of the program."""
         try:
-            found = self._client.run(version)
+            found = self._client.run(worker_version)
         except ModuleNotFoundError:
             found = {"its workers": "none"}
         for worker, other in found.items():
@@ -169,7 +169,7 @@ class OnDask:
         self._client.close()
 
 
-def _within(connect: Callable[[], Any]) -> Any:
+def _connect_in_time(connect: Callable[[], Any]) -> Any:
     """What `connect` gives. TimeoutError where something listens that never answers, for which Dask waits on and on."""
     found: Future[Any] = Future()
 
@@ -188,7 +188,7 @@ def _within(connect: Callable[[], Any]) -> Any:
         raise TimeoutError("what listens there does not answer as a scheduler does") from None
 
 
-def version() -> str:
+def worker_version() -> str:
     """Of the program, where this is called."""
     return __version__
 

@@ -64,7 +64,7 @@ DOUBTS = 3
 
 
 @dataclass(frozen=True)
-class Part:
+class CondensedPart:
     """What the index says of a part: its engine as the recording names it, windows, those with statistics, records."""
 
     engine: str
@@ -80,7 +80,7 @@ class Condensed:
 
     key: str
     sha256: str
-    parts: tuple[Part, ...]
+    parts: tuple[CondensedPart, ...]
     counts: Mapping[str, int] = field(default_factory=dict)
     left_out: tuple[LeftOut, ...] = ()
 
@@ -90,9 +90,9 @@ class CondensedWriter:
 
     def __init__(self, stream: BinaryIO):
         self._zip = zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED, allowZip64=True)
-        self._parts: list[Part] = []
+        self._parts: list[CondensedPart] = []
 
-    def add(self, engine: str, windows: Sequence[WindowStatistics]) -> Part:
+    def add(self, engine: str, windows: Sequence[WindowStatistics]) -> CondensedPart:
         """Write windows of one engine, all of the same parameters."""
         first = next((w for w in windows if w.statistics is not None), None)
         texts: dict[str, Any] = {"flights": [w.flight for w in windows]}
@@ -111,7 +111,7 @@ class CondensedWriter:
         texts["instruments"] = {
             str(k): [asdict(fault) for fault in w.instruments] for k, w in enumerate(windows) if w.instruments
         }
-        part = Part(
+        part = CondensedPart(
             engine,
             len(windows),
             sum(w.statistics is not None for w in windows),
@@ -126,7 +126,7 @@ class CondensedWriter:
     def close(self, whole: Condensed) -> None:
         """Write the index: what there is to say of the whole recording, and its parts."""
         told: dict[str, Any] = {"format": FORMAT, "key": whole.key, "sha256": whole.sha256, "counts": whole.counts}
-        told["left_out"] = [_as_mapping(left) for left in whole.left_out]
+        told["left_out"] = [_excluded_to_mapping(left) for left in whole.left_out]
         self._member(INDEX, _json({**told, "parts": [asdict(part) for part in self._parts]}))
         self._zip.close()
 
@@ -147,8 +147,8 @@ class CondensedReader:
         try:
             self._zip = zipfile.ZipFile(path)
             x = json.loads(self._zip.read(INDEX))
-            parts = tuple(Part(**part) for part in x["parts"])
-            left_out = tuple(map(_left_out, x["left_out"]))
+            parts = tuple(CondensedPart(**part) for part in x["parts"])
+            left_out = tuple(map(_excluded_from_mapping, x["left_out"]))
             self.condensed = Condensed(x["key"], x["sha256"], parts, x["counts"], left_out)
         except (OSError, zipfile.BadZipFile, KeyError, ValueError, TypeError) as error:
             raise DataError(f"{path}: not a whole condensed recording ({error})") from None
@@ -175,12 +175,12 @@ class CondensedReader:
             yield _window(texts, k, row, (both[0][k], both[1][k]), (source, engine), meaning)
 
 
-def _as_mapping(left: LeftOut) -> dict[str, Any]:
+def _excluded_to_mapping(left: LeftOut) -> dict[str, Any]:
     """What was left out without the name of its file, which may change."""
     return {**asdict(left), "file": ""}
 
 
-def _left_out(told: Mapping[str, Any]) -> LeftOut:
+def _excluded_from_mapping(told: Mapping[str, Any]) -> LeftOut:
     gate = None if told["gate"] is None else GateReport(**told["gate"])
     reading = ReadingCounts(**told.get("reading", {}))
     absent, gross = tuple(Absent(**a) for a in told["absent"]), GrossCounts(**told.get("gross", {}))
@@ -291,7 +291,7 @@ def _npy(rows: np.ndarray) -> bytes:
 RECORDINGS, NOMINALS = "recordings", "nominals"
 
 
-class Store:
+class FleetStore:
     """The store in `folder`, which is made when something is written."""
 
     def __init__(self, folder: str | Path):
@@ -339,17 +339,17 @@ class Store:
 
 
 @contextmanager
-def opened_store(folder: str | Path | None) -> Iterator[Store]:
+def opened_store(folder: str | Path | None) -> Iterator[FleetStore]:
     """The store in a folder; with None one that is removed in the end."""
     if folder is not None:
-        yield Store(os.path.abspath(folder))
+        yield FleetStore(os.path.abspath(folder))
         return
     with TemporaryDirectory(prefix="enginediag-fleet-") as temporary:
-        yield Store(temporary)
+        yield FleetStore(temporary)
 
 
 @dataclass(frozen=True)
-class Making:
+class CondensingSettings:
     """nominal: path of its file, and `fingerprint` of what is in it; recorder: path of its file, "" for none, and the
     SHA-256 of that; plan and linearise: as of `residuals.files.Judging`; accept_mismatch: as of `Source`."""
 
@@ -380,12 +380,12 @@ class CondenseTask:
     """Recordings of one making that are condensed together; store: folder in which they are kept."""
 
     paths: tuple[str, ...]
-    making: Making
+    making: CondensingSettings
     store: str
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CondenseOutcome:
     """Of one recording: what became of it, or why nothing did. fresh: it was condensed now, not found."""
 
     path: str
@@ -394,53 +394,58 @@ class Outcome:
     trouble: str = ""
 
 
-def condense(task: CondenseTask) -> tuple[Outcome, ...]:
+def condense(task: CondenseTask) -> tuple[CondenseOutcome, ...]:
     """Condense the recordings of a task that the store does not hold; the same wherever it runs. A recording that
     cannot be read is an outcome, no error, and costs the others nothing."""
-    store = Store(task.store)
-    found: dict[str, Outcome] = {}
+    store = FleetStore(task.store)
+    found: dict[str, CondenseOutcome] = {}
     todo: dict[str, str] = {}
     again: dict[str, str] = {}
     for path in task.paths:
         try:
             sha256 = sha256_of(path)
         except OSError as error:
-            found[path] = Outcome(path, trouble=f"cannot be read: {(error.strerror or str(error)).lower()}")
+            found[path] = CondenseOutcome(path, trouble=f"cannot be read: {(error.strerror or str(error)).lower()}")
             continue
         known = store.find(task.making.key(sha256))
         if known is not None:
-            found[path] = Outcome(path, known)
+            found[path] = CondenseOutcome(path, known)
         elif sha256 in todo:  # the same bytes under another name
             again[path] = todo[sha256]
         else:
             todo[sha256] = path
-    found |= _condensed(task.making, store, {path: sha256 for sha256, path in todo.items()})
+    found |= _condense_missing(task.making, store, {path: sha256 for sha256, path in todo.items()})
     found |= {path: replace(found[first], path=path, fresh=False) for path, first in again.items()}
     return tuple(found[path] for path in task.paths)
 
 
-def _condensed(making: Making, store: Store, todo: dict[str, str]) -> dict[str, Outcome]:
+def _condense_missing(
+    making: CondensingSettings, store: FleetStore, todo: dict[str, str]
+) -> dict[str, CondenseOutcome]:
     """Together, since a call of the engine costs more than a short recording; one by one where one of them is bad."""
     if not todo:
         return {}
     try:
-        return _together(making, store, todo)
+        return _condense_together(making, store, todo)
     except EngineDiagError as error:
         if len(todo) == 1:
             (path,) = todo
-            return {path: Outcome(path, trouble=str(error))}
-    return {p: o for path, sha in todo.items() for p, o in _condensed(making, store, {path: sha}).items()}
+            return {path: CondenseOutcome(path, trouble=str(error))}
+    return {p: o for path, sha in todo.items() for p, o in _condense_missing(making, store, {path: sha}).items()}
 
 
-def _together(making: Making, store: Store, todo: dict[str, str]) -> dict[str, Outcome]:
+def _condense_together(
+    making: CondensingSettings, store: FleetStore, todo: dict[str, str]
+) -> dict[str, CondenseOutcome]:
     monitor = series_monitor(making.nominal, making.fingerprint)
     wanted = columns_of(monitor.engine, monitor.sensors)
     source = Source(tuple(todo), making.recorder or None, accept_mismatch=making.accept_mismatch)
     intake = Intake(source, wanted, fleet=True, agreement=agreement_with(monitor))
-    found: dict[str, Outcome] = {}
+    found: dict[str, CondenseOutcome] = {}
     with ExitStack() as stack:
         keeping = {
-            p: _Kept(p, making.key(s), s, stack.enter_context(store.writing(making.key(s)))) for p, s in todo.items()
+            p: _RecordingWriter(p, making.key(s), s, stack.enter_context(store.writing(making.key(s))))
+            for p, s in todo.items()
         }
         gate = GrossErrorGate(monitor)
         windows = window_statistics(
@@ -457,7 +462,7 @@ def _together(making: Making, store: Store, todo: dict[str, str]) -> dict[str, O
         gate.report(intake.left_out)
         for path, kept in keeping.items():
             left_out = tuple(left for left in intake.left_out if left.file == path)
-            found[path] = Outcome(path, kept.close(left_out), fresh=True)
+            found[path] = CondenseOutcome(path, kept.close(left_out), fresh=True)
     return found
 
 
@@ -484,13 +489,13 @@ def _chunks(intake: Intake) -> Iterator[Recording]:
             yield replace(chunk, source=file.name)
 
 
-class _Kept:
+class _RecordingWriter:
     """The windows of one recording on their way into its file, engine by engine."""
 
     def __init__(self, path: str, key: str, sha256: str, writer: CondensedWriter):
         self._path, self._key, self._sha256, self._writer = path, key, sha256, writer
         self._waiting: dict[str, list[WindowStatistics]] = {}
-        self._parts: list[Part] = []
+        self._parts: list[CondensedPart] = []
         self._counts: Counter[str] = Counter()
 
     def take(self, window: WindowStatistics) -> None:

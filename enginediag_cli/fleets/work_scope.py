@@ -29,11 +29,11 @@ import numpy as np
 from enginediag_cli.engine.components.combustion import Burner
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.start import correction, total_ratios
-from enginediag_cli.isolation.diagnosis import belief_of_components
-from enginediag_cli.isolation.events import Member, Story
-from enginediag_cli.isolation.posterior import Belief
+from enginediag_cli.isolation.diagnosis import infer_components
+from enginediag_cli.isolation.events import EventSuspect, SeriesDiagnosis
+from enginediag_cli.isolation.posterior import SetInference
 from enginediag_cli.isolation.prior import SetPrior
-from enginediag_cli.isolation.results import Class, tempered
+from enginediag_cli.isolation.results import AmbiguityGroup, temper
 from enginediag_cli.isolation.windows import IsolatedWindow
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.monitor import Monitor
@@ -46,13 +46,13 @@ DESIGN, RATING, RECORDED = "design point", "rating at the design condition", "me
 
 
 @dataclass(frozen=True)
-class Reference:
+class PowerReference:
     """Inputs of one operating point, among them the power setting of a healthy engine; held: model column that is the
     same before and after; temperature: hottest recorded turbine temperature, or, with `recorded` false, the model's
     behind the last turbine; fuel: column of the fuel flow; words: which operating point it is."""
 
     inputs: Mapping[str, float]
-    held: str
+    held_column: str
     temperature: str
     fuel: str
     words: str
@@ -61,7 +61,7 @@ class Reference:
     @property
     def columns(self) -> tuple[str, str, str]:
         """Of what is held, of the temperature and of the fuel."""
-        return self.held, self.temperature, self.fuel
+        return self.held_column, self.temperature, self.fuel
 
 
 def plain_engine(model: Any) -> Engine | None:
@@ -73,7 +73,7 @@ def plain_engine(model: Any) -> Engine | None:
     return model
 
 
-def reference_of(engine: Engine, base: Mapping[str, float], recorded: Mapping[str, float]) -> Reference | None:
+def choose_reference(engine: Engine, base: Mapping[str, float], recorded: Mapping[str, float]) -> PowerReference | None:
     """The design point; where that is not known or cannot be computed, the rating in the design point's flight
     condition, or else the mean of what was recorded, column -> value. base: parameters of the healthy engine. None
     where none of these is known or the engine gives neither thrust nor power."""
@@ -88,7 +88,7 @@ def reference_of(engine: Engine, base: Mapping[str, float], recorded: Mapping[st
         answer = engine.predict(inputs, values, sensors=(held, fuel, *hot))
         if answer.ok[0] and answer.y[0, 0] > 0:
             temperature = hot[int(np.argmax(answer.y[0, 2:]))] if hot else behind
-            return Reference(inputs, held, temperature, fuel, words, recorded=bool(hot))
+            return PowerReference(inputs, held, temperature, fuel, words, recorded=bool(hot))
     return None
 
 
@@ -143,7 +143,7 @@ LONGEST = 0.1
 
 
 @dataclass(frozen=True)
-class AtPower:
+class EqualPowerState:
     """Temperature and fuel y (N, 2) of N states of an engine at equal power, their derivatives (N, 2, k) by
     parameters, and the power setting (N,)."""
 
@@ -156,25 +156,25 @@ class PowerNotHeldError(ValueError):
     """The power of the healthy engine is not reached, with the reason."""
 
 
-def at_equal_power(
+def solve_equal_power(
     engine: Engine,
-    reference: Reference,
+    reference: PowerReference,
     base: Mapping[str, float],
     names: Sequence[str],
     changes: np.ndarray,
-) -> AtPower:
+) -> EqualPowerState:
     """The states base + changes (N, k) of the parameters `names` at the power that `base` has at the reference.
 
     Raises PowerNotHeldError.
     """
     values = {n: v for n, v in base.items() if n in engine.parameters}
     nominal = np.array([values.get(n, engine.parameters[n].nominal) for n in names])
-    healthy = engine.predict(reference.inputs, values, sensors=(reference.held,))
+    healthy = engine.predict(reference.inputs, values, sensors=(reference.held_column,))
     if not healthy.ok[0]:
         raise PowerNotHeldError(healthy.reason(0) or "the engine cannot be computed there")
     wanted = float(healthy.y[0, 0])
     if not wanted:
-        raise PowerNotHeldError(f"{reference.held} is 0 there")
+        raise PowerNotHeldError(f"{reference.held_column} is 0 there")
     N, k = changes.shape
     theta = {**values, **{n: nominal[i] + changes[:, i] for i, n in enumerate(names)}}
     setting = np.full(N, float(reference.inputs[engine.power_setting]))
@@ -193,27 +193,27 @@ def at_equal_power(
             with np.errstate(divide="ignore", invalid="ignore"):
                 share = J[:, :1, :k] / by_setting[:, :1, None]
             slopes = J[:, 1:, :k] - by_setting[:, 1:, None] * np.where(np.isfinite(share), share, 0.0)
-            return AtPower(found.y[:, 1:], slopes, setting)
+            return EqualPowerState(found.y[:, 1:], slopes, setting)
         if not np.all(np.abs(by_setting[:, 0] * setting / wanted) > SETTLED):
-            raise PowerNotHeldError(f"{reference.held} does not follow {engine.power_setting} there")
+            raise PowerNotHeldError(f"{reference.held_column} does not follow {engine.power_setting} there")
         step = -left * wanted / by_setting[:, 0]
         setting = setting + np.clip(step, -LONGEST * np.abs(setting), LONGEST * np.abs(setting))
         start = found.x
-    raise PowerNotHeldError(f"{reference.held} of the healthy engine is not reached")
+    raise PowerNotHeldError(f"{reference.held_column} of the healthy engine is not reached")
 
 
 @dataclass(frozen=True)
-class Moments:
+class ChangeMoments:
     """Mean (k,) of the changes of parameters `names`, in their units, and covariance (k, k)."""
 
     names: tuple[str, ...]
     mean: np.ndarray
     covariance: np.ndarray
 
-    def of(self, names: Sequence[str]) -> Moments:
+    def select(self, names: Sequence[str]) -> ChangeMoments:
         """The same of some of them, in their order."""
         at = [self.names.index(n) for n in names]
-        return Moments(tuple(names), self.mean[at], self.covariance[np.ix_(at, at)])
+        return ChangeMoments(tuple(names), self.mean[at], self.covariance[np.ix_(at, at)])
 
 
 @dataclass(frozen=True)
@@ -238,9 +238,9 @@ class Gain:
 
 def gains(
     engine: Engine,
-    reference: Reference,
+    reference: PowerReference,
     base: Mapping[str, float],
-    change: Moments,
+    change: ChangeMoments,
     modules: Mapping[str, Sequence[str]],
 ) -> tuple[Gain, ...]:
     """Gain of restoring each module, name -> its parameters among those of `change`, the largest in temperature first.
@@ -255,7 +255,7 @@ def gains(
         rest = np.array([n not in names for n in change.names], bool)
         kept.append(rest)
         states.append(np.where(rest, change.mean, 0.0))
-    found = at_equal_power(engine, reference, base, change.names, np.array(states))
+    found = solve_equal_power(engine, reference, base, change.names, np.array(states))
     told = []
     for k, (module, names) in enumerate(modules.items(), start=1):
         gain = found.y[0] - found.y[k]
@@ -264,15 +264,15 @@ def gains(
     return tuple(sorted(told, key=lambda g: -abs(g.temperature.value)))
 
 
-def brought(
-    engine: Engine, reference: Reference, base: Mapping[str, float], before: np.ndarray, difference: Moments
+def change_gain(
+    engine: Engine, reference: PowerReference, base: Mapping[str, float], before: np.ndarray, difference: ChangeMoments
 ) -> Gain:
     """What the change `difference` from the level `before` (k,) did lower temperature and fuel by at equal power.
 
     Raises PowerNotHeldError.
     """
     states = np.array([before, before + difference.mean])
-    found = at_equal_power(engine, reference, base, difference.names, states)
+    found = solve_equal_power(engine, reference, base, difference.names, states)
     gain = found.y[0] - found.y[1]
     return _gain("", difference.names, gain, -found.slopes[1], found.y[0], difference.covariance)
 
@@ -296,17 +296,17 @@ class WorkScope:
     """Gains of restoring the modules, the largest first; empty with the `reason` where they cannot be told."""
 
     gains: tuple[Gain, ...] = ()
-    reference: Reference | None = None
+    reference: PowerReference | None = None
     reason: str = ""
 
 
-class Scoping:
+class WorkScopeEstimator:
     """Work scopes of one monitored engine: its reference is found once."""
 
     def __init__(self, monitor: Monitor):
         self._monitor = monitor
         self.engine: Engine | None = plain_engine(monitor.engine)
-        self._reference: Reference | None = None
+        self._reference: PowerReference | None = None
 
     @property
     def base(self) -> Mapping[str, float]:
@@ -314,36 +314,38 @@ class Scoping:
         known = dict(zip(self._monitor.monitored, self._monitor.theta0.tolist(), strict=False))
         return {**self._monitor.base, **known}
 
-    def reference(self, recorded: Mapping[str, float]) -> Reference | None:
+    def reference(self, recorded: Mapping[str, float]) -> PowerReference | None:
         """Where gains are told; recorded: mean of what was recorded, for engines without another."""
         if self.engine is not None and self._reference is None:
-            self._reference = reference_of(self.engine, self.base, recorded)
+            self._reference = choose_reference(self.engine, self.base, recorded)
         return self._reference
 
-    def of_isolated(self, found: IsolatedWindow, prior: SetPrior, largest: int | None = None) -> WorkScope | None:
+    def window_scope(self, found: IsolatedWindow, prior: SetPrior, largest: int | None = None) -> WorkScope | None:
         """Of a window as `isolate` answered it; None where nothing is named that stands, or by a method without a
         posterior. prior, largest: those of the isolation."""
         recorded = found.verdict.window.conditions
         if not found.named:
             return None
         if found.components is not None and found.score is not None:
-            score = tempered(found.score, found.components.adequacy.noise)
-            named = [c for each in _members(found.components.components, found.components.one_of) for c in each]
-            return self.of_window(belief_of_components(score, prior, largest), named, recorded)
-        if found.diagnosis is None or found.diagnosis.belief is None:
+            score = temper(found.score, found.components.adequacy.noise)
+            named = [c for each in _members(found.components.components, found.components.ambiguity) for c in each]
+            return self.inference_scope(infer_components(score, prior, largest), named, recorded)
+        if found.diagnosis is None or found.diagnosis.inference is None:
             return None
         result = found.diagnosis.result
-        named = [n for each in _members(result.isolated, result.one_of) for n in each]
-        return self.of_window(found.diagnosis.belief, named, recorded)
+        named = [n for each in _members(result.isolated, result.ambiguity) for n in each]
+        return self.inference_scope(found.diagnosis.inference, named, recorded)
 
-    def of_window(self, belief: Belief, named: Sequence[str], recorded: Mapping[str, float]) -> WorkScope:
+    def inference_scope(self, belief: SetInference, named: Sequence[str], recorded: Mapping[str, float]) -> WorkScope:
         """Of the answer of one window; named: parameters or components."""
         mean, covariance = belief.moments()
-        change = self._health(belief.score.described, mean, covariance)
+        change = self._health_moments(belief.score.described, mean, covariance)
         chosen = {p.component for p in belief.score.described if {p.name, p.component} & {*named}}
-        return self._told(change, _modules(belief.score.described, change.names, chosen), recorded)
+        return self._scope(change, _modules(belief.score.described, change.names, chosen), recorded)
 
-    def of_story(self, story: Story, known: Mapping[str, Parameter], recorded: Mapping[str, float]) -> WorkScope:
+    def series_scope(
+        self, story: SeriesDiagnosis, known: Mapping[str, Parameter], recorded: Mapping[str, float]
+    ) -> WorkScope:
         """Of what changed during a series; of suspects that cannot be told apart each by itself, beside the likeliest
         of the other events."""
         healthy = [[m for m in event.named if m.expected and not m.instrument] for event in story.events]
@@ -352,17 +354,17 @@ class Scoping:
         for k, members in enumerate(healthy):
             for member in members:
                 beside = [others[0] for j, others in enumerate(healthy) if j != k and others]
-                change = _together([member, *beside], self.engine)
+                change = _independent_moments([member, *beside], self.engine)
                 modules = {member.component: [n for n in change.names if known[n].component == member.component]}
-                scope = self._told(change, modules, recorded)
+                scope = self._scope(change, modules, recorded)
                 if scope.reason:
                     return scope
                 found += [g for g in scope.gains if g.module not in [f.module for f in found]]
         ordered = tuple(sorted(found, key=lambda g: -abs(g.temperature.value)))
         return WorkScope(ordered, scope.reference)
 
-    def brought(
-        self, before: np.ndarray, difference: Moments, recorded: Mapping[str, float]
+    def maintenance_gain(
+        self, before: np.ndarray, difference: ChangeMoments, recorded: Mapping[str, float]
     ) -> tuple[Gain | None, str]:
         """What the change `difference` from the level `before` (k,) did lower temperature and fuel by at equal power;
         or None with the reason. recorded: as of `reference`."""
@@ -370,16 +372,20 @@ class Scoping:
         if self.engine is None or reference is None:
             return None, NOT_KNOWN
         try:
-            return brought(self.engine, reference, self.base, before, difference), ""
+            return change_gain(self.engine, reference, self.base, before, difference), ""
         except PowerNotHeldError as error:
             return None, str(error)
 
-    def _health(self, described: Sequence[Parameter], mean: np.ndarray, covariance: np.ndarray) -> Moments:
+    def _health_moments(
+        self, described: Sequence[Parameter], mean: np.ndarray, covariance: np.ndarray
+    ) -> ChangeMoments:
         known = self.engine.parameters if self.engine is not None else {}
         at = [i for i, p in enumerate(described) if not p.of_instrument and p.name in known]
-        return Moments(tuple(described[i].name for i in at), mean[at], covariance[np.ix_(at, at)])
+        return ChangeMoments(tuple(described[i].name for i in at), mean[at], covariance[np.ix_(at, at)])
 
-    def _told(self, change: Moments, modules: Mapping[str, Sequence[str]], recorded: Mapping[str, float]) -> WorkScope:
+    def _scope(
+        self, change: ChangeMoments, modules: Mapping[str, Sequence[str]], recorded: Mapping[str, float]
+    ) -> WorkScope:
         modules = {name: own for name, own in modules.items() if own}
         if not modules:
             return WorkScope()
@@ -392,7 +398,7 @@ class Scoping:
             return WorkScope(reference=reference, reason=str(error))
 
 
-def _members(answer: tuple[str, ...], one_of: Class | None) -> tuple[tuple[str, ...], ...]:
+def _members(answer: tuple[str, ...], one_of: AmbiguityGroup | None) -> tuple[tuple[str, ...], ...]:
     """The answer, and the members of the class where it is one."""
     return (answer, *one_of.members) if one_of is not None else (answer,)
 
@@ -406,7 +412,7 @@ def _modules(described: Sequence[Parameter], names: Sequence[str], chosen: set[s
     return found
 
 
-def _together(members: Sequence[Member], engine: Engine | None) -> Moments:
+def _independent_moments(members: Sequence[EventSuspect], engine: Engine | None) -> ChangeMoments:
     """All changes of several suspects, each independent of the others."""
     known = engine.parameters if engine is not None else {}
     names = tuple(dict.fromkeys(n for m in members for n in m.parameters if n in known))
@@ -417,4 +423,4 @@ def _together(members: Sequence[Member], engine: Engine | None) -> Moments:
         at = [place[m.parameters[q]] for q in own]
         mean[at] += np.array(m.expected)[own]
         covariance[np.ix_(at, at)] += np.array(m.covariance)[np.ix_(own, own)]
-    return Moments(names, mean, covariance)
+    return ChangeMoments(names, mean, covariance)

@@ -45,14 +45,14 @@ COMPUTED = 0.8
 
 
 @dataclass(frozen=True)
-class Option:
+class RecordingOption:
     """What could be recorded next: `label` and values in words' place, information per record (p_all, p_all) of
     the monitor's parameters, `known`: the operating condition is one that identification has seen."""
 
     label: str
     values: Mapping[str, float]
     information: np.ndarray
-    known: bool = True
+    inside_envelope: bool = True
 
 
 @dataclass(frozen=True)
@@ -65,13 +65,13 @@ class Advice:
     noncentrality: float
     records: float
     odds: float
-    known: bool
+    inside_envelope: bool
 
 
 def advise(
     score: Score,
     rivals: tuple[Sequence[str], Sequence[str]],
-    options: Sequence[Option],
+    options: Sequence[RecordingOption],
     uncertainty: np.ndarray,
     *,
     odds: float = ODDS,
@@ -82,16 +82,20 @@ def advise(
     uncertainty (p_all, p_all): covariance of what is uncertain about nominal and sensors, drawn anew for the
     further records. ValueError when the rivals are the same set.
     """
-    cases, root, wanted = _cases(score, rivals, allowed), _root(uncertainty), 2 * float(np.log(odds))
+    cases, root, wanted = _hardest_cases(score, rivals, allowed), _root(uncertainty), 2 * float(np.log(odds))
     judged = []
     for option in options:
         found = _separations(score, option.information, root, cases)
-        needed = fewest(partial(_tells, found, wanted), MOST_RECORDS)
-        judged.append(Advice(option.label, option.values, _least(found, 100.0) / 100, needed, odds, option.known))
+        needed = fewest(partial(_separates, found, wanted), MOST_RECORDS)
+        judged.append(
+            Advice(
+                option.label, option.values, _least_separation(found, 100.0) / 100, needed, odds, option.inside_envelope
+            )
+        )
     return sorted(judged, key=lambda advice: (advice.records, -advice.noncentrality))
 
 
-def gains(
+def noncentrality_gains(
     score: Score,
     rivals: tuple[Sequence[str], Sequence[str]],
     informations: Sequence[np.ndarray],
@@ -100,11 +104,13 @@ def gains(
 ) -> np.ndarray:
     """Gain (k,) of the non-centrality between the rivals from each of k further pieces of information (p, p) of the
     score's parameters, all else certain."""
-    cases, certain = _cases(score, rivals, allowed), np.zeros((len(score.information), 0))
-    return np.array([_least(_separations(score, information, certain, cases), 1.0) for information in informations])
+    cases, certain = _hardest_cases(score, rivals, allowed), np.zeros((len(score.information), 0))
+    return np.array(
+        [_least_separation(_separations(score, information, certain, cases), 1.0) for information in informations]
+    )
 
 
-def _cases(
+def _hardest_cases(
     score: Score, rivals: tuple[Sequence[str], Sequence[str]], allowed: float
 ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """One rival, the other, and the change of the one that is hardest to tell, for each rival that may be true."""
@@ -115,7 +121,7 @@ def _cases(
     return [(own, other, c) for (own, other), c in zip(((a, b), (b, a)), changes, strict=True) if c is not None]
 
 
-def part(information: np.ndarray, own: np.ndarray, other: np.ndarray) -> np.ndarray:
+def separable_information(information: np.ndarray, own: np.ndarray, other: np.ndarray) -> np.ndarray:
     """I_AA − I_AB I_BB⁺ I_BA (k, k): what the set `own` shows beyond what `other` can imitate."""
     if not len(other):
         return np.asarray(information[np.ix_(own, own)])
@@ -138,7 +144,7 @@ def _allowed_change(score: Score, own: np.ndarray, other: np.ndarray, allowed: f
 
     b, information = score.scaled()
     I = information[np.ix_(own, own)] + 1e-9 * np.max(np.diag(information)) * np.eye(len(own))
-    Q = part(information, own, other)
+    Q = separable_information(information, own, other)
     estimate = np.linalg.solve(I, b[own])
     radius = float(chdtri(len(own), 1 - allowed))
 
@@ -174,7 +180,7 @@ def _separations(
         V[other, 1 : 1 + len(other)] = vectors / np.sqrt(known)
         V[:p] *= score.prior_sigma[:, None]
         V[:, 1 + len(other) :] = root
-        found.append(Separation.of_gram(V.T @ information @ V))
+        found.append(Separation.from_gram(V.T @ information @ V))
     return found
 
 
@@ -183,12 +189,12 @@ def _root(uncertainty: np.ndarray) -> np.ndarray:
     return root_of(uncertainty, np.where(spread > 0, spread, 1.0))
 
 
-def _least(separations: Sequence[Separation], n: float) -> float:
+def _least_separation(separations: Sequence[Separation], n: float) -> float:
     return min(s(n) for s in separations)
 
 
-def _tells(separations: Sequence[Separation], wanted: float, n: float) -> bool:
-    return _least(separations, n) >= wanted
+def _separates(separations: Sequence[Separation], wanted: float, n: float) -> bool:
+    return _least_separation(separations, n) >= wanted
 
 
 def _informations(monitor: Monitor, conditions: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -202,11 +208,13 @@ def _informations(monitor: Monitor, conditions: Mapping[str, np.ndarray]) -> tup
     return np.swapaxes(G, 1, 2) @ G, np.asarray(ok), seen
 
 
-def condition_options(monitor: Monitor, conditions: Mapping[str, np.ndarray]) -> list[Option]:
+def condition_options(monitor: Monitor, conditions: Mapping[str, np.ndarray]) -> list[RecordingOption]:
     """One option per operating condition, inputs column -> (C,), that the engine can compute."""
     G, ok, seen = _informations(monitor, conditions)
     return [
-        Option("condition", {column: float(values[k]) for column, values in conditions.items()}, G[k], bool(seen[k]))
+        RecordingOption(
+            "condition", {column: float(values[k]) for column, values in conditions.items()}, G[k], bool(seen[k])
+        )
         for k in np.flatnonzero(ok)
     ]
 
@@ -238,11 +246,13 @@ def advise_flights(
         table = [[told.get((h, g)) for g in range(len(leading))] for h in range(len(leading))]
         outlook = Outlook(np.array([p for _, p in leading]), table)
         known = bool(seen[rows].mean() >= 1.0 - BEYOND)
-        found.append(Suggestion.judged(outlook, flight.kind, flight.words, flight, known))
+        found.append(Suggestion.from_outlook(outlook, flight.kind, flight.words, flight, known))
     return best_first(found)
 
 
-def sensor_options(monitor: Monitor, inputs: Mapping[str, np.ndarray], noises: Mapping[str, float]) -> list[Option]:
+def sensor_options(
+    monitor: Monitor, inputs: Mapping[str, np.ndarray], noises: Mapping[str, float]
+) -> list[RecordingOption]:
     """One option per further sensor (model column -> noise sigma, in the column's unit), recorded together with
     the present sensors at operating conditions like those of `inputs`, column -> (N,); before them the present
     sensors alone, for comparison. Empty when the engine can compute none of these conditions."""
@@ -258,7 +268,7 @@ def sensor_options(monitor: Monitor, inputs: Mapping[str, np.ndarray], noises: M
         ok = ok & np.asarray(extra.ok)
     present = whiten(np.zeros_like(J[ok, :, 0]), J[ok], monitor.noise)[1].reshape(-1, len(monitor.names))
     base = present.T @ present / ok.sum()
-    options = [Option("present sensors", {}, base)]
+    options = [RecordingOption("present sensors", {}, base)]
     if not columns:
         return options
     noise = NoiseModel(np.array([noises[c] for c in columns], float), np.zeros(len(columns)))
@@ -266,5 +276,5 @@ def sensor_options(monitor: Monitor, inputs: Mapping[str, np.ndarray], noises: M
     full[:, :, :q] = np.asarray(extra.jacobian)[ok]
     added = whiten(np.zeros(full.shape[:2]), full, noise)[1]
     for j, column in enumerate(columns):
-        options.append(Option(column, {column: noises[column]}, base + added[:, j].T @ added[:, j] / ok.sum()))
+        options.append(RecordingOption(column, {column: noises[column]}, base + added[:, j].T @ added[:, j] / ok.sum()))
     return options

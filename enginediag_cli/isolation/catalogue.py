@@ -36,8 +36,8 @@ import numpy as np
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.faults.catalogue import FaultSet
-from enginediag_cli.isolation.posterior import SetPosterior, reweighed, set_posterior
-from enginediag_cli.isolation.prior import Instruments, SetPrior
+from enginediag_cli.isolation.posterior import SetPosterior, reweight, set_posterior
+from enginediag_cli.isolation.prior import InstrumentForms, SetPrior
 from enginediag_cli.isolation.results import Explanation
 from enginediag_cli.isolation.slab_mixture import sets_by_size
 from enginediag_cli.log_weights import normalized_weights
@@ -84,14 +84,14 @@ def orthant_probability(mean: np.ndarray, covariance: np.ndarray, points: int = 
     """
     if mean.shape[1] == 0:
         return np.ones(len(mean))
-    return np.asarray(_separated(mean, covariance, points)[0].mean(axis=1))
+    return np.asarray(_separate_variables(mean, covariance, points)[0].mean(axis=1))
 
 
 def orthant_moments(
     mean: np.ndarray, covariance: np.ndarray, points: int = POINTS
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """P(x > 0) (w,), and mean (w, d) and covariance (w, d, d) of w Gaussians cut to x > 0, by the same points."""
-    weight, y, L = _separated(mean, covariance, points)
+    weight, y, L = _separate_variables(mean, covariance, points)
     x = np.maximum(mean[:, None, :] + np.einsum("wij,wnj->wni", L, y), 0.0)
     weight = np.maximum(weight, 1e-300)  # an orthant as improbable as that has no moments worth having
     share = weight / weight.sum(axis=1, keepdims=True)
@@ -100,7 +100,9 @@ def orthant_moments(
     return weight.mean(axis=1), centre, np.einsum("wn,wni,wnj->wij", share, away, away)
 
 
-def _separated(mean: np.ndarray, covariance: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _separate_variables(
+    mean: np.ndarray, covariance: np.ndarray, points: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weights (w, n) of points x = mean + L y in the positive orthant, y (w, n, d), and L (w, d, d)."""
     from scipy.special import ndtr, ndtri
 
@@ -157,7 +159,7 @@ def one_sided_posterior(
         first += len(chosen)
         if left[first - 1] <= NEGLIGIBLE * total:
             break
-    return reweighed(posterior, weights)
+    return reweight(posterior, weights)
 
 
 def sign_factors(score: Score, masks: np.ndarray, signs: np.ndarray, prior: SetPrior, doubt: float = 0.0) -> np.ndarray:
@@ -172,13 +174,13 @@ def sign_factors(score: Score, masks: np.ndarray, signs: np.ndarray, prior: SetP
         mean = np.einsum("wsij,wsj->wsi", covariance, right)
         share = normalized_weights(0.5 * np.sum(mean * right, axis=2) - 0.5 * np.linalg.slogdet(A)[1])
         known = signs[sets]
-        probability = np.array([_right_signs(m, C, known) for m, C in zip(mean, covariance, strict=True)])
+        probability = np.array([_sign_probability(m, C, known) for m, C in zip(mean, covariance, strict=True)])
         count = (known != 0).sum(axis=1)
         factors[rows] = (1 - doubt) * 2.0**count * np.sum(share * probability, axis=0) + doubt
     return factors
 
 
-def _right_signs(mean: np.ndarray, covariance: np.ndarray, signs: np.ndarray) -> np.ndarray:
+def _sign_probability(mean: np.ndarray, covariance: np.ndarray, signs: np.ndarray) -> np.ndarray:
     """P(all known signs right) (w,) for posteriors of w sets of one size, signs (w, size)."""
     probability = np.ones(len(mean))
     counts = (signs != 0).sum(axis=1)
@@ -278,7 +280,7 @@ FREE_LISTED = 50
 
 
 @dataclass(frozen=True)
-class Expected:
+class CataloguePrior:
     """What is expected of a catalogue before the data: probability `presence` of each fault, and `unlisted` that a
     change is none of it; `scales` of the severity, each as probable as the others (1 is the catalogue's size);
     `ratio_spread`: how far the ratios within a fault may be from the catalogue's, as a factor."""
@@ -289,7 +291,7 @@ class Expected:
     ratio_spread: float = 1.7
 
 
-AS_USUAL = Expected()
+DEFAULT_CATALOGUE_PRIOR = CataloguePrior()
 
 
 @dataclass(frozen=True)
@@ -318,7 +320,7 @@ class NamedIsolation:
     free: tuple[str, ...]
     probability: float
     severities: tuple[Severity, ...]
-    rivals: tuple[Explanation, ...]
+    alternatives: tuple[Explanation, ...]
     coverage: float
     unlisted: float
     untestable: dict[str, str]
@@ -329,7 +331,7 @@ def isolate_named(
     catalogue: FaultSet,
     *,
     prior: SetPrior | None = None,
-    expected: Expected = AS_USUAL,
+    expected: CataloguePrior = DEFAULT_CATALOGUE_PRIOR,
     coverage: float = 0.95,
     confidence: float = 0.95,
     largest: int | None = None,
@@ -353,11 +355,11 @@ def isolate_named(
                 continue
             log_prior = size * np.log(presence) + (n - size) * np.log1p(-presence)
             chosen = [faults[i] for i in members]
-            answers.append((members, log_prior + _moments(score, chosen, scales)[0]))
+            answers.append((members, log_prior + _fault_moments(score, chosen, scales)[0]))
     sets = set_posterior(score, prior, largest=largest)
     # all free sets with a change have together the share `unlisted` of the prior of a change
     nothing = np.zeros((1, len(score.parameters)), bool)
-    changed = float(-np.expm1(prior.log_of(nothing, Instruments.from_parameters(score.described))[0]))
+    changed = float(-np.expm1(prior.log_probability(nothing, InstrumentForms.from_parameters(score.described))[0]))
     evidence = sets.log_evidence - np.log(changed) + float(np.log1p(-changed))
     log_free = np.log(unlisted / (1 - unlisted)) + np.log(-np.expm1(n * np.log1p(-presence))) + evidence
     logs = np.array([log for _, log in answers] + [log_free])
@@ -387,14 +389,14 @@ def isolate_named(
         ()
         if free_first
         else tuple(_severities(score, [faults[i] for i in answers[named_best][0]], scales, confidence)),
-        tuple(_until(others, coverage - held)),
+        tuple(_take_probability(others, coverage - held)),
         coverage,
         float(probabilities[-1]),
         untestable,
     )
 
 
-def _until(entries: Sequence[Explanation], wanted: float) -> list[Explanation]:
+def _take_probability(entries: Sequence[Explanation], wanted: float) -> list[Explanation]:
     """The first entries, until they hold the probability `wanted`."""
     kept: list[Explanation] = []
     for entry in entries:
@@ -408,7 +410,7 @@ def _same_parameters(one: NamedFault, other: NamedFault) -> bool:
     return bool(np.array_equal(one.own != 0, other.own != 0))
 
 
-def _moments(
+def _fault_moments(
     score: Score, faults: Sequence[NamedFault], scales: Sequence[float]
 ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
     """log marginal likelihood of `faults` together; per scale of severity its share (h,), and mean (h, k) and
@@ -427,7 +429,7 @@ def _moments(
     log = 0.5 * mean @ beta - 0.5 * np.linalg.slogdet(A)[1] - np.log(tau).sum(axis=1)
     cut = np.array([f.one_sided for f in faults])[owner]
     if cut.any():
-        positive, mean, covariance = _cut(mean, covariance, cut)
+        positive, mean, covariance = _truncate(mean, covariance, cut)
         log = log + cut.sum() * np.log(2) + np.log(positive)
     total = float(np.logaddexp.reduce(log))
     to_severity = (owner == np.arange(len(faults))[:, None]).astype(float)
@@ -439,7 +441,7 @@ def _moments(
     )
 
 
-def _cut(mean: np.ndarray, covariance: np.ndarray, cut: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _truncate(mean: np.ndarray, covariance: np.ndarray, cut: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """P(w_cut > 0) (h,), and mean (h, k) and covariance (h, k, k) given that; the others follow linearly."""
     inner = covariance[:, cut][:, :, cut]
     positive, centre, spread = orthant_moments(mean[:, cut], inner)
@@ -456,7 +458,7 @@ def _severities(
 
     if not faults:
         return []
-    _, shares, mean, covariance = _moments(score, faults, scales)
+    _, shares, mean, covariance = _fault_moments(score, faults, scales)
     found = []
     for i, fault in enumerate(faults):
         value = float(shares @ mean[:, i])

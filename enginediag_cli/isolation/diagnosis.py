@@ -19,7 +19,7 @@ Where the maps of the model are generic this is surer than parameters: efficienc
 trade against each other with the shape of its map, and one parameter of a neighbour can imitate both together.
 A sensor counts as a component of its own, with the prior that sensors have.
 
-Named is what is itself more probable than not, see `more_probable_than_not`: of few components, some of which changed,
+Named is what is itself more probable than not, see `median_model`: of few components, some of which changed,
 a further one that the data do not speak of is by the prior about as probable as not, and would come and go with noise.
 """
 
@@ -36,23 +36,23 @@ from enginediag_cli.isolation.advice import ODDS
 from enginediag_cli.isolation.catalogue import NamedIsolation, isolate_named, known_signs, one_sided_posterior
 from enginediag_cli.isolation.methods import IsolationOptions, isolate, posterior_result
 from enginediag_cli.isolation.nonlinear import CHECKED, NATS, WindowModel, nonlinear_posterior, quadratic_error
-from enginediag_cli.isolation.posterior import Belief, SetPosterior, set_posterior
-from enginediag_cli.isolation.prior import Instruments, SetPrior, are_sensors
+from enginediag_cli.isolation.posterior import SetInference, SetPosterior, set_posterior
+from enginediag_cli.isolation.prior import InstrumentForms, SetPrior, are_sensors
 from enginediag_cli.isolation.results import (
     Adequacy,
-    Class,
+    AmbiguityGroup,
     Explanation,
-    IsolationResult,
-    beyond_bounds,
-    class_of,
-    fit_after,
+    SetIsolation,
+    ambiguity_group,
+    find_impossible_change,
     log_of_free_vector,
     noise_level,
     probability_of_unlisted,
-    tempered,
+    residual_fit,
+    temper,
 )
-from enginediag_cli.isolation.slab_mixture import log_wear
-from enginediag_cli.isolation.subsets import plan, size_limit
+from enginediag_cli.isolation.slab_mixture import log_leading_factors
+from enginediag_cli.isolation.subsets import enumeration_plan, size_limit
 from enginediag_cli.log_weights import log_mean
 from enginediag_cli.residuals.instruments import NoiseLevel
 from enginediag_cli.residuals.score import Score
@@ -66,7 +66,7 @@ HALF = 0.5
 
 @dataclass(frozen=True)
 class ComponentIsolation:
-    """`components` that changed, empty when none; `probability` of exactly this set; `all_of_them`: that they all
+    """`components` that changed, empty when none; `probability` of exactly this set; `p_all`: that they all
     changed, whatever else did; `perhaps`: beside any of them, those that the most probable set holds, too, or that are
     more probable than not.
 
@@ -78,14 +78,14 @@ class ComponentIsolation:
 
     components: tuple[str, ...]
     probability: float
-    rivals: tuple[Explanation, ...]
+    alternatives: tuple[Explanation, ...]
     coverage: float
     inclusion: dict[str, float]
     complete: bool
     adequacy: Adequacy = field(default_factory=Adequacy)
-    one_of: Class | None = None
-    perhaps: tuple[str, ...] = ()
-    all_of_them: float = float("nan")
+    ambiguity: AmbiguityGroup | None = None
+    possible: tuple[str, ...] = ()
+    p_all: float = float("nan")
 
 
 def component_posterior(
@@ -104,7 +104,7 @@ def component_posterior(
     for c in components:
         mine = [i for i, o in enumerate(owner) if o == c]
         units += [[i] for i in mine] if wrong[mine].all() else [mine]
-    instruments = Instruments.from_parameters([score.described[m[0]] for m in units])
+    instruments = InstrumentForms.from_parameters([score.described[m[0]] for m in units])
     b, information = prior.scaled(score)
     p, width = len(owner), max(map(len, units), default=0)
     # every unit is filled up to the same width with a parameter of which the data tell nothing
@@ -112,9 +112,9 @@ def component_posterior(
     beta[:p], I[:p, :p] = b, information
     padded = np.array([m + [p] * (width - len(m)) for m in units], dtype=int).reshape(len(units), width)
     variance = np.square(prior.slabs)[:, None]
-    u, forms, few = len(units), instruments.forms_of, prior.wrong_sensors
-    every, _ = plan(u, size_limit(u, largest, MAX_SETS, int(forms.sum()), few), tuple(forms.tolist()), few)
-    log_prior = prior.log_of(every, instruments)
+    u, forms, few = len(units), instruments.is_form, prior.max_sensor_faults
+    every, _ = enumeration_plan(u, size_limit(u, largest, MAX_SETS, int(forms.sum()), few), tuple(forms.tolist()), few)
+    log_prior = prior.log_probability(every, instruments)
     every, log_prior = every[np.isfinite(log_prior)], log_prior[np.isfinite(log_prior)]
     sizes = every.sum(axis=1)
     masks, logs = [every[:1]], [log_prior[:1]]
@@ -130,14 +130,14 @@ def component_posterior(
         masks.append(mask)
     sets, weights = np.concatenate(masks), np.concatenate(logs)
     held = np.array([[i in m for i in range(p)] for m in units], bool).reshape(u, p)
-    weights = weights + log_wear(score, sets @ held, weights, prior)
+    weights = weights + log_leading_factors(score, sets @ held, weights, prior)
     of_units = np.array([[owner[m[0]] == c for c in components] for m in units], bool).reshape(u, len(components))
     top = float(weights.max())
     total = top + float(np.log(np.exp(weights - top).sum()))
-    return components, *_summed(sets @ of_units, np.exp(weights - top)), total
+    return components, *_merge_equal_sets(sets @ of_units, np.exp(weights - top)), total
 
 
-def _summed(sets: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _merge_equal_sets(sets: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Each of the sets (M, c) once, by falling probability, and the probabilities, of weights (M,)."""
     found, where = np.unique(sets, axis=0, return_inverse=True)
     total = np.bincount(where.reshape(-1), weights=weights, minlength=len(found))
@@ -145,7 +145,7 @@ def _summed(sets: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return found[order], total[order] / total.sum()
 
 
-def more_probable_than_not(sets: np.ndarray, probabilities: np.ndarray) -> int:
+def median_model(sets: np.ndarray, probabilities: np.ndarray) -> int:
     """Position of the set that is named among sets (M, c) bool by falling probability (M,): of the members of the most
     probable one those that are more probable than not, whatever else changed.
 
@@ -174,16 +174,16 @@ def isolate_components(
     """
     options = options or IsolationOptions()
     level = NoiseLevel() if statistics is None else noise_level(score, statistics)
-    about, score = score, tempered(score, level.factor)
+    about, score = score, temper(score, level.factor)
     components, sets, probabilities, total = component_posterior(score, options.prior, largest=options.largest)
-    answer, adequacy = more_probable_than_not(sets, probabilities), Adequacy().of_file(disagreement)
+    answer, adequacy = median_model(sets, probabilities), Adequacy().include_disagreement(disagreement)
     if statistics is not None:
         names = _parameters(score, components, sets[answer])
         unlisted = probability_of_unlisted(level, total, log_of_free_vector(score, options.prior))
-        adequacy = replace(fit_after(about, statistics, names), noise=level.factor, unlisted=unlisted)
-        adequacy = adequacy.of_file(disagreement)
-        if not adequacy.stands:
-            adequacy = replace(adequacy, beyond=beyond_bounds(about, options.prior))
+        adequacy = replace(residual_fit(about, statistics, names), noise=level.factor, unlisted=unlisted)
+        adequacy = adequacy.include_disagreement(disagreement)
+        if not adequacy.is_listed:
+            adequacy = replace(adequacy, impossible_change=find_impossible_change(about, options.prior))
     listed = 1.0 - adequacy.unlisted
     probabilities = listed * probabilities
     own, inclusion = float(probabilities[answer]), probabilities @ sets
@@ -201,7 +201,7 @@ def isolate_components(
         dict(zip(components, map(float, inclusion), strict=True)),
         int(sets[0].sum()) < limit or limit == len(components),
         adequacy,
-        class_of(components, sets, probabilities, answer),
+        ambiguity_group(components, sets, probabilities, answer),
         named((sets[0] | (inclusion >= HALF)) & ~sets[answer] & sets[answer].any()),
         min(float(probabilities[sets[:, sets[answer]].all(axis=1)].sum()), *inclusion[sets[answer]].tolist(), 1.0),
     )
@@ -218,7 +218,7 @@ LEAST = 0.05
 
 
 @dataclass(frozen=True)
-class SensorRivalry:
+class SensorAmbiguity:
     """Two explanations that differ by a sensor's error in one and a component's change in the other.
 
     `sensors` and `components`: what is only in the one, and only in the other; `shared`: what is in both.
@@ -227,37 +227,37 @@ class SensorRivalry:
     sensors: tuple[str, ...]
     components: tuple[str, ...]
     shared: tuple[str, ...]
-    of_sensors: float
-    of_components: float
+    p_sensors: float
+    p_components: float
 
 
-def sensor_rivalry(result: IsolationResult, score: Score) -> SensorRivalry | None:
+def find_sensor_ambiguity(result: SetIsolation, score: Score) -> SensorAmbiguity | None:
     """The most probable pair of explanations, one of them the answer, in which a sensor stands against a
     component; None when there is no such pair or one of the two is improbable. `score`: of which the result was made,
     which knows what is a sensor's error."""
     answer, sensors = set(result.isolated), {p.name for p in score.described if p.of_instrument}
-    for rival in result.rivals:
+    for rival in result.alternatives:
         if rival.probability < LEAST * result.probability:
             continue
         only_answer, only_rival = answer - set(rival.parameters), set(rival.parameters) - answer
         if not only_answer or not only_rival:
             continue
         if only_answer <= sensors and not only_rival & sensors:
-            return _rivalry(only_answer, only_rival, answer, result.probability, rival)
+            return _sensor_ambiguity(only_answer, only_rival, answer, result.probability, rival)
         if only_rival <= sensors and not only_answer & sensors:
-            return _rivalry(only_rival, only_answer, answer, rival.probability, rival, result.probability)
+            return _sensor_ambiguity(only_rival, only_answer, answer, rival.probability, rival, result.probability)
     return None
 
 
-def _rivalry(
+def _sensor_ambiguity(
     sensors: set[str],
     components: set[str],
     answer: set[str],
     of_sensors: float,
     rival: Explanation,
     of_components: float | None = None,
-) -> SensorRivalry:
-    return SensorRivalry(
+) -> SensorAmbiguity:
+    return SensorAmbiguity(
         tuple(sorted(sensors)),
         tuple(sorted(components)),
         tuple(sorted(answer & set(rival.parameters))),
@@ -291,13 +291,13 @@ class Diagnosis:
     """The result, the score that it rests on, and what else was asked for; adequacy: whether the answer fits; belief:
     the posterior over sets, None of other methods."""
 
-    result: IsolationResult
+    result: SetIsolation
     score: Score
-    named: NamedIsolation | None
-    rivalry: SensorRivalry | None
+    catalogue: NamedIsolation | None
+    sensor_ambiguity: SensorAmbiguity | None
     nonlinear: bool
     adequacy: Adequacy = field(default_factory=Adequacy)
-    belief: Belief | None = None
+    inference: SetInference | None = None
 
 
 def diagnose(
@@ -325,7 +325,9 @@ def diagnose(
     if options.method == "posterior":
         if disagreement is not None and disagreement.doubtful:
             records = None
-        belief, result, large, adequacy = _by_posterior(score, isolation, options, records, statistics, disagreement)
+        belief, result, large, adequacy = _diagnose_by_posterior(
+            score, isolation, options, records, statistics, disagreement
+        )
         score = belief.score
     else:
         result = isolate(score, options.method, isolation)
@@ -339,22 +341,22 @@ def diagnose(
             confidence=isolation.confidence,
             largest=isolation.largest,
         )
-    return Diagnosis(result, score, named, sensor_rivalry(result, score), large, adequacy, belief)
+    return Diagnosis(result, score, named, find_sensor_ambiguity(result, score), large, adequacy, belief)
 
 
-def _by_posterior(
+def _diagnose_by_posterior(
     score: Score,
     isolation: IsolationOptions,
     options: DiagnosisOptions,
     records: Callable[[], WindowModel | None] | None,
     statistics: LocalStatistics | None,
     disagreement: Disagreement | None,
-) -> tuple[Belief, IsolationResult, bool, Adequacy]:
+) -> tuple[SetInference, SetIsolation, bool, Adequacy]:
     prior, notes = isolation.prior, []
     if options.one_sided:  # knows the signs by itself
-        prior = replace(prior, rises=0.5)
+        prior = replace(prior, p_recovery=0.5)
     level = NoiseLevel() if statistics is None else noise_level(score, statistics)
-    about, score = score, tempered(score, level.factor)
+    about, score = score, temper(score, level.factor)
     posterior = set_posterior(score, prior, largest=isolation.largest, faults=isolation.faults)
     large, own, offset = False, dict[bytes, Score](), 0.0
     if options.nonlinear != "never" and records is not None and posterior.masks[0].any():
@@ -362,36 +364,36 @@ def _by_posterior(
         if model is None:
             notes.append("the records are no longer at hand for the full model")
         else:
-            model = model.with_noise(level.factor)
+            model = model.scale_noise(level.factor)
             if options.nonlinear == "always" or quadratic_error(model, score, posterior.masks[:CHECKED]) > NATS:
                 found = nonlinear_posterior(model, score, prior, largest=isolation.largest, faults=isolation.faults)
                 score, posterior, prior = replace(found.score, doubt=score.doubt), found.posterior, found.prior
-                large, own, offset = True, dict(found.about), found.offset
-                about = tempered(score, 1 / level.factor)
+                large, own, offset = True, dict(found.own_scores), found.offset
+                about = temper(score, 1 / level.factor)
                 if not found.converged:
                     notes.append("a fit of the full model did not converge")
     if options.one_sided:
         faults = options.catalogue.components if options.catalogue is not None else ()
         signs = known_signs(score.described, faults)
         posterior = one_sided_posterior(score, posterior, signs, prior)
-    adequacy = Adequacy().of_file(disagreement)
+    adequacy = Adequacy().include_disagreement(disagreement)
     if statistics is not None:
         free = log_of_free_vector(score, prior) + offset
         unlisted = probability_of_unlisted(level, posterior.log_total, free)
-        adequacy = Adequacy(noise=level.factor, unlisted=unlisted).of_file(disagreement)
-        if not adequacy.stands:
-            adequacy = replace(adequacy, beyond=beyond_bounds(about, prior))
+        adequacy = Adequacy(noise=level.factor, unlisted=unlisted).include_disagreement(disagreement)
+        if not adequacy.is_listed:
+            adequacy = replace(adequacy, impossible_change=find_impossible_change(about, prior))
     result = posterior_result(score, posterior, isolation, prior, own, 1.0 - adequacy.unlisted)
     if statistics is not None:
-        fit = fit_after(about, statistics, result.isolated)
-        adequacy = replace(adequacy, fit=fit.fit, before=fit.before, explained=fit.explained)
+        fit = residual_fit(about, statistics, result.isolated)
+        adequacy = replace(adequacy, fit=fit.fit, fit_before=fit.fit_before, explained=fit.explained)
     if notes:
         note = "; ".join(filter(None, [result.note, *notes]))
         result = replace(result, note=note, complete=result.complete and len(notes) == 0)
-    return Belief(score, posterior, prior, own), result, large, adequacy
+    return SetInference(score, posterior, prior, own), result, large, adequacy
 
 
-def belief_of_components(score: Score, prior: SetPrior, largest: int | None = None) -> Belief:
+def infer_components(score: Score, prior: SetPrior, largest: int | None = None) -> SetInference:
     """The posterior over sets of components, each with all its parameters, as one over sets of parameters."""
     components, sets, probabilities, _ = component_posterior(score, prior, largest=largest)
     held = np.array([[p.component == c for p in score.described] for c in components], bool)
@@ -399,4 +401,4 @@ def belief_of_components(score: Score, prior: SetPrior, largest: int | None = No
     posterior = SetPosterior(
         score.parameters, masks, probabilities, probabilities @ masks, 0.0, int(masks.sum(axis=1).max())
     )
-    return Belief(score, posterior, prior)
+    return SetInference(score, posterior, prior)

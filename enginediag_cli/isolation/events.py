@@ -23,7 +23,7 @@ import numpy as np
 
 from enginediag_cli.detection.wander import Courses, Table, along
 from enginediag_cli.isolation.prior import SetPrior
-from enginediag_cli.isolation.slab_mixture import piecewise
+from enginediag_cli.isolation.slab_mixture import piecewise_normal_moments
 from enginediag_cli.parameters import Parameter
 
 CHANGED, STEADY, CANNOT_TELL = "changed", "steady", "cannot tell"
@@ -39,7 +39,7 @@ CLASS = 0.95
 
 
 @dataclass(frozen=True)
-class Member:
+class EventSuspect:
     """One suspect of an event: a component or instrument, the chance that it is the one that changed, and its
     parameters: chance of each to have changed, change since the onset with its standard deviation, in its unit, given
     that it changed; expected, covariance: of the changes of all of them, those of zero counted, given this suspect."""
@@ -56,13 +56,13 @@ class Member:
 
 
 @dataclass(frozen=True)
-class Event:
+class SeriesEvent:
     """A change during the series. probability: that there is one at all, the other events given; members: suspects,
     likeliest first; kind: the likeliest; onset, low, high: number of the first changed flight (of a growing change: of
     the last unchanged), from 1, most probable and 95 % interval; weight: log odds that it happened."""
 
     probability: float
-    members: tuple[Member, ...]
+    members: tuple[EventSuspect, ...]
     kind: str
     onset: int
     low: int
@@ -70,9 +70,9 @@ class Event:
     weight: float = 0.0
 
     @property
-    def named(self) -> tuple[Member, ...]:
+    def named(self) -> tuple[EventSuspect, ...]:
         """The suspect that is named, or the class of those that the data cannot tell apart."""
-        told: list[Member] = []
+        told: list[EventSuspect] = []
         for member in self.members:
             told.append(member)
             if sum(m.probability for m in told) >= (CONVINCED if len(told) == 1 else CLASS):
@@ -81,7 +81,7 @@ class Event:
 
 
 @dataclass(frozen=True)
-class Fit:
+class SeriesFit:
     """χ² per degree of freedom of the readings by the scatter found, `before` any event and `after` those told."""
 
     before: float
@@ -89,24 +89,24 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class Story:
+class SeriesDiagnosis:
     """Events of one series of `flights` flights, surest first; inclusion: component → chance that it changed;
     converged: the search settled; fit: what is left unexplained; undecided: where nothing is told, a change that the
     series shows plainly if its readings scatter by themselves, and does not if they wander, when it is not settled that
     they do; unlisted: probability that what happened is something that is not listed, and then no event is told;
     departures: numbers, from 1, of flights that differ from nominal for certain."""
 
-    events: tuple[Event, ...]
+    events: tuple[SeriesEvent, ...]
     flights: int
     inclusion: Mapping[str, float]
     converged: bool = True
-    fit: Fit = Fit(1.0, 1.0)
-    undecided: Event | None = None
+    fit: SeriesFit = SeriesFit(1.0, 1.0)
+    undecided: SeriesEvent | None = None
     unlisted: float = 0.0
     departures: tuple[int, ...] = ()
 
     @property
-    def from_the_first(self) -> bool:
+    def differs_from_start(self) -> bool:
         """Whether the engine, or what was recorded of it, differed from nominal before anything could change."""
         return 1 in self.departures and 2 * len(self.departures) > self.flights
 
@@ -115,7 +115,7 @@ class Story:
         """What is told of the series as a whole; never "steady" where flights differ from nominal for certain."""
         if self.events:
             return CHANGED
-        if self.from_the_first:
+        if self.differs_from_start:
             return FROM_THE_FIRST
         return CANNOT_TELL if self.undecided or self.departures or self.unlisted >= HALF else STEADY
 
@@ -129,7 +129,7 @@ WRONG_WAY = 0.1
 
 
 @dataclass(frozen=True)
-class Suspects:
+class SuspectGroups:
     """Groups of parameters (positions) that change together, the component of each, whether it is an instrument (G,),
     whether its own readings show it (G,), and its log prior odds (G,)."""
 
@@ -150,9 +150,9 @@ class Suspects:
         return [k for k, owner in enumerate(self.owner) if owner == component]
 
 
-def suspects_of(
+def suspect_groups(
     described: Sequence[Parameter], prior: SetPrior, sensors: bool = True, governed: Collection[str] = ()
-) -> Suspects:
+) -> SuspectGroups:
     """sensors: instruments may have changed, too; governed: errors of inputs that a governor may hold where they were
     read: its instrument steps either in its readings or, with the governor after it, in all others."""
     members: dict[str, list[int]] = {}
@@ -181,7 +181,7 @@ def suspects_of(
                 shown.append(False)
                 log_odds[-1] -= np.log(2)
                 log_odds.append(log_odds[-1])
-    return Suspects(
+    return SuspectGroups(
         tuple(described),
         tuple(groups),
         tuple(owner),
@@ -191,7 +191,7 @@ def suspects_of(
     )
 
 
-def log_of_kinds(suspects: Suspects, among: Courses) -> np.ndarray:
+def log_kind_prior(suspects: SuspectGroups, among: Courses) -> np.ndarray:
     """log P(kind | suspect) P(course | kind) (G, L): all courses of a kind alike."""
     found = np.full((len(suspects.groups), len(among.g)), -np.inf)
     for instrument, step in STEPS.items():
@@ -217,7 +217,7 @@ TINY = 1e-300
 
 
 @dataclass(frozen=True)
-class Chosen:
+class EventModel:
     """An event as the others are judged with it: positions of its group and of its course, and its size (q,) in prior
     standard deviations; shares: how much of each law of growth with its onset, where that is not its course alone."""
 
@@ -227,24 +227,24 @@ class Chosen:
     shares: tuple[float, ...] = ()
 
     @property
-    def place(self) -> tuple[int, int, bool]:
+    def key(self) -> tuple[int, int, bool]:
         """Group and course, and whether it grows by several laws."""
         return self.group, self.course, bool(self.shares)
 
-    def along(self, courses: Courses) -> np.ndarray:
+    def course_values(self, courses: Courses) -> np.ndarray:
         """Its course (n,)."""
         if not self.shares:
             return np.asarray(courses.g[self.course])
         return np.asarray(np.array(self.shares) @ courses.laws(self.course))
 
     @property
-    def fitted(self) -> int:
+    def parameter_count(self) -> int:
         """How many numbers are fitted to it."""
         return len(self.size) + max(len(self.shares) - 1, 0)
 
 
 @dataclass(frozen=True)
-class Sizes:
+class SizePosterior:
     """Given that a group changed with each course: log Bayes factor (L,), mean (L, q) and covariance (L, q, q)."""
 
     log: np.ndarray
@@ -253,21 +253,21 @@ class Sizes:
 
 
 @dataclass(frozen=True)
-class Search:
+class EventSearch:
     """One look at a series: tables of the laws of scatter, courses, suspects and their priors; log_kind (G, L);
     doubt (G,): share to which the effect of each group is known; tails: scatter has longer tails than the normal
     law."""
 
     tables: tuple[Table, ...]
     courses: Courses
-    suspects: Suspects
+    suspects: SuspectGroups
     slabs: tuple[float, ...]
     log_kind: np.ndarray
     doubt: np.ndarray
     tails: bool = False
-    _known: dict[tuple[Any, ...], Any] = field(default_factory=dict, repr=False, compare=False)
+    _cache: dict[tuple[Any, ...], Any] = field(default_factory=dict, repr=False, compare=False)
 
-    def posterior(self, others: Sequence[Chosen]) -> tuple[np.ndarray, np.ndarray]:
+    def posterior(self, others: Sequence[EventModel]) -> tuple[np.ndarray, np.ndarray]:
         """log probability (h, G, L) of scatter, group and course beside other events, and (h,) of nothing more. Which
         law of scatter is likelier is judged without long tails, which one of them alone has."""
         log, nothing = self._posterior(others)
@@ -280,11 +280,13 @@ class Search:
         )
         return log + (without - with_tails)[:, None, None], nothing + without - with_tails
 
-    def _posterior(self, others: Sequence[Chosen]) -> tuple[np.ndarray, np.ndarray]:
+    def _posterior(self, others: Sequence[EventModel]) -> tuple[np.ndarray, np.ndarray]:
         found, nothing = [], []
         for t in self.tables:
-            log = self._given(t, others)[2]
-            found.append(np.stack([self._sizes(t, others, k).log for k in range(len(self.suspects.groups))]) + log)
+            log = self._cached_table(t, others)[2]
+            found.append(
+                np.stack([self._cached_sizes(t, others, k).log for k in range(len(self.suspects.groups))]) + log
+            )
             nothing.append(log)
         prior = self.suspects.log_odds[:, None] + self.log_kind
         done = {self.suspects.owner[e.group] for e in others}
@@ -293,11 +295,11 @@ class Search:
         total[:, again] = -np.inf  # what a component has done since its onset, of any law, is one event
         return total, np.array(nothing)
 
-    def told(self, others: Sequence[Chosen], group: int) -> list[Sizes]:
+    def group_sizes(self, others: Sequence[EventModel], group: int) -> list[SizePosterior]:
         """Sizes of a group beside other events, for each scatter."""
-        return [self._sizes(t, others, group) for t in self.tables]
+        return [self._cached_sizes(t, others, group) for t in self.tables]
 
-    def grown(self, t: Table, others: Sequence[Chosen], event: Chosen) -> Chosen | None:
+    def mix_growth_laws(self, t: Table, others: Sequence[EventModel], event: EventModel) -> EventModel | None:
         """A growing event with as much of each law with its onset as the series has by one scatter: wear that is slow
         at first and fast at last is none of them. None for a step."""
         if not self.courses.growing[event.course]:
@@ -307,34 +309,34 @@ class Search:
         X = self._columns(t.effect, event, own)
         c = t.wander.c.copy()
         for other in others:
-            c -= np.einsum("kij,kj->ki", t.wander.inverse, self._of(t.effect, other, own))
+            c -= np.einsum("kij,kj->ki", t.wander.inverse, self._event_effect(t.effect, other, own))
         score, H = np.einsum("knr,kn->r", X, c), np.einsum("knr,knm,kms->rs", X, t.wander.inverse, X, optimize=True)
         at = np.all(self.courses.laws(event.course) == self.courses.g[event.course], axis=1).astype(float)
         shares = at + np.linalg.solve(np.eye(len(at)) + H, score - H @ at)
         return replace(event, shares=tuple(shares.tolist()))
 
-    def _of(self, effect: np.ndarray, event: Chosen, own: np.ndarray) -> np.ndarray:
+    def _event_effect(self, effect: np.ndarray, event: EventModel, own: np.ndarray) -> np.ndarray:
         """What an event adds to each mode (k, n)."""
         found = effect[:, :, list(self.suspects.groups[event.group])] @ np.array(event.size)
         if not self.suspects.shown[event.group]:
             found[own] = 0.0
-        return np.asarray(found * event.along(self.courses))
+        return np.asarray(found * event.course_values(self.courses))
 
-    def _sizes(self, t: Table, others: Sequence[Chosen], group: int) -> Sizes:
+    def _cached_sizes(self, t: Table, others: Sequence[EventModel], group: int) -> SizePosterior:
         """Of one group beside other events, computed once."""
         key = (id(t), tuple(others), group, self.tails)
-        if key not in self._known:
-            self._known[key] = self.sizes(*self._given(t, others)[:2], group, t)
-        return cast(Sizes, self._known[key])
+        if key not in self._cache:
+            self._cache[key] = self.sizes(*self._cached_table(t, others)[:2], group, t)
+        return cast(SizePosterior, self._cache[key])
 
-    def _given(self, t: Table, others: Sequence[Chosen]) -> tuple[np.ndarray, np.ndarray, float]:
+    def _cached_table(self, t: Table, others: Sequence[EventModel]) -> tuple[np.ndarray, np.ndarray, float]:
         """Scores, information and log likelihood of a scatter with other events, whatever their size; once."""
         key = (id(t), tuple(others))
-        if key not in self._known:
-            self._known[key] = self._beside(t, others) if others else (t.b, t.S, t.wander.log)
-        return cast(tuple[np.ndarray, np.ndarray, float], self._known[key])
+        if key not in self._cache:
+            self._cache[key] = self._marginalise_events(t, others) if others else (t.b, t.S, t.wander.log)
+        return cast(tuple[np.ndarray, np.ndarray, float], self._cache[key])
 
-    def _beside(self, t: Table, others: Sequence[Chosen]) -> tuple[np.ndarray, np.ndarray, float]:
+    def _marginalise_events(self, t: Table, others: Sequence[EventModel]) -> tuple[np.ndarray, np.ndarray, float]:
         first, second = t.pairs
         count = len(t.wander.inverse)
         own = np.arange(count) >= count - t.wander.inputs
@@ -353,7 +355,7 @@ class Search:
             S[:, k] -= np.einsum("lpr,lpr->lp", white[:, first], white[:, second])
         return b, S, log
 
-    def _columns(self, effect: np.ndarray, event: Chosen, own: np.ndarray) -> np.ndarray:
+    def _columns(self, effect: np.ndarray, event: EventModel, own: np.ndarray) -> np.ndarray:
         """What an event may add to each mode (k, n, r), of every law that it may have; effect (k, n, p); own (k,): of
         an input."""
         group = list(self.suspects.groups[event.group])
@@ -363,7 +365,7 @@ class Search:
             found[own] = 0.0
         return np.asarray(found)
 
-    def sizes(self, b: np.ndarray, S: np.ndarray, k: int, t: Table) -> Sizes:
+    def sizes(self, b: np.ndarray, S: np.ndarray, k: int, t: Table) -> SizePosterior:
         """Of one group with each course, by scores and information in the places of a table: two passes, the first of
         which finds how large its doubt is.
 
@@ -382,8 +384,8 @@ class Search:
         b, S = b[:, :own], S[:, :own]
         mine, info = b[:, :, group], S[:, :, at]
         doubt = self.doubt[k]
-        slabs = slabs_of(self.suspects, k, self.slabs)
-        first = _gaussian(mine.sum(axis=1) + read, info.sum(axis=1) + reads, slabs)[1]
+        slabs = group_slabs(self.suspects, k, self.slabs)
+        first = _slab_average(mine.sum(axis=1) + read, info.sum(axis=1) + reads, slabs)[1]
         off = np.zeros(len(b))
         if doubt:
             told = np.einsum("lkpq,lq->lkp", info, first)
@@ -395,42 +397,42 @@ class Search:
             off = 0.5 * np.sum(factor * along_it**2 - np.log1p(doubt**2 * square), axis=1)
         summed, told = mine.sum(axis=1), info.sum(axis=1)
         most = np.log(self.courses.g.shape[1]) + SIZE
-        log, mean, covariance = _gaussian(summed + read, told + reads, slabs)
-        log = log + off - np.maximum(_gain(read, reads, mean) - most, 0.0)
+        log, mean, covariance = _slab_average(summed + read, told + reads, slabs)
+        log = log + off - np.maximum(_log_likelihood_gain(read, reads, mean) - most, 0.0)
         if self.tails and wander.slow:
-            taken = np.maximum(2 * _gain(summed, told, mean) + 2 * off, 0.0)
+            taken = np.maximum(2 * _log_likelihood_gain(summed, told, mean) + 2 * off, 0.0)
             # a course that leaves a jump to scatter pays for that jump as no event at all does
             alone = np.sum(b[:, :, -1] ** 2 / np.maximum(S[:, :, t.at[-1, -1]], TINY), axis=1)
             whole = float(np.max(np.maximum(alone, taken)))
             fallen = np.log1p(whole / FREEDOM) - np.log1p((whole - taken) / FREEDOM)
             log += np.minimum(0.5 * (FREEDOM + b.shape[1]) * fallen, 0.5 * taken) - 0.5 * taken
         log += self._signs(group, mean, covariance)
-        return Sizes(log, mean, covariance)
+        return SizePosterior(log, mean, covariance)
 
     def _signs(self, group: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:
         """log of how much likelier the sizes are when wear moves a value one way only, mostly, and none goes beyond
         what a component can do."""
         described = [self.suspects.described[i] for i in group]
-        prior, wear = SetPrior(rises=WRONG_WAY), np.array([p.wear for p in described])
+        prior, wear = SetPrior(p_recovery=WRONG_WAY), np.array([p.wear for p in described])
         low, high = prior.bounds(described)
         spread = np.sqrt(np.einsum("lqq->lq", covariance))
         up = 2 * np.where(wear > 0, 1 - WRONG_WAY, np.where(wear < 0, WRONG_WAY, 0.5))
         cut = ((low - mean) / spread, -mean / spread, (high - mean) / spread)
-        return np.asarray(piecewise(*cut, 2 - up, up)[0][:, np.isfinite(high)].sum(axis=1))
+        return np.asarray(piecewise_normal_moments(*cut, 2 - up, up)[0][:, np.isfinite(high)].sum(axis=1))
 
 
-def slabs_of(suspects: Suspects, group: int, slabs: Sequence[float]) -> list[float]:
+def group_slabs(suspects: SuspectGroups, group: int, slabs: Sequence[float]) -> list[float]:
     """Sizes of a change of one group, in prior standard deviations, each as probable as the others."""
     found = [min(slab, OF_INSTRUMENTS) for slab in slabs] if suspects.instrument[group] else [*slabs]
     return found + ([FAILED] if suspects.instrument[group] else [])
 
 
-def _gain(b: np.ndarray, S: np.ndarray, size: np.ndarray) -> np.ndarray:
+def _log_likelihood_gain(b: np.ndarray, S: np.ndarray, size: np.ndarray) -> np.ndarray:
     """By how much a change of this size (L, q) is likelier than none (L,)."""
     return np.einsum("lp,lp->l", b, size) - 0.5 * np.einsum("lp,lpq,lq->l", size, S, size)
 
 
-def _gaussian(b: np.ndarray, S: np.ndarray, slabs: Sequence[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _slab_average(b: np.ndarray, S: np.ndarray, slabs: Sequence[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """log Bayes factor (L,), mean (L, q) and covariance (L, q, q) of changes N(0, slab²), averaged over the slabs."""
     variance = np.square(slabs)[:, None, None, None]
     inner = np.eye(b.shape[1]) + variance * S

@@ -1,4 +1,4 @@
-"""The isolation methods by name: what each names of a `Score`, and the whole `IsolationResult` with rivals and sizes.
+"""The isolation methods by name: what each names of a `Score`, and the whole `SetIsolation` with rivals and sizes.
 
 What a method names is a function of its own, so that what judges thousands of windows need not look for rivals.
 
@@ -45,9 +45,9 @@ from math import comb
 import numpy as np
 
 from enginediag_cli.detection.verdict import threshold
-from enginediag_cli.isolation.posterior import SetPosterior, absorb_small_changes, averaged_sizes, set_posterior
-from enginediag_cli.isolation.prior import Instruments, SetPrior
-from enginediag_cli.isolation.results import Explanation, IsolationResult, class_of, estimate_sizes
+from enginediag_cli.isolation.posterior import SetPosterior, absorb_small_changes, average_sizes, set_posterior
+from enginediag_cli.isolation.prior import InstrumentForms, SetPrior
+from enginediag_cli.isolation.results import Explanation, SetIsolation, ambiguity_group, estimate_sizes
 from enginediag_cli.isolation.subsets import ENUMERATED, best_subsets
 from enginediag_cli.residuals.score import Score
 from enginediag_cli.residuals.statistics import RANK_TOLERANCE, range_space
@@ -171,10 +171,10 @@ def incremental_diagnosis(
     return IncrementalDiagnosis(steps[-1].parameters if steps else (), tuple(steps), accepted, exact)
 
 
-MAX_RIVALS = 50
+MAX_ALTERNATIVES = 50
 """Rivals that are told in tables, more are counted; sentences tell three. Where few sensors leave hundreds of sets
 possible, of the truths that stand in the credible set one in fifty comes after the first twenty."""
-MAX_RIVAL_TESTS = 5000
+MAX_ALTERNATIVE_TESTS = 5000
 """Sets that are tested for being rivals: about a second of work."""
 
 Named = tuple[tuple[str, ...], float]
@@ -199,14 +199,14 @@ class IsolationOptions:
     largest: int | None = None
 
 
-def most_probable(score: Score, options: IsolationOptions) -> Named:
+def most_probable_set(score: Score, options: IsolationOptions) -> Named:
     """The most probable set among all sets."""
     posterior = set_posterior(score, options.prior, largest=options.largest, faults=options.faults)
-    posterior = posterior.merged(Instruments.from_parameters(score.described))
+    posterior = posterior.merge_forms(InstrumentForms.from_parameters(score.described))
     return posterior.names(0), float(posterior.probabilities[0])
 
 
-def grown(score: Score, options: IsolationOptions) -> Named:
+def incremental_set(score: Score, options: IsolationOptions) -> Named:
     """The set that the paper's incremental algorithm ends with."""
     found = incremental_diagnosis(
         score, false_alarm=options.false_alarm, faults=options.faults, largest=options.largest
@@ -214,12 +214,12 @@ def grown(score: Score, options: IsolationOptions) -> Named:
     return found.isolated, float("nan")
 
 
-def best_of_size(score: Score, options: IsolationOptions) -> Named:
+def best_set(score: Score, options: IsolationOptions) -> Named:
     """The set of `faults` parameters (default one) with the largest sensitivity statistic, eq. (13)."""
     return _best_of_size(score, options)[0], float("nan")
 
 
-def inimitable(score: Score, options: IsolationOptions) -> Named:
+def minmax_set(score: Score, options: IsolationOptions) -> Named:
     """Parameters whose change no other can imitate, by Holm; with `faults` = q, the q with the largest statistics."""
     named, adjusted = holm_minmax(score, options.false_alarm)
     if options.faults is not None:
@@ -228,7 +228,7 @@ def inimitable(score: Score, options: IsolationOptions) -> Named:
     return named, float("nan")
 
 
-def by_posterior(score: Score, options: IsolationOptions) -> IsolationResult:
+def isolate_by_posterior(score: Score, options: IsolationOptions) -> SetIsolation:
     """Most probable set among all sets; rivals are the next ones until `coverage` is reached."""
     posterior = set_posterior(score, options.prior, largest=options.largest, faults=options.faults)
     return posterior_result(score, posterior, options, options.prior)
@@ -241,23 +241,24 @@ def posterior_result(
     prior: SetPrior,
     about: Mapping[bytes, Score] | None = None,
     listed: float = 1.0,
-) -> IsolationResult:
-    """Answer, rivals and sizes from a posterior over sets; `score` and `about` give the sizes, see `averaged_sizes`.
+) -> SetIsolation:
+    """Answer, rivals and sizes from a posterior over sets; `score` and `about` give the sizes, see `average_sizes`.
     prior: the one with which the posterior was made; listed: probability that one of these sets is it."""
-    every, instruments = posterior, Instruments.from_parameters(score.described)
-    posterior = absorb_small_changes(score, every.merged(instruments), prior, about)
+    every, instruments = posterior, InstrumentForms.from_parameters(score.described)
+    posterior = absorb_small_changes(score, every.merge_forms(instruments), prior, about)
     posterior = replace(posterior, probabilities=listed * posterior.probabilities)
     isolated = posterior.names(0)
-    count = posterior.credible(listed * options.coverage)
+    count = posterior.credible_count(listed * options.coverage)
     rivals = tuple(
-        Explanation(posterior.names(i), float(posterior.probabilities[i])) for i in range(1, min(count, MAX_RIVALS + 1))
+        Explanation(posterior.names(i), float(posterior.probabilities[i]))
+        for i in range(1, min(count, MAX_ALTERNATIVES + 1))
     )
-    wrong = int(instruments.forms_of[score.indices(isolated)].sum())
+    wrong = int(instruments.is_form[score.indices(isolated)].sum())
     cut = options.faults is None and len(isolated) == posterior.largest < len(score.parameters)
     notes = [f"sets of more than {posterior.largest} parameters were not considered"] if cut else []
-    if wrong and wrong == posterior.wrong_sensors < instruments.count:
+    if wrong and wrong == posterior.max_sensor_faults < instruments.count:
         notes.append(f"more than {wrong} wrong sensors were not considered")
-    return IsolationResult(
+    return SetIsolation(
         "posterior",
         isolated,
         float(posterior.probabilities[0]),
@@ -265,24 +266,24 @@ def posterior_result(
         max(count - 1 - len(rivals), 0),
         options.coverage,
         dict(zip(score.parameters, map(float, listed * instruments.inclusion(every.inclusion)), strict=True)),
-        averaged_sizes(score, every, isolated, prior, options.confidence, about),
+        average_sizes(score, every, isolated, prior, options.confidence, about),
         not notes,
         "; ".join(notes),
-        class_of(score.parameters, posterior.masks, posterior.probabilities),
+        ambiguity_group(score.parameters, posterior.masks, posterior.probabilities),
         instruments.shares(score.parameters, isolated, every.inclusion),
     )
 
 
-def by_incremental(score: Score, options: IsolationOptions) -> IsolationResult:
+def isolate_incrementally(score: Score, options: IsolationOptions) -> SetIsolation:
     """The paper's incremental algorithm; rivals: sets of equal size that the rejection test accepts."""
     found = incremental_diagnosis(
         score, false_alarm=options.false_alarm, faults=options.faults, largest=options.largest
     )
     notes = [] if found.accepted else ["the isolated set does not explain the residual"]
     notes += [] if found.exact else ["the search for the best set stopped at its limit"]
-    rivals, left_out, searched = _accepted_rivals(score, found.isolated, options.false_alarm)
+    rivals, left_out, searched = _accepted_alternatives(score, found.isolated, options.false_alarm)
     notes += [] if searched else ["rival sets were too many to test"]
-    return IsolationResult(
+    return SetIsolation(
         "incremental",
         found.isolated,
         float("nan"),
@@ -296,13 +297,13 @@ def by_incremental(score: Score, options: IsolationOptions) -> IsolationResult:
     )
 
 
-def by_sensitivity(score: Score, options: IsolationOptions) -> IsolationResult:
-    """The answer of `best_of_size`; rivals as those of the incremental algorithm."""
+def isolate_by_sensitivity(score: Score, options: IsolationOptions) -> SetIsolation:
+    """The answer of `best_set`; rivals as those of the incremental algorithm."""
     isolated, exact = _best_of_size(score, options)
-    rivals, left_out, searched = _accepted_rivals(score, isolated, options.false_alarm)
+    rivals, left_out, searched = _accepted_alternatives(score, isolated, options.false_alarm)
     notes = [] if exact else ["the search for the best set stopped at its limit"]
     notes += [] if searched else ["rival sets were too many to test"]
-    return IsolationResult(
+    return SetIsolation(
         "sensitivity",
         isolated,
         float("nan"),
@@ -316,12 +317,12 @@ def by_sensitivity(score: Score, options: IsolationOptions) -> IsolationResult:
     )
 
 
-def by_minmax(score: Score, options: IsolationOptions) -> IsolationResult:
+def isolate_by_minmax(score: Score, options: IsolationOptions) -> SetIsolation:
     """The answer of `inimitable`, which may name nothing although something changed."""
-    named, _ = inimitable(score, options)
+    named, _ = minmax_set(score, options)
     changed = score.rank > 0 and score.glr > threshold(score.rank, options.false_alarm)
     note = "a change is seen but no single parameter is sure to have changed" if changed and not named else ""
-    return IsolationResult(
+    return SetIsolation(
         "minmax",
         named,
         float("nan"),
@@ -336,32 +337,32 @@ def by_minmax(score: Score, options: IsolationOptions) -> IsolationResult:
 
 
 NAMING: dict[str, Callable[[Score, IsolationOptions], Named]] = {
-    "posterior": most_probable,
-    "incremental": grown,
-    "sensitivity": best_of_size,
-    "minmax": inimitable,
+    "posterior": most_probable_set,
+    "incremental": incremental_set,
+    "sensitivity": best_set,
+    "minmax": minmax_set,
 }
 """What each of METHODS names, without rivals and sizes."""
 
-METHODS: dict[str, Callable[[Score, IsolationOptions], IsolationResult]] = {
-    "posterior": by_posterior,
-    "incremental": by_incremental,
-    "sensitivity": by_sensitivity,
-    "minmax": by_minmax,
+METHODS: dict[str, Callable[[Score, IsolationOptions], SetIsolation]] = {
+    "posterior": isolate_by_posterior,
+    "incremental": isolate_incrementally,
+    "sensitivity": isolate_by_sensitivity,
+    "minmax": isolate_by_minmax,
 }
 
 
-def isolate(score: Score, method: str = "posterior", options: IsolationOptions | None = None) -> IsolationResult:
+def isolate(score: Score, method: str = "posterior", options: IsolationOptions | None = None) -> SetIsolation:
     """Isolate changed parameters by the named method; ValueError lists the methods when it is unknown."""
     if method not in METHODS:
         raise ValueError(f"`method` must be one of {', '.join(METHODS)}, not {method!r}")
-    return METHODS[method](score if method == "posterior" else in_usual_forms(score), options or IsolationOptions())
+    return METHODS[method](score if method == "posterior" else keep_first_forms(score), options or IsolationOptions())
 
 
-def in_usual_forms(score: Score) -> Score:
+def keep_first_forms(score: Score) -> Score:
     """The score without the further forms of instruments' errors: a test that asks what no other can imitate, or counts
     parameters, knows one parameter of an instrument."""
-    owner = Instruments.from_parameters(score.described).owner
+    owner = InstrumentForms.from_parameters(score.described).owner
     kept = [i for i, k in enumerate(owner.tolist()) if k < 0 or k not in owner[:i]]
     if len(kept) == len(owner):
         return score
@@ -388,7 +389,7 @@ def _best_of_size(score: Score, options: IsolationOptions) -> tuple[tuple[str, .
     return tuple(score.parameters[i] for i in best.sets[-1]) if best.sets else (), best.exact
 
 
-def _accepted_rivals(
+def _accepted_alternatives(
     score: Score, isolated: tuple[str, ...], false_alarm: float
 ) -> tuple[tuple[Explanation, ...], int, bool]:
     """Other sets of the same size that the rejection test accepts, by falling p value; how many more; whether
@@ -397,7 +398,7 @@ def _accepted_rivals(
 
     if not isolated:
         return (), 0, True
-    if comb(len(score.parameters), len(isolated)) > MAX_RIVAL_TESTS:
+    if comb(len(score.parameters), len(isolated)) > MAX_ALTERNATIVE_TESTS:
         return (), 0, False
     accepted = []
     for names in combinations(score.parameters, len(isolated)):
@@ -407,4 +408,4 @@ def _accepted_rivals(
             if p_value > false_alarm:
                 accepted.append(Explanation(names, p_value))
     accepted.sort(key=lambda rival: -rival.probability)
-    return tuple(accepted[:MAX_RIVALS]), max(len(accepted) - MAX_RIVALS, 0), True
+    return tuple(accepted[:MAX_ALTERNATIVES]), max(len(accepted) - MAX_ALTERNATIVES, 0), True

@@ -36,9 +36,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from enginediag_cli.isolation.posterior import SetPosterior, reweighed, set_posterior
-from enginediag_cli.isolation.prior import Instruments, SetPrior
-from enginediag_cli.isolation.slab_mixture import log_factors
+from enginediag_cli.isolation.posterior import SetPosterior, reweight, set_posterior
+from enginediag_cli.isolation.prior import InstrumentForms, SetPrior
+from enginediag_cli.isolation.slab_mixture import log_bound_factors
 from enginediag_cli.log_weights import log_mean
 from enginediag_cli.residuals.instruments import weighed
 from enginediag_cli.residuals.monitor import Monitor
@@ -54,14 +54,14 @@ COMPUTED = 40
 
 
 @dataclass(frozen=True)
-class Expansion:
+class LikelihoodExpansion:
     """ℓ relative to no change, its gradient (p,) and information (p, p) at one change of monitored parameters."""
 
     log_likelihood: float
     gradient: np.ndarray
     information: np.ndarray
 
-    def score_about(self, template: Score, change: np.ndarray) -> tuple[Score, float]:
+    def expand_score(self, template: Score, change: np.ndarray) -> tuple[Score, float]:
         """The expansion at `change` (p,) carried back to nominal: a score, and ℓ of it at nominal.
 
         ℓ(δ) ≈ offset + β·δ − ½ δᵀ I δ.
@@ -131,14 +131,14 @@ class WindowModel:
         chosen, shares = spread_records({c: v for c, v in self.inputs.items() if c in monitor.engine.inputs}, len(z))
         self._points = {column: values[chosen] for column, values in self.inputs.items()}
         self._start = None if starts[0] is None else np.concatenate(starts, axis=1)[:, chosen]
-        self._sums = _Sums.of_records(predicted[chosen], J[chosen], z, G, doubt, W, shares)
+        self._sums = _RecordSums.from_records(predicted[chosen], J[chosen], z, G, doubt, W, shares)
         self._inner = np.eye(root.shape[1]) + np.einsum("kmd,kme->de", doubt, doubt, optimize=True)
         self._noise = 1.0
         self._at_nominal = 0.0
         nothing = np.zeros((1, p))
         self._at_nominal = float(self._log_likelihood(*self._sums.residuals(nothing, predicted[chosen][None]))[0])
 
-    def with_noise(self, factor: float) -> WindowModel:
+    def scale_noise(self, factor: float) -> WindowModel:
         """The same where the variance of the noise is larger by this factor."""
         found = copy(self)
         found._noise = self._noise * factor
@@ -163,15 +163,15 @@ class WindowModel:
         known = np.sum(s * np.linalg.solve(self._inner, s.T).T, axis=1)
         return np.asarray(-0.5 * (square - known) - self._at_nominal) / self._noise
 
-    def expand(self, changes: np.ndarray) -> list[Expansion]:
+    def expand(self, changes: np.ndarray) -> list[LikelihoodExpansion]:
         """Expansion about each of w changes (w, p)."""
-        found: list[Expansion] = []
+        found: list[LikelihoodExpansion] = []
         for part, predicted, J, ok in self._predictions(self.monitor, changes):
             for k in range(len(part)):
                 computed = np.isfinite(predicted[k]) & np.all(np.isfinite(J[k]), axis=2)
                 if not np.all(ok[k]) or not computed[:, self._sums.read].all():  # fewer readings would fit better
                     nothing = np.full((self.p, self.p), np.nan)
-                    found.append(Expansion(-np.inf, nothing[0], nothing))
+                    found.append(LikelihoodExpansion(-np.inf, nothing[0], nothing))
                     continue
                 here = np.where(computed, predicted[k], 0.0), np.where(computed[:, :, None], J[k], 0.0)
                 found.append(self._expansion(part[k], *here))
@@ -196,18 +196,18 @@ class WindowModel:
             shape = (len(part), R, predicted.shape[1])
             yield part, predicted.reshape(shape), J[:, :, :q].reshape(*shape, q), ok.reshape(len(part), R)
 
-    def _expansion(self, change: np.ndarray, predicted: np.ndarray, J: np.ndarray) -> Expansion:
+    def _expansion(self, change: np.ndarray, predicted: np.ndarray, J: np.ndarray) -> LikelihoodExpansion:
         square, s = (each[0] for each in self._sums.residuals(change[None], predicted[None]))
         gradient, information, cross = self._sums.slopes(change, predicted, J)
         solved = np.linalg.solve(self._inner, np.column_stack([s, cross]))
         log_likelihood = -0.5 * float(square - s @ solved[:, 0]) - self._at_nominal
         gradient = gradient - cross.T @ solved[:, 0]
         information = information - cross.T @ solved[:, 1:]
-        return Expansion(log_likelihood / self._noise, gradient / self._noise, information / self._noise)
+        return LikelihoodExpansion(log_likelihood / self._noise, gradient / self._noise, information / self._noise)
 
 
 @dataclass(frozen=True)
-class _Sums:
+class _RecordSums:
     """What the likelihood needs of all records. At the R points that are computed: `predicted` (R, m) and `J` (R, m, p)
     at nominal, and the sums of their shares times WᵀW (R, m, R, m), Wᵀz (R, m), WᵀG (R, m, p) and WᵀG₀R (R, m, d);
     read (m,): sensors with readings. Of all records: zᵀz, Gᵀz (p,), GᵀG (p, p), RᵀG₀ᵀz (d,) and RᵀG₀ᵀG (d, p)."""
@@ -226,7 +226,7 @@ class _Sums:
     DG: np.ndarray
 
     @staticmethod
-    def of_records(
+    def from_records(
         predicted: np.ndarray,
         J: np.ndarray,
         z: np.ndarray,
@@ -234,7 +234,7 @@ class _Sums:
         doubt: np.ndarray,
         W: np.ndarray,
         shares: np.ndarray,
-    ) -> _Sums:
+    ) -> _RecordSums:
         """Of records with whitened residuals z (N, m), sensitivities G (N, m, p), doubt G₀R (N, m, d), whitening W
         (N, m, m) and `shares` A (N, R) of the points."""
         (N, R), (m, p) = shares.shape, G.shape[1:]
@@ -245,7 +245,7 @@ class _Sums:
         columns = np.einsum("kij,kiq->kjq", W, np.concatenate([z[:, :, None], G, doubt], axis=2), optimize=True)
         near = (shares.T @ columns.reshape(N, -1)).reshape(R, *columns.shape[1:])
         residual, slopes, doubts = z.ravel(), G.reshape(-1, p), doubt.reshape(N * m, -1)
-        return _Sums(
+        return _RecordSums(
             predicted,
             J,
             np.einsum("kmm->m", own) > 0.0,
@@ -335,7 +335,7 @@ TOLERANCE = 0.02
 
 
 @dataclass(frozen=True)
-class LargeFaults:
+class NonlinearPosterior:
     """Posterior over sets with the leading ones fitted by the full model, and the score about the best one.
 
     about: of each set that was fitted, by the bytes of its mask, the score about its own estimate;
@@ -346,7 +346,7 @@ class LargeFaults:
 
     posterior: SetPosterior
     score: Score
-    about: Mapping[bytes, Score]
+    own_scores: Mapping[bytes, Score]
     prior: SetPrior
     fitted: int
     converged: bool
@@ -359,7 +359,7 @@ class SetFit:
     """Estimate of the changes of one set: `change` (p,), and the expansion of the likelihood there."""
 
     change: np.ndarray
-    expansion: Expansion
+    expansion: LikelihoodExpansion
     converged: bool
 
 
@@ -439,13 +439,13 @@ def nonlinear_posterior(
     *,
     largest: int | None = None,
     faults: int | None = None,
-) -> LargeFaults:
+) -> NonlinearPosterior:
     """Posterior over sets from the full model; `score` is where the search begins."""
     prior = prior or SetPrior()
     prior = replace(prior, slabs=(*prior.slabs, *((WIDE_SLAB,) if max(prior.slabs) < WIDE_SLAB else ())))
     fits: dict[bytes, SetFit] = {}
     logs: dict[bytes, float] = {}
-    instruments = Instruments.from_parameters(score.described)
+    instruments = InstrumentForms.from_parameters(score.described)
     low, high = (end * score.prior_sigma for end in prior.bounds(score.described))
     about, offset, centre, most = score, 0.0, b"", SOUGHT
     posterior = set_posterior(about, prior, largest=largest, faults=faults)
@@ -459,32 +459,34 @@ def nonlinear_posterior(
             for mask, fit in zip(new, fit_sets(model, new, start, (low, high)), strict=True):
                 key = mask.tobytes()
                 fits[key] = fit
-                logs[key] = laplace(score, fit, mask, prior) + float(prior.log_of(mask[None], instruments)[0])
+                logs[key] = log_laplace_evidence(score, fit, mask, prior) + float(
+                    prior.log_probability(mask[None], instruments)[0]
+                )
         best = max(logs, key=lambda key: logs[key])
         if best != centre:
             centre = best
-            about, offset = fits[best].expansion.score_about(score, fits[best].change)
+            about, offset = fits[best].expansion.expand_score(score, fits[best].change)
             posterior = set_posterior(about, prior, largest=largest, faults=faults)
         elif most == LEADING:
             break
         else:
             most = LEADING
-    log_weights = _combined(posterior, about, offset, prior, logs)
+    log_weights = _combine_log_weights(posterior, about, offset, prior, logs)
     weights, top = np.exp(log_weights - log_weights.max()), float(log_weights.max())
-    combined = replace(reweighed(posterior, weights), log_total=top + float(np.log(weights.sum())))
+    combined = replace(reweight(posterior, weights), log_total=top + float(np.log(weights.sum())))
     decisive = [k for k, log in logs.items() if log > logs[centre] + np.log(FITTED_SHARE)]
-    own = {key: fit.expansion.score_about(score, fit.change)[0] for key, fit in fits.items() if np.isfinite(logs[key])}
+    own = {key: fit.expansion.expand_score(score, fit.change)[0] for key, fit in fits.items() if np.isfinite(logs[key])}
     converged = all(fits[k].converged for k in decisive)
-    return LargeFaults(combined, about, own, prior, len(fits), converged, error, offset)
+    return NonlinearPosterior(combined, about, own, prior, len(fits), converged, error, offset)
 
 
-def laplace(score: Score, fit: SetFit, mask: np.ndarray, prior: SetPrior) -> float:
+def log_laplace_evidence(score: Score, fit: SetFit, mask: np.ndarray, prior: SetPrior) -> float:
     """log p(data | S) − log p(data | no change) by the expansion at the fit of the set `mask` (p,)."""
-    local, offset = fit.expansion.score_about(score, fit.change)
-    return offset + _log_slabs(local, mask, prior)
+    local, offset = fit.expansion.expand_score(score, fit.change)
+    return offset + _log_slab_evidence(local, mask, prior)
 
 
-def _log_slabs(score: Score, mask: np.ndarray, prior: SetPrior) -> float:
+def _log_slab_evidence(score: Score, mask: np.ndarray, prior: SetPrior) -> float:
     """log of the mean over slabs of ∫ exp(β·δ − ½ δᵀ I δ) p(δ; slab) dδ over the parameters of a set."""
     b, information = prior.scaled(score)
     s = np.flatnonzero(mask)
@@ -493,18 +495,18 @@ def _log_slabs(score: Score, mask: np.ndarray, prior: SetPrior) -> float:
         A = np.eye(len(s)) + slab**2 * information[np.ix_(s, s)]
         right = slab * b[s]
         each.append(0.5 * float(right @ np.linalg.solve(A, right)) - 0.5 * float(np.linalg.slogdet(A)[1]))
-    wear = float(log_factors(score, mask[None], prior)[0])
+    wear = float(log_bound_factors(score, mask[None], prior)[0])
     return float(log_mean(np.array(each)) + wear)
 
 
-def _combined(
+def _combine_log_weights(
     posterior: SetPosterior, about: Score, offset: float, prior: SetPrior, logs: dict[bytes, float]
 ) -> np.ndarray:
     """Log weights (M,) of all sets of `posterior`, that of the score `about`, against no change: those fitted by their
     fits, the others by that score."""
     anchor = posterior.masks[0]
-    log_prior = float(prior.log_of(anchor[None], Instruments.from_parameters(about.described))[0])
-    level = offset + _log_slabs(about, anchor, prior) + log_prior
+    log_prior = float(prior.log_probability(anchor[None], InstrumentForms.from_parameters(about.described))[0])
+    level = offset + _log_slab_evidence(about, anchor, prior) + log_prior
     with np.errstate(divide="ignore"):
         known = level + np.log(posterior.probabilities) - np.log(posterior.probabilities[0])
     return np.array([logs.get(mask.tobytes(), log) for mask, log in zip(posterior.masks, known, strict=True)])

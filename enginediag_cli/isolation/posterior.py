@@ -32,7 +32,7 @@ an interval of level c holds c of all of that: c/q of the mixture, or no change 
 of the mixture, whichever is shorter.
 
 An answer S says that these changed and that nothing else that matters did. It is right, too, where a set T ⊃ S is what
-happened and all that T holds besides is below its `least_that_matters` ε. Sets are gone through by falling
+happened and all that T holds besides is below its `least_relevant_change` ε. Sets are gone through by falling
 probability; each takes from the sets T after it that hold it the part
 
     P(T | data) Π_{i ∈ T∖S} P(|x_i| < ε_i | T, widest slab, data)
@@ -50,10 +50,10 @@ from functools import lru_cache
 import numpy as np
 
 from enginediag_cli.detection.verdict import must_show
-from enginediag_cli.isolation.prior import Instruments, SetPrior, are_sensors
+from enginediag_cli.isolation.prior import InstrumentForms, SetPrior, are_sensors
 from enginediag_cli.isolation.results import ParameterChange
-from enginediag_cli.isolation.slab_mixture import log_mass, log_wear, slab_gaussians, wear_signs
-from enginediag_cli.isolation.subsets import MAX_SETS, all_sets, sets_of, size_limit
+from enginediag_cli.isolation.slab_mixture import log_leading_factors, log_normal_mass, slab_gaussians, wear_signs
+from enginediag_cli.isolation.subsets import MAX_SETS, enumerate_sets, enumeration_masks, size_limit
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.score import Score
 
@@ -70,7 +70,7 @@ class SetPosterior:
 
     `log_evidence`: log of the marginal likelihood ratio of "something changed" to "nothing changed" times the
     prior odds; `log_total`: that of all sets, with their prior, to "nothing changed" without it. `largest`: size limit
-    that was used; `wrong_sensors`: largest number of sensors in a set.
+    that was used; `max_sensor_faults`: largest number of sensors in a set.
     """
 
     parameters: tuple[str, ...]
@@ -79,19 +79,19 @@ class SetPosterior:
     inclusion: np.ndarray
     log_evidence: float
     largest: int
-    wrong_sensors: int = 0
+    max_sensor_faults: int = 0
     log_total: float = 0.0
 
     def names(self, i: int) -> tuple[str, ...]:
         """Parameters of the i-th most probable set."""
         return tuple(name for name, member in zip(self.parameters, self.masks[i], strict=True) if member)
 
-    def merged(self, instruments: Instruments) -> SetPosterior:
+    def merge_forms(self, instruments: InstrumentForms) -> SetPosterior:
         """The same with sets that differ by forms of instruments' errors as one, each instrument in its likeliest
         form."""
-        if instruments.count == len(self.parameters) - int(np.sum(~instruments.forms_of)):
+        if instruments.count == len(self.parameters) - int(np.sum(~instruments.is_form)):
             return self
-        masks = instruments.in_one_form(self.masks, self.inclusion)
+        masks = instruments.merge_forms(self.masks, self.inclusion)
         packed = np.packbits(masks, axis=1)
         keys = np.ascontiguousarray(packed).view(np.dtype((np.void, packed.shape[1]))).ravel()
         _, first, where = np.unique(keys, return_index=True, return_inverse=True)
@@ -99,7 +99,7 @@ class SetPosterior:
         order = np.lexsort((first, -weights))
         return replace(self, masks=masks[first[order]], probabilities=weights[order])
 
-    def credible(self, coverage: float = 0.95) -> int:
+    def credible_count(self, coverage: float = 0.95) -> int:
         """How many of the first sets are needed to hold probability `coverage`."""
         return min(int(np.searchsorted(np.cumsum(self.probabilities), coverage - 1e-12)) + 1, len(self.probabilities))
 
@@ -117,23 +117,23 @@ def set_posterior(
     prior: of sets and sizes of changes. ValueError when `faults` leaves more than `max_sets` sets to visit.
     """
     prior = prior or SetPrior()
-    p, instruments = len(score.parameters), Instruments.from_parameters(score.described)
-    forms, few = instruments.forms_of, prior.wrong_sensors
+    p, instruments = len(score.parameters), InstrumentForms.from_parameters(score.described)
+    forms, few = instruments.is_form, prior.max_sensor_faults
     limit = size_limit(p, faults if faults is not None else largest, max_sets, int(forms.sum()), few)
     if faults is not None and limit < min(faults, p):
         raise ValueError(f"{faults} faults among {p} parameters are more sets than can be visited ({max_sets})")
     b, information = prior.scaled(score)
     slabs = np.asarray(prior.slabs, float)
     A = np.eye(p) + slabs[:, None, None] ** 2 * information
-    masks, quadratic, log_det = all_sets(slabs[:, None] * b, A, limit, forms, few)
+    masks, quadratic, log_det = enumerate_sets(slabs[:, None] * b, A, limit, forms, few)
     each = quadratic
     each -= log_det
     each *= 0.5
-    wrong, healthy, log_forms = _counted(
-        tuple(instruments.owner.tolist()), tuple(prior.log_odds_of(instruments).tolist()), limit, few
+    wrong, healthy, log_forms = _count_forms(
+        tuple(instruments.owner.tolist()), tuple(prior.log_fault_odds(instruments).tolist()), limit, few
     )
     top = np.maximum.reduce(list(each))  # with the prior, a bound of the weight that is no more than ln(slabs) off
-    of_size = prior.log_of_size(p - int(forms.sum())) + prior.log_all_right(instruments)
+    of_size = prior.log_size_probability(p - int(forms.sum())) + prior.log_no_instrument_fault(instruments)
     logs = top + of_size.take(healthy) + log_forms
     sizes = healthy + wrong
     none = int(np.flatnonzero(sizes == 0)[0])
@@ -144,9 +144,9 @@ def set_posterior(
     kept = np.flatnonzero(asked)
     spread = np.log(np.exp(each[:, kept] - top[kept]).mean(axis=0))
     empty = float(logs[none] + np.logaddexp.reduce(each[:, none] - top[none]) - np.log(len(each)))
-    listed = _holding_nearly_all(logs[kept] + spread, kept == none)
+    listed = _credible_rows(logs[kept] + spread, kept == none)
     logs, masks = (logs[kept] + spread)[listed], masks[kept[listed]]
-    logs = logs + log_wear(score, masks, logs, prior)
+    logs = logs + log_leading_factors(score, masks, logs, prior)
     order = np.argsort(-logs, kind="stable")
     masks, logs = masks[order], logs[order]
     weights = np.exp(logs - logs[0])
@@ -155,23 +155,23 @@ def set_posterior(
     evidence = float(logs[0] + np.log(weights[changed].sum()) - empty) if weights[changed].sum() > 0 else -np.inf
     total = float(logs[0] + np.log(weights.sum()))
     return SetPosterior(
-        score.parameters, masks, probabilities, probabilities @ masks, evidence, limit, prior.wrong_sensors, total
+        score.parameters, masks, probabilities, probabilities @ masks, evidence, limit, prior.max_sensor_faults, total
     )
 
 
 @lru_cache(maxsize=8)
-def _counted(
+def _count_forms(
     owner: tuple[int, ...], log_odds: tuple[float, ...], limit: int, few: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of each set of `all_sets`, in its order (M,): how many errors of instruments and valves, how many parameters of
-    the engine, and the log prior odds of the forms in it, of which each has log_odds (p,)."""
-    instruments = Instruments(np.array(owner, int))
-    masks = sets_of(len(owner), limit, tuple((instruments.forms_of).tolist()), few)
-    wrong = masks[:, instruments.forms_of].sum(axis=1)
-    return wrong, masks[:, ~instruments.forms_of].sum(axis=1), instruments.log_forms(masks, np.array(log_odds))
+    """Of each set of `enumerate_sets`, in its order (M,): the number of errors of instruments and valves, the number of
+    engine parameters, and the log prior odds of its forms, of which each has log_odds (p,)."""
+    instruments = InstrumentForms(np.array(owner, int))
+    masks = enumeration_masks(len(owner), limit, tuple((instruments.is_form).tolist()), few)
+    wrong = masks[:, instruments.is_form].sum(axis=1)
+    return wrong, masks[:, ~instruments.is_form].sum(axis=1), instruments.log_forms(masks, np.array(log_odds))
 
 
-def _holding_nearly_all(logs: np.ndarray, none: np.ndarray) -> np.ndarray:
+def _credible_rows(logs: np.ndarray, none: np.ndarray) -> np.ndarray:
     """Positions of the sets that hold all but NEGLIGIBLE of the weight exp(logs) (M,), and of the one of no change."""
     weights = np.exp(logs - logs.max())
     count, enough = ALL_LISTED, (1 - NEGLIGIBLE) * float(weights.sum())
@@ -185,7 +185,7 @@ def _holding_nearly_all(logs: np.ndarray, none: np.ndarray) -> np.ndarray:
     return np.arange(len(logs))
 
 
-def reweighed(posterior: SetPosterior, weights: np.ndarray) -> SetPosterior:
+def reweight(posterior: SetPosterior, weights: np.ndarray) -> SetPosterior:
     """The posterior with new weights (M,) ≥ 0 of its sets, sorted and normalised again."""
     order = np.argsort(-weights, kind="stable")
     probabilities = weights[order] / weights.sum()
@@ -227,7 +227,7 @@ MATTERS = 1 / 3
 capacity. With two such changes beside the named one nothing is to be done that was not to be done for it alone."""
 
 
-def averaged_sizes(
+def average_sizes(
     score: Score,
     posterior: SetPosterior,
     names: Sequence[str],
@@ -244,14 +244,14 @@ def averaged_sizes(
         return ()
     found = []
     unit = score.prior_sigma * prior.widths(score.described)
-    inclusion = Instruments.from_parameters(score.described).inclusion(posterior.inclusion)
+    inclusion = InstrumentForms.from_parameters(score.described).inclusion(posterior.inclusion)
     for i in score.indices(names).tolist():
-        sets = _sets_with(posterior, i)
-        weight, mean, spread = _mixture(score, posterior, sets, i, prior, about or {})
+        sets = _rows_with_parameter(posterior, i)
+        weight, mean, spread = _size_mixture(score, posterior, sets, i, prior, about or {})
         centre = float(weight @ mean)
         error = float(np.sqrt(weight @ (spread**2 + (mean - centre) ** 2)))
-        upper = _between(weight, mean, spread, confidence)[1]
-        ends = _held(weight, mean, spread, confidence, min(float(inclusion[i]), 1.0))
+        upper = _central_interval(weight, mean, spread, confidence)[1]
+        ends = _interval_including_no_change(weight, mean, spread, confidence, min(float(inclusion[i]), 1.0))
         d, own_prior = float(unit[i]), [score.described[i]]
         low, high = (float((end / prior.widths(own_prior))[0]) for end in prior.bounds(own_prior))
         centre, ends = float(np.clip(centre, low, high)), tuple(np.clip(ends, low, high).tolist())
@@ -261,26 +261,26 @@ def averaged_sizes(
     return tuple(found)
 
 
-def _held(
+def _interval_including_no_change(
     weight: np.ndarray, mean: np.ndarray, spread: np.ndarray, level: float, inclusion: float
 ) -> tuple[float, float]:
     """Interval that holds `level` of the mixture, of probability `inclusion`, and of no change together."""
     share = max(1 - (1 - level) / inclusion, 0.0)
-    low, high = _between(weight, mean, spread, share)
+    low, high = _central_interval(weight, mean, spread, share)
     wide = min(low, 0.0), max(high, 0.0)
     if inclusion <= level:
         return wide
-    narrow = _between(weight, mean, spread, level / inclusion)
+    narrow = _central_interval(weight, mean, spread, level / inclusion)
     return min(narrow, wide, key=lambda ends: ends[1] - ends[0])
 
 
-def _between(weight: np.ndarray, mean: np.ndarray, spread: np.ndarray, level: float) -> tuple[float, float]:
+def _central_interval(weight: np.ndarray, mean: np.ndarray, spread: np.ndarray, level: float) -> tuple[float, float]:
     """Quantiles of the mixture that hold `level` of it between them, as much below as above."""
     tail = (1 - level) / 2
     return _quantile(weight, mean, spread, tail), _quantile(weight, mean, spread, 1 - tail)
 
 
-def _sets_with(posterior: SetPosterior, i: int) -> np.ndarray:
+def _rows_with_parameter(posterior: SetPosterior, i: int) -> np.ndarray:
     """Positions of the likeliest sets that hold parameter i and, together, nearly all of its inclusion."""
     holding = np.flatnonzero(posterior.masks[:, i])
     held = np.cumsum(posterior.probabilities[holding])
@@ -288,7 +288,7 @@ def _sets_with(posterior: SetPosterior, i: int) -> np.ndarray:
     return holding[: min(count, MOST_SETS)]
 
 
-def _mixture(
+def _size_mixture(
     score: Score,
     posterior: SetPosterior,
     sets: np.ndarray,
@@ -307,11 +307,11 @@ def _mixture(
     return weight / weight.sum(), np.concatenate(means), np.concatenate(spreads)
 
 
-def moments(
+def change_moments(
     score: Score, posterior: SetPosterior, prior: SetPrior, about: Mapping[bytes, Score] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean (p,) and covariance (p, p) of the changes of the score's parameters, in their units, whatever changed."""
-    masks, weights = _likeliest(posterior)
+    masks, weights = _leading_sets(posterior)
     weights, p = weights / weights.sum(), len(score.parameters)
     first, second = np.zeros(p), np.zeros((p, p))
     for found in slab_gaussians(score, masks, prior, about or {}):
@@ -324,13 +324,13 @@ def moments(
     return D * first, D[:, None] * (second - np.outer(first, first)) * D
 
 
-def _likeliest(posterior: SetPosterior) -> tuple[np.ndarray, np.ndarray]:
+def _leading_sets(posterior: SetPosterior) -> tuple[np.ndarray, np.ndarray]:
     """The likeliest sets (S, p), which hold nearly all, with their probabilities (S,)."""
     count = int(np.searchsorted(np.cumsum(posterior.probabilities), 1 - LEFT_OUT)) + 1
     return posterior.masks[: min(count, MOST_SETS)], posterior.probabilities[: min(count, MOST_SETS)]
 
 
-def least_that_matters(described: Sequence[Parameter], prior_sigma: np.ndarray) -> np.ndarray:
+def least_relevant_change(described: Sequence[Parameter], prior_sigma: np.ndarray) -> np.ndarray:
     """Change (p,) below which a further parameter does not matter, in its unit; 0 of instruments."""
     return np.where(are_sensors(described), 0.0, MATTERS * must_show(described, prior_sigma))
 
@@ -342,8 +342,8 @@ def absorb_small_changes(
 
     The set that was likeliest stays the first; the others follow by falling probability.
     """
-    masks, left = _likeliest(posterior)
-    small = log_too_small(score, masks, prior, about or {})
+    masks, left = _leading_sets(posterior)
+    small = log_negligible_probability(score, masks, prior, about or {})
     left, taken = left.copy(), left.copy()
     for r in range(len(masks) - 1):
         donors = r + 1 + np.flatnonzero(~(masks[r] & ~masks[r + 1 :]).any(axis=1))
@@ -359,17 +359,19 @@ def absorb_small_changes(
     return replace(posterior, masks=posterior.masks[order], probabilities=probabilities[order])
 
 
-def log_too_small(score: Score, masks: np.ndarray, prior: SetPrior, about: Mapping[bytes, Score]) -> np.ndarray:
-    """log P(|change| < `least_that_matters`) (S, p) of each member of sets (S, p) under the widest slab, 0 else."""
+def log_negligible_probability(
+    score: Score, masks: np.ndarray, prior: SetPrior, about: Mapping[bytes, Score]
+) -> np.ndarray:
+    """log P(|change| < `least_relevant_change`) (S, p) of each member of sets (S, p) under the widest slab, 0 else."""
     signs, widths = wear_signs(score, prior), prior.widths(score.described)
     low, high = (end / widths for end in prior.bounds(score.described))
-    least = least_that_matters(score.described, score.prior_sigma) / (score.prior_sigma * widths)
-    up = np.where(signs > 0, 1 - prior.rises, np.where(signs < 0, prior.rises, 0.5))
+    least = least_relevant_change(score.described, score.prior_sigma) / (score.prior_sigma * widths)
+    up = np.where(signs > 0, 1 - prior.p_recovery, np.where(signs < 0, prior.p_recovery, 0.5))
     found = np.zeros(masks.shape)
     for sets in slab_gaussians(score, masks, replace(prior, slabs=(max(prior.slabs),)), about):
         mean, spread = sets.mean[0], np.sqrt(np.einsum("sii->si", sets.covariance[0]))
         z = [(x[sets.members] - mean) / spread for x in (low, -least, np.zeros(len(low)), least, high)]
-        mass, rise = [np.exp(log_mass(z[k], z[k + 1])) for k in range(4)], up[sets.members]
+        mass, rise = [np.exp(log_normal_mass(z[k], z[k + 1])) for k in range(4)], up[sets.members]
         small = (1 - rise) * mass[1] + rise * mass[2]
         whole = small + (1 - rise) * mass[0] + rise * mass[3]
         found[sets.rows[:, None], sets.members] = np.log(np.maximum(small / np.maximum(whole, TINY), TINY))
@@ -389,15 +391,15 @@ def _quantile(weight: np.ndarray, mean: np.ndarray, spread: np.ndarray, level: f
 
 
 @dataclass(frozen=True)
-class Belief:
+class SetInference:
     """The posterior over sets with the score and the prior of which it was made; about: scores of single sets about
     their own estimates, by the bytes of their masks, where the full model was fitted."""
 
     score: Score
     posterior: SetPosterior
     prior: SetPrior
-    about: Mapping[bytes, Score] = field(default_factory=dict)
+    own_scores: Mapping[bytes, Score] = field(default_factory=dict)
 
     def moments(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean (p,) and covariance (p, p) of the changes of the score's parameters, in their units."""
-        return moments(self.score, self.posterior, self.prior, self.about)
+        return change_moments(self.score, self.posterior, self.prior, self.own_scores)

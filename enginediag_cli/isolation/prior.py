@@ -11,8 +11,8 @@ The first part alone would exclude an engine that is worn throughout, however cl
 priors over the size of a set: Scott, J. G. and Berger, J. O. (2010) Annals of Statistics 38, 2587–2619).
 
 Instruments, those of the model's inputs included, and valves do not wear together: each is wrong with a probability
-of its own, c = `sensor` or `inclusion`, whatever the engine did, and no more than `wrong_sensors` of them at once, in
-one of its f forms (bias, scale, drift), all as probable, so that a set of parameters and of such as these has
+of its own, c = `sensor` or `inclusion`, whatever the engine did, and no more than `max_sensor_faults` of them at once,
+in one of its f forms (bias, scale, drift), all as probable, so that a set of parameters and of such as these has
 
     P(S) = P(parameters of S) · Π_{j in S} c_j/f_j · Π_{j not in S} (1 − c_j) / P(no more than wrong_sensors are wrong).
 
@@ -53,7 +53,7 @@ def are_sensors(parameters: Sequence[Parameter]) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Instruments:
+class InstrumentForms:
     """Which parameters are forms of the error of which instrument or actuator: its number (p,), −1 of what wears with
     the engine. The forms of one instrument (its bias, scale, drift) exclude each other. valves: numbers of those that
     are actuators."""
@@ -62,21 +62,21 @@ class Instruments:
     valves: frozenset[int] = frozenset()
 
     @staticmethod
-    def from_parameters(parameters: Sequence[Parameter]) -> Instruments:
+    def from_parameters(parameters: Sequence[Parameter]) -> InstrumentForms:
         kinds = {p.component: p.of_instrument for p in parameters if p.fails_alone}
         number = {name: k for k, name in enumerate(kinds)}
-        return Instruments(
+        return InstrumentForms(
             np.array([number[p.component] if p.fails_alone else -1 for p in parameters], int),
             frozenset(number[name] for name, instrument in kinds.items() if not instrument),
         )
 
     @staticmethod
-    def alone(sensors: np.ndarray) -> Instruments:
+    def single_form(sensors: np.ndarray) -> InstrumentForms:
         """Instruments of one form each, where `sensors` (p,) bool."""
-        return Instruments(np.where(sensors, np.cumsum(sensors) - 1, -1))
+        return InstrumentForms(np.where(sensors, np.cumsum(sensors) - 1, -1))
 
     @property
-    def forms_of(self) -> np.ndarray:
+    def is_form(self) -> np.ndarray:
         """Whether each parameter (p,) is a form of an instrument's error."""
         return self.owner >= 0
 
@@ -87,12 +87,12 @@ class Instruments:
     @cached_property
     def forms(self) -> np.ndarray:
         """How many forms the error of each has (count,)."""
-        return np.bincount(self.owner[self.forms_of], minlength=self.count)
+        return np.bincount(self.owner[self.is_form], minlength=self.count)
 
     def log_forms(self, masks: np.ndarray, log_each: np.ndarray) -> np.ndarray:
         """Sum (M,) of log_each (p,) over the forms in sets (M, p); −inf of a set with two forms of one instrument."""
         found = np.zeros(len(masks))
-        for i in np.flatnonzero(self.forms_of):
+        for i in np.flatnonzero(self.is_form):
             found[masks[:, i]] += log_each[i]
         for k in np.flatnonzero(self.forms > 1):
             found[masks[:, self.owner == k].sum(axis=1) > 1] = -np.inf
@@ -101,9 +101,9 @@ class Instruments:
     def inclusion(self, of_forms: np.ndarray) -> np.ndarray:
         """Chance (p,) that each parameter changed, of an instrument's that it is wrong in any form; of_forms (p,): of
         each form by itself."""
-        total = np.bincount(self.owner[self.forms_of], weights=of_forms[self.forms_of], minlength=self.count)
+        total = np.bincount(self.owner[self.is_form], weights=of_forms[self.is_form], minlength=self.count)
         found = of_forms.copy()
-        found[self.forms_of] = total[self.owner[self.forms_of]]
+        found[self.is_form] = total[self.owner[self.is_form]]
         return np.minimum(found, 1.0)
 
     def shares(self, names: Sequence[str], chosen: Sequence[str], of_forms: np.ndarray) -> dict[str, dict[str, float]]:
@@ -118,7 +118,7 @@ class Instruments:
                 found[name] = {names[i]: float(of_forms[i] / total[i]) for i in mine}
         return found
 
-    def in_one_form(self, masks: np.ndarray, of_forms: np.ndarray) -> np.ndarray:
+    def merge_forms(self, masks: np.ndarray, of_forms: np.ndarray) -> np.ndarray:
         """The sets (M, p) with every wrong instrument in its likeliest form, or in its usual one, the first, where that
         is not likelier by nine to one; of_forms (p,): chance of each form."""
         found = masks.copy()
@@ -140,44 +140,44 @@ class SetPrior:
     """
 
     inclusion: float = PARAMETER
-    worn: float = 0.05
+    p_uniform_wear: float = 0.05
     slabs: tuple[float, ...] = (0.15, 0.5, 1.5)
     sensor: float = INSTRUMENT
-    wrong_sensors: int = MOST_AT_ONCE
-    spread: tuple[float, ...] = (0.5, 1.0, 2.0)
-    rises: float = 0.05
-    instruments: float = 3.0
+    max_sensor_faults: int = MOST_AT_ONCE
+    odds_factors: tuple[float, ...] = (0.5, 1.0, 2.0)
+    p_recovery: float = 0.05
+    instrument_width: float = 3.0
 
     def __post_init__(self) -> None:
         if not 0 < self.inclusion < 1:
             raise ValueError("`inclusion` must lie between 0 and 1")
-        if not 0 <= self.worn <= 1:
-            raise ValueError("`worn` must lie in [0, 1]")
-        if not 0 < self.sensor < 1 or self.wrong_sensors < 0:
-            raise ValueError("`sensor` must lie between 0 and 1, and `wrong_sensors` not be negative")
-        if not 0 < self.rises < 1:
-            raise ValueError("`rises` must lie between 0 and 1")
-        if not 0 < self.instruments < np.inf:
-            raise ValueError("`instruments` must be positive and finite")
-        if not self.spread or not all(0 < factor < np.inf for factor in self.spread):
-            raise ValueError("`spread` must be positive and finite, one at least")
+        if not 0 <= self.p_uniform_wear <= 1:
+            raise ValueError("`p_uniform_wear` must lie in [0, 1]")
+        if not 0 < self.sensor < 1 or self.max_sensor_faults < 0:
+            raise ValueError("`sensor` must lie between 0 and 1, and `max_sensor_faults` not be negative")
+        if not 0 < self.p_recovery < 1:
+            raise ValueError("`p_recovery` must lie between 0 and 1")
+        if not 0 < self.instrument_width < np.inf:
+            raise ValueError("`instrument_width` must be positive and finite")
+        if not self.odds_factors or not all(0 < factor < np.inf for factor in self.odds_factors):
+            raise ValueError("`odds_factors` must be positive and finite, one at least")
         if not self.slabs or not all(0 < slab < np.inf for slab in self.slabs):
             raise ValueError("`slabs` must be positive and finite, one at least")
 
     @property
-    def chances(self) -> np.ndarray:
+    def change_probabilities(self) -> np.ndarray:
         """π of separate faults (n,), each as probable as the others."""
-        odds = self.inclusion / (1 - self.inclusion) * np.asarray(self.spread)
+        odds = self.inclusion / (1 - self.inclusion) * np.asarray(self.odds_factors)
         return np.asarray(odds / (1 + odds))
 
     def widths(self, parameters: Sequence[Parameter]) -> np.ndarray:
         """Size (p,) of a change by one slab, in prior_sigma of each parameter."""
-        return np.where(are_sensors(parameters), self.instruments, 1.0)
+        return np.where(are_sensors(parameters), self.instrument_width, 1.0)
 
     def bounds(self, parameters: Sequence[Parameter]) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest change (p,) that is possible, in prior_sigma of each parameter; where nothing is known of
         rises (a repair, a difference of levels) as far up as down."""
-        wear = np.array([p.wear if self.rises != 0.5 else 0 for p in parameters])
+        wear = np.array([p.wear if self.p_recovery != 0.5 else 0 for p in parameters])
         reach = np.array([p.reach if p.of_instrument else REACH for p in parameters])
         return np.where(wear > 0, -RISE, -reach), np.where(wear < 0, RISE, reach)
 
@@ -187,54 +187,56 @@ class SetPrior:
         wide = self.widths(score.described)
         return wide * b, wide[:, None] * information * wide
 
-    def log_of_size(self, p: int) -> np.ndarray:
+    def log_size_probability(self, p: int) -> np.ndarray:
         """log P(S) (p + 1,) of one set of each size 0…p among p parameters."""
         from scipy.special import betaln
 
         k = np.arange(p + 1)
-        each = k[:, None] * np.log(self.chances) + (p - k)[:, None] * np.log1p(-self.chances)
+        each = k[:, None] * np.log(self.change_probabilities) + (p - k)[:, None] * np.log1p(-self.change_probabilities)
         separate = log_mean(each, axis=1)
         with np.errstate(divide="ignore"):
             # 1/((p + 1) C(p, k)) = B(1 + k, 1 + p − k)
             return np.asarray(
-                np.logaddexp(np.log1p(-self.worn) + separate, np.log(self.worn) + betaln(1 + k, 1 + p - k))
+                np.logaddexp(
+                    np.log1p(-self.p_uniform_wear) + separate, np.log(self.p_uniform_wear) + betaln(1 + k, 1 + p - k)
+                )
             )
 
-    def chances_of(self, instruments: Instruments) -> np.ndarray:
+    def fault_probabilities(self, instruments: InstrumentForms) -> np.ndarray:
         """Probability (count,) that each instrument or valve is wrong."""
         return np.array([self.inclusion if k in instruments.valves else self.sensor for k in range(instruments.count)])
 
-    def log_odds_of(self, instruments: Instruments) -> np.ndarray:
+    def log_fault_odds(self, instruments: InstrumentForms) -> np.ndarray:
         """log odds (p,) of each form of an instrument's or a valve's fault; 0 of what wears with the engine."""
         if not instruments.count:
             return np.zeros(len(instruments.owner))
-        c = self.chances_of(instruments)
+        c = self.fault_probabilities(instruments)
         odds = np.log(c / (1 - c) / np.maximum(instruments.forms, 1))
-        return np.where(instruments.forms_of, odds[instruments.owner], 0.0)
+        return np.where(instruments.is_form, odds[instruments.owner], 0.0)
 
-    def log_all_right(self, instruments: Instruments) -> float:
-        """log probability that none of them is wrong, given that no more than `wrong_sensors` are."""
-        c = self.chances_of(instruments)
-        odds = np.zeros(self.wrong_sensors + 1)  # of each number of wrong ones against none
+    def log_no_instrument_fault(self, instruments: InstrumentForms) -> float:
+        """log probability that none of them is wrong, given that no more than `max_sensor_faults` are."""
+        c = self.fault_probabilities(instruments)
+        odds = np.zeros(self.max_sensor_faults + 1)  # of each number of wrong ones against none
         odds[0] = 1.0
         for x in c / (1 - c):
             odds[1:] += x * odds[:-1]
         return -float(np.log(odds.sum()))
 
-    def log_of(self, masks: np.ndarray, instruments: Instruments) -> np.ndarray:
+    def log_probability(self, masks: np.ndarray, instruments: InstrumentForms) -> np.ndarray:
         """log P(S) (M,) of sets (M, p) bool."""
-        forms = instruments.forms_of
+        forms = instruments.is_form
         size, wrong = (masks & ~forms).sum(axis=1), (masks & forms).sum(axis=1)
-        log = self.log_of_size(int(np.sum(~forms)))[size] + self.log_all_right(instruments)
-        log = log + instruments.log_forms(masks, self.log_odds_of(instruments))
-        return np.where(wrong <= self.wrong_sensors, log, -np.inf)
+        log = self.log_size_probability(int(np.sum(~forms)))[size] + self.log_no_instrument_fault(instruments)
+        log = log + instruments.log_forms(masks, self.log_fault_odds(instruments))
+        return np.where(wrong <= self.max_sensor_faults, log, -np.inf)
 
     def draw(
         self,
         rng: np.random.Generator,
         count: int,
         p: int,
-        instruments: Instruments | None = None,
+        instruments: InstrumentForms | None = None,
         wear: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """`count` engines from this prior: which changed (count, p) bool, by how many prior_sigma (count, p).
@@ -242,15 +244,15 @@ class SetPrior:
         instruments: which parameters are errors of instruments; wear (p,): way on which wear takes each, 0 where both.
         """
         # a chance that is itself uniform makes all numbers of changes equally probable
-        separate = rng.choice(self.chances, size=count)
-        chance = np.where(rng.random(count) < self.worn, rng.random(count), separate)
+        separate = rng.choice(self.change_probabilities, size=count)
+        chance = np.where(rng.random(count) < self.p_uniform_wear, rng.random(count), separate)
         changed = rng.random((count, p)) < chance[:, None]
         if instruments is not None and instruments.count:
             wrong = np.zeros((count, instruments.count), bool)
             again = np.arange(count)
             while again.size:
-                wrong[again] = rng.random((len(again), instruments.count)) < self.chances_of(instruments)
-                again = again[wrong[again].sum(axis=1) > self.wrong_sensors]
+                wrong[again] = rng.random((len(again), instruments.count)) < self.fault_probabilities(instruments)
+                again = again[wrong[again].sum(axis=1) > self.max_sensor_faults]
             for k in range(instruments.count):
                 mine = np.flatnonzero(instruments.owner == k)
                 form = rng.integers(len(mine), size=count)
@@ -258,8 +260,8 @@ class SetPrior:
         slab = rng.choice(np.asarray(self.slabs), size=(count, 1))
         size = slab * rng.standard_normal((count, p))
         if instruments is not None:
-            size = np.where(instruments.forms_of, self.instruments * size, size)
+            size = np.where(instruments.is_form, self.instrument_width * size, size)
         if wear is not None and np.any(wear):
-            way = np.where(rng.random((count, p)) < self.rises, -wear, wear)
+            way = np.where(rng.random((count, p)) < self.p_recovery, -wear, wear)
             size = np.where(wear == 0, size, way * np.abs(size))
         return changed, np.where(changed, size, 0.0)

@@ -63,7 +63,7 @@ from enginediag_cli.faults.chances import UNLISTED
 from enginediag_cli.intake.agreement import Disagreement
 from enginediag_cli.isolation.advice import ODDS
 from enginediag_cli.isolation.prior import SetPrior
-from enginediag_cli.isolation.subsets import all_sets
+from enginediag_cli.isolation.subsets import enumerate_sets
 from enginediag_cli.log_weights import log_mean
 from enginediag_cli.residuals.instruments import NoiseLevel, level_of_ratio
 from enginediag_cli.residuals.score import Score
@@ -76,23 +76,33 @@ MOST_MEMBERS = 8
 
 
 @dataclass(frozen=True)
-class Class:
-    """`members`: sets of parameters (or components) of which these records cannot tell which one changed, likeliest
-    first; `shared`: what changed beside any of them; `probability`: of all together; `left_out`: members not told.
+class AmbiguityGroup:
+    """Explanations that the data cannot separate.
 
-    would_tell: columns of sensors that, recorded as well, would tell the leading two apart, best first; empty where
-    none would, or where nothing was asked.
+    Attributes
+    ----------
+    members : tuple of tuple of str
+        Sets of parameters (or components), the most probable first. One of them changed.
+    shared : tuple of str
+        What changed besides, whichever member is right.
+    probability : float
+        Posterior probability of all members together.
+    members_omitted : int
+        Further members, not listed.
+    separating_sensors : tuple of str
+        Columns of sensors that would separate the two leading members if they were recorded, the best first; empty
+        where there is none, or where none was sought.
     """
 
     members: tuple[tuple[str, ...], ...]
     shared: tuple[str, ...]
     probability: float
-    left_out: int = 0
-    would_tell: tuple[str, ...] = ()
+    members_omitted: int = 0
+    separating_sensors: tuple[str, ...] = ()
 
-    def told_by(self, sensors: Sequence[str]) -> Class:
+    def add_separating_sensors(self, sensors: Sequence[str]) -> AmbiguityGroup:
         """The same with the sensors that would tell its members apart."""
-        return replace(self, would_tell=tuple(sensors))
+        return replace(self, separating_sensors=tuple(sensors))
 
     @property
     def leading_pair(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -101,7 +111,9 @@ class Class:
         return (*self.shared, *first), (*self.shared, *second)
 
 
-def class_of(names: Sequence[str], masks: np.ndarray, probabilities: np.ndarray, answer: int = 0) -> Class | None:
+def ambiguity_group(
+    names: Sequence[str], masks: np.ndarray, probabilities: np.ndarray, answer: int = 0
+) -> AmbiguityGroup | None:
     """The class of the `answer`-th set, the leading one, among sets (M, p) bool of `names` (p,), by falling probability
     (M,); None where that set is an answer of its own, or is empty."""
     own = float(probabilities[answer])
@@ -114,14 +126,14 @@ def class_of(names: Sequence[str], masks: np.ndarray, probabilities: np.ndarray,
     chosen = sets[np.concatenate([[answer], np.flatnonzero(exchanged)])]
     shared = chosen.all(axis=0)
     rest = chosen & ~shared
-    minimal = [row for row in rest if not any(_within(other, row) for other in rest)]
+    minimal = [row for row in rest if not any(_is_proper_subset(other, row) for other in rest)]
     told = [tuple(np.asarray(names, object)[row]) for row in minimal]
-    return Class(
+    return AmbiguityGroup(
         tuple(told[:MOST_MEMBERS]), tuple(np.asarray(names, object)[shared]), held, max(len(told) - MOST_MEMBERS, 0)
     )
 
 
-def _within(inner: np.ndarray, outer: np.ndarray) -> bool:
+def _is_proper_subset(inner: np.ndarray, outer: np.ndarray) -> bool:
     """Whether the set `inner` is a part of `outer` and not the whole."""
     return bool(np.all(outer | ~inner) and np.any(outer & ~inner))
 
@@ -180,11 +192,11 @@ class Explanation:
 
 
 @dataclass(frozen=True)
-class IsolationResult:
+class SetIsolation:
     """Outcome of one isolation method.
 
     isolated: changed parameters, empty when none; probability that these changed and nothing else that matters
-    (`averaging.least_that_matters`; NaN for methods without one); rivals: other sets that the data cannot exclude,
+    (`least_relevant_change`; NaN for methods without one); rivals: other sets that the data cannot exclude,
     likeliest first, which together with the answer hold `coverage`; rivals_left_out: how many more were not listed;
     inclusion: probability per parameter that it changed (empty for methods without one); sizes of the isolated
     parameters; complete: False when the method stopped at a limit before it was satisfied; note says why in plain
@@ -196,14 +208,14 @@ class IsolationResult:
     method: str
     isolated: tuple[str, ...]
     probability: float
-    rivals: tuple[Explanation, ...]
-    rivals_left_out: int
+    alternatives: tuple[Explanation, ...]
+    alternatives_omitted: int
     coverage: float
     inclusion: dict[str, float]
     sizes: tuple[ParameterChange, ...]
     complete: bool = True
     note: str = ""
-    one_of: Class | None = None
+    ambiguity: AmbiguityGroup | None = None
     forms: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
@@ -227,19 +239,19 @@ class Adequacy:
     """
 
     fit: float = float("nan")
-    before: float = float("nan")
+    fit_before: float = float("nan")
     explained: float = float("nan")
     noise: float = 1.0
     unlisted: float = 0.0
-    beyond: tuple[str, float] | None = None
+    impossible_change: tuple[str, float] | None = None
     disagreement: Disagreement | None = None
 
     @property
-    def stands(self) -> bool:
+    def is_listed(self) -> bool:
         """Whether something listed is likelier than something that is not."""
         return self.unlisted < 0.5
 
-    def of_file(self, disagreement: Disagreement | None) -> Adequacy:
+    def include_disagreement(self, disagreement: Disagreement | None) -> Adequacy:
         """The same where the file itself may be wrong: what is listed explains a right one only."""
         if disagreement is None:
             return self
@@ -273,13 +285,13 @@ def log_of_free_vector(score: Score, prior: SetPrior) -> float:
     return float(log_mean(np.array(each)))
 
 
-def fit_after(score: Score, statistics: LocalStatistics, names: Sequence[str]) -> Adequacy:
+def residual_fit(score: Score, statistics: LocalStatistics, names: Sequence[str]) -> Adequacy:
     """What the changes of `names` leave unexplained; score: from `statistics`, or about the estimate of a large
     fault."""
     from scipy.special import chdtrc
 
     rest = lack_of_fit(statistics)
-    explained, rank = _explained(score, names)
+    explained, rank = _explained_chi2(score, names)
     freedom = statistics.dof - rank
     if freedom <= 0:
         return Adequacy()
@@ -291,19 +303,19 @@ def fit_after(score: Score, statistics: LocalStatistics, names: Sequence[str]) -
     return Adequacy(ratio, before / statistics.dof, min(max(share, 0.0), 1.0))
 
 
-def tempered(score: Score, noise: float) -> Score:
+def temper(score: Score, noise: float) -> Score:
     """The score with its evidence divided by `noise`."""
     if noise == 1.0:
         return score
     return replace(score, b=score.b / noise, information=score.information / noise, glr=score.glr / noise)
 
 
-def beyond_bounds(score: Score, prior: SetPrior) -> tuple[str, float] | None:
+def find_impossible_change(score: Score, prior: SetPrior) -> tuple[str, float] | None:
     """Of the one or two changes that would fit best without bounds the one that is farthest beyond what a component or
     an instrument can do, with its size; None where they are possible."""
     b, information = prior.scaled(score)
     widest = FREE[-1]
-    masks, quadratic, log_det = all_sets(
+    masks, quadratic, log_det = enumerate_sets(
         widest * b[None], np.eye(len(b)) + widest**2 * information[None], min(PAIR, len(b))
     )
     a = np.flatnonzero(masks[int(np.argmax(quadratic[0] - log_det[0]))])
@@ -317,7 +329,7 @@ def beyond_bounds(score: Score, prior: SetPrior) -> tuple[str, float] | None:
     return (score.parameters[a[k]], float(change[k])) if over[k] > 1 else None
 
 
-def _explained(score: Score, names: Sequence[str]) -> tuple[float, int]:
+def _explained_chi2(score: Score, names: Sequence[str]) -> tuple[float, int]:
     """b_SᵀI_SS⁺b_S and the rank of I_SS."""
     if not names:
         return 0.0, 0
@@ -336,7 +348,7 @@ class Fingerprint:
     biases: tuple[str, ...]
     deviation: np.ndarray
     error: np.ndarray
-    foretold: np.ndarray
+    predicted: np.ndarray
 
 
 def fingerprint(statistics: LocalStatistics, sets: Sequence[Sequence[str]] = ()) -> Fingerprint | None:
@@ -351,7 +363,9 @@ def fingerprint(statistics: LocalStatistics, sets: Sequence[Sequence[str]] = ())
     if not rows or any(name not in names for one in sets for name in one):
         return None
     weight = np.diag(statistics.F)[rows]
-    foretold = [statistics.F[np.ix_(rows, _places(names, one))] @ likeliest(statistics, one) / weight for one in sets]
+    foretold = [
+        statistics.F[np.ix_(rows, _positions(names, one))] @ likeliest_change(statistics, one) / weight for one in sets
+    ]
     return Fingerprint(
         tuple(names[i] for i in rows),
         statistics.s[rows] / weight,
@@ -364,15 +378,15 @@ BIAS = "bias"
 """The error of a sensor that acts on its reading one to one."""
 
 
-def likeliest(statistics: LocalStatistics, changed: Sequence[str]) -> np.ndarray:
+def likeliest_change(statistics: LocalStatistics, changed: Sequence[str]) -> np.ndarray:
     """The likeliest change (q,) of the parameters `changed`, in their units."""
-    return given(statistics, changed)[0]
+    return restricted_change(statistics, changed)[0]
 
 
-def given(statistics: LocalStatistics, changed: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+def restricted_change(statistics: LocalStatistics, changed: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
     """The likeliest change (q,) of the parameters `changed`, and its standard error (q,), if these alone may have
     changed; in their units. The error is the root of the diagonal of (F_Aᵀ V⁻¹ F_A + diag σ⁻²)⁻¹."""
-    places = _places(statistics.parameters, changed)
+    places = _positions(statistics.parameters, changed)
     if not places:
         return np.zeros(0), np.zeros(0)
     scale = statistics.prior_sigma
@@ -384,5 +398,5 @@ def given(statistics: LocalStatistics, changed: Sequence[str]) -> tuple[np.ndarr
     return change * scale[places], np.sqrt(np.diag(covariance)) * scale[places]
 
 
-def _places(names: Sequence[str], wanted: Sequence[str]) -> list[int]:
+def _positions(names: Sequence[str], wanted: Sequence[str]) -> list[int]:
     return [names.index(name) for name in wanted]

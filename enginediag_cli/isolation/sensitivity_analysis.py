@@ -45,15 +45,17 @@ from enginediag_cli.engine.instrument_errors import DRIFT
 from enginediag_cli.error_model.maps import QUANTITIES, MapErrorModel
 from enginediag_cli.isolation.diagnosis import (
     HALF,
-    ComponentIsolation,
-    Diagnosis,
     component_posterior,
-    more_probable_than_not,
+    median_model,
 )
-from enginediag_cli.isolation.posterior import Belief, SetPosterior, absorb_small_changes, log_too_small
-from enginediag_cli.isolation.prior import Instruments, SetPrior, are_sensors
-from enginediag_cli.isolation.results import tempered
-from enginediag_cli.isolation.slab_mixture import FAINT, log_factors, score_groups, slab_gaussians, wear_signs
+from enginediag_cli.isolation.posterior import (
+    SetInference,
+    SetPosterior,
+    absorb_small_changes,
+    log_negligible_probability,
+)
+from enginediag_cli.isolation.prior import InstrumentForms, SetPrior, are_sensors
+from enginediag_cli.isolation.slab_mixture import FAINT, log_bound_factors, score_groups, slab_gaussians, wear_signs
 from enginediag_cli.log_weights import log_mean
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.monitor import Monitor
@@ -64,7 +66,7 @@ HELD = 1e-10
 """Of the scaled covariance, so that what is known to rounding alone can be inverted; as in `Monitor.precision`."""
 
 
-def left_open(monitor: Monitor, flown: Mapping[str, np.ndarray]) -> dict[str, float]:
+def map_error_sigmas(monitor: Monitor, flown: Mapping[str, np.ndarray]) -> dict[str, float]:
     """Standard deviation of the error of each map quantity that is monitored, a share, by its health parameter, at
     operating points column -> (k,); empty where the model has no errors of maps or no point can be computed."""
     engine = monitor.engine
@@ -103,7 +105,7 @@ PERCENT = 100.0
 
 
 @dataclass(frozen=True)
-class Stated:
+class StatedError:
     """One standard deviation that the error model allows an error, in the parameter's unit, and where it is from."""
 
     sigma: float
@@ -116,7 +118,7 @@ class SingleError:
     in which its size is told, "%" for shares; scale: the parameter's unit in one of these; stated: one standard
     deviation, in `unit`; reading: mean reading of the instrument in the column's unit, NaN where it is not known."""
 
-    what: str
+    name: str
     kind: str
     position: int
     column: str
@@ -128,7 +130,7 @@ class SingleError:
 
 
 def single_errors(
-    score: Score, stated: Mapping[str, Stated], columns: Mapping[str, str], readings: Mapping[str, float]
+    score: Score, stated: Mapping[str, StatedError], columns: Mapping[str, str], readings: Mapping[str, float]
 ) -> tuple[SingleError, ...]:
     """Errors whose effect the statistics of `score` hold. stated: parameter → how large its error is stated, without
     which it is what is plausible of the parameter; columns: parameter → column of its instrument; readings: column →
@@ -138,7 +140,7 @@ def single_errors(
         kind = SENSOR if p.of_sensor else INPUT if p.of_instrument else MAP
         if p.quantity == DRIFT or (kind == MAP and p.quantity not in QUANTITIES):
             continue
-        own = stated.get(p.name) or Stated(float(score.prior_sigma[i]), CHANGE if kind == MAP else PLAUSIBLE)
+        own = stated.get(p.name) or StatedError(float(score.prior_sigma[i]), CHANGE if kind == MAP else PLAUSIBLE)
         share = p.unit in ("", "1") and (kind == MAP or p.quantity == "scale")
         scale = (abs(float(score.theta0[i])) or 1.0) / PERCENT if share else 1.0
         column = columns.get(p.name, "")
@@ -148,32 +150,29 @@ def single_errors(
     return tuple(found)
 
 
-def columns_of_instruments(monitor: Monitor) -> dict[str, str]:
+def instrument_columns(monitor: Monitor) -> dict[str, str]:
     """Parameter → column of the instrument whose error it is, of the monitored parameters."""
     engine: Any = monitor.engine
-    found = {p.name: c for c in monitor.sensors if c in engine.sensors for p in _errors_of(engine.sensors[c])}
+    described = {c: engine.sensors[c] for c in monitor.sensors if hasattr(engine.sensors.get(c), "parameters")}
+    found = {p.name: c for c, sensor in described.items() for p in sensor.parameters()}
     found.update({name: error.column for name, error in getattr(engine, "errors", {}).items()})
     return {name: column for name, column in found.items() if name in monitor.monitored}
 
 
-def _errors_of(sensor: Any) -> tuple[Any, ...]:
-    return tuple(sensor.parameters()) if hasattr(sensor, "parameters") else ()
-
-
 def stated_errors(
     monitor: Monitor, readings: Mapping[str, float], flown: Mapping[str, np.ndarray]
-) -> dict[str, Stated]:
+) -> dict[str, StatedError]:
     """How large errors are allowed where a window was flown: of maps by what training leaves open of them at operating
     points like those in `flown`, column -> (k,), of an instrument by how much recordings differ, its zero and, at its
     mean reading, its span."""
-    found = {name: Stated(sigma, ACCURACY) for name, sigma in left_open(monitor, flown).items() if sigma}
+    found = {name: StatedError(sigma, ACCURACY) for name, sigma in map_error_sigmas(monitor, flown).items() if sigma}
     first = len(monitor.names) - len(monitor.offsets)
     spread: dict[str, dict[str, float]] = {}
     for k, offset in enumerate(monitor.offsets):
         column = offset.column or monitor.sensors[offset.sensor]
         if offset.kind in ("bias", "scale"):
             spread.setdefault(column, {})[offset.kind] = float(monitor.prior_sigma[first + k])
-    for name, column in columns_of_instruments(monitor).items():
+    for name, column in instrument_columns(monitor).items():
         own, reading = spread.get(column, {}), abs(readings.get(column, 0.0))
         zero, span = own.get("bias", 0.0), own.get("scale", 0.0)
         if monitor.meaning[name].quantity == "scale":
@@ -181,7 +180,7 @@ def stated_errors(
         else:
             sigma = hypot(zero, span * reading)
         if sigma:
-            found[name] = Stated(sigma, SPREAD)
+            found[name] = StatedError(sigma, SPREAD)
     return found
 
 
@@ -190,7 +189,7 @@ LIKELY = 3e-3
 
 
 @dataclass(frozen=True)
-class _Group:
+class _ScoreGroup:
     """Sets (their rows) that are read by one score, in widths of the prior: γ of each line (D, p)."""
 
     rows: np.ndarray
@@ -198,14 +197,14 @@ class _Group:
     moves: np.ndarray
 
 
-class Lines:
+class ErrorLines:
     """log posterior of M sets along D lines, up to a constant. masks (M, p) bool; log_prior (M,); lines (D, p): what
     an error of size one looks like, in units of the parameters; reported (M,): log probabilities of the sets as they
     were found, NaN of what was not, the first being known."""
 
     def __init__(
         self,
-        belief: Belief,
+        belief: SetInference,
         masks: np.ndarray,
         log_prior: np.ndarray,
         lines: np.ndarray,
@@ -215,32 +214,29 @@ class Lines:
     ):
         self.leader_only = leader_only
         self.masks, self._prior = masks, belief.prior
-        self._groups = [
-            self._group(rows, score, lines) for rows, score in score_groups(masks, belief.score, belief.about)
-        ]
+        self._groups: list[_ScoreGroup] = []
         S, M, D = len(belief.prior.slabs), len(masks), len(lines)
         self._c0, self._c1, self._c2 = np.zeros((S, M)), np.zeros((S, M, D)), np.zeros((S, M, D))
-        for group in self._groups:
-            self._expand(group)
+        for rows, score in score_groups(masks, belief.score, belief.own_scores):
+            widths = score.prior_sigma * self._prior.widths(score.described)
+            self._groups.append(_ScoreGroup(rows, score, (lines @ score.information) * widths))
+            self._expand(self._groups[-1])
         signs = wear_signs(belief.score, belief.prior)
         self._bounded = (masks & ~are_sensors(belief.score.described)).any(axis=1)
-        self._most = np.log(2 * max(belief.prior.rises, 1 - belief.prior.rises))
+        self._most = np.log(2 * max(belief.prior.p_recovery, 1 - belief.prior.p_recovery))
         self._signed = (masks & (signs != 0)).sum(axis=1)
         self._constant = np.zeros(M)
-        here = log_prior + self._plain(np.zeros(1, int), np.zeros(1))[0] + self._wear_of(np.arange(M), 0, 0.0)
+        here = log_prior + self._log_mixture(np.zeros(1, int), np.zeros(1))[0]
+        here = here + self._log_bound_factors(np.arange(M), 0, 0.0)
         # what was found for a set holds more than its quadratic says: of those that the full model was fitted to and
         # of likely ones; in others wear may not have been weighed, and they are as far apart as the answer is
-        own = np.array([mask.tobytes() in belief.about for mask in masks], bool)
+        own = np.array([mask.tobytes() in belief.own_scores for mask in masks], bool)
         with np.errstate(invalid="ignore"):
             sure = np.isfinite(reported) & (own | (reported > reported[0] + np.log(LIKELY)))
         apart = np.where(sure, reported - here, reported[0] - here[0])
         self._constant = log_prior + apart
 
-    def _group(self, rows: np.ndarray, score: Score, lines: np.ndarray) -> _Group:
-        D = score.prior_sigma * self._prior.widths(score.described)
-        return _Group(rows, score, (lines @ score.information) * D)
-
-    def _expand(self, group: _Group) -> None:
+    def _expand(self, group: _ScoreGroup) -> None:
         b, _ = self._prior.scaled(group.score)
         for found in slab_gaussians(group.score, self.masks[group.rows], self._prior):
             rows, gamma = group.rows[found.rows], group.moves[:, found.members].transpose(1, 2, 0)  # (S, d, D)
@@ -249,17 +245,13 @@ class Lines:
             self._c1[:, rows] = np.sum(b[found.members][..., None] * moved, axis=2)
             self._c2[:, rows] = 0.5 * np.sum(gamma * moved, axis=2)
 
-    def _plain(self, line: np.ndarray, a: np.ndarray) -> np.ndarray:
+    def _log_mixture(self, line: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Log posterior (n, M) at sizes a (n,) along lines number (n,), without what wear does."""
         size = a[:, None]
-        each = (
-            self._c0[:, None, :]
-            + size * np.moveaxis(self._c1[:, :, line], 2, 1)
-            + size**2 * np.moveaxis(self._c2[:, :, line], 2, 1)
-        )
-        return log_mean(each) + self._constant
+        slope, curvature = (np.moveaxis(c[:, :, line], 2, 1) for c in (self._c1, self._c2))
+        return log_mean(self._c0[:, None, :] + size * slope + size**2 * curvature) + self._constant
 
-    def _wear_of(self, sets: np.ndarray, line: int | np.ndarray, a: float | np.ndarray) -> np.ndarray:
+    def _log_bound_factors(self, sets: np.ndarray, line: int | np.ndarray, a: float | np.ndarray) -> np.ndarray:
         """Log of what wear does to sets number (k,), each at its own size a along its own line."""
         found = np.zeros(len(sets))
         lines, sizes = np.broadcast_to(line, sets.shape), np.broadcast_to(a, sets.shape)
@@ -271,21 +263,21 @@ class Lines:
             if at.size:
                 moved = sizes[at, None] * group.moves[lines[at]]
                 own, of = np.unique(sets[at], return_inverse=True)
-                found[at] = log_factors(group.score, self.masks[own], self._prior, moved, of)
+                found[at] = log_bound_factors(group.score, self.masks[own], self._prior, moved, of)
         return found
 
-    def at(self, line: Sequence[int] | np.ndarray, a: np.ndarray) -> np.ndarray:
+    def log_posterior(self, line: Sequence[int] | np.ndarray, a: np.ndarray) -> np.ndarray:
         """Log posterior (n, M) at sizes a (n,) along lines number (n,), up to a constant of each."""
         line = np.asarray(line, int)
-        logs = self._plain(line, a)
+        logs = self._log_mixture(line, a)
         ceiling = logs + self._most * self._signed
         least = ceiling.max(axis=1, keepdims=True) + np.log(FAINT)
         if self.leader_only:  # no set that stays behind the one with the highest ceiling can lead
             top = ceiling.argmax(axis=1)
             rows = np.arange(len(line))
-            least = np.maximum(least, (logs[rows, top] + self._wear_of(top, line, a))[:, None] - 1e-9)
+            least = np.maximum(least, (logs[rows, top] + self._log_bound_factors(top, line, a))[:, None] - 1e-9)
         n, k = np.nonzero((ceiling > least) & self._bounded)
-        logs[n, k] += self._wear_of(k, line[n], a[n])
+        logs[n, k] += self._log_bound_factors(k, line[n], a[n])
         return np.where(ceiling > least, logs, -np.inf) if self.leader_only else logs
 
     @property
@@ -301,9 +293,9 @@ class Lines:
             return np.asarray(1 / np.sqrt(np.sum(along**2 / eigenvalues[seen], axis=1)))
 
 
-def log_prior_of(belief: Belief, masks: np.ndarray) -> np.ndarray:
+def log_set_prior(belief: SetInference, masks: np.ndarray) -> np.ndarray:
     """log P(S) (M,) of sets of parameters (M, p)."""
-    return belief.prior.log_of(masks, Instruments.from_parameters(belief.score.described))
+    return belief.prior.log_probability(masks, InstrumentForms.from_parameters(belief.score.described))
 
 
 FIRST = 0.02
@@ -329,7 +321,7 @@ class Crossing:
     becomes: int
 
 
-def crossings(lines: Lines, named: Named, same: Same, most: np.ndarray) -> dict[int, Crossing]:
+def find_crossings(lines: ErrorLines, named: Named, same: Same, most: np.ndarray) -> list[Crossing]:
     """The nearest crossing along each line, on either side of nothing; those beyond `most` (D,) are left out."""
     D = len(most)
     line, sign = np.repeat(np.arange(D), 2), np.tile([1.0, -1.0], D)
@@ -342,7 +334,7 @@ def crossings(lines: Lines, named: Named, same: Same, most: np.ndarray) -> dict[
     waiting = np.arange(len(line))
     nearest = np.full(D, np.inf)
     while waiting.size:
-        changed = ~_stays(lines, named, same, line[waiting], sign[waiting] * high[waiting])
+        changed = ~_is_unchanged(lines, named, same, line[waiting], sign[waiting] * high[waiting])
         found_low[waiting[changed]], found_high[waiting[changed]] = low[waiting[changed]], high[waiting[changed]]
         np.minimum.at(nearest, line[waiting[changed]], high[waiting[changed]])
         waiting = waiting[~changed]
@@ -351,21 +343,21 @@ def crossings(lines: Lines, named: Named, same: Same, most: np.ndarray) -> dict[
         high[waiting] = np.minimum(GROWTH * high[waiting], limit[waiting])
     at = np.flatnonzero(np.isfinite(found_high))
     if not at.size:
-        return {}
+        return []
     line, sign, low, high = line[at], sign[at], found_low[at], found_high[at]
     for _ in range(HALVINGS):
         middle = (low + high) / 2
-        stays = _stays(lines, named, same, line, sign * middle)
+        stays = _is_unchanged(lines, named, same, line, sign * middle)
         low, high = np.where(stays, middle, low), np.where(stays, high, middle)
-    becomes = named(line, lines.at(line, sign * high))
+    becomes = named(line, lines.log_posterior(line, sign * high))
     found: dict[int, Crossing] = {}
     for k in np.argsort(-high, kind="stable"):  # the nearest of each line last
         found[int(line[k])] = Crossing(int(line[k]), float(sign[k] * high[k]), int(becomes[k]))
-    return found
+    return list(found.values())
 
 
-def _stays(lines: Lines, named: Named, same: Same, line: np.ndarray, a: np.ndarray) -> np.ndarray:
-    return same(line, a, named(line, lines.at(line, a)))
+def _is_unchanged(lines: ErrorLines, named: Named, same: Same, line: np.ndarray, a: np.ndarray) -> np.ndarray:
+    return same(line, a, named(line, lines.log_posterior(line, a)))
 
 
 MOST = 20.0
@@ -376,112 +368,144 @@ members."""
 
 
 @dataclass(frozen=True)
-class Flip:
-    """An error that would change the first name. error: None for a change of prior odds; size: with its sign, as it
-    would be added to what is recorded, in the error's unit (of prior odds: the factor for `becomes`); stated: one
-    standard deviation in that unit; becomes: the name that is then first, empty for no change."""
+class ConclusionChange:
+    """An error that would change the conclusion.
 
-    what: str
+    Attributes
+    ----------
+    name, kind : str
+        The parameter whose error it is, and MAP, SENSOR, INPUT or PRIOR.
+    size : float
+        The smallest such error, with its sign, as it would be added to what is recorded; of prior odds the factor.
+    unit : str
+        Unit of `size` and `stated`.
+    stated : float
+        One standard deviation of this error as stated.
+    conclusion : tuple of str
+        What would be named first; empty for no change.
+    error : SingleError or None
+        None for a change of prior odds.
+    """
+
+    name: str
     kind: str
     size: float
     unit: str
     stated: float
-    becomes: tuple[str, ...]
+    conclusion: tuple[str, ...]
     error: SingleError | None = None
 
     @property
     def times(self) -> float:
-        """The size in standard deviations as stated; of prior odds both are factors, whose logarithms count."""
+        """The size in stated standard deviations; of prior odds both are factors, whose logarithms count."""
         if self.kind == PRIOR:
             return float(np.log(self.size) / np.log(self.stated))
         return abs(self.size) / self.stated if self.stated else float("inf")
 
 
 @dataclass(frozen=True)
-class Flips:
-    """Flips, the nearest by what is stated first; first: the name that would change; tried: how many errors were; most:
-    up to how many standard deviations as stated."""
+class SensitivityAnalysis:
+    """Sensitivity of a conclusion to single errors and to prior odds.
 
-    found: tuple[Flip, ...]
-    first: tuple[str, ...]
+    Attributes
+    ----------
+    changes : tuple of ConclusionChange
+        Errors that would change the conclusion, the smallest in stated standard deviations first.
+    conclusion : tuple of str
+        What is named now.
+    tried : int
+        Number of errors that were tried.
+    most : float
+        Largest size that was tried, in stated standard deviations.
+    """
+
+    changes: tuple[ConclusionChange, ...]
+    conclusion: tuple[str, ...]
     tried: int
     most: float = MOST
 
+    @classmethod
+    def from_changes(
+        cls, changes: Sequence[ConclusionChange], conclusion: tuple[str, ...], tried: int, most: float
+    ) -> SensitivityAnalysis:
+        return cls(tuple(sorted(changes, key=lambda change: change.times)), conclusion, tried, most)
 
-def flips_of_parameters(belief: Belief, errors: Sequence[SingleError], most: float = MOST) -> Flips:
-    """What would flip the first set of a posterior over sets of parameters."""
-    posterior, instruments = belief.posterior, Instruments.from_parameters(belief.score.described)
-    merged = posterior.merged(instruments)
-    answer = int(
-        np.flatnonzero((instruments.in_one_form(posterior.masks, posterior.inclusion) == merged.masks[0]).all(axis=1))[
-            0
-        ]
-    )
-    order = np.concatenate([[answer], np.delete(np.arange(len(posterior.masks)), answer)])
-    masks, reported = _followed(posterior.masks[order], posterior.probabilities[order])
-    possible = log_prior_of(belief, masks)
+
+def parameter_sensitivity(
+    inference: SetInference, errors: Sequence[SingleError], most: float = MOST
+) -> SensitivityAnalysis:
+    """Which errors, of up to `most` stated standard deviations, would change the first set of parameters."""
+    posterior, described = inference.posterior, inference.score.described
+    forms = InstrumentForms.from_parameters(described)
+    merged = posterior.merge_forms(forms)
+    equal = (forms.merge_forms(posterior.masks, posterior.inclusion) == merged.masks[0]).all(axis=1)
+    masks, reported = _sets_to_follow(posterior.masks, posterior.probabilities, int(np.flatnonzero(equal)[0]))
+    possible = log_set_prior(inference, masks)
     kept = np.isfinite(possible) & (masks.sum(axis=1) <= posterior.largest)
     kept[0] = True
-    masks, reported, possible = masks[kept], reported[kept], possible[kept]
-    along = _lines(errors, len(belief.score.parameters))
-    lines = Lines(belief, masks, possible, along, reported, leader_only=True)
+    masks, directions = masks[kept], _directions(errors, len(described))
+    lines = ErrorLines(inference, masks, possible[kept], directions, reported[kept], leader_only=True)
 
     def likeliest(line: np.ndarray, logs: np.ndarray) -> np.ndarray:
         return np.asarray(logs.argmax(axis=1))
 
-    same = partial(_same, _cores(masks, errors, belief.score.described), _Small(belief, masks, along))
-    found = crossings(lines, likeliest, same, _limits(errors, most))
-    names = posterior.parameters
-    told = [_flip(errors[c.line], c, _names(names, masks[c.becomes])) for c in found.values()]
-    answers = absorb_small_changes(belief.score, merged, belief.prior, belief.about)
+    negligible = _NegligibleDifference(inference, masks, directions)
+    same = partial(_is_same_conclusion, _equal_up_to_instrument(masks, errors, described), negligible)
+    changes = [
+        _conclusion_change(errors[c.line], c.size, _names(posterior.parameters, masks[c.becomes]))
+        for c in find_crossings(lines, likeliest, same, most * np.array([e.stated for e in errors]))
+    ]
+    answers = absorb_small_changes(inference.score, merged, inference.prior, inference.own_scores)
     if len(answers.probabilities) > 1 and answers.probabilities[1] > 0:
         odds = float(answers.probabilities[0] / answers.probabilities[1])
-        told.append(_of_prior(odds, answers.names(1), belief.prior))
-    return Flips(tuple(sorted(told, key=lambda flip: flip.times)), answers.names(0), len(errors), most)
+        changes.append(_prior_odds_change(odds, answers.names(1), inference.prior))
+    return SensitivityAnalysis.from_changes(changes, answers.names(0), len(errors), most)
 
 
-def flips_of_components(
+def component_sensitivity(
     score: Score, prior: SetPrior, errors: Sequence[SingleError], largest: int | None = None, most: float = MOST
-) -> Flips:
-    """What would flip the components that `isolate_components` names of a score."""
+) -> SensitivityAnalysis:
+    """Which errors would change the components that `isolate_components` names of a score."""
     components, sets, probabilities, _ = component_posterior(score, prior, largest=largest)
-    limit = int(sets.sum(axis=1).max())
-    owner = [p.component for p in score.described]
-    held = np.array([[o == c for o in owner] for c in components], bool)
+    limit, owner = int(sets.sum(axis=1).max()), [p.component for p in score.described]
+    members = np.array([[o == c for o in owner] for c in components], bool)
     firsts = [score.described[owner.index(c)] for c in components]
-    answer = more_probable_than_not(sets, probabilities)
-    order = np.concatenate([[answer], np.delete(np.arange(len(sets)), answer)])
-    followed, reported = _followed(sets[order], probabilities[order])
-    possible = prior.log_of(followed, Instruments.from_parameters(firsts))
+    answer = median_model(sets, probabilities)
+    followed, reported = _sets_to_follow(sets, probabilities, answer)
+    possible = prior.log_probability(followed, InstrumentForms.from_parameters(firsts))
     kept = np.isfinite(possible) & (followed.sum(axis=1) <= limit)
-    followed, reported, possible = followed[kept], reported[kept], possible[kept]
-    masks = (followed[:, :, None] & held).any(axis=1)
-    nothing = SetPosterior(score.parameters, masks, np.exp(reported), np.zeros(len(owner)), 0.0, limit)
-    lines = Lines(Belief(score, nothing, prior), masks, possible, _lines(errors, len(owner)), reported)
+    followed, reported = followed[kept], reported[kept]
+    masks = (followed[:, :, None] & members).any(axis=1)
+    posterior = SetPosterior(score.parameters, masks, np.exp(reported), np.zeros(len(owner)), 0.0, limit)
+    inference, directions = SetInference(score, posterior, prior), _directions(errors, len(owner))
+    lines = ErrorLines(inference, masks, possible[kept], directions, reported)
 
     def named(line: np.ndarray, logs: np.ndarray) -> np.ndarray:
-        return np.array([_named(followed, row) for row in logs], int)
+        return np.array([_median_set(followed, row) for row in logs], int)
 
-    same = partial(_same, _cores(masks, errors, score.described), None)
-    found = crossings(lines, named, same, _limits(errors, most))
-    told = [_flip(errors[c.line], c, _names(components, followed[c.becomes])) for c in found.values()]
+    same = partial(_is_same_conclusion, _equal_up_to_instrument(masks, errors, score.described), None)
+    changes = [
+        _conclusion_change(errors[c.line], c.size, _names(components, followed[c.becomes]))
+        for c in find_crossings(lines, named, same, most * np.array([e.stated for e in errors]))
+    ]
     second = next((i for i in range(len(sets)) if i != answer), None)
     if second is not None and probabilities[second] > 0:
         odds = max(float(probabilities[answer] / probabilities[second]), 1.0)
-        told.append(_of_prior(odds, _names(components, sets[second]), prior))
-    first = _names(components, followed[0])
-    return Flips(tuple(sorted(told, key=lambda flip: flip.times)), first, len(errors), most)
+        changes.append(_prior_odds_change(odds, _names(components, sets[second]), prior))
+    return SensitivityAnalysis.from_changes(changes, _names(components, followed[0]), len(errors), most)
 
 
-def _named(sets: np.ndarray, logs: np.ndarray) -> int:
+def _median_set(sets: np.ndarray, logs: np.ndarray) -> int:
     order = np.argsort(-logs, kind="stable")
     weights = np.exp(logs[order] - logs[order[0]])
-    return int(order[more_probable_than_not(sets[order], weights / weights.sum())])
+    return int(order[median_model(sets[order], weights / weights.sum())])
 
 
-def _followed(masks: np.ndarray, probabilities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The first of the sets (M, p), the likeliest others and all that differ from the first by one or two members, with
-    the logarithms of their probabilities, NaN where they are not listed."""
+def _sets_to_follow(masks: np.ndarray, probabilities: np.ndarray, answer: int) -> tuple[np.ndarray, np.ndarray]:
+    """Of the sets (M, p) that of number `answer`, the most probable others and all that differ from it by one or two
+    members, with the logarithms of their probabilities, NaN where they are not listed."""
+    order = np.concatenate([[answer], np.delete(np.arange(len(masks)), answer)])
+    masks, probabilities = masks[order], probabilities[order]
     with np.errstate(divide="ignore"):
         logs = {mask.tobytes(): float(log) for mask, log in zip(masks, np.log(probabilities), strict=True)}
     p = masks.shape[1]
@@ -494,23 +518,21 @@ def _followed(masks: np.ndarray, probabilities: np.ndarray) -> tuple[np.ndarray,
     return followed, np.array([logs.get(mask.tobytes(), np.nan) for mask in followed])
 
 
-def _lines(errors: Sequence[SingleError], p: int) -> np.ndarray:
-    """What each error of one, in its unit, looks like (D, p)."""
+def _directions(errors: Sequence[SingleError], p: int) -> np.ndarray:
+    """The change of parameters (D, p) that each error of one, in its unit, looks like."""
     found = np.zeros((len(errors), p))
     for k, error in enumerate(errors):
         found[k, error.position] = error.scale
     return found
 
 
-def _limits(errors: Sequence[SingleError], most: float) -> np.ndarray:
-    return np.array([most * error.stated for error in errors])
-
-
-def _cores(masks: np.ndarray, errors: Sequence[SingleError], described: Sequence[Parameter]) -> np.ndarray:
+def _equal_up_to_instrument(
+    masks: np.ndarray, errors: Sequence[SingleError], described: Sequence[Parameter]
+) -> np.ndarray:
     """Whether each set (M,) is the first but for the instrument whose error is tried, of each error (D, M), and for the
     forms of other instruments' errors. described (p,): what each parameter is."""
-    instruments = Instruments.from_parameters(described)
-    one = instruments.in_one_form(masks, np.ones(len(described)))
+    instruments = InstrumentForms.from_parameters(described)
+    one = instruments.merge_forms(masks, np.ones(len(described)))
     apart = one ^ one[0]
     found = np.repeat(~apart.any(axis=1)[None], len(errors), axis=0)
     for k, error in enumerate(errors):
@@ -521,11 +543,11 @@ def _cores(masks: np.ndarray, errors: Sequence[SingleError], described: Sequence
 
 
 @dataclass(frozen=True)
-class _Small:
+class _NegligibleDifference:
     """Whether a set holds the first of `masks` (M, p) and beside it changes that are too small to matter, by the score
     with an error along one of `along` (D, p) in it."""
 
-    belief: Belief
+    belief: SetInference
     masks: np.ndarray
     along: np.ndarray
 
@@ -537,13 +559,15 @@ class _Small:
         def moved(score: Score) -> Score:
             return replace(score, b=score.b + score.information @ d)
 
-        own = belief.about.get(mask.tobytes())
+        own = belief.own_scores.get(mask.tobytes())
         about = {} if own is None else {mask.tobytes(): moved(own)}
-        (log,) = log_too_small(moved(belief.score), mask[None], belief.prior, about)
+        (log,) = log_negligible_probability(moved(belief.score), mask[None], belief.prior, about)
         return bool(np.sum(log[mask & ~self.masks[0]]) > np.log(HALF))
 
 
-def _same(cores: np.ndarray, small: _Small | None, line: np.ndarray, sizes: np.ndarray, sets: np.ndarray) -> np.ndarray:
+def _is_same_conclusion(
+    cores: np.ndarray, small: _NegligibleDifference | None, line: np.ndarray, sizes: np.ndarray, sets: np.ndarray
+) -> np.ndarray:
     found = np.array(cores[line, sets])
     if small is not None:
         for k in np.flatnonzero(~found):
@@ -555,44 +579,22 @@ def _names(names: Sequence[str], mask: np.ndarray) -> tuple[str, ...]:
     return tuple(name for name, member in zip(names, mask, strict=True) if member)
 
 
-def _flip(error: SingleError, crossing: Crossing, becomes: tuple[str, ...]) -> Flip:
-    return Flip(error.what, error.kind, crossing.size, error.unit, error.stated, becomes, error)
+def _conclusion_change(error: SingleError, size: float, conclusion: tuple[str, ...]) -> ConclusionChange:
+    return ConclusionChange(error.name, error.kind, size, error.unit, error.stated, conclusion, error)
 
 
-def _of_prior(odds: float, becomes: tuple[str, ...], prior: SetPrior) -> Flip:
-    """The factor on the prior odds of the second name against the first at which it comes first."""
-    widest = max(*(max(s, 1 / s) for s in prior.spread), 1.0)
-    return Flip("prior odds", PRIOR, odds, "times", widest if widest > 1 else math.e, becomes)
+def _prior_odds_change(odds: float, conclusion: tuple[str, ...], prior: SetPrior) -> ConclusionChange:
+    """The factor on the prior odds of the second conclusion against the first at which it comes first."""
+    widest = max(*(max(s, 1 / s) for s in prior.odds_factors), 1.0)
+    return ConclusionChange("prior odds", PRIOR, odds, "times", widest if widest > 1 else math.e, conclusion)
 
 
-def flips_of_diagnosis(diagnosis: Diagnosis, window: WindowStatistics, monitor: Monitor | None) -> Flips | None:
-    """Of the first set of parameters; None of a method without a posterior. monitor: None where it is not at hand, and
-    errors are measured by what is plausible."""
-    belief = diagnosis.belief
-    if belief is None:
-        return None
-    return flips_of_parameters(belief, _errors(belief.score, window, monitor))
-
-
-def flips_of_isolated_components(
-    found: ComponentIsolation,
-    score: Score,
-    prior: SetPrior,
-    window: WindowStatistics,
-    monitor: Monitor | None,
-    largest: int | None = None,
-) -> Flips:
-    """Of the components that are named; score: of which they were isolated."""
-    score = tempered(score, found.adequacy.noise)
-    return flips_of_components(score, prior, _errors(score, window, monitor), largest)
-
-
-def _errors(score: Score, window: WindowStatistics, monitor: Monitor | None) -> tuple[SingleError, ...]:
-    """Errors of what gave a reading."""
+def window_errors(score: Score, window: WindowStatistics, monitor: Monitor | None) -> tuple[SingleError, ...]:
+    """Errors to try, of maps and of all that gave a reading; without a monitor each has its plausible size."""
     if monitor is None:
         errors = single_errors(score, {}, {}, {})
     else:
         readings = {**window.conditions, **window.readings}
         stated = stated_errors(monitor, readings, window.flown)
-        errors = single_errors(score, stated, columns_of_instruments(monitor), readings)
-    return tuple(error for error in errors if error.what not in window.silent)
+        errors = single_errors(score, stated, instrument_columns(monitor), readings)
+    return tuple(error for error in errors if error.name not in window.silent)

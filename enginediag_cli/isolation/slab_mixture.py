@@ -99,14 +99,14 @@ FAINT = 1e-4
 by more than 0.002."""
 
 
-def log_wear(score: Score, masks: np.ndarray, logs: np.ndarray, prior: SetPrior) -> np.ndarray:
+def log_leading_factors(score: Score, masks: np.ndarray, logs: np.ndarray, prior: SetPrior) -> np.ndarray:
     """Log factors (M,) of sets (M, p) whose log weights without them are `logs` (M,); 0 of what is not weighed, and of
     what is left when BATCHES were weighed no more than of those."""
     bounded = np.isfinite(prior.bounds(score.described)[1])
     found = np.zeros(len(masks))
     if not bounded.any() or not len(masks):
         return found
-    most = np.log(2 * max(prior.rises, 1 - prior.rises))
+    most = np.log(2 * max(prior.p_recovery, 1 - prior.p_recovery))
     ceiling = logs + most * (masks & (wear_signs(score, prior) != 0)).sum(axis=1)
     order = np.argsort(-ceiling, kind="stable")
     best, weighed = -np.inf, 0
@@ -115,7 +115,7 @@ def log_wear(score: Score, masks: np.ndarray, logs: np.ndarray, prior: SetPrior)
         top = top[ceiling[top] > max(best, ceiling[order[0]] + np.log(FAINT) if weighed == 0 else best + np.log(FAINT))]
         if not len(top):
             return found
-        found[top] = log_factors(score, masks[top], prior)
+        found[top] = log_bound_factors(score, masks[top], prior)
         best = max(best, float((logs + found)[top].max()))
         weighed += len(top)
         if weighed >= len(order) or ceiling[order[weighed]] <= best + np.log(FAINT):
@@ -126,11 +126,11 @@ def log_wear(score: Score, masks: np.ndarray, logs: np.ndarray, prior: SetPrior)
 
 def wear_signs(score: Score, prior: SetPrior) -> np.ndarray:
     """Way (p,) on which wear takes each parameter, −1 or +1, 0 where both are as probable."""
-    known = prior.rises != 0.5
+    known = prior.p_recovery != 0.5
     return np.array([p.wear if known else 0 for p in score.described], float)
 
 
-def log_factors(
+def log_bound_factors(
     score: Score,
     masks: np.ndarray,
     prior: SetPrior,
@@ -175,7 +175,7 @@ def log_factors(
             cut[0],
             cut[1] / unit,
             cut[2] / unit,
-            prior.rises,
+            prior.p_recovery,
         )
         factors[told] = np.logaddexp.reduce(share + each.reshape(share.shape), axis=0)
     return factors
@@ -196,7 +196,7 @@ def _log_expected(
         down = np.where(sign < 0, 1 - rises, np.where(sign > 0, rises, 0.5)) / (0.5 - ndtr(low[:, i]))
         spread = np.sqrt(covariance[:, i, i])
         a, c, z = ((x - mean[:, i]) / spread for x in (low[:, i], np.zeros(len(mean)), high[:, i]))
-        log, moved, square = piecewise(a, c, z, down, up)
+        log, moved, square = piecewise_normal_moments(a, c, z, down, up)
         total += log
         along = covariance[:, :, i] / spread[:, None]
         mean += along * moved[:, None]
@@ -206,12 +206,12 @@ def _log_expected(
     return total
 
 
-def piecewise(
+def piecewise_normal_moments(
     a: np.ndarray, c: np.ndarray, z: np.ndarray, down: np.ndarray, up: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Log of the mass, mean and mean square (w,) of a standard normal variable with the weight `down` from a to c and
     `up` from c to z, 0 beyond."""
-    below, above = np.log(down) + log_mass(a, c), np.log(up) + log_mass(c, z)
+    below, above = np.log(down) + log_normal_mass(a, c), np.log(up) + log_normal_mass(c, z)
     total = np.logaddexp(below, above)
     density = [-0.5 * x**2 - 0.5 * np.log(2 * np.pi) for x in (a, c, z)]
     at_a, at_c = (np.exp(np.log(down) + density[k] - total) for k in (0, 1))
@@ -230,7 +230,7 @@ FAR = 30.0
 """Standard deviations beyond a bound from which what is left of the normal law is a point there."""
 
 
-def log_mass(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def log_normal_mass(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """log of the mass (w,) of the standard normal law between `low` and `high`, however far out."""
     from scipy.special import log_ndtr
 

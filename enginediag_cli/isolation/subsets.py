@@ -14,7 +14,7 @@ PAIRS = 2
 """Of rare parameters, as many at once have a closed form here."""
 
 
-def all_sets(
+def enumerate_sets(
     beta: np.ndarray, A: np.ndarray, limit: int, few: np.ndarray | None = None, most: int = 0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Masks (M, p) of all sets of at most `limit` parameters, quadratic forms (w, M), log determinants (w, M).
@@ -25,12 +25,12 @@ def all_sets(
     p = beta.shape[1]
     rare = np.zeros(p, bool) if few is None else np.asarray(few, bool)
     if rare.any() and most <= PAIRS:
-        return _with_pairs(beta, A, limit, rare, most)
-    masks, growing = plan(p, limit, tuple(rare.tolist()), most)
-    return masks, *_eliminated(beta, A, growing)[:2]
+        return _enumerate_with_pairs(beta, A, limit, rare, most)
+    masks, growing = enumeration_plan(p, limit, tuple(rare.tolist()), most)
+    return masks, *_eliminate(beta, A, growing)[:2]
 
 
-def _eliminated(
+def _eliminate(
     beta: np.ndarray, A: np.ndarray, growing: tuple[np.ndarray | slice, ...]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[np.ndarray]]:
     """Quadratic forms and log determinants (w, M) of the sets that grow by the first parameters in turn, and what is
@@ -56,14 +56,14 @@ def _eliminated(
     return quadratic, log_det, c, rows
 
 
-def _with_pairs(
+def _enumerate_with_pairs(
     beta: np.ndarray, A: np.ndarray, limit: int, few: np.ndarray, most: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """`all_sets` with none, one or two of the `few` parameters (p,)."""
+    """`enumerate_sets` with none, one or two of the `few` parameters (p,)."""
     order = np.argsort(few, kind="stable")
     n, r = int(np.sum(~few)), int(np.sum(few))
     sets = pair_plan(tuple(few.tolist()), limit, most)
-    quadratic, log_det, c, G = _eliminated(beta[:, order], A[:, order][:, :, order], plan(n, limit)[1])
+    quadratic, log_det, c, G = _eliminate(beta[:, order], A[:, order][:, :, order], enumeration_plan(n, limit)[1])
     found = np.empty((2, len(beta), len(sets.masks)))
     filled = 0
 
@@ -76,10 +76,10 @@ def _with_pairs(
 
     fill(quadratic, log_det)
     at: np.ndarray | slice = slice(None)
-    for size, rows in ((1, sets.with_one), (2, sets.with_two)):
+    for size, rows in ((1, sets.with_one_rare), (2, sets.with_two_rare)):
         if most < size or not r:
             break
-        if len(rows) < len(sets.alone):
+        if len(rows) < len(sets.without_rare):
             at = rows
         gain = [c[:, i, at] ** 2 / G[i][:, 0, at] for i in range(r)]
         if size == 1:
@@ -108,17 +108,17 @@ class PairPlan:
     the sets of the others, which stand `alone`, get one and get two of the rare beside them."""
 
     masks: np.ndarray
-    alone: np.ndarray
-    with_one: np.ndarray
-    with_two: np.ndarray
+    without_rare: np.ndarray
+    with_one_rare: np.ndarray
+    with_two_rare: np.ndarray
 
 
 @lru_cache(maxsize=8)
 def pair_plan(few: tuple[bool, ...], limit: int, most: int) -> PairPlan:
-    """The order in which `all_sets` visits sets of at most `limit` parameters, none with more than `most` (up to two)
-    of the `few`."""
+    """The order in which `enumerate_sets` visits sets of at most `limit` parameters, none with more than `most` (up to
+    two) of the `few`."""
     rare = np.asarray(few, bool)
-    other, r = plan(int(np.sum(~rare)), limit)[0], int(np.sum(rare))
+    other, r = enumeration_plan(int(np.sum(~rare)), limit)[0], int(np.sum(rare))
     size = other.sum(axis=1)
     rows = [np.flatnonzero(size <= limit - k) if k <= min(most, r) else np.zeros(0, int) for k in range(PAIRS + 1)]
     pairs = np.array(np.triu_indices(r, 1))
@@ -134,13 +134,13 @@ def pair_plan(few: tuple[bool, ...], limit: int, most: int) -> PairPlan:
     return PairPlan(masks, rows[0], rows[1], rows[2])
 
 
-def sets_of(p: int, limit: int, few: tuple[bool, ...], most: int) -> np.ndarray:
-    """Masks (M, p) of `all_sets`, in its order."""
-    return pair_plan(few, limit, most).masks if any(few) and most <= PAIRS else plan(p, limit, few, most)[0]
+def enumeration_masks(p: int, limit: int, few: tuple[bool, ...], most: int) -> np.ndarray:
+    """Masks (M, p) of `enumerate_sets`, in its order."""
+    return pair_plan(few, limit, most).masks if any(few) and most <= PAIRS else enumeration_plan(p, limit, few, most)[0]
 
 
 @lru_cache(maxsize=256)
-def number_of_sets(p: int, limit: int, few: int = 0, most: int = 0) -> int:
+def count_sets(p: int, limit: int, few: int = 0, most: int = 0) -> int:
     """How many sets of at most `limit` of p parameters there are, with no more than `most` out of `few` of them."""
     return sum(
         comb(few, j) * sum(comb(p - few, i) for i in range(max(limit - j, -1) + 1)) for j in range(min(most, few) + 1)
@@ -148,7 +148,7 @@ def number_of_sets(p: int, limit: int, few: int = 0, most: int = 0) -> int:
 
 
 @lru_cache(maxsize=8)
-def plan(
+def enumeration_plan(
     p: int, limit: int, few: tuple[bool, ...] = (), most: int = 0
 ) -> tuple[np.ndarray, tuple[np.ndarray | slice, ...]]:
     """Masks of the sets in the order in which they are visited, and per parameter the sets that may grow."""
@@ -174,10 +174,10 @@ def size_limit(
     p: int, wanted: int | None = None, max_sets: int = MAX_SETS, sensors: int = 0, wrong_sensors: int = 0
 ) -> int:
     """Largest size (at most `wanted`) for which there are no more than `max_sets` sets of p parameters, of which no
-    more than `wrong_sensors` are out of `sensors` of them."""
+    more than `max_sensor_faults` are out of `sensors` of them."""
     limit = 0
     while limit < (p if wanted is None else min(wanted, p)):
-        if number_of_sets(p, limit + 1, sensors, wrong_sensors) > max_sets:
+        if count_sets(p, limit + 1, sensors, wrong_sensors) > max_sets:
             break
         limit += 1
     return limit
@@ -223,9 +223,9 @@ def best_subsets(score: Score, largest: int, max_nodes: int = 2_000_000) -> Best
     b, information = b[alive] * unit, information[np.ix_(alive, alive)] * unit[:, None] * unit
     largest = min(largest, len(alive))
     if len(alive) <= ENUMERATED:
-        sets, nodes, exact = _best_of_all(b, information, largest), 2 ** len(alive), True
+        sets, nodes, exact = _best_by_enumeration(b, information, largest), 2 ** len(alive), True
     else:
-        search = _Search(b, information, largest, max_nodes)
+        search = _BranchAndBound(b, information, largest, max_nodes)
         search.run()
         sets, nodes, exact = [tuple(sorted(s)) for s in search.sets[1:]], search.nodes, search.exact
     return BestSubsets(
@@ -236,15 +236,15 @@ def best_subsets(score: Score, largest: int, max_nodes: int = 2_000_000) -> Best
     )
 
 
-def _best_of_all(b: np.ndarray, information: np.ndarray, largest: int) -> list[tuple[int, ...]]:
+def _best_by_enumeration(b: np.ndarray, information: np.ndarray, largest: int) -> list[tuple[int, ...]]:
     """Best set of every size 1…largest, for unit-diagonal information."""
-    masks, values, _ = all_sets(b[None], (information + RIDGE * np.eye(len(b)))[None], largest)
+    masks, values, _ = enumerate_sets(b[None], (information + RIDGE * np.eye(len(b)))[None], largest)
     size = masks.sum(axis=1)
     best = [np.argmax(np.where(size == k, values[0], -np.inf)) for k in range(1, largest + 1)]
     return [tuple(int(i) for i in np.flatnonzero(masks[k])) for k in best]
 
 
-class _Search:
+class _BranchAndBound:
     """State of one search: incumbents by size, and a stack of batches of nodes of equal set size."""
 
     def __init__(self, b: np.ndarray, information: np.ndarray, largest: int, max_nodes: int):

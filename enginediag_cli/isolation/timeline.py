@@ -37,16 +37,16 @@ from enginediag_cli.isolation.events import (
     SIZE,
     TINY,
     UNRECORDED,
-    Chosen,
-    Event,
-    Fit,
-    Member,
-    Search,
-    Story,
-    Suspects,
-    log_of_kinds,
-    slabs_of,
-    suspects_of,
+    EventModel,
+    EventSearch,
+    EventSuspect,
+    SeriesDiagnosis,
+    SeriesEvent,
+    SeriesFit,
+    SuspectGroups,
+    group_slabs,
+    log_kind_prior,
+    suspect_groups,
 )
 from enginediag_cli.isolation.prior import SEPARATED, SetPrior
 from enginediag_cli.isolation.results import probability_of_unlisted
@@ -77,178 +77,190 @@ not be the likeliest by that without it."""
 
 
 @dataclass(frozen=True)
-class Look:
+class EventSet:
     """Events, and the log probability of them and of the scatter that they leave."""
 
-    chosen: tuple[Chosen, ...]
+    chosen: tuple[EventModel, ...]
     log: float
 
 
 @dataclass(frozen=True)
-class Found:
+class EventEvidence:
     """An event beside `others`; gain: log odds that it is one, the scatter read again without it; instead: log odds of
     other suspects against its own, with the scatter that each of them leaves."""
 
-    others: tuple[Chosen, ...]
-    gain: float
-    instead: Mapping[str, float]
+    others: tuple[EventModel, ...]
+    log_odds: float
+    alternatives: Mapping[str, float]
 
 
 @dataclass(frozen=True)
-class Looks:
+class SeriesSearch:
     """What is looked for in a series: suspects with the log priors of their kinds (G, L), courses, slabs of sizes,
     doubt (G,) about effects; at: places of pairs of parameters in tables."""
 
     readings: Readings
-    suspects: Suspects
-    among: Courses
+    suspects: SuspectGroups
+    courses: Courses
     kinds: np.ndarray
     slabs: tuple[float, ...]
     doubt: np.ndarray
-    at: np.ndarray
+    pair_positions: np.ndarray
     _scatter: Scatter = field(init=False, repr=False, compare=False)
-    _latest: dict[tuple[Chosen, ...], list[Wander]] = field(default_factory=dict, repr=False, compare=False)
-    _looked: dict[tuple[Chosen, ...], Look] = field(default_factory=dict, repr=False, compare=False)
-    _glanced: dict[tuple[tuple[int, int, bool], ...], Look] = field(default_factory=dict, repr=False, compare=False)
+    _scatter_cache: dict[tuple[EventModel, ...], list[Wander]] = field(default_factory=dict, repr=False, compare=False)
+    _evaluated: dict[tuple[EventModel, ...], EventSet] = field(default_factory=dict, repr=False, compare=False)
+    _first_evaluated: dict[tuple[tuple[int, int, bool], ...], EventSet] = field(
+        default_factory=dict, repr=False, compare=False
+    )
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_scatter", Scatter(self.readings))
 
-    def likeliest(self) -> tuple[Look, Search, bool]:
+    def find_events(self) -> tuple[EventSet, EventSearch, bool]:
         """The events that make the series likeliest, the posterior beside them, and whether the search settled."""
-        best, settled = self.look(()), False
+        best, settled = self.evaluate(()), False
         for _ in range(PASSES):
-            searched = self.search(best)
+            searched = self.next_event(best)
             proposed = list(_proposals(searched, best.chosen))
-            trials = [self._glance(found) for found in proposed]
+            trials = [self._first_evaluation(found) for found in proposed]
             better = max(trials, key=lambda trial: trial.log, default=best)
             if better.log <= best.log + SETTLED:
-                rivals = self._by_suspect([best, *trials, *map(self.look, proposed)], best.log - REACH)
-                better = max(map(self._by_its_own, rivals), key=lambda trial: trial.log, default=best)
+                rivals = self._best_by_suspect([best, *trials, *map(self.evaluate, proposed)], best.log - REACH)
+                better = max(map(self._refine_last_event, rivals), key=lambda trial: trial.log, default=best)
             settled = better.log <= best.log + SETTLED
             if settled:
                 break
             best = better
-        return best, searched if settled else self.search(best), settled
+        return best, searched if settled else self.next_event(best), settled
 
-    def found(self, best: Look) -> list[Found]:
+    def event_evidence(self, best: EventSet) -> list[EventEvidence]:
         """Each event of `best` with what speaks against it."""
         found = []
         for k in range(len(best.chosen)):
             others = (*best.chosen[:k], *best.chosen[k + 1 :])
-            found.append(Found(others, best.log - self.look(others).log, self._instead(best, k)))
+            found.append(
+                EventEvidence(others, best.log - self.evaluate(others).log, self._alternative_suspects(best, k))
+            )
         return found
 
-    def look(self, chosen: Sequence[Chosen]) -> Look:
+    def evaluate(self, chosen: Sequence[EventModel]) -> EventSet:
         """The series with these events taken out."""
-        key = tuple(sorted(chosen, key=lambda event: event.place))
-        if key not in self._looked:
-            left = self.scatter(chosen)
+        key = tuple(sorted(chosen, key=lambda event: event.key))
+        if key not in self._evaluated:
+            left = self.residual_scatter(chosen)
             prior = sum(
-                float(self.suspects.log_odds[e.group] + self.kinds[e.group, e.course]) - SIZE * e.fitted for e in chosen
+                float(self.suspects.log_odds[e.group] + self.kinds[e.group, e.course]) - SIZE * e.parameter_count
+                for e in chosen
             )
             log = float(np.logaddexp.reduce([wander.beside for wander in left])) + prior
-            self._looked[key] = Look(tuple(chosen), log)
-        return self._looked[key]
+            self._evaluated[key] = EventSet(tuple(chosen), log)
+        return self._evaluated[key]
 
-    def scatter(self, chosen: Sequence[Chosen]) -> list[Wander]:
+    def residual_scatter(self, chosen: Sequence[EventModel]) -> list[Wander]:
         """The laws of the scatter that these events leave; those of a few looks are remembered."""
         key = tuple(chosen)
-        if key not in self._latest:
-            left = self._scatter.without(effect(self.readings, self.suspects, self.among, chosen), LAWS)
+        if key not in self._scatter_cache:
+            left = self._scatter.without(event_effect(self.readings, self.suspects, self.courses, chosen), LAWS)
             size = sum(law.inverse.nbytes for law in left)
-            while self._latest and (len(self._latest) + 1) * size > KEPT_BYTES:
-                del self._latest[next(iter(self._latest))]
-            self._latest[key] = left
-        return self._latest[key]
+            while self._scatter_cache and (len(self._scatter_cache) + 1) * size > KEPT_BYTES:
+                del self._scatter_cache[next(iter(self._scatter_cache))]
+            self._scatter_cache[key] = left
+        return self._scatter_cache[key]
 
-    def search(self, at: Look) -> Search:
+    def next_event(self, at: EventSet) -> EventSearch:
         """The posterior over one more event by the scatter of a look."""
-        tables = tuple(table(self.readings, wander, self.among, self.at) for wander in self.scatter(at.chosen))
-        return Search(tables, self.among, self.suspects, self.slabs, self.kinds, self.doubt)
+        tables = tuple(
+            table(self.readings, wander, self.courses, self.pair_positions)
+            for wander in self.residual_scatter(at.chosen)
+        )
+        return EventSearch(tables, self.courses, self.suspects, self.slabs, self.kinds, self.doubt)
 
-    def _glance(self, chosen: Sequence[Chosen]) -> Look:
+    def _first_evaluation(self, chosen: Sequence[EventModel]) -> EventSet:
         """The first look at events of these suspects and courses, whatever their sizes were then: on the way sizes only
         have to be of the right order."""
-        key = tuple(sorted(event.place for event in chosen))
-        if key not in self._glanced:
-            self._glanced[key] = self.look(chosen)
-        return self._glanced[key]
+        key = tuple(sorted(event.key for event in chosen))
+        if key not in self._first_evaluated:
+            self._first_evaluated[key] = self.evaluate(chosen)
+        return self._first_evaluated[key]
 
-    def _by_suspect(self, looks: Iterable[Look], least: float) -> list[Look]:
+    def _best_by_suspect(self, looks: Iterable[EventSet], least: float) -> list[EventSet]:
         """The likeliest of the looks by suspect of the last event and number of events, where it is above `least`."""
-        found: dict[tuple[int, str], Look] = {}
+        found: dict[tuple[int, str], EventSet] = {}
         for look in looks:
             if look.chosen and look.log > least:
                 key = len(look.chosen), self.suspects.owner[look.chosen[-1].group]
                 found[key] = max(found.get(key, look), look, key=lambda trial: trial.log)
         return list(found.values())
 
-    def _by_its_own(self, look: Look) -> Look:
+    def _refine_last_event(self, look: EventSet) -> EventSet:
         """The same suspects with the last event as it is by the scatter that it leaves, by the likelier law of it."""
         *others, event = look.chosen
         owner = self.suspects.owner[event.group]
         for _ in range(READ_AGAIN):
-            law = max(self.scatter(look.chosen), key=lambda wander: wander.beside)
-            trials = [self.look([*others, again]) for again in self._again(law, others, owner)]
+            law = max(self.residual_scatter(look.chosen), key=lambda wander: wander.beside)
+            trials = [self.evaluate([*others, again]) for again in self._suspect_candidates(law, others, owner)]
             better = max(trials, key=lambda trial: trial.log)
             if better.log <= look.log + SETTLED:
                 break
             look = better
         return look
 
-    def _again(self, law: Wander, others: Sequence[Chosen], owner: str) -> Iterator[Chosen]:
+    def _suspect_candidates(self, law: Wander, others: Sequence[EventModel], owner: str) -> Iterator[EventModel]:
         """The likeliest event of one suspect by one law of scatter, of one law of growth and of several."""
         mine = self.suspects.members(owner)
         members = {i for k in mine for i in self.suspects.groups[k]}
-        inside = np.array([i in members for i in range(len(self.at) - 1)])
-        t = table(self.readings, law, self.among, places((self.at[:-1, :-1] >= 0) & inside & inside[:, None]))
-        search = Search((t,), self.among, self.suspects, self.slabs, self.kinds, self.doubt)
-        log = np.stack([search.told(others, k)[0].log for k in mine])
+        inside = np.array([i in members for i in range(len(self.pair_positions) - 1)])
+        t = table(
+            self.readings, law, self.courses, places((self.pair_positions[:-1, :-1] >= 0) & inside & inside[:, None])
+        )
+        search = EventSearch((t,), self.courses, self.suspects, self.slabs, self.kinds, self.doubt)
+        log = np.stack([search.group_sizes(others, k)[0].log for k in mine])
         log += self.suspects.log_odds[mine, None] + self.kinds[mine]
         place, course = (int(i) for i in np.unravel_index(int(np.argmax(log)), log.shape))
-        found = Chosen(mine[place], course, tuple(search.told(others, mine[place])[0].mean[course].tolist()))
+        found = EventModel(mine[place], course, tuple(search.group_sizes(others, mine[place])[0].mean[course].tolist()))
         yield found
-        if grown := search.grown(t, others, found):
+        if grown := search.mix_growth_laws(t, others, found):
             yield grown
 
-    def _instead(self, best: Look, k: int) -> dict[str, float]:
+    def _alternative_suspects(self, best: EventSet, k: int) -> dict[str, float]:
         """log odds of the suspects that were tried in the place of the k-th event of `best`, the others as they are,
         each by the scatter that its own event leaves and by how large that is."""
         owner = self.suspects.owner
-        rest = Counter(event.place for event in best.chosen) - Counter([best.chosen[k].place])
-        own = best.log + self._log_of_size(best.chosen[k])
+        rest = Counter(event.key for event in best.chosen) - Counter([best.chosen[k].key])
+        own = best.log + self._log_size_prior(best.chosen[k])
         found: dict[str, float] = {}
-        for look in self._looked.values():
-            other = Counter(event.place for event in look.chosen) - rest
+        for look in self._evaluated.values():
+            other = Counter(event.key for event in look.chosen) - rest
             if len(look.chosen) == len(best.chosen) and other.total() == 1:
-                event = next(event for event in look.chosen if event.place in other)
-                name, log = owner[event.group], look.log + self._log_of_size(event) - own
+                event = next(event for event in look.chosen if event.key in other)
+                name, log = owner[event.group], look.log + self._log_size_prior(event) - own
                 if name != owner[best.chosen[k].group]:
                     found[name] = max(found.get(name, -np.inf), log)
         return found
 
-    def _log_of_size(self, event: Chosen) -> float:
+    def _log_size_prior(self, event: EventModel) -> float:
         """log prior of a change of this size, relative to a small one: the mixture of slabs."""
-        slabs = np.array(slabs_of(self.suspects, event.group, self.slabs))
+        slabs = np.array(group_slabs(self.suspects, event.group, self.slabs))
         density = -len(event.size) * np.log(slabs)
         square = float(np.sum(np.square(event.size)))
         return float(np.logaddexp.reduce(density - 0.5 * square / slabs**2) - np.logaddexp.reduce(density))
 
 
-def effect(readings: Readings, suspects: Suspects, among: Courses, chosen: Sequence[Chosen]) -> np.ndarray:
+def event_effect(
+    readings: Readings, suspects: SuspectGroups, among: Courses, chosen: Sequence[EventModel]
+) -> np.ndarray:
     """What the events add to the readings (n, m)."""
     known = np.zeros_like(readings.z)
     for event in chosen:
         group = list(suspects.groups[event.group])
-        effect = readings.J[:, :, group] @ np.array(event.size)
+        added = readings.J[:, :, group] @ np.array(event.size)
         if not suspects.shown[event.group]:
-            effect[:, effect.shape[1] - readings.inputs :] = 0.0
-        known += event.along(among)[:, None] * effect
+            added[:, added.shape[1] - readings.inputs :] = 0.0
+        known += event.course_values(among)[:, None] * added
     return known
 
 
-def _proposals(search: Search, chosen: Sequence[Chosen]) -> Iterator[list[Chosen]]:
+def _proposals(search: EventSearch, chosen: Sequence[EventModel]) -> Iterator[list[EventModel]]:
     """What may be likelier: one event more, by each law of scatter alone, or another one for any; one less."""
     for k in range(len(chosen) + 1):
         others = [*chosen[:k], *chosen[k + 1 :]]
@@ -257,13 +269,13 @@ def _proposals(search: Search, chosen: Sequence[Chosen]) -> Iterator[list[Chosen
         elif len(others) >= MAX_EVENTS:
             continue
         for t in search.tables:
-            for found in _best(replace(search, tables=(t,)), others, 1 if others else OWNERS):
+            for found in _best_events(replace(search, tables=(t,)), others, 1 if others else OWNERS):
                 yield [*others, found]
-                if grown := search.grown(t, others, found):
+                if grown := search.mix_growth_laws(t, others, found):
                     yield [*others, grown]
 
 
-def _best(search: Search, others: Sequence[Chosen], most: int) -> list[Chosen]:
+def _best_events(search: EventSearch, others: Sequence[EventModel], most: int) -> list[EventModel]:
     """The likeliest further event of each of the `most` likeliest owners, none where no event at all is likelier."""
     log, nothing = search.posterior(others)
     if np.logaddexp.reduce(log, axis=None) <= np.logaddexp.reduce(nothing):
@@ -277,8 +289,8 @@ def _best(search: Search, others: Sequence[Chosen], most: int) -> list[Chosen]:
         place, course = np.unravel_index(int(np.argmax(over[mine])), over[mine].shape)
         group = mine[int(place)]
         law = int(np.argmax(log[:, group, course]))
-        size = search.told(others, group)[law].mean[course]
-        found.append(Chosen(group, int(course), tuple(size.tolist())))
+        size = search.group_sizes(others, group)[law].mean[course]
+        found.append(EventModel(group, int(course), tuple(size.tolist())))
     return found
 
 
@@ -313,19 +325,21 @@ class TrendOptions:
     governed: Collection[str] = ()
 
 
-def epochs_of(series: int) -> int:
+def epoch_limit(series: int) -> int:
     """Epochs that each of so many series is judged by."""
     return EPOCHS if series == 1 else OF_A_FLEET
 
 
 @stage("judging the series")
-def judge_series(readings: Readings, meaning: Mapping[str, Parameter], options: TrendOptions | None = None) -> Story:
+def judge_series(
+    readings: Readings, meaning: Mapping[str, Parameter], options: TrendOptions | None = None
+) -> SeriesDiagnosis:
     """What has happened in a series of three epochs at least; ValueError otherwise."""
     if len(readings) < 3:
         raise ValueError("a trend needs at least three flights")
     options = options or TrendOptions()
     described = tuple(meanings(meaning, readings.parameters).values())
-    suspects = suspects_of(described, options.prior, options.sensors, options.governed)
+    suspects = suspect_groups(described, options.prior, options.sensors, options.governed)
     among = courses(readings.clock, int(np.searchsorted(readings.first, options.healthy)))
     together = np.zeros((len(described),) * 2, bool)
     for group in suspects.groups:
@@ -334,45 +348,47 @@ def judge_series(readings: Readings, meaning: Mapping[str, Parameter], options: 
     of_sensors = [all(described[i].of_sensor for i in group) for group in suspects.groups]
     doubt = np.where(suspects.instrument, INPUTS, GENERIC if options.generic else KNOWN)
     doubt[of_sensors] = 0.0
-    kinds = log_of_kinds(suspects, among)
-    looks = Looks(readings, suspects, among, kinds, options.prior.slabs, doubt, at)
-    best, searched, settled = looks.likeliest()
-    return _told(readings, replace(searched, tails=True), best.chosen, looks.found(best), settled)
+    kinds = log_kind_prior(suspects, among)
+    looks = SeriesSearch(readings, suspects, among, kinds, options.prior.slabs, doubt, at)
+    best, searched, settled = looks.find_events()
+    return _series_diagnosis(readings, replace(searched, tails=True), best.chosen, looks.event_evidence(best), settled)
 
 
-def _told(readings: Readings, search: Search, chosen: Sequence[Chosen], found: Sequence[Found], settled: bool) -> Story:
+def _series_diagnosis(
+    readings: Readings, search: EventSearch, chosen: Sequence[EventModel], found: Sequence[EventEvidence], settled: bool
+) -> SeriesDiagnosis:
     missed = {c: 1.0 for c in search.suspects.components}
     events = []
     for one in found:
-        event = _event(readings, search, one.others, one.gain, one.instead)
+        event = _describe_event(readings, search, one.others, one.log_odds, one.alternatives)
         if event.probability >= TOLD:
             events.append(event)
         for member in event.members:
             if member.component != UNRECORDED:
                 missed[member.component] *= 1 - event.probability * member.probability
     if {search.suspects.owner[c.group] for c in chosen} < set(search.suspects.owner):  # others may have changed as well
-        more = _event(readings, search, chosen)
+        more = _describe_event(readings, search, chosen)
         for member in more.members:
             if member.component != UNRECORDED:
                 missed[member.component] *= 1 - more.probability * member.probability
     events.sort(key=lambda e: -e.weight)
-    fit = _fit(readings, search, chosen)
+    fit = _series_fit(readings, search, chosen)
     level = level_of_ratio(max(fit.after, TINY), readings.z.size)
     unlisted = probability_of_unlisted(level, 0.0, -np.inf) if events else 0.0
     listed = 1.0 - unlisted
     events = [replace(event, probability=listed * event.probability) for event in events] if listed > HALF else []
-    return Story(
+    return SeriesDiagnosis(
         tuple(events),
         int(readings.flights.sum()),
         {c: listed * (1 - m) for c, m in missed.items()},
         settled,
         fit,
-        None if events or unlisted else _undecided(readings, search, chosen),
+        None if events or unlisted else _undecided_event(readings, search, chosen),
         unlisted,
     )
 
 
-def _undecided(readings: Readings, search: Search, chosen: Sequence[Chosen]) -> Event | None:
+def _undecided_event(readings: Readings, search: EventSearch, chosen: Sequence[EventModel]) -> SeriesEvent | None:
     """A further event by the law of scatter that shows it, where it is not settled that the other one holds."""
     log, nothing = search.posterior(chosen)
     by_law = np.logaddexp.reduce(log, axis=(1, 2))
@@ -381,21 +397,21 @@ def _undecided(readings: Readings, search: Search, chosen: Sequence[Chosen]) -> 
     shown = by_law - nothing
     law = int(np.argmax(shown))
     one = replace(search, tables=(search.tables[law],))
-    return _event(readings, one, chosen) if shown[law] > DECIDED else None
+    return _describe_event(readings, one, chosen) if shown[law] > DECIDED else None
 
 
-def _event(
+def _describe_event(
     readings: Readings,
-    search: Search,
-    others: Sequence[Chosen],
+    search: EventSearch,
+    others: Sequence[EventModel],
     most: float = np.inf,
     instead: Mapping[str, float] | None = None,
-) -> Event:
+) -> SeriesEvent:
     """most: log odds of the event where the scatter is read again without it; instead: of other suspects against the
     likeliest, where it is read again without theirs. By a scatter that was read without one suspect's change the others
     leave what it cannot be, whoever it was."""
     log, nothing = search.posterior(others)
-    log = _with_own_scatter(search.suspects, log, instead or {})
+    log = _raise_alternatives(search.suspects, log, instead or {})
     total, none = np.logaddexp.reduce(log, axis=None), np.logaddexp.reduce(nothing)
     weight = np.exp(log - total)
     suspects, among = search.suspects, search.courses
@@ -404,11 +420,11 @@ def _event(
     mine = weight[:, suspects.members(order[0])].sum(axis=(0, 1))
     growing = bool(mine[among.growing].sum() > mine[~among.growing].sum())
     at = among.growing == growing
-    onset, low, high = _onset(among.onset[at], mine[at], readings)
+    onset, low, high = _onset_interval(among.onset[at], mine[at], readings)
     odds = min(float(total - none), most)
-    members = [_member(readings, search, others, weight, c, chance[c]) for c in order if chance[c] >= 0.01]
-    members = _beside_operation(search, weight, members)
-    return Event(
+    members = [_describe_suspect(readings, search, others, weight, c, chance[c]) for c in order if chance[c] >= 0.01]
+    members = _split_with_operation(search, weight, members)
+    return SeriesEvent(
         float(1 / (1 + np.exp(-np.clip(odds, -700, 700)))),
         tuple(members),
         DETERIORATION if growing else STEP,
@@ -419,7 +435,7 @@ def _event(
     )
 
 
-def _with_own_scatter(suspects: Suspects, log: np.ndarray, instead: Mapping[str, float]) -> np.ndarray:
+def _raise_alternatives(suspects: SuspectGroups, log: np.ndarray, instead: Mapping[str, float]) -> np.ndarray:
     """log probabilities (h, G, L) with those suspects raised that are likelier by the scatter that they leave."""
     log = log.copy()
     over = {c: float(np.logaddexp.reduce(log[:, suspects.members(c)], axis=None)) for c in suspects.components}
@@ -430,7 +446,9 @@ def _with_own_scatter(suspects: Suspects, log: np.ndarray, instead: Mapping[str,
     return log
 
 
-def _beside_operation(search: Search, weight: np.ndarray, members: Sequence[Member]) -> list[Member]:
+def _split_with_operation(
+    search: EventSearch, weight: np.ndarray, members: Sequence[EventSuspect]
+) -> list[EventSuspect]:
     """Members, likeliest first, where readings wander with operation as a rival of every component that steps.
 
     What wanders is what nobody models, such as guide vanes. It moves all readings at once, as a component does, and
@@ -446,13 +464,18 @@ def _beside_operation(search: Search, weight: np.ndarray, members: Sequence[Memb
             member = replace(member, probability=member.probability - doubted)
         found.append(member)
     if unrecorded >= 0.01:
-        found.append(Member(UNRECORDED, unrecorded, (), (), (), (), True))
+        found.append(EventSuspect(UNRECORDED, unrecorded, (), (), (), (), True))
     return sorted(found, key=lambda member: -member.probability)
 
 
-def _member(
-    readings: Readings, search: Search, others: Sequence[Chosen], weight: np.ndarray, component: str, chance: float
-) -> Member:
+def _describe_suspect(
+    readings: Readings,
+    search: EventSearch,
+    others: Sequence[EventModel],
+    weight: np.ndarray,
+    component: str,
+    chance: float,
+) -> EventSuspect:
     from scipy.stats import norm
 
     suspects = search.suspects
@@ -464,7 +487,7 @@ def _member(
         if weight[:, k].sum() < 1e-3 * chance:
             continue
         at = [positions.index(i) for i in suspects.groups[k]]
-        for w, sizes in zip(weight[:, k] / chance, search.told(others, k), strict=True):
+        for w, sizes in zip(weight[:, k] / chance, search.group_sizes(others, k), strict=True):
             own = np.einsum("lqq->lq", sizes.covariance)
             square = sizes.mean**2 + own
             # a share of the largest change below that to which effects are known is no change of its own
@@ -492,7 +515,7 @@ def _member(
     expected = first / max(held, 1e-300)
     described, unit = [suspects.described[i] for i in positions], readings.D[list(positions)]
     covariance = unit[:, None] * (joint / max(held, 1e-300) - np.outer(expected, expected)) * unit
-    return Member(
+    return EventSuspect(
         component,
         chance,
         tuple(p.name for p in described),
@@ -505,7 +528,7 @@ def _member(
     )
 
 
-def _onset(onset: np.ndarray, weight: np.ndarray, readings: Readings) -> tuple[int, int, int]:
+def _onset_interval(onset: np.ndarray, weight: np.ndarray, readings: Readings) -> tuple[int, int, int]:
     """Number of the first changed flight, from 1: most probable, and the 95 % interval."""
     each = np.zeros(len(readings))
     np.add.at(each, onset, weight)
@@ -516,22 +539,22 @@ def _onset(onset: np.ndarray, weight: np.ndarray, readings: Readings) -> tuple[i
     return best, low, high
 
 
-def _fit(readings: Readings, search: Search, chosen: Sequence[Chosen]) -> Fit:
+def _series_fit(readings: Readings, search: EventSearch, chosen: Sequence[EventModel]) -> SeriesFit:
     wander = max((t.wander for t in search.tables), key=lambda w: w.log)
-    left = readings.z - effect(readings, search.suspects, search.courses, chosen)
+    left = readings.z - event_effect(readings, search.suspects, search.courses, chosen)
     dof = left.size
 
     def chi2(z: np.ndarray) -> float:
         return float(np.einsum("nk,knj,jk->", z @ wander.W, wander.inverse, z @ wander.W)) / dof
 
-    return Fit(chi2(readings.z), chi2(left))
+    return SeriesFit(chi2(readings.z), chi2(left))
 
 
 GROSS = 1e-4
 """Chance of one flight among all of a healthy series to count as one that differs from nominal for certain."""
 
 
-def departures(stretches: Sequence[Stretch]) -> tuple[int, ...]:
+def departing_flights(stretches: Sequence[Stretch]) -> tuple[int, ...]:
     """Numbers, from 1, of the flights that differ from nominal for certain, each by itself."""
     found = []
     for number, stretch in enumerate(stretches, start=1):
@@ -541,21 +564,21 @@ def departures(stretches: Sequence[Stretch]) -> tuple[int, ...]:
     return tuple(found)
 
 
-def stories_of(
+def diagnose_engines(
     series: Series, *, reference: int = 0, sensors: bool = True, generic: bool = True, against_nominal: bool = False
-) -> Iterator[tuple[str, Story]]:
+) -> Iterator[tuple[str, SeriesDiagnosis]]:
     """Engine and story, of those that have flights enough, in their order. reference: records of an engine in the
     first of which nothing began; sensors, generic: as of `TrendOptions`; against_nominal: the statistics hold what is
     uncertain about nominal, too, so that each flight can be tested by itself. Raises DataError."""
     engines = [engine for engine, stretches in series.stretches.items() if len(stretches) >= FEWEST]
-    most = epochs_of(len(series.stretches))
+    most = epoch_limit(len(series.stretches))
 
-    def judged(k: int) -> Story:
+    def judged(k: int) -> SeriesDiagnosis:
         options = TrendOptions(
             healthy=series.healthy(engines[k], reference), sensors=sensors, generic=generic, governed=series.governed
         )
         story = judge_series(series.readings(engines[k]).joined(most), series.known, options)
-        return replace(story, departures=departures(series.stretches[engines[k]])) if against_nominal else story
+        return replace(story, departures=departing_flights(series.stretches[engines[k]])) if against_nominal else story
 
     stories = zip(engines, parallel_imap(judged, len(engines)), strict=True)
     return each(stories, "engines judged", len(engines))

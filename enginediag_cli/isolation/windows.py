@@ -26,7 +26,7 @@ from enginediag_cli.isolation.advice import (
     advise,
     advise_flights,
     condition_options,
-    gains,
+    noncentrality_gains,
     sensor_options,
 )
 from enginediag_cli.isolation.diagnosis import (
@@ -38,8 +38,13 @@ from enginediag_cli.isolation.diagnosis import (
 )
 from enginediag_cli.isolation.nonlinear import WindowModel
 from enginediag_cli.isolation.prior import SEPARATED, SetPrior
-from enginediag_cli.isolation.results import Class
-from enginediag_cli.isolation.sensitivity_analysis import Flips, flips_of_diagnosis, flips_of_isolated_components
+from enginediag_cli.isolation.results import AmbiguityGroup, temper
+from enginediag_cli.isolation.sensitivity_analysis import (
+    SensitivityAnalysis,
+    component_sensitivity,
+    parameter_sensitivity,
+    window_errors,
+)
 from enginediag_cli.parallel import parallel_map, pieces_in_flight
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.planning.flights import conditions_grid
@@ -64,8 +69,8 @@ HOTTEST_K = 1300.0
 """Above it no probe is kept in an engine."""
 
 
-def telling_sensors(
-    monitor: Monitor, score: Score, found: Class, inputs: Mapping[str, np.ndarray], records: int
+def find_separating_sensors(
+    monitor: Monitor, score: Score, found: AmbiguityGroup, inputs: Mapping[str, np.ndarray], records: int
 ) -> tuple[str, ...]:
     """Columns of sensors that would tell the leading two of `found` apart in so many records, best first; empty where
     none would. inputs: column -> (N,), operating points like those of the window."""
@@ -73,7 +78,7 @@ def telling_sensors(
     at = np.unique(np.linspace(0, len(next(iter(inputs.values()))) - 1, RECORDS).astype(int))
     here = {column: np.asarray(values)[at] for column, values in inputs.items()}
     known = {**monitor.base, **dict(zip(monitor.monitored, monitor.theta0.tolist(), strict=False))}
-    for columns in (_declared(engine, monitor.sensors), _possible(engine, monitor.sensors)):
+    for columns in (_unused_sensors(engine, monitor.sensors), _possible_columns(engine, monitor.sensors)):
         if not columns:
             continue
         values = {name: value for name, value in known.items() if name in engine.parameters}
@@ -82,22 +87,22 @@ def telling_sensors(
         if not ok.any():
             continue
         y, J = np.asarray(answer.y)[ok], np.asarray(answer.jacobian)[ok]
-        sigma = np.array([_noise(engine, column, y[:, j]) for j, column in enumerate(columns)])
+        sigma = np.array([_reading_sigma(engine, column, y[:, j]) for j, column in enumerate(columns)])
         G = J / sigma[:, None]
         informations = [records / len(G) * G[:, j].T @ G[:, j] for j in range(len(columns))]
-        gained = gains(score, found.leading_pair, [np.nan_to_num(each) for each in informations])
+        gained = noncentrality_gains(score, found.leading_pair, [np.nan_to_num(each) for each in informations])
         order = [int(j) for j in np.argsort(-gained, kind="stable") if gained[j] >= 2 * np.log(ODDS)]
         if order:
             return tuple(columns[j] for j in order[:TOLD])
     return ()
 
 
-def _declared(engine: Any, used: tuple[str, ...]) -> tuple[str, ...]:
+def _unused_sensors(engine: Any, used: tuple[str, ...]) -> tuple[str, ...]:
     """Sensors of the engine file that are not in use."""
     return tuple(column for column in engine.sensors if column not in used)
 
 
-def _possible(engine: Any, used: tuple[str, ...]) -> tuple[str, ...]:
+def _possible_columns(engine: Any, used: tuple[str, ...]) -> tuple[str, ...]:
     """Other columns of the model that an instrument could read."""
     given = {*used, *engine.sensors, *engine.inputs, *engine.optional_inputs}
     columns = getattr(engine, "model_columns", ())
@@ -107,7 +112,7 @@ def _possible(engine: Any, used: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(c for c in read if c not in given and _dimension(c) in ACCURACY))
 
 
-def _noise(engine: Any, column: str, readings: np.ndarray) -> float:
+def _reading_sigma(engine: Any, column: str, readings: np.ndarray) -> float:
     """Standard deviation of one reading; infinite where no probe would last."""
     if column in engine.sensors:
         return float(engine.sensors[column].noise_sigma)
@@ -134,8 +139,8 @@ class NextRecording:
     `conditions`; further `sensors` at the conditions of the window, None where its records are not held; whole
     `flights`, the best of each kind, that would tell all leading sets apart."""
 
-    rivals: tuple[tuple[str, ...], tuple[str, ...]]
-    known: Mapping[str, Parameter]
+    alternatives: tuple[tuple[str, ...], tuple[str, ...]]
+    meaning: Mapping[str, Parameter]
     conditions: Sequence[Advice]
     sensors: Sequence[Advice] | None
     flights: Sequence[Suggestion] = ()
@@ -147,12 +152,12 @@ class IsolatedWindow:
     would change the first name, None where it was not asked for."""
 
     verdict: Verdict
-    known: Mapping[str, Parameter]
+    meaning: Mapping[str, Parameter]
     diagnosis: Diagnosis | None = None
     components: ComponentIsolation | None = None
     advice: NextRecording | None = None
-    by_component: bool = False
-    flips: Flips | None = None
+    to_components: bool = False
+    sensitivity: SensitivityAnalysis | None = None
     score: Score | None = None
 
     @property
@@ -170,12 +175,12 @@ class IsolatedWindow:
         if self.instruments:
             return True
         if self.components is not None:
-            return bool(self.components.components) and self.components.adequacy.stands
-        return self.diagnosis is not None and bool(self.diagnosis.result.isolated and self.diagnosis.adequacy.stands)
+            return bool(self.components.components) and self.components.adequacy.is_listed
+        return self.diagnosis is not None and bool(self.diagnosis.result.isolated and self.diagnosis.adequacy.is_listed)
 
 
 @dataclass
-class Isolating:
+class WindowIsolation:
     """The windows of `files` by these options. kept: the records of windows, where they are needed; advise: look for
     the next recording; extra: model column → noise of a further sensor to consider, in the column's unit; flips:
     told the number of a window, from 1, and whether something was named, it says whether to look for what would flip
@@ -184,11 +189,11 @@ class Isolating:
     files: JudgedFiles
     options: DiagnosisOptions
     false_alarm: float
-    by_component: bool = False
-    kept: KeptRecords | None = None
+    to_components: bool = False
+    kept_records: KeptRecords | None = None
     advise: bool = False
     extra: Mapping[str, float] = field(default_factory=dict)
-    flips: Callable[[int, bool], bool] = lambda number, named: False
+    wants_sensitivity: Callable[[int, bool], bool] = lambda number, named: False
 
     def __post_init__(self) -> None:
         monitor = self.files.monitor
@@ -199,90 +204,98 @@ class Isolating:
                 if column not in columns:
                     raise DataError(f"{engine.name} has no column {column!r} for a sensor; {near(column, columns)}")
         self.files.brief = True
-        if self.kept is not None:
-            self.files.passing = self.kept.passing
+        if self.kept_records is not None:
+            self.files.passing = self.kept_records.passing
             self.files.solutions = True
 
     def windows(self) -> Iterator[IsolatedWindow]:
         """All windows in turn. Raises DataError, NoVerdictError."""
         numbered = enumerate(self.files.windows(), start=1)
         while some := list(islice(numbered, pieces_in_flight())):
-            yield from parallel_map(partial(self._answered, some), len(some))
-            if self.kept is not None:
-                self.kept.let_go(some[-1][1][0])
+            yield from parallel_map(partial(self._isolate_numbered, some), len(some))
+            if self.kept_records is not None:
+                self.kept_records.let_go(some[-1][1][0])
 
-    def _answered(self, some: Sequence[tuple[int, Window]], k: int) -> IsolatedWindow:
+    def _isolate_numbered(self, some: Sequence[tuple[int, Window]], k: int) -> IsolatedWindow:
         number, (window, known) = some[k]
-        found = self._isolated(window, known)
-        return replace(found, flips=self._flips(found)) if self.flips(number, found.named) else found
-
-    def _flips(self, found: IsolatedWindow) -> Flips | None:
-        window, monitor = found.verdict.window, self.files.monitor
-        if found.diagnosis is not None:
-            return flips_of_diagnosis(found.diagnosis, window, monitor)
-        if found.components is None or found.score is None:
-            return None
-        isolation = self.options.isolation
-        components = found.components
-        return flips_of_isolated_components(
-            components, found.score, isolation.prior, window, monitor, isolation.largest
+        found = self._isolate(window, known)
+        return (
+            replace(found, sensitivity=self._sensitivity(found))
+            if self.wants_sensitivity(number, found.named)
+            else found
         )
 
-    def _isolated(self, judged: WindowStatistics, known: Mapping[str, Parameter]) -> IsolatedWindow:
+    def _sensitivity(self, found: IsolatedWindow) -> SensitivityAnalysis | None:
+        window, monitor = found.verdict.window, self.files.monitor
+        if found.diagnosis is not None:
+            inference = found.diagnosis.inference
+            if inference is None:
+                return None
+            return parameter_sensitivity(inference, window_errors(inference.score, window, monitor))
+        if found.components is None or found.score is None:
+            return None
+        isolation, score = self.options.isolation, temper(found.score, found.components.adequacy.noise)
+        return component_sensitivity(score, isolation.prior, window_errors(score, window, monitor), isolation.largest)
+
+    def _isolate(self, judged: WindowStatistics, known: Mapping[str, Parameter]) -> IsolatedWindow:
         window = judged
         # whether anything changed is asked of the usual forms of instruments' errors: a drift shows as a bias
         drifts = tuple(p.name for p in known.values() if p.of_instrument and p.quantity == DRIFT)
         verdict = judge(window.without(drifts), self.false_alarm)
         if verdict.score is None or window.statistics is None:
-            return IsolatedWindow(verdict, known, by_component=self.by_component)
-        shown = drifts_shown(window.without(()).statistics, drifts) if drifts else set[str]()
-        window, verdict, score = _with_suspects(window, verdict, [name for name in drifts if name not in shown])
-        if self.by_component:
+            return IsolatedWindow(verdict, known, to_components=self.to_components)
+        shown = visible_drifts(window.without(()).statistics, drifts) if drifts else set[str]()
+        window, verdict, score = _score_suspects(window, verdict, [name for name in drifts if name not in shown])
+        if self.to_components:
             components = isolate_components(
                 score, self.options.isolation, verdict.window.statistics, window.disagreement
             )
-            return IsolatedWindow(verdict, known, components=components, by_component=True, score=score)
-        diagnosis, records = self._diagnosed(judged, verdict, score)
+            return IsolatedWindow(verdict, known, components=components, to_components=True, score=score)
+        diagnosis, records = self._diagnose(judged, verdict, score)
         wrong = {known[n].component for n, p in diagnosis.result.inclusion.items() if p > 1 - SEPARATED and n in known}
         more = {name for name in drifts if known[name].component in wrong}
         if not more <= shown and not window.doubtful:  # which form it is, is open
-            window, verdict, score = _with_suspects(
+            window, verdict, score = _score_suspects(
                 judged, verdict, [name for name in drifts if name not in shown | more]
             )
-            diagnosis, records = self._diagnosed(judged, verdict, score)
-        diagnosis = self._with_telling_sensors(diagnosis, window, records)
+            diagnosis, records = self._diagnose(judged, verdict, score)
+        diagnosis = self._add_separating_sensors(diagnosis, window, records)
         advice = None
         if self.advise and self.files.monitor is not None:
             advice = self._advice(self.files.monitor.without(window.silent), diagnosis, records() if records else None)
         return IsolatedWindow(verdict, known, diagnosis, advice=advice)
 
-    def _diagnosed(self, judged: WindowStatistics, verdict: Verdict, score: Score) -> tuple[Diagnosis, _Records | None]:
+    def _diagnose(
+        self, judged: WindowStatistics, verdict: Verdict, score: Score
+    ) -> tuple[Diagnosis, _WindowRecords | None]:
         window = verdict.window
         records = None
-        if self.kept is not None:
-            records = _Records(self.files.monitor, self.kept, window, judged.statistics)
+        if self.kept_records is not None:
+            records = _WindowRecords(self.files.monitor, self.kept_records, window, judged.statistics)
         return diagnose(score, self.options, records, window.statistics, window.disagreement), records
 
-    def _with_telling_sensors(
+    def _add_separating_sensors(
         self, diagnosis: Diagnosis, window: WindowStatistics, records: Callable[[], WindowModel | None] | None
     ) -> Diagnosis:
         """The diagnosis with the sensors that would tell the members of its class, where the engine is at hand."""
-        found, monitor = diagnosis.result.one_of, self.files.monitor
+        found, monitor = diagnosis.result.ambiguity, self.files.monitor
         if found is None or monitor is None or window.statistics is None:
             return diagnosis
         model = records() if records else None
-        inputs = _flown(monitor, model)
+        inputs = _operating_conditions(monitor, model)
         if not inputs:
             return diagnosis
         monitor = monitor.without(window.silent)
-        told = found.told_by(telling_sensors(monitor, diagnosis.score, found, inputs, window.statistics.n))
-        return replace(diagnosis, result=replace(diagnosis.result, one_of=told))
+        told = found.add_separating_sensors(
+            find_separating_sensors(monitor, diagnosis.score, found, inputs, window.statistics.n)
+        )
+        return replace(diagnosis, result=replace(diagnosis.result, ambiguity=told))
 
     def _advice(self, monitor: Monitor, diagnosis: Diagnosis, model: WindowModel | None) -> NextRecording | None:
         result = diagnosis.result
-        if not result.rivals:
+        if not result.alternatives:
             return None
-        rivals = (tuple(result.isolated), tuple(result.rivals[0].parameters))
+        rivals = (tuple(result.isolated), tuple(result.alternatives[0].parameters))
         grid = conditions_grid(monitor.engine)
         options = condition_options(monitor, grid) if grid else []
         conditions = advise(diagnosis.score, rivals, options, monitor.uncertainty)[:ADVISED]
@@ -291,12 +304,14 @@ class Isolating:
             sensors = advise(
                 diagnosis.score, rivals, sensor_options(monitor, model.inputs, self.extra), monitor.uncertainty
             )
-        sets = [(result.isolated, result.probability), *((r.parameters, r.probability) for r in result.rivals)]
-        flights = best_of_each_kind(advise_flights(diagnosis.score, sets, monitor, _flown(monitor, model)))
+        sets = [(result.isolated, result.probability), *((r.parameters, r.probability) for r in result.alternatives)]
+        flights = best_of_each_kind(
+            advise_flights(diagnosis.score, sets, monitor, _operating_conditions(monitor, model))
+        )
         return NextRecording(rivals, monitor.meaning, conditions, sensors, flights)
 
 
-def drifts_shown(statistics: LocalStatistics | None, drifts: Sequence[str]) -> set[str]:
+def visible_drifts(statistics: LocalStatistics | None, drifts: Sequence[str]) -> set[str]:
     """Drifts that these records show, each by its score test beside all that does not drift, free within its prior:
     without one that shows less than SHOWN the search loses half of that in the log likelihood of sets with it, and is
     twice as fast."""
@@ -314,7 +329,7 @@ def drifts_shown(statistics: LocalStatistics | None, drifts: Sequence[str]) -> s
     return set(names[pull**2 > SHOWN * variance].tolist())
 
 
-def _with_suspects(
+def _score_suspects(
     window: WindowStatistics, verdict: Verdict, dropped: Sequence[str]
 ) -> tuple[WindowStatistics, Verdict, Score]:
     """The window and the verdict of its test with all suspects but some, and the score that tells what changed."""
@@ -328,7 +343,7 @@ def _with_suspects(
     return window, replace(verdict, window=window), replace(score, doubt=certain.doubt)
 
 
-def _flown(monitor: Monitor, model: WindowModel | None) -> Mapping[str, np.ndarray]:
+def _operating_conditions(monitor: Monitor, model: WindowModel | None) -> Mapping[str, np.ndarray]:
     """Operating conditions of the window's records, or those that identification has seen; none where neither is
     held."""
     if model is not None:
@@ -339,7 +354,7 @@ def _flown(monitor: Monitor, model: WindowModel | None) -> Mapping[str, np.ndarr
     return {column: np.asarray(envelope.points)[:, i] for i, column in enumerate(envelope.inputs)}
 
 
-class _Records:
+class _WindowRecords:
     """The records of a window with the full model, when they are asked for; None where they are no longer held.
     every: its statistics with all suspects, those that have been dropped, too."""
 
@@ -360,11 +375,11 @@ class _Records:
         weights = self._window.weights
         if weights is not None and len(weights) != len(y):
             return None
-        monitor = _doubting(self._monitor, self._every).without(self._window.silent)
+        monitor = _add_slope_errors(self._monitor, self._every).without(self._window.silent)
         return WindowModel(monitor, inputs, y, start, weights)
 
 
-def _doubting(monitor: Monitor, statistics: LocalStatistics | None) -> Monitor:
+def _add_slope_errors(monitor: Monitor, statistics: LocalStatistics | None) -> Monitor:
     """The monitor with what wrong slopes of the maps add to the change that the statistics speak of. What they add to
     one suspect makes up for what they add to others, so that all of them have to be there."""
     if statistics is None or statistics.slopes is None:

@@ -108,7 +108,7 @@ class Verdicts:
     converged: np.ndarray
     likeliest: np.ndarray | None = field(default=None, kw_only=True)
     probability: np.ndarray | None = field(default=None, kw_only=True)
-    doubtful: dict[int, str] = field(default_factory=dict, kw_only=True)
+    withheld: dict[int, str] = field(default_factory=dict, kw_only=True)
 
     @property
     def alarm(self) -> np.ndarray:
@@ -119,7 +119,7 @@ class Verdicts:
     def judged(self) -> np.ndarray:
         """(W,) bool: windows with a verdict."""
         known = np.ones(len(self.converged), bool)
-        known[list(self.doubtful)] = False
+        known[list(self.withheld)] = False
         return np.asarray(np.any([test.judged for test in self.tests], axis=0) & self.converged & known)
 
     def isolated_names(self, window: int) -> tuple[str, ...] | None:
@@ -128,13 +128,13 @@ class Verdicts:
             return None
         return tuple(name for name, hit in zip(self.names, self.isolated[window], strict=True) if hit)
 
-    def why_not(self, window: int) -> str:
+    def no_verdict_reason(self, window: int) -> str:
         """Why a window has no verdict; empty where it has one."""
         if self.judged[window]:
             return ""
         if not self.converged[window]:
             return "the re-estimate did not converge"
-        return self.doubtful.get(window, f"too few readings for any test of {self.method}")
+        return self.withheld.get(window, f"too few readings for any test of {self.method}")
 
 
 def chi_square_test(name: str, statistic: np.ndarray, dof: np.ndarray, false_alarm: float) -> DetectionTest:
@@ -158,7 +158,7 @@ def chi_square_test(name: str, statistic: np.ndarray, dof: np.ndarray, false_ala
 
 
 @dataclass(frozen=True)
-class Windows:
+class RecordWindows:
     """W windows of n consecutive records: inputs column -> (W, n), readings y (W, n, m), NaN where missing.
 
     Windows of unequal length are filled up with records that have no reading (and may have no input).
@@ -195,7 +195,7 @@ class Windows:
         return {column: np.asarray(values, float).ravel() for column, values in self.inputs.items()}
 
 
-def filled(parts: Sequence[tuple[Mapping[str, np.ndarray], np.ndarray]]) -> Windows:
+def pad_windows(parts: Sequence[tuple[Mapping[str, np.ndarray], np.ndarray]]) -> RecordWindows:
     """Windows of unequal length, each inputs column -> (n_w,) and readings (n_w, m), filled up to the longest."""
     longest = max(len(y) for _, y in parts)
 
@@ -204,7 +204,7 @@ def filled(parts: Sequence[tuple[Mapping[str, np.ndarray], np.ndarray]]) -> Wind
         return np.pad(values, width, constant_values=np.nan)
 
     inputs = {c: np.stack([fill(own[c]) for own, _ in parts]) for c in parts[0][0]}
-    return Windows(inputs, np.stack([fill(y) for _, y in parts]))
+    return RecordWindows(inputs, np.stack([fill(y) for _, y in parts]))
 
 
 Chosen = TypeVar("Chosen", bound="Method")
@@ -217,7 +217,7 @@ class FittedMethod:
     monitor: Monitor
     method: Method
 
-    def diagnose(self, windows: Windows, false_alarm: float = 0.01) -> Verdicts:
+    def diagnose(self, windows: RecordWindows, false_alarm: float = 0.01) -> Verdicts:
         """Judge windows of records.
 
         Parameters
@@ -262,7 +262,7 @@ class Method(ABC):
         """Names of the tests of its verdicts, in their order."""
 
     @abstractmethod
-    def diagnose(self, monitor: Monitor, windows: Windows, false_alarm: float) -> Verdicts:
+    def diagnose(self, monitor: Monitor, windows: RecordWindows, false_alarm: float) -> Verdicts:
         """Judge all windows of this engine, with this probability of a false alarm per window."""
 
     @property
@@ -270,7 +270,7 @@ class Method(ABC):
         """What is impossible among its choices; empty where nothing is."""
         return ""
 
-    def train(self, monitor: Monitor, healthy: Windows | None = None) -> FittedMethod:
+    def train(self, monitor: Monitor, healthy: RecordWindows | None = None) -> FittedMethod:
         """Tie the method to an engine; `healthy` windows only matter when the method learns.
 
         Raises
@@ -332,20 +332,20 @@ def recorded_windows(monitor: Monitor, recordings: Iterable[Recording], plan: Wi
     Raises DataError as `cut` does.
     """
     for complete in cut(monitor, recordings, plan, _pieces):
-        yield from map(_whole, complete)
+        yield from map(_join_pieces, complete)
 
 
-def learnt_windows(monitor: Monitor, recordings: Iterable[Recording], plan: WindowPlan) -> Windows:
+def training_windows(monitor: Monitor, recordings: Iterable[Recording], plan: WindowPlan) -> RecordWindows:
     """Windows for a method to learn from. Raises DataError when none of them holds a record that can be judged."""
     found = list(recorded_windows(monitor, recordings, plan))
     usable = [window for window in found if window.judged]
     if not usable:
         why = f": {nothing_judged(joined([w.place for w in found]))}" if found else ""
         raise DataError(f"the healthy recordings hold nothing to learn from{why}")
-    return filled([(window.inputs, window.y) for window in usable])
+    return pad_windows([(window.inputs, window.y) for window in usable])
 
 
-def judged_windows(
+def judge_windows(
     fitted: FittedMethod, windows: Iterable[RecordedWindow], false_alarm: float
 ) -> Iterator[WindowVerdict]:
     """Verdicts on the windows, in their order."""
@@ -354,22 +354,24 @@ def judged_windows(
     for window in windows:
         longer = max(longest, len(window.y))
         if batch and longer * (len(batch) + 1) > TOGETHER:
-            yield from _judged(fitted, batch, false_alarm)
+            yield from _judge_batch(fitted, batch, false_alarm)
             batch, longer = [], len(window.y)
         batch.append(window)
         longest = longer
-    yield from _judged(fitted, batch, false_alarm)
+    yield from _judge_batch(fitted, batch, false_alarm)
 
 
-def _judged(fitted: FittedMethod, batch: Sequence[RecordedWindow], false_alarm: float) -> Iterator[WindowVerdict]:
+def _judge_batch(fitted: FittedMethod, batch: Sequence[RecordedWindow], false_alarm: float) -> Iterator[WindowVerdict]:
     asked = [window for window in batch if window.judged]
-    verdicts = fitted.diagnose(filled([(window.inputs, window.y) for window in asked]), false_alarm) if asked else None
+    verdicts = (
+        fitted.diagnose(pad_windows([(window.inputs, window.y) for window in asked]), false_alarm) if asked else None
+    )
     number = 0
     for window in batch:
         if verdicts is None or not window.judged:
             yield WindowVerdict(window, NO_VERDICT, nothing_judged(window.place))
             continue
-        reason = verdicts.why_not(number)
+        reason = verdicts.no_verdict_reason(number)
         verdict = NO_VERDICT if reason else FAULT if verdicts.alarm[number] else HEALTHY
         yield WindowVerdict(window, verdict, reason, verdicts, number)
         number += 1
@@ -384,26 +386,26 @@ def _pieces(
     for i, k in runs(blocks):
         rows = slice(i, k)
         steps = np.cumsum(apart[rows]) - 1  # empty records before the first stand for a jump from the block before
-        inputs = {c: _spread(v[rows], steps) for c, v in taken.inputs.items()}
-        yield int(blocks[i]), RecordedWindow(place(part, taken, key, rows), inputs, _spread(y[rows], steps))
+        inputs = {c: _space_records(v[rows], steps) for c, v in taken.inputs.items()}
+        yield int(blocks[i]), RecordedWindow(place(part, taken, key, rows), inputs, _space_records(y[rows], steps))
 
 
-def _spread(values: np.ndarray, steps: np.ndarray) -> np.ndarray:
+def _space_records(values: np.ndarray, steps: np.ndarray) -> np.ndarray:
     """values (n, ...) at the positions `steps` (n,) of an otherwise empty array."""
     spread = np.full((int(steps[-1]) + 1, *values.shape[1:]), np.nan)
     spread[steps] = values
     return spread
 
 
-def _whole(pieces: Sequence[RecordedWindow]) -> RecordedWindow:
+def _join_pieces(pieces: Sequence[RecordedWindow]) -> RecordedWindow:
     """A window from its pieces, without the empty records before its first."""
     inputs = {c: np.concatenate([piece.inputs[c] for piece in pieces]) for c in pieces[0].inputs}
     y = np.concatenate([piece.y for piece in pieces])
-    begun = slice(_first(inputs, y), None)
+    begun = slice(_first_record(inputs, y), None)
     return RecordedWindow(joined([piece.place for piece in pieces]), {c: v[begun] for c, v in inputs.items()}, y[begun])
 
 
-def _first(inputs: Mapping[str, np.ndarray], y: np.ndarray) -> int:
+def _first_record(inputs: Mapping[str, np.ndarray], y: np.ndarray) -> int:
     """The first record that holds anything."""
     held = np.isfinite(y).any(axis=1) | np.any([np.isfinite(v) for v in inputs.values()], axis=0)
     return int(np.argmax(held)) if held.any() else 0

@@ -58,8 +58,8 @@ from enginediag_cli.config.fields import Field
 from enginediag_cli.methods.base import (
     PARAMETERS,
     Method,
+    RecordWindows,
     Verdicts,
-    Windows,
     chi_square_test,
 )
 from enginediag_cli.residuals.instruments import NoiseModel
@@ -75,7 +75,7 @@ health parameters the second order is below 1e-6, the noise of a mean of thousan
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence(Windows):
+class ScoredWindows(RecordWindows):
     """Windows of a monitor, and the scores of its monitored parameters.
 
     faults (W,): number of changes in each, which only methods that are told it may read; None where nobody knows.
@@ -162,11 +162,11 @@ class Evidence(Windows):
         return _Prediction(theta, y, J, ok, None if x is None else np.asarray(x))
 
 
-def evidence_of(monitor: Monitor, windows: Windows) -> Evidence:
+def scored_windows(monitor: Monitor, windows: RecordWindows) -> ScoredWindows:
     """The windows as evidence for this monitor: themselves, if they are that already."""
-    if isinstance(windows, Evidence) and windows.monitor is monitor:
+    if isinstance(windows, ScoredWindows) and windows.monitor is monitor:
         return windows
-    return Evidence(windows.inputs, windows.y, monitor)
+    return ScoredWindows(windows.inputs, windows.y, monitor)
 
 
 @dataclass
@@ -250,7 +250,7 @@ class WindowSums:
     F: np.ndarray
     dof: np.ndarray
 
-    def with_uncertainty(self, C: np.ndarray, keep: int) -> WindowSums:
+    def add_uncertainty(self, C: np.ndarray, keep: int) -> WindowSums:
         """The sums of the first `keep` parameters, with the covariance C (p, p) counted as noise."""
         if np.any(C):
             spread = np.sqrt(np.diag(C))
@@ -291,7 +291,7 @@ def window_sums(e: np.ndarray, J: np.ndarray, monitor: Monitor) -> WindowSums:
     )
 
 
-def nominal_residuals(monitor: Monitor, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
+def nominal_residuals(monitor: Monitor, windows: RecordWindows) -> tuple[np.ndarray, np.ndarray]:
     """e = Y − Φ(U, θ0) (W, n, m), eq. (4), NaN where a reading or the model fails, and J (W, n, m, p)."""
     y, J, ok, _ = monitor.predict(windows.flat_inputs(), monitor.theta0)
     shape = windows.y.shape
@@ -340,7 +340,9 @@ class WindowResiduals:
     converged: np.ndarray
 
 
-def linearised(monitor: Monitor, windows: Windows, linearise: str, precision: np.ndarray) -> WindowResiduals:
+def linearise_windows(
+    monitor: Monitor, windows: RecordWindows, linearise: str, precision: np.ndarray
+) -> WindowResiduals:
     """Residuals ẽ = y − Φ(û) + Ĵ(θ̂ − θ0) at θ0 ("nominal") or at the estimate held by `precision` (p, p)."""
     if linearise not in LINEARISE:
         raise ValueError(f"`linearise` must be one of {', '.join(LINEARISE)}, not {linearise!r}")
@@ -416,13 +418,13 @@ class ParameterEstimation(Method):
     def wrong_choice(self) -> str:
         return "" if self.width > 0 else "`width` must be positive"
 
-    def diagnose(self, monitor: Monitor, windows: Windows, false_alarm: float) -> EstimationResult:
+    def diagnose(self, monitor: Monitor, windows: RecordWindows, false_alarm: float) -> EstimationResult:
         from scipy.stats import chi2
 
         p = len(monitor.monitored)
-        found = linearised(monitor, windows, self.linearise, loose_precision(monitor, self.width))
+        found = linearise_windows(monitor, windows, self.linearise, loose_precision(monitor, self.width))
         C = monitor.uncertainty
-        sums = window_sums(found.e, found.J, monitor).with_uncertainty(C, p)
+        sums = window_sums(found.e, found.J, monitor).add_uncertainty(C, p)
         wald = wald_statistics(sums.s, sums.F, monitor.prior_sigma[:p])
         moved = found.theta[:, :p] - monitor.theta0[:p]
         bent = (sums.F @ moved[:, :, None])[:, :, 0]
@@ -431,7 +433,7 @@ class ParameterEstimation(Method):
         loose = np.diag((self.width * monitor.prior_sigma[:p]) ** -2)
         gained = np.sum(left * np.linalg.solve(sums.F + loose, left), axis=(1, 2))
         at_estimate = sums.zz - np.sum(moved * (2 * sums.s - bent), axis=1) - gained
-        at_nominal = window_sums(found.e0, found.J0, monitor).with_uncertainty(C, p).zz
+        at_nominal = window_sums(found.e0, found.J0, monitor).add_uncertainty(C, p).zz
         joint = wald.joint if self.linearise == "nominal" else np.maximum(at_nominal - at_estimate, 0.0)
         test = chi_square_test("joint", joint, wald.rank, false_alarm)
         rejected = holm(chi2.sf(wald.wald, 1), false_alarm)

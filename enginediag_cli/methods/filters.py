@@ -53,8 +53,8 @@ from enginediag_cli.methods.base import (
     PARAMETERS,
     DetectionTest,
     Method,
+    RecordWindows,
     Verdicts,
-    Windows,
     chi_square_test,
 )
 from enginediag_cli.methods.estimation import holm
@@ -66,7 +66,7 @@ NO_VARIANCE = 1e-300
 
 
 @dataclass(frozen=True)
-class Past:
+class PastInnovation:
     """An earlier innovation: D (W, p, m) = cov(present state error, it), its whitener (W, m, m), itself whitened
     (W, m), and which sensors were there (W, m)."""
 
@@ -77,17 +77,17 @@ class Past:
 
 
 @dataclass(frozen=True)
-class Healthy:
+class HealthyError:
     """E, A (W, p, p), C (p, p) and the latest innovations, newest first, as many as there are lags."""
 
     E: np.ndarray
     A: np.ndarray
     C: np.ndarray
-    past: tuple[Past, ...]
+    past: tuple[PastInnovation, ...]
     lags: int
 
     @classmethod
-    def start(cls, C: np.ndarray, windows: int, lags: int) -> Healthy:
+    def start(cls, C: np.ndarray, windows: int, lags: int) -> HealthyError:
         every = np.tile(C, (windows, 1, 1))
         return cls(every, -every, C, (), lags)
 
@@ -128,7 +128,7 @@ class InnovationRecord:
         shapes = [(W, n)] * 3 + [(W, lags, m)] * 2 + [(W, m)] * 2
         return cls(*(np.zeros(shape) for shape in shapes))
 
-    def add(self, k: int, new: Innovation, healthy: Healthy) -> Healthy:
+    def add(self, k: int, new: Innovation, healthy: HealthyError) -> HealthyError:
         """Take in the innovation of record k and move the healthy error on."""
         nu, S, H, R, K, present = new.nu, new.S, new.H, new.R, new.K, new.present
         EH = healthy.E @ np.swapaxes(H, 1, 2)
@@ -150,7 +150,7 @@ class InnovationRecord:
         left = np.eye(H.shape[2]) - K @ H
         KR = K @ R
         older = tuple(replace(before, D=left @ before.D) for before in healthy.past[: healthy.lags - 1])
-        past = (Past(KR - left @ EH, whitener, tilde, present), *older)
+        past = (PastInnovation(KR - left @ EH, whitener, tilde, present), *older)
         E = left @ healthy.E @ np.swapaxes(left, 1, 2) + KR @ np.swapaxes(K, 1, 2)
         return replace(healthy, E=E, A=left @ healthy.A, past=past)
 
@@ -211,7 +211,7 @@ class Linearisation:
 
 
 @dataclass(frozen=True)
-class Earlier:
+class PreviousRecord:
     """The record before, about the state x (W, p) of that time: y (W, m), H (W, m, p), weight c = ρ (W, m).
 
     Noise of lag-1 correlation ρ is whitened by subtracting ρ times the record before, carried linearly to
@@ -223,7 +223,7 @@ class Earlier:
     H: np.ndarray
     c: np.ndarray
 
-    def share(self, points: np.ndarray) -> np.ndarray:
+    def carried_reading(self, points: np.ndarray) -> np.ndarray:
         """c · (ŷ of the record before) at the states points (W, q, p) -> (W, q, m)."""
         moved = (points - self.x[:, None]) @ np.swapaxes(self.H, 1, 2)
         return np.asarray(self.c[:, None] * (self.y[:, None] + moved))
@@ -261,10 +261,12 @@ class Observer(Method, ABC):
         return "" if self.lags >= 1 else "`lags` must be at least 1"
 
     @abstractmethod
-    def linearise(self, model: ScaledModel, x: np.ndarray, P: np.ndarray, k: int, earlier: Earlier) -> Linearisation:
+    def linearise(
+        self, model: ScaledModel, x: np.ndarray, P: np.ndarray, k: int, earlier: PreviousRecord
+    ) -> Linearisation:
         """Record k of every window seen from the states x (W, p) of covariance P (W, p, p)."""
 
-    def diagnose(self, monitor: Monitor, windows: Windows, false_alarm: float) -> ObserverResult:
+    def diagnose(self, monitor: Monitor, windows: RecordWindows, false_alarm: float) -> ObserverResult:
         from scipy.stats import chi2
 
         a, scale = len(monitor.monitored), monitor.prior_sigma
@@ -290,8 +292,8 @@ class Observer(Method, ABC):
         )
 
     def _filter(
-        self, monitor: Monitor, windows: Windows
-    ) -> tuple[InnovationRecord, np.ndarray, np.ndarray, Healthy, np.ndarray, np.ndarray]:
+        self, monitor: Monitor, windows: RecordWindows
+    ) -> tuple[InnovationRecord, np.ndarray, np.ndarray, HealthyError, np.ndarray, np.ndarray]:
         """Innovations of all records, final state (W, p) and covariance, and the path of the monitored states."""
         W, n, m = windows.y.shape
         a, p, scale = len(monitor.monitored), len(monitor.names), monitor.prior_sigma
@@ -300,19 +302,19 @@ class Observer(Method, ABC):
         ends = windows.ends
         Q = np.where(own, self.walk**2, 0.0) / np.maximum(ends, 1)[:, None]
         x, P = np.zeros((W, p)), np.tile(C + np.diag(np.where(own, self.initial**2, 0.0)), (W, 1, 1))
-        healthy = Healthy.start(C, W, self.lags)
+        healthy = HealthyError.start(C, W, self.lags)
         model, readings = ScaledModel(monitor, windows.inputs), windows.y / monitor.noise.sigma
-        correlation = _between_sensors(monitor)
+        correlation = _sensor_correlation(monitor)
         record = InnovationRecord.empty(W, n, m, self.lags)
         path, spread, diagonal = np.zeros((W, n, a)), np.zeros((W, n, a)), np.arange(p)
-        earlier = Earlier(x, np.zeros((W, m)), np.zeros((W, m, p)), np.zeros((W, m)))
+        earlier = PreviousRecord(x, np.zeros((W, m)), np.zeros((W, m, p)), np.zeros((W, m)))
         before, earlier_reading = np.zeros((W, m), bool), np.zeros((W, m))
         for k in range(n):
             # what fills a window up is no time in which anything could have wandered
             P[:, diagonal, diagonal] += np.where((k < ends)[:, None], Q, 0.0)
             present = np.isfinite(readings[:, k])
             c = np.where(present & before, monitor.noise.rho, 0.0)
-            earlier = Earlier(earlier.x, earlier.y, earlier.H, c)
+            earlier = PreviousRecord(earlier.x, earlier.y, earlier.H, c)
             seen = self.linearise(model, x, P, k, earlier)
             present = present & seen.ok[:, None]
             reading = np.where(present, readings[:, k], 0.0)
@@ -326,8 +328,8 @@ class Observer(Method, ABC):
             healthy = record.add(k, Innovation(nu, S, H, R, K, present), healthy)
             # the record itself, without the share of the one before, is what the next one looks back to
             own_H = seen.H + c[:, :, None] * earlier.H
-            own_y = seen.mean + earlier.share(x[:, None])[:, 0]
-            earlier, earlier_reading, before = Earlier(x, own_y, own_H, c), reading, present
+            own_y = seen.mean + earlier.carried_reading(x[:, None])[:, 0]
+            earlier, earlier_reading, before = PreviousRecord(x, own_y, own_H, c), reading, present
             x = x + np.einsum("wpm,wm->wp", K, nu)
             P = P - K @ S @ np.swapaxes(K, 1, 2)
             P = (P + np.swapaxes(P, 1, 2)) / 2
@@ -363,7 +365,7 @@ class ScaledModel:
         return np.clip(theta, self.monitor.lower, self.monitor.upper)
 
 
-def _between_sensors(monitor: Monitor) -> np.ndarray:
+def _sensor_correlation(monitor: Monitor) -> np.ndarray:
     """Correlation (m, m) between the noises of sensors at the same time, in units of sigma."""
     sigma, covariance = monitor.noise.sigma, monitor.noise.covariance
     return np.eye(len(sigma)) if covariance is None else covariance / sigma / sigma[:, None]
@@ -379,9 +381,11 @@ class ExtendedKalman(Observer):
     def name(self) -> str:
         return "extended_kalman"
 
-    def linearise(self, model: ScaledModel, x: np.ndarray, P: np.ndarray, k: int, earlier: Earlier) -> Linearisation:
+    def linearise(
+        self, model: ScaledModel, x: np.ndarray, P: np.ndarray, k: int, earlier: PreviousRecord
+    ) -> Linearisation:
         y, H, ok = model(x, k)
-        mean = y - earlier.share(x[:, None])[:, 0]
+        mean = y - earlier.carried_reading(x[:, None])[:, 0]
         H = H - earlier.c[:, :, None] * earlier.H
         cross = P @ np.swapaxes(H, 1, 2)
         return Linearisation(mean, H @ cross, cross, H, ok)
@@ -414,7 +418,9 @@ class UnscentedKalman(Observer):
     def name(self) -> str:
         return "unscented_kalman"
 
-    def linearise(self, model: ScaledModel, x: np.ndarray, P: np.ndarray, k: int, earlier: Earlier) -> Linearisation:
+    def linearise(
+        self, model: ScaledModel, x: np.ndarray, P: np.ndarray, k: int, earlier: PreviousRecord
+    ) -> Linearisation:
         p = x.shape[1]
         reach = self.alpha**2 * (p + self.kappa)  # p + λ
         if not reach > 0:
@@ -423,7 +429,7 @@ class UnscentedKalman(Observer):
         steps = np.sqrt(reach) * np.swapaxes(root, 1, 2)
         points = x[:, None] + np.concatenate([np.zeros_like(steps[:, :1]), steps, -steps], axis=1)
         y, ok = model.outputs(points, k)
-        y = y - earlier.share(points)
+        y = y - earlier.carried_reading(points)
         w = np.full(2 * p + 1, 1 / (2 * reach))
         w_mean, w_cov = w.copy(), w
         w_mean[0] = 1 - p / reach

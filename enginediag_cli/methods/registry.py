@@ -17,8 +17,8 @@ from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.detection.verdict import NOISE_UNKNOWN, glr_test, threshold, unknown_noise
 from enginediag_cli.isolation.methods import NAMING, IsolationOptions, Named, single_minmax, single_sensitivities
 from enginediag_cli.isolation.prior import SetPrior
-from enginediag_cli.methods.base import PARAMETERS, DetectionTest, Method, Verdicts, Windows
-from enginediag_cli.methods.estimation import LINEARISE_FIELD, ParameterEstimation, evidence_of
+from enginediag_cli.methods.base import PARAMETERS, DetectionTest, Method, RecordWindows, Verdicts
+from enginediag_cli.methods.estimation import LINEARISE_FIELD, ParameterEstimation, scored_windows
 from enginediag_cli.methods.filters import ExtendedKalman, UnscentedKalman
 from enginediag_cli.methods.residual_tests import PredictionError, PrincipalComponents, StructuredParity
 from enginediag_cli.residuals.monitor import Monitor
@@ -41,7 +41,7 @@ PRIOR_FIELDS = (
         "worn",
         "number",
         "prior probability of an engine on which any number of changes is equally probable",
-        PRIOR.worn,
+        PRIOR.p_uniform_wear,
         minimum=0.0,
         maximum=1.0,
     ),
@@ -114,7 +114,7 @@ class ScoreMethod(Method):
     method: str = "posterior"
     level: float | None = None
     inclusion: float = PRIOR.inclusion
-    worn: float = PRIOR.worn
+    worn: float = PRIOR.p_uniform_wear
     sensor: float = PRIOR.sensor
     slabs: tuple[float, ...] = PRIOR.slabs
     largest: int | None = None
@@ -135,8 +135,8 @@ class ScoreMethod(Method):
     def tests(self) -> tuple[str, ...]:
         return ("GLR",)
 
-    def diagnose(self, monitor: Monitor, windows: Windows, false_alarm: float) -> Verdicts:
-        evidence, names, row = evidence_of(monitor, windows), monitor.monitored, SCORE_METHODS[self.row]
+    def diagnose(self, monitor: Monitor, windows: RecordWindows, false_alarm: float) -> Verdicts:
+        evidence, names, row = scored_windows(monitor, windows), monitor.monitored, SCORE_METHODS[self.row]
         scores, converged = evidence.scores(self.linearise)
         test = score_test(scores, false_alarm)
         likeliest, probability = np.zeros((len(scores), len(names)), bool), np.full(len(scores), np.nan)
@@ -162,7 +162,7 @@ class ScoreMethod(Method):
             converged,
             likeliest=likeliest,
             probability=probability,
-            doubtful=doubtful,
+            withheld=doubtful,
         )
 
 

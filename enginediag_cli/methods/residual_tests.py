@@ -58,8 +58,8 @@ from enginediag_cli.methods.base import (
     DetectionTest,
     FittedMethod,
     Method,
+    RecordWindows,
     Verdicts,
-    Windows,
     chi_square_test,
 )
 from enginediag_cli.methods.estimation import WindowSums, nominal_residuals, white_residuals, window_sums
@@ -69,7 +69,7 @@ from enginediag_cli.residuals.statistics import RANK_TOLERANCE
 REDUCTIONS = ("mean", "records")
 
 
-def reduced_sums(monitor: Monitor, windows: Windows, reduction: str) -> WindowSums:
+def reduced_sums(monitor: Monitor, windows: RecordWindows, reduction: str) -> WindowSums:
     """Sums of the monitored parameters, over the window's mean residual per sensor or over all records."""
     if reduction not in REDUCTIONS:
         raise ValueError(f"`reduction` must be one of {', '.join(REDUCTIONS)}, not {reduction!r}")
@@ -88,7 +88,7 @@ def reduced_sums(monitor: Monitor, windows: Windows, reduction: str) -> WindowSu
             turned @ sensitivity,
             (count > 0).sum(axis=1).astype(float),
         )
-    return sums.with_uncertainty(monitor.uncertainty, len(monitor.monitored))
+    return sums.add_uncertainty(monitor.uncertainty, len(monitor.monitored))
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class PredictionError(Method):
     def tests(self) -> tuple[str, ...]:
         return (self.reduction,)
 
-    def diagnose(self, monitor: Monitor, windows: Windows, false_alarm: float) -> Verdicts:
+    def diagnose(self, monitor: Monitor, windows: RecordWindows, false_alarm: float) -> Verdicts:
         sums = reduced_sums(monitor, windows, self.reduction)
         test = chi_square_test(self.reduction, sums.zz, sums.dof, false_alarm)
         return Verdicts(
@@ -141,7 +141,7 @@ class StructuredParity(Method):
     def tests(self) -> tuple[str, ...]:
         return (self.reduction,)
 
-    def diagnose(self, monitor: Monitor, windows: Windows, false_alarm: float) -> Verdicts:
+    def diagnose(self, monitor: Monitor, windows: RecordWindows, false_alarm: float) -> Verdicts:
         sums = reduced_sums(monitor, windows, self.reduction)
         p = len(monitor.monitored)
         scale = monitor.prior_sigma[:p]
@@ -241,10 +241,10 @@ class PrincipalComponents(Method):
     def tests(self) -> tuple[str, ...]:
         return ("T2", "SPE")
 
-    def diagnose(self, monitor: Monitor, windows: Windows, false_alarm: float) -> Verdicts:
+    def diagnose(self, monitor: Monitor, windows: RecordWindows, false_alarm: float) -> Verdicts:
         raise DataError("PCA learns from healthy windows, and none were given")
 
-    def train(self, monitor: Monitor, healthy: Windows | None = None) -> FittedPca:
+    def train(self, monitor: Monitor, healthy: RecordWindows | None = None) -> FittedPca:
         """Learn from healthy windows; DataError when there are too few of them, or records without a reading."""
         if self.data not in DATA or self.spe_limit not in LIMITS:
             raise ValueError(f"`data` must be one of {', '.join(DATA)}, `spe_limit` of {', '.join(LIMITS)}")
@@ -307,7 +307,7 @@ class FittedPca(FittedMethod):
     residual_spectrum: np.ndarray
     windows: int
 
-    def diagnose(self, windows: Windows, false_alarm: float = 0.01) -> Verdicts:
+    def diagnose(self, windows: RecordWindows, false_alarm: float = 0.01) -> Verdicts:
         _, x = data_matrix(self.monitor, windows, self.method.data)
         means, count = _means(x, self.centre, self.scale)
         v = np.where(count[:, None] > 0, means * np.sqrt(count)[:, None], np.nan)
@@ -344,7 +344,7 @@ class FittedPca(FittedMethod):
         return v * (t @ self.score_precision @ self.loadings.T), (v - t @ self.loadings.T) ** 2
 
 
-def data_matrix(monitor: Monitor, windows: Windows, data: str) -> tuple[tuple[str, ...], np.ndarray]:
+def data_matrix(monitor: Monitor, windows: RecordWindows, data: str) -> tuple[tuple[str, ...], np.ndarray]:
     """Columns (d,) and x (W, n, d): the inputs and the readings, or the residuals in units of their noise."""
     if data == "raw":
         columns = tuple(windows.inputs)

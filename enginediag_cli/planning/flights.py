@@ -137,14 +137,14 @@ def flights(engine: Engine, flown: Mapping[str, np.ndarray]) -> list[PlannedFlig
     columns = ("altitude_m", "mach") if "altitude_m" in engine.inputs else ("ambient_temperature_K",)
     if engine.power_range is None or any(c in engine.inputs and c not in engine.envelope for c in columns):
         return []
-    usual = held_inputs(engine, flown)
+    usual = usual_inputs(engine, flown)
     if usual is None:
         return []
-    found = _in_the_air(engine, usual) if "altitude_m" in engine.inputs else _on_the_ground(engine, usual)
+    found = _airborne_flights(engine, usual) if "altitude_m" in engine.inputs else _ground_flights(engine, usual)
     return list(found)
 
 
-def held_inputs(engine: Engine, flown: Mapping[str, np.ndarray]) -> dict[str, float] | None:
+def usual_inputs(engine: Engine, flown: Mapping[str, np.ndarray]) -> dict[str, float] | None:
     """Inputs that are held at the middle of what was flown, or of the envelope; None where neither is known."""
     moved = {"altitude_m", "mach", "dT_isa_K", "ambient_temperature_K", engine.power_setting}
     found: dict[str, float] = {}
@@ -161,7 +161,7 @@ def held_inputs(engine: Engine, flown: Mapping[str, np.ndarray]) -> dict[str, fl
     return found
 
 
-def _in_the_air(engine: Engine, usual: Mapping[str, float]) -> Iterator[PlannedFlight]:
+def _airborne_flights(engine: Engine, usual: Mapping[str, float]) -> Iterator[PlannedFlight]:
     ceiling = engine.envelope["altitude_m"][1]
     days = _days(engine)
     for share, dT in chain(((USUAL, d) for d in days), ((s, 0.0) for s in (HIGHER, LOWER))):
@@ -215,7 +215,7 @@ def _several_levels(engine: Engine, levels: Sequence[float], dT: float, usual: M
     return PlannedFlight(LEVELS, f"power swept on the ground and at {told}{_day(dT)}", corners, usual)
 
 
-def _on_the_ground(engine: Engine, usual: Mapping[str, float]) -> Iterator[PlannedFlight]:
+def _ground_flights(engine: Engine, usual: Mapping[str, float]) -> Iterator[PlannedFlight]:
     low, high = engine.envelope["ambient_temperature_K"]
     room = INSIDE * (high - low)
     cold, hot = low + room, high - room
@@ -358,7 +358,7 @@ MANOEUVRES: Mapping[str, tuple[tuple[float, float], ...]] = {
 def manoeuvres(engine: Engine, flown: Mapping[str, np.ndarray]) -> list[PlannedFlight]:
     """Manoeuvres at the middle of what was flown (inputs, column → (N,)); none for an engine of which it is not known
     how much power it may be asked for."""
-    usual = held_inputs(engine, flown)
+    usual = usual_inputs(engine, flown)
     if engine.power_range is None or usual is None:
         return []
     altitude, mach, dT = (_middle(flown, c) for c in ("altitude_m", "mach", "dT_isa_K"))

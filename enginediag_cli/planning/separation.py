@@ -53,7 +53,7 @@ class Adaptation:
     vectors: np.ndarray
 
     @classmethod
-    def of(cls, columns: np.ndarray) -> Adaptation:
+    def from_columns(cls, columns: np.ndarray) -> Adaptation:
         """Of typical records: Y (k, m, q), per standard deviation."""
         rows = columns.reshape(columns.shape[0] * columns.shape[1], columns.shape[2])
         values, vectors = np.linalg.eigh(rows.T @ rows / len(columns))
@@ -76,7 +76,7 @@ class Separation:
     pulls: np.ndarray
 
     @classmethod
-    def of_gram(cls, gram: np.ndarray) -> Separation:
+    def from_gram(cls, gram: np.ndarray) -> Separation:
         """From G (1 + q, 1 + q) of [d Y]."""
         values, vectors = np.linalg.eigh(gram[1:, 1:])
         return cls(float(gram[0, 0]), np.maximum(values, 0.0), (vectors.T @ gram[1:, 0]) ** 2)
@@ -112,7 +112,7 @@ class Outlook:
         """λ_hg (K, K) of n records, infinite where there is nothing to be told."""
         return np.array([[np.inf if s is None else s(n) for s in row] for row in self.separations])
 
-    def given(self, n: float) -> np.ndarray:
+    def chance_each(self, n: float) -> np.ndarray:
         """(K,): the probability that each rival stands out after n records, if it is true."""
         from scipy.special import ndtr
 
@@ -126,7 +126,7 @@ class Outlook:
         """P(n), over the rivals that there is something to tell from."""
         asked = [any(s is not None for s in row) for row in self.separations]
         weight = np.where(asked, self.probabilities, 0.0)
-        return float(weight @ self.given(n) / max(weight.sum(), 1e-300))
+        return float(weight @ self.chance_each(n) / max(weight.sum(), 1e-300))
 
     @cached_property
     def records(self) -> float:
@@ -155,7 +155,7 @@ class Suggestion:
     known: bool = True
 
     @classmethod
-    def judged(
+    def from_outlook(
         cls, outlook: Outlook, kind: str, what: str = "", flight: PlannedFlight | None = None, known: bool = True
     ) -> Suggestion:
         return cls(kind, what, outlook.chance(RECORDS), outlook.records, flight, known)
@@ -174,7 +174,7 @@ def best_of_each_kind(found: Iterable[Suggestion]) -> list[Suggestion]:
     return list(best.values())
 
 
-def keeps_to(flown: Mapping[str, np.ndarray], inputs: Mapping[str, np.ndarray]) -> bool:
+def is_inside_flown(flown: Mapping[str, np.ndarray], inputs: Mapping[str, np.ndarray]) -> bool:
     """Whether most of a flight lies within the ranges of what was flown, columns → (N,) each."""
     outside = np.zeros(len(next(iter(inputs.values()))), bool)
     for c, values in inputs.items():

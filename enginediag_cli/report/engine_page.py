@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 
 from enginediag_cli.detection.verdict import size_with_unit
-from enginediag_cli.fleets.findings import Estimate
+from enginediag_cli.fleets.findings import IntervalEstimate
 from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.report import result_files as kinds
 from enginediag_cli.report.evidence import EngineEvidence, Evidence
@@ -396,7 +396,7 @@ def _table(events: Sequence[Brought]) -> Iterator[Block]:
     yield Tabled(title, Table(COLUMNS, rows, [x.event.origin for x in events]))
 
 
-def _fell(gain: Estimate, unit: str) -> str:
+def _fell(gain: IntervalEstimate, unit: str) -> str:
     """A gain is a fall of temperature or fuel."""
     if not math.isfinite(gain.value):
         return ""
@@ -404,7 +404,7 @@ def _fell(gain: Estimate, unit: str) -> str:
     return f"{'fell' if gain.value >= 0 else 'rose'} by {size}"
 
 
-def _size(x: Estimate, unit: str) -> str:
+def _size(x: IntervalEstimate, unit: str) -> str:
     if not math.isfinite(x.value):
         return ""
     return with_unit(x.value, unit, (x.high - x.low) / 2).replace("-", "−")

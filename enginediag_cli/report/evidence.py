@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.fleets.maintenance import MarginQuestion
+from enginediag_cli.fleets.maintenance import MarginSettings
 from enginediag_cli.intake.loader import Intake
 from enginediag_cli.intake.selection import Source, columns_of
 from enginediag_cli.parameters import Parameter, unspecified
@@ -143,7 +143,7 @@ class Question:
     suspicious: Monitor
     judging: Judging
     false_alarm: float
-    margins: MarginQuestion = field(default_factory=MarginQuestion)
+    margins: MarginSettings = field(default_factory=MarginSettings)
 
 
 def computed(question: Question, given: Sequence[Result]) -> tuple[Evidence, list[str]]:
@@ -187,7 +187,7 @@ def _detected(question: Question, left_out: list[str]) -> Iterator[Row]:
 def _isolated(question: Question, windows: list[WindowStatistics]) -> Iterator[Row]:
     from enginediag_cli.isolation.diagnosis import DiagnosisOptions
     from enginediag_cli.isolation.methods import IsolationOptions
-    from enginediag_cli.isolation.windows import Isolating
+    from enginediag_cli.isolation.windows import WindowIsolation
     from enginediag_cli.report.tables.isolation import isolated_rows
     from enginediag_cli.residuals.long_windows import KeptRecords
 
@@ -196,7 +196,7 @@ def _isolated(question: Question, windows: list[WindowStatistics]) -> Iterator[R
         kept = KeptRecords(question.suspicious, short_windows=not judging.plan.whole)
     nonlinear = "auto" if judging.linearise == "estimate" else "never"
     options = DiagnosisOptions(isolation=IsolationOptions(false_alarm=question.false_alarm), nonlinear=nonlinear)
-    isolating = Isolating(_files(question, question.suspicious), options, question.false_alarm, kept=kept)
+    isolating = WindowIsolation(_files(question, question.suspicious), options, question.false_alarm, kept_records=kept)
     for found in each(isolating.windows(), "windows isolated"):
         windows.append(found.verdict.window)
         for row in isolated_rows(found, False, advice=False):
@@ -206,7 +206,7 @@ def _isolated(question: Question, windows: list[WindowStatistics]) -> Iterator[R
 @stage("following the series")
 def _series(question: Question) -> dict[kinds.Kind, list[Row]]:
     from enginediag_cli.detection.series import series_of
-    from enginediag_cli.isolation.timeline import stories_of
+    from enginediag_cli.isolation.timeline import diagnose_engines
     from enginediag_cli.report.tables.trend import flight_rows, trend_rows
     from enginediag_cli.residuals.reduced import of_series
 
@@ -216,7 +216,7 @@ def _series(question: Question) -> dict[kinds.Kind, list[Row]]:
         window = series.stretches[row["engine"]][row["number"] - 1].window
         told[kinds.FLIGHTS].append(Row(row, _place(window)))
     generic = question.suspicious.slopes is not None
-    for engine, story in stories_of(series, reference=question.judging.reference, generic=generic):
+    for engine, story in diagnose_engines(series, reference=question.judging.reference, generic=generic):
         last = _place(series.stretches[engine][-1].window)
         told[kinds.TREND] += [Row(row, last) for row in trend_rows(engine, story, series)]
     return told
@@ -224,12 +224,12 @@ def _series(question: Question) -> dict[kinds.Kind, list[Row]]:
 
 @stage("following the margin")
 def _margins(question: Question, left_out: list[str]) -> list[Row]:
-    from enginediag_cli.fleets.maintenance import margins_of
+    from enginediag_cli.fleets.maintenance import assess_margins
     from enginediag_cli.report.tables.margin import margin_rows, odd_events
     from enginediag_cli.residuals.reduced import for_comparison, of_series
 
     monitor = of_series(question.suspicious)
-    margins = margins_of(_series_files(question, for_comparison(monitor)), monitor, question.margins)
+    margins = assess_margins(_series_files(question, for_comparison(monitor)), monitor, question.margins)
     left_out += odd_events(margins)
     told = []
     for row in margin_rows(margins):

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from enginediag_cli import __version__
-from enginediag_cli.fleets.findings import Estimate
+from enginediag_cli.fleets.findings import IntervalEstimate
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.answer import FORMULA, IDENTIFIED, NO_DISCREPANCY, NOT_CONVERGED
 from enginediag_cli.report import result_files as kinds
@@ -96,7 +96,7 @@ def _step(e: EngineFound) -> str:
     return next_step(STATES.get(e.verdict, State.CANNOT_TELL), [h.parameter for h in _changed(e)], (), ())
 
 
-def _left(left: Estimate) -> str:
+def _left(left: IntervalEstimate) -> str:
     """Flights to the limit with their 90 % interval."""
     if not math.isfinite(left.value):
         return ""

@@ -30,7 +30,7 @@ import numpy as np
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.intervals import NORMAL_95
-from enginediag_cli.isolation.results import given
+from enginediag_cli.isolation.results import restricted_change
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.recordings.provenance import sha256_of
 from enginediag_cli.report.plotting import Axis, Origin
@@ -176,7 +176,7 @@ def given_rows(windows: Iterable[tuple[WindowStatistics, Origin]], changed: Sequ
         statistics = window.statistics
         if statistics is None or not changed or not set(changed) <= set(statistics.parameters):
             continue
-        for name, change, error in zip(changed, *given(statistics, changed), strict=True):
+        for name, change, error in zip(changed, *restricted_change(statistics, changed), strict=True):
             half = NORMAL_95 * error
             cells = {"flight": window.flight, "number": number, "parameter": name, "change": change}
             rows.append(Row({**cells, "low": change - half, "high": change + half}, origin))

@@ -21,7 +21,7 @@ from enginediag_cli.faults.catalogue import (
     FaultSet,
     SensorFaultState,
     check_faults,
-    clocks_of,
+    clocks_from_columns,
     parameter_values,
     sensor_truth,
 )
@@ -181,7 +181,7 @@ def simulate_in_chunks(
     check_faults(faults, engine)
     inputs = engine_inputs(engine, conditions)
     instruments = Instruments(noise, faults, rng, {*engine.sensors, *conditions.columns})
-    clocks = clocks_of(conditions.columns, len(conditions))
+    clocks = clocks_from_columns(conditions.columns, len(conditions))
     values = parameter_values(faults.components, engine.parameters, clocks)
     hidden = {
         **{name: conditions.columns[name] for name in LABELS if name in conditions.columns},

@@ -30,7 +30,7 @@ from enginediag_cli.identification.problem import without_repeats
 from enginediag_cli.intake.loader import Intake, whole_flights
 from enginediag_cli.intake.selection import Source, columns_of, open_baseline
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions
-from enginediag_cli.isolation.windows import IsolatedWindow, Isolating
+from enginediag_cli.isolation.windows import IsolatedWindow, WindowIsolation
 from enginediag_cli.mismatch.explain.answer import IDENTIFIED, Answer, Explanation
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.plan import advise_flights_for_explanations
@@ -220,7 +220,7 @@ def _windows(nominal: Path, judged: str) -> Sequence[IsolatedWindow]:
     monitor = monitor_of(open_baseline(nominal), sensors=True, drifts=True)
     files = JudgedFiles(Intake(Source((judged,)), columns_of(monitor.engine, monitor.sensors)), monitor)
     kept = KeptRecords(monitor, short_windows=False)
-    return list(Isolating(files, DiagnosisOptions(), FALSE_ALARM, kept=kept).windows())
+    return list(WindowIsolation(files, DiagnosisOptions(), FALSE_ALARM, kept_records=kept).windows())
 
 
 def _window(found: IsolatedWindow, engine: Engine) -> dict[str, Any]:
@@ -231,23 +231,23 @@ def _window(found: IsolatedWindow, engine: Engine) -> dict[str, Any]:
     told["named"] = found.named
     if found.diagnosis is None:
         return told
-    result, place = found.diagnosis.result, _places(found.known, engine)
-    sets = [(result.isolated, result.probability), *((r.parameters, r.probability) for r in result.rivals)]
-    told["stands"] = found.diagnosis.adequacy.stands
+    result, place = found.diagnosis.result, _places(found.meaning, engine)
+    sets = [(result.isolated, result.probability), *((r.parameters, r.probability) for r in result.alternatives)]
+    told["stands"] = found.diagnosis.adequacy.is_listed
     told["fit"] = _finite(found.diagnosis.adequacy.fit)
     told["sets"] = [[place[n] for n in names] for names, _ in sets]
     told["sets"][0] += [instrument_place(fault.column) for fault in found.instruments]
     told["probabilities"] = [_finite(p) for _, p in sets]
     told["changed"] = [_finite(result.inclusion[n]) for n in result.isolated]
     told["changed"] += [_finite(fault.probability) for fault in found.instruments]
-    one_of = getattr(result, "one_of", None)  # the class of which the answer is a member, where it cannot be told apart
+    one_of = getattr(result, "ambiguity", None)  # the ambiguity group of which the answer is a member, if it is one
     if one_of is not None:
         told["class"] = [[place[n] for n in (*one_of.shared, *member)] for member in one_of.members]
         told["class_probability"] = _finite(one_of.probability)
-    told["left_out"] = result.rivals_left_out
+    told["left_out"] = result.alternatives_omitted
     told["complete"] = result.complete
     told["sizes"] = [
-        [place[s.parameter], found.known[s.parameter].quantity, float(s.change), _finite(s.lower), _finite(s.upper)]
+        [place[s.parameter], found.meaning[s.parameter].quantity, float(s.change), _finite(s.lower), _finite(s.upper)]
         for s in result.sizes
     ]
     return told

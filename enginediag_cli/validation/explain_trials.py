@@ -131,7 +131,7 @@ def best_in_hindsight(
         ok = np.isfinite(true[at]).all(axis=1)
         exact = PredictedReadings(np.where(ok[:, None], true[at], 0.0), np.zeros((*true[at].shape, 0)), ok)
         found = expected_separation(np.ones(1 + len(fitted)), [exact, *foreseen], whitening)
-        chances.append(-1.0 if found is None else float(found.given(RECORDS)[0]))
+        chances.append(-1.0 if found is None else float(found.chance_each(RECORDS)[0]))
     return int(np.argmax(chances))
 
 

@@ -8,7 +8,7 @@ With T the places that are wrong, A the answer's and R its rivals (sets of place
     false_name    a name where nothing is wrong
     false_sensor  A names an output sensor that reads right; false_input: an input channel
     stated        probability that A changed and nothing else that matters, and whether it is so: A lies in T, and what
-                  T holds besides is below `least_that_matters`; stated_changed: of each place of A the probability
+                  T holds besides is below `least_relevant_change`; stated_changed: of each place of A the probability
                   that it changed, whatever else did, and whether it lies in T (of physics, where the effect acts)
     interval      of every size that is told, whether its interval holds the true change, 0 of what did not change
 
@@ -36,7 +36,7 @@ import numpy as np
 from enginediag_cli import __version__
 from enginediag_cli.detection.verdict import FAULT
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.isolation.posterior import least_that_matters
+from enginediag_cli.isolation.posterior import least_relevant_change
 from enginediag_cli.parallel import QuestionProcess, run_tasks
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.validation import kinds
@@ -143,7 +143,7 @@ def _that_matter(engine: Engine, sealed: Sealed) -> frozenset[str]:
     for c in sealed.changes:
         if not c.instrument and c.place in engine.parameters:
             p = engine.parameters[c.place]
-            if abs(c.size) >= least_that_matters([p], np.array([p.prior_sigma]))[0]:
+            if abs(c.size) >= least_relevant_change([p], np.array([p.prior_sigma]))[0]:
                 found.add(c.place)
     return frozenset(found)
 

@@ -20,7 +20,7 @@ from enginediag_cli.config.hints import near
 from enginediag_cli.config.kinds import load_checked
 from enginediag_cli.config.reading import named_file
 from enginediag_cli.errors import ConfigError, DataError, Problem
-from enginediag_cli.isolation.prior import Instruments, SetPrior
+from enginediag_cli.isolation.prior import InstrumentForms, SetPrior
 from enginediag_cli.methods.registry import SECTIONS, chosen_method
 from enginediag_cli.parameters import meanings
 from enginediag_cli.residuals.instruments import NoiseModel
@@ -103,7 +103,7 @@ class FaultCase:
         prior, sigma = SetPrior(), monitor.prior_sigma[among]
         monitored = list(meanings(monitor.meaning, [monitor.names[i] for i in among]).values())
         wear = np.array([p.wear for p in monitored])
-        changed, size = prior.draw(rng, count, len(among), Instruments.from_parameters(monitored), wear)
+        changed, size = prior.draw(rng, count, len(among), InstrumentForms.from_parameters(monitored), wear)
         if self.draw["faults"] is not None:
             low, high = self.draw["faults"]
             number = rng.integers(int(low), int(high) + 1, size=count)

@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from enginediag_cli import __version__
-from enginediag_cli.methods.base import PARAMETERS, FittedMethod, Verdicts, Windows
-from enginediag_cli.methods.estimation import Evidence
+from enginediag_cli.methods.base import PARAMETERS, FittedMethod, RecordWindows, Verdicts
+from enginediag_cli.methods.estimation import ScoredWindows
 from enginediag_cli.simulation.flights import engine_inputs, generate_flights
 from enginediag_cli.simulation.noise import ColumnNoise, noise_sources
 from enginediag_cli.validation.studies import Study, load_study
@@ -65,7 +65,7 @@ class Trials:
     """W windows of n records with the changes (W, p) that made them; failed: records that the engine could not
     compute, which have no reading."""
 
-    windows: Windows
+    windows: RecordWindows
     changes: np.ndarray
     failed: int
 
@@ -95,7 +95,7 @@ def make_trials(
     readings.update({c: v.reshape(count, records) for c, v in inputs.items()})
     read = _with_noise(readings, noise, count, rng)
     y = np.stack([read[column] for column in monitor.sensors], axis=2)
-    return Trials(Windows({c: read[c] for c in inputs}, y), changes, int(np.sum(~np.asarray(prediction.ok))))
+    return Trials(RecordWindows({c: read[c] for c in inputs}, y), changes, int(np.sum(~np.asarray(prediction.ok))))
 
 
 def _conditions(
@@ -261,7 +261,7 @@ class Laboratory:
         rng = np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=(batch.case, batch.first)))
         trials = make_trials(study.monitor, case, batch.count, study.records, study.plan, study.noise, rng)
         faults = np.count_nonzero(trials.changes, axis=1)
-        evidence = Evidence(trials.windows.inputs, trials.windows.y, study.monitor, faults)
+        evidence = ScoredWindows(trials.windows.inputs, trials.windows.y, study.monitor, faults)
         result = {}
         for name, method in trained.items():
             evidence.used.clear()
@@ -281,7 +281,7 @@ class Laboratory:
             self._trained = {name: method.train(self.study.monitor, healthy) for name, method in methods.items()}
         return self._trained
 
-    def _healthy(self) -> Windows:
+    def _healthy(self) -> RecordWindows:
         from enginediag_cli.validation.studies import healthy_case
 
         study = self.study

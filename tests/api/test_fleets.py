@@ -45,7 +45,7 @@ def test_a_store_is_looked_into_merged_and_pruned(folder, tmp_path):
     for name, recording in (("here", one), ("there", two)):
         api.fleet(fleet_file, recording, jobs=1, store=tmp_path / name)
     merged = api.merge_stores(tmp_path / "here", tmp_path / "there")
-    assert (merged[0].copied, merged[0].there) == (1, 0)
+    assert (merged[0].copied, merged[0].present) == (1, 0)
     status = api.fleet_status(fleet_file, tmp_path / "here")
     assert [row["state"] for row in status] == ["condensed", "condensed", "new", "new"]
     assert (status.found, status.judged) == (2, 4)

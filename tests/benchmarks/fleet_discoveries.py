@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "fleets"))
 from turbofan_fleet import engine_history, fault, series
 
 from enginediag_cli.detection.e_values import e_path, listed
-from enginediag_cli.fleets.health import flights_of
+from enginediag_cli.fleets.health import engine_flights
 
 LEVEL = 0.05
 FLEETS = 200
@@ -32,7 +32,7 @@ def paths(rng: np.random.Generator, engines: int, asked: argparse.Namespace, fau
     known, found = series(), []
     for k in range(engines):
         change = fault(rng, flights) if faulty else None
-        mine = flights_of(
+        mine = engine_flights(
             engine_history(rng, str(k), flights, change, scatter=asked.scatter, wander=asked.wander), known
         )
         found.append(e_path(mine.rows(), mine.suspects(True)[0], mine.baseline).log_e)

@@ -18,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "fleets"))
 from turbofan_fleet import QUICK, engine_history, fault, judged, known
 
 from enginediag_cli.fleets.findings import FleetSettings
-from enginediag_cli.fleets.run import judged_fleet
+from enginediag_cli.fleets.run import judge_fleet
 
 FLIGHTS = 100
 
@@ -34,7 +34,7 @@ def main() -> None:
     found = [judged(h) for h in fleet]
     print(f"e-value, health, margin: {1e3 * (time.process_time() - begin) / n:.1f} ms an engine of {FLIGHTS} flights")
     begin = time.process_time()
-    judged_fleet(found, QUICK, known().known)
+    judge_fleet(found, QUICK, known().known)
     print(f"list, ranking, what is common, forecasts: {1e3 * (time.process_time() - begin) / n:.1f} ms an engine")
     begin = time.process_time()
     judged(fleet[0], FleetSettings())

@@ -103,15 +103,15 @@ def test_engines_that_were_taken_off_tell_the_others_how_far_they_may_go(tmp_pat
 
 
 def test_a_wash_that_gave_back_one_per_cent_is_told_with_its_gain_of_turbine_temperature(here, run):
-    from enginediag_cli.fleets.work_scope import at_equal_power, reference_of
+    from enginediag_cli.fleets.work_scope import choose_reference, solve_equal_power
     from enginediag_cli.physics.engine_file import load_engine
 
     (wash,) = (row for row in margin(run, *ASKED) if row["row"] == "maintenance")
     assert (wash["event"], wash["number"]) == ("wash", WASHED)
     assert wash["brought"][0].startswith("compressor isentropic efficiency rose by 1.0 %")
     engine = load_engine("engine.yaml")
-    reference = reference_of(engine, {}, {})
-    y = at_equal_power(engine, reference, {}, ("compressor.efficiency",), np.array([[-0.014], [-0.004]])).y
+    reference = choose_reference(engine, {}, {})
+    y = solve_equal_power(engine, reference, {}, ("compressor.efficiency",), np.array([[-0.014], [-0.004]])).y
     true, share = y[0, 0] - y[1, 0], 100 * (y[0, 1] - y[1, 1]) / y[0, 1]
     assert wash["temperature_gain_low"] < true < wash["temperature_gain_high"]
     assert wash["fuel_gain_percent_low"] < share < wash["fuel_gain_percent_high"]

@@ -5,11 +5,18 @@ import pytest
 from simulation_toy import CONFIGS
 
 from enginediag_cli.errors import ConfigError
-from enginediag_cli.faults.catalogue import STEP, ComponentFault, check_faults, clocks_of, load_faults, parameter_values
+from enginediag_cli.faults.catalogue import (
+    STEP,
+    ComponentFault,
+    check_faults,
+    clocks_from_columns,
+    load_faults,
+    parameter_values,
+)
 from enginediag_cli.physics.engine_file import load_engine
 
 FAULT_FILES = sorted((CONFIGS / "faults").glob("*.yaml"))
-CLOCKS = clocks_of({"flight": np.repeat(np.arange(1, 11), 20), "time_s": 60.0 * np.arange(200)}, 200)
+CLOCKS = clocks_from_columns({"flight": np.repeat(np.arange(1, 11), 20), "time_s": 60.0 * np.arange(200)}, 200)
 
 
 @pytest.mark.parametrize("path", FAULT_FILES, ids=lambda p: p.stem)

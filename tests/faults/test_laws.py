@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.faults.catalogue import activity, clocks_of
+from enginediag_cli.faults.catalogue import activity, clocks_from_columns
 
 N = 1000
 RECORD = np.arange(1.0, N + 1.0)
-CLOCKS = clocks_of({"flight": np.repeat(["b", "a"], N // 2), "time_s": 100.0 + 10.0 * np.arange(N)}, N)
+CLOCKS = clocks_from_columns({"flight": np.repeat(["b", "a"], N // 2), "time_s": 100.0 + 10.0 * np.arange(N)}, N)
 
 
 def law(kind, **more):
@@ -60,4 +60,4 @@ def test_hours_count_from_the_first_record():
 
 def test_a_clock_without_its_column_is_refused_by_name():
     with pytest.raises(DataError, match="no column 'flight'"):
-        activity({**law("step"), "clock": "flight"}, clocks_of({}, 10))
+        activity({**law("step"), "clock": "flight"}, clocks_from_columns({}, 10))

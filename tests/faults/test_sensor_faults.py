@@ -5,10 +5,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from enginediag_cli.faults.catalogue import STEP, SensorFault, SensorFaultState, clocks_of, sensor_truth
+from enginediag_cli.faults.catalogue import STEP, SensorFault, SensorFaultState, clocks_from_columns, sensor_truth
 
 N = 300
-CLOCKS = clocks_of({}, N)
+CLOCKS = clocks_from_columns({}, N)
 READING = 700.0 + np.arange(N) * 0.1
 LAW = {**STEP, "onset": 101.0}
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from made_nominal import ESTIMATED, noise_of, nominal_of
 
-from enginediag_cli.fleets.fleet_file import Fleet, Recorded, load_fleet, recordings_of
-from enginediag_cli.fleets.models import Model, model_of
-from enginediag_cli.fleets.store import Store
+from enginediag_cli.fleets.fleet_file import Fleet, FleetRecording, find_recordings, load_fleet
+from enginediag_cli.fleets.models import BuildModel, build_model
+from enginediag_cli.fleets.store import FleetStore
 from enginediag_cli.identification.nominal_file import write_nominal
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
@@ -72,8 +72,10 @@ def conditions(engine, number: int, flights: int = FLIGHTS) -> tuple[dict[str, n
     return columns, flight
 
 
-def opened(fleet_file: Path, folder: Path) -> tuple[Fleet, tuple[Recorded, ...], dict[str, Model], Store]:
+def opened(
+    fleet_file: Path, folder: Path
+) -> tuple[Fleet, tuple[FleetRecording, ...], dict[str, BuildModel], FleetStore]:
     """The fleet, its recordings, models, and a store in `folder`."""
-    fleet, store = load_fleet(fleet_file), Store(folder)
-    recordings = recordings_of(fleet)
-    return fleet, recordings, {b.name: model_of(fleet, b, recordings, store) for b in fleet.builds}, store
+    fleet, store = load_fleet(fleet_file), FleetStore(folder)
+    recordings = find_recordings(fleet)
+    return fleet, recordings, {b.name: build_model(fleet, b, recordings, store) for b in fleet.builds}, store

@@ -10,9 +10,9 @@ import small_fleet
 
 from enginediag_cli.detection.series import series_of
 from enginediag_cli.fleets import store as module
-from enginediag_cli.fleets.run import Piece, _Stored, condense_all, engine_tasks
-from enginediag_cli.fleets.runners import Serial
-from enginediag_cli.fleets.store import CondensedReader, CondenseTask, Store, condense, whole_monitor
+from enginediag_cli.fleets.run import RecordingParts, _StoredWindows, condense_all, engine_tasks
+from enginediag_cli.fleets.runners import SerialRunner
+from enginediag_cli.fleets.store import CondensedReader, CondenseTask, FleetStore, condense, whole_monitor
 from enginediag_cli.intake.loader import Intake
 from enginediag_cli.intake.selection import Source, columns_of
 from enginediag_cli.recordings.read import read_all
@@ -23,14 +23,14 @@ from enginediag_cli.residuals.files import JudgedFiles, Judging
 @pytest.fixture(scope="module")
 def tasks(fleet_file, tmp_path_factory):
     fleet, recordings, models, store = small_fleet.opened(fleet_file, tmp_path_factory.mktemp("store"))
-    outcomes = condense_all(recordings, models, store, Serial())
+    outcomes = condense_all(recordings, models, store, SerialRunner())
     found, left_out = engine_tasks(fleet, list(zip(recordings, outcomes, strict=True)), models, store)
     assert left_out == []
     return found
 
 
 def readings(task):
-    stored = _Stored(task, whole_monitor(task.nominal, task.fingerprint))
+    stored = _StoredWindows(task, whole_monitor(task.nominal, task.fingerprint))
     return series_of(stored, law="none").readings(task.serial)
 
 
@@ -55,13 +55,17 @@ def task_plan(fleet_file):
 
 def test_recordings_condensed_together_are_what_each_is_alone(fleet_file, tasks, tmp_path):
     paths = tuple(str(fleet_file.parent / f"engine_{k}.csv") for k in (1, 2, 3))
-    making = small_fleet.opened(fleet_file, tmp_path)[2]["nominal"].making
+    making = small_fleet.opened(fleet_file, tmp_path)[2]["nominal"].settings
     alone = [condense(CondenseTask((path,), making, str(tmp_path / "alone")))[0] for path in paths]
     together = condense(CondenseTask(paths, making, str(tmp_path / "together")))
     for a, b, task in zip(alone, together, tasks, strict=False):
         assert a.condensed == b.condensed
         one, other = (
-            readings(replace(task, pieces=(Piece(str(Store(tmp_path / where).path(a.condensed.key)), (0,), "x"),)))
+            readings(
+                replace(
+                    task, pieces=(RecordingParts(str(FleetStore(tmp_path / where).path(a.condensed.key)), (0,), "x"),)
+                )
+            )
             for where in ("alone", "together")
         )
         np.testing.assert_allclose(one.z, other.z, rtol=0, atol=1e-9)
@@ -71,7 +75,7 @@ def test_a_recording_that_cannot_be_read_costs_the_others_nothing(fleet_file, tm
     bad = tmp_path / "engine_9.csv"
     bad.write_text("altitude_m,mach\n1,zwei\n", encoding="utf-8")
     paths = (str(fleet_file.parent / "engine_1.csv"), str(bad), str(tmp_path / "engine_8.csv"))
-    making = small_fleet.opened(fleet_file, tmp_path)[2]["nominal"].making
+    making = small_fleet.opened(fleet_file, tmp_path)[2]["nominal"].settings
     good, broken, absent = condense(CondenseTask(paths, making, str(tmp_path)))
     assert good.fresh and good.condensed.parts[0].windows == small_fleet.FLIGHTS
     assert "zwei" in broken.trouble and "engine_9.csv:2" in broken.trouble
@@ -86,7 +90,7 @@ def test_a_recording_of_several_engines_has_a_part_for_each_and_is_written_as_it
     named = [replace(t, text={**t.text, "engine": [f"E{k}"] * len(t)}, order=()) for k, t in enumerate(tables, 1)]
     path = tmp_path / "both.csv"
     write_csv(path, named)
-    making = small_fleet.opened(fleet_file, tmp_path)[2]["nominal"].making
+    making = small_fleet.opened(fleet_file, tmp_path)[2]["nominal"].settings
     (found,) = condense(CondenseTask((str(path),), making, str(tmp_path)))
     windows = {name: sum(p.windows for p in found.condensed.parts if p.engine == name) for name in ("E1", "E2")}
     assert windows == {"E1": small_fleet.FLIGHTS, "E2": small_fleet.FLIGHTS}
@@ -121,7 +125,7 @@ def test_what_a_recorders_gate_has_left_out_is_kept_beside_the_windows(fleet_fil
     fleet.write_text(f"{small_fleet.FLEET}recorder: recorder.yaml\n", encoding="utf-8")
     _, recordings, models, store = small_fleet.opened(fleet, tmp_path / "store")
     for fresh in (True, False):  # made, and found again
-        (outcome,) = condense_all(recordings, models, store, Serial())
+        (outcome,) = condense_all(recordings, models, store, SerialRunner())
         assert outcome.trouble == "" and outcome.fresh == fresh
         (told,) = outcome.condensed.left_out
         assert sum(told.gate.reasons.values()) == left

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from turbofan_fleet import BASELINE, engine_history, geometry, judged, lost, scale
 
-from enginediag_cli.fleets.findings import CHANGED, HEALTHY, NO_VERDICT, Event, FleetSettings
+from enginediag_cli.fleets.findings import CHANGED, HEALTHY, NO_VERDICT, FleetSettings, MaintenanceEvent
 
 
 def row(finding, name):
@@ -16,9 +16,9 @@ def row(finding, name):
 
 
 def test_the_margin_is_of_the_hottest_recorded_temperature_at_given_thrust():
-    assert scale().column == "T45_K" and scale().held == "Fn_N" and not scale().reason
+    assert scale().column == "T45_K" and scale().held_column == "Fn_N" and not scale().reason
     engine = geometry().monitor.engine
-    at = {c: np.array([v]) for c, v in scale().at.items()}
+    at = {c: np.array([v]) for c, v in scale().reference.items()}
     first = engine.predict(at, {}, sensors=("T45_K", "Fn_N")).y[0]
     # what 1 % of HPT efficiency costs, the fuel raised until thrust is as before
     low, high = 1.0, 1.05
@@ -86,7 +86,7 @@ def test_what_a_wash_brought_is_told_and_is_no_change():
         np.arange(140) < 80, np.clip((np.arange(140) - 20) / 60, 0, 1), np.clip((np.arange(140) - 80) / 60, 0, 1)
     )
     change = lost(140, {"hpc.efficiency": -0.8, "hpc.flow_capacity": -0.8}, course)
-    wash = Event("D", "wash", flight="81")
+    wash = MaintenanceEvent("D", "wash", flight="81")
     found = judged(engine_history(np.random.default_rng(4), "D", 140, change, (wash,)))
     (told,) = found.events
     assert told.number == 81 and not told.reason
@@ -98,7 +98,7 @@ def test_what_a_wash_brought_is_told_and_is_no_change():
 
 def test_a_renewed_engine_is_judged_by_what_came_after():
     change = lost(120, {"hpc.efficiency": -1.5}, (np.arange(120) >= 30) & (np.arange(120) < 60))
-    overhaul = Event("E", "overhaul", flight="61")
+    overhaul = MaintenanceEvent("E", "overhaul", flight="61")
     found = judged(engine_history(np.random.default_rng(5), "E", 120, change, (overhaul,)))
     assert found.verdict == HEALTHY and found.by_flight[0].number == 61
     assert found.events[0].reason == "the engine is another one since"
@@ -108,7 +108,7 @@ def test_a_renewed_engine_is_judged_by_what_came_after():
 
 def test_an_exchanged_component_is_neither_a_change_nor_one_that_is_told_of_another():
     change = lost(120, {"hpt.efficiency": 1.0}, np.arange(120) >= 70)
-    exchange = Event("F", "exchange", flight="71", component="hpt")
+    exchange = MaintenanceEvent("F", "exchange", flight="71", component="hpt")
     found = judged(engine_history(np.random.default_rng(6), "F", 120, change, (exchange,)))
     assert found.verdict == HEALTHY and found.log10_e < 1.3
     assert set(found.events[0].gains) == {"hpt.efficiency", "hpt.flow_capacity"}

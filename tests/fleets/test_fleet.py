@@ -7,8 +7,8 @@ import pytest
 from turbofan_fleet import QUICK, engine_history, geometry, judged, known, lost, scale
 
 from enginediag_cli.fleets.findings import NO_VERDICT, EngineFinding, FleetSettings
-from enginediag_cli.fleets.margin import learnt_limit, with_forecasts
-from enginediag_cli.fleets.run import judged_fleet, random_effects
+from enginediag_cli.fleets.margin import add_forecasts, learnt_limit
+from enginediag_cli.fleets.run import judge_fleet, random_effects
 
 FLIGHTS = 90
 
@@ -26,7 +26,7 @@ def fleet():
 
 
 def test_engines_are_ranked_by_what_they_have_used_and_listed_by_their_e_values(fleet):
-    found = judged_fleet(fleet, QUICK, known().known)
+    found = judge_fleet(fleet, QUICK, known().known)
     assert [f.serial for f in found.engines[:3]] == ["11", "10", "9"]
     assert set(found.discoveries.engines) >= {"10", "11"} and set(found.discoveries.engines) <= {"9", "10", "11"}
     assert {f.serial for f in found.engines if f.discovery} == set(found.discoveries.engines)
@@ -36,7 +36,7 @@ def test_engines_are_ranked_by_what_they_have_used_and_listed_by_their_e_values(
 
 
 def test_what_one_engine_has_is_not_common(fleet):
-    assert not any(c.common for c in judged_fleet(fleet, QUICK, known().known).common)
+    assert not any(c.common for c in judge_fleet(fleet, QUICK, known().known).common)
 
 
 def test_what_all_engines_have_alike_is_told_as_common():
@@ -46,7 +46,7 @@ def test_what_all_engines_have_alike_is_told_as_common():
         judged(engine_history(rng, str(k), 60, lost(60, {"sensor.P3.bias": 1.0 + 0.1 * rng.standard_normal()}, step)))
         for k in range(10)
     ]
-    common = [c for c in judged_fleet(drifted, QUICK, known().known).common if c.common]
+    common = [c for c in judge_fleet(drifted, QUICK, known().known).common if c.common]
     assert [c.parameter for c in common] == ["sensor.P3.bias"] and "recorder" in common[0].reading
     sigma = geometry().monitor.meaning["sensor.P3.bias"].prior_sigma
     assert common[0].mean.low < sigma < common[0].mean.high and common[0].alike > 0.95
@@ -64,7 +64,7 @@ def test_the_mean_of_random_effects_is_that_of_its_closed_form():
 
 def test_engines_that_wear_faster_have_fewer_flights_left(fleet):
     settings = FleetSettings(thorough=False, consumed_limit_K=(80.0, 5.0))
-    limited = [f for f in with_forecasts([_without_limit(f) for f in fleet], settings) if f.serial in ("9", "10", "11")]
+    limited = [f for f in add_forecasts([_without_limit(f) for f in fleet], settings) if f.serial in ("9", "10", "11")]
     left = {f.serial: f.margin.remaining_flights for f in limited}
     assert left["11"].value < left["10"].value < left["9"].value
     assert all(x.low <= x.value <= x.high for x in left.values())
@@ -74,12 +74,12 @@ def test_engines_that_wear_faster_have_fewer_flights_left(fleet):
 
 
 def test_without_a_limit_it_is_said_why_nothing_is_forecast(fleet):
-    found = with_forecasts([_without_limit(f) for f in fleet], FleetSettings())
+    found = add_forecasts([_without_limit(f) for f in fleet], FleetSettings())
     assert all(f.margin.reason for f in found) and not any(np.isfinite(f.margin.remaining_flights.value) for f in found)
 
 
 def test_an_empty_fleet_is_a_fleet():
-    found = judged_fleet([], QUICK)
+    found = judge_fleet([], QUICK)
     assert found.engines == () and found.discoveries.engines == ()
 
 

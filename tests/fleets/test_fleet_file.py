@@ -10,8 +10,8 @@ import pytest
 
 from enginediag_cli.config.reading import outside_allowed
 from enginediag_cli.errors import ConfigError, DataError, NoVerdictError
-from enginediag_cli.fleets.fleet_file import Baseline, load_fleet, natural, recordings_of
-from enginediag_cli.fleets.models import _chosen, _EarlyLife, _even
+from enginediag_cli.fleets.fleet_file import FleetBaseline, find_recordings, load_fleet, natural_order
+from enginediag_cli.fleets.models import _choose_lives, _EarlyLife, _evenly_spaced
 from enginediag_cli.recordings.table import Recording
 
 GOOD = """\
@@ -86,15 +86,15 @@ def test_recordings_come_in_the_order_of_their_numbers_and_are_not_taken_twice(t
     for name in ("e_10.csv", "e_9.csv", "e_1.csv"):
         (tmp_path / name).write_text("x\n", encoding="utf-8")
     fleet = load_fleet(written(tmp_path, GOOD))
-    assert [r.name for r in recordings_of(fleet)] == ["e_1.csv", "e_9.csv", "e_10.csv"]
-    assert sorted(["b", "a10", "a9", "10", "9"], key=natural) == ["9", "10", "a9", "a10", "b"]
+    assert [r.name for r in find_recordings(fleet)] == ["e_1.csv", "e_9.csv", "e_10.csv"]
+    assert sorted(["b", "a10", "a9", "10", "9"], key=natural_order) == ["9", "10", "a9", "a10", "b"]
     with pytest.raises(DataError, match="given twice"):
-        recordings_of(fleet, [str(tmp_path / "e_1.csv"), str(tmp_path / "." / "e_1.csv")])
+        find_recordings(fleet, [str(tmp_path / "e_1.csv"), str(tmp_path / "." / "e_1.csv")])
 
 
 def test_a_fleet_without_recordings_has_no_verdict(tmp_path):
     with pytest.raises(NoVerdictError, match=r"no file matches \*\.csv"):
-        recordings_of(load_fleet(written(tmp_path, GOOD)))
+        find_recordings(load_fleet(written(tmp_path, GOOD)))
 
 
 def test_a_recording_of_two_builds_is_refused(tmp_path):
@@ -102,14 +102,14 @@ def test_a_recording_of_two_builds_is_refused(tmp_path):
     build = "{engine: turbojet.yaml, recordings: ['*.csv']}"
     text = f"kind: fleet\nbuilds: {{a: {build}, b: {build}}}\nbaseline: {{records: 5}}\n"
     with pytest.raises(DataError, match="of build 'a' and of 'b'"):
-        recordings_of(load_fleet(written(tmp_path, text)))
+        find_recordings(load_fleet(written(tmp_path, text)))
 
 
 def test_the_baseline_is_the_first_flights_or_those_within_the_first_records():
-    assert Baseline(flights=3).stretches([20] * 8) == 3
-    assert Baseline(flights=9).stretches([20] * 8) == 8
-    assert Baseline(records=50).stretches([20] * 8) == 2
-    assert Baseline(records=10).stretches([20] * 8) == 0
+    assert FleetBaseline(flights=3).count_stretches([20] * 8) == 3
+    assert FleetBaseline(flights=9).count_stretches([20] * 8) == 8
+    assert FleetBaseline(records=50).count_stretches([20] * 8) == 2
+    assert FleetBaseline(records=10).count_stretches([20] * 8) == 0
 
 
 def flight(records: int) -> Recording:
@@ -119,14 +119,14 @@ def flight(records: int) -> Recording:
 def test_early_lives_end_where_the_baseline_does():
     life = _EarlyLife("1")
     for number in range(6):
-        life.take(("a.csv", str(number)), flight(20), Baseline(flights=2))
+        life.take(("a.csv", str(number)), flight(20), FleetBaseline(flights=2))
     assert life.full and life.records == 40
     snapshots = _EarlyLife("2")
-    snapshots.take(("a.csv", ""), flight(100), Baseline(flights=7))
+    snapshots.take(("a.csv", ""), flight(100), FleetBaseline(flights=7))
     assert snapshots.full and snapshots.records == 7
     some = _EarlyLife("3")
     for number in range(3):
-        some.take(("a.csv", str(number)), flight(20), Baseline(records=50))
+        some.take(("a.csv", str(number)), flight(20), FleetBaseline(records=50))
     assert some.full and some.records == 50
 
 
@@ -135,12 +135,12 @@ def test_the_model_rests_on_engines_evenly_chosen_and_on_whole_flights_of_them()
     for serial in range(30):
         lives.append(_EarlyLife(str(serial)))
         for number in range(4):
-            lives[-1].take(("a.csv", str(number)), flight(100), Baseline(flights=4))
-    chosen = _chosen(lives, {"engines": 10, "records": 1500})
+            lives[-1].take(("a.csv", str(number)), flight(100), FleetBaseline(flights=4))
+    chosen = _choose_lives(lives, {"engines": 10, "records": 1500})
     assert len(chosen) == 10 and sum(life.records for life in chosen) <= 1500
     assert {life.records % 100 for life in chosen} == {0}
-    assert len(_chosen(lives, {"engines": 10, "records": 20})) == 3  # not one engine in place of a fleet
-    assert _even(100, 5) == [0, 25, 50, 74, 99]
+    assert len(_choose_lives(lives, {"engines": 10, "records": 20})) == 3  # not one engine in place of a fleet
+    assert _evenly_spaced(100, 5) == [0, 25, 50, 74, 99]
 
 
 def test_what_a_pattern_finds_and_nobody_can_read_is_named_and_nothing_outside_is_read(tmp_path):
@@ -152,11 +152,11 @@ def test_what_a_pattern_finds_and_nobody_can_read_is_named_and_nothing_outside_i
     (folder / "e_4.csv").symlink_to(tmp_path / "secret.csv")
     os.mkfifo(folder / "e_5.csv")
     fleet = load_fleet(written(folder, GOOD.replace("'*.csv'", "'*.csv', '../sec*'")))
-    troubles = {Path(r.path).name: r.trouble for r in recordings_of(fleet)}
+    troubles = {Path(r.path).name: r.trouble for r in find_recordings(fleet)}
     assert troubles.pop("e_1.csv") == ""
     said = {"e_2.csv": "a link to", "e_3.csv": "a folder", "e_4.csv": "outside", "e_5.csv": "a pipe"}
     said["secret.csv"] = "outside"
     assert troubles.keys() == said.keys() and all(said[name] in why for name, why in troubles.items())
     with outside_allowed():
-        allowed = {Path(r.path).name for r in recordings_of(fleet) if not r.trouble}
+        allowed = {Path(r.path).name for r in find_recordings(fleet) if not r.trouble}
     assert allowed == {"e_1.csv", "e_4.csv", "secret.csv"}

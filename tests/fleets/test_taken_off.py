@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.fleets.fleet_file import load_fleet, recordings_of
+from enginediag_cli.fleets.fleet_file import find_recordings, load_fleet
 from enginediag_cli.fleets.margin import learnt_limit
 from enginediag_cli.fleets.run import run_fleet
-from enginediag_cli.fleets.runners import Serial
-from enginediag_cli.fleets.store import Store
+from enginediag_cli.fleets.runners import SerialRunner
+from enginediag_cli.fleets.store import FleetStore
 
 
 def ran(fleet_file, folder, judge):
     path = fleet_file.with_name(f"fleet_{abs(hash(judge))}.yaml")
     path.write_text(fleet_file.read_text() + f"judge: {judge}\n")
     fleet = load_fleet(path)
-    return run_fleet(fleet, recordings_of(fleet), Store(folder), Serial())
+    return run_fleet(fleet, find_recordings(fleet), FleetStore(folder), SerialRunner())
 
 
 def test_what_they_had_lost_is_the_limit_of_all_others(fleet_file, tmp_path):

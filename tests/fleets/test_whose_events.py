@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.fleets.findings import Event
+from enginediag_cli.fleets.findings import MaintenanceEvent
 from enginediag_cli.fleets.maintenance import events_by_engine
 
 
-def events(*engines: str) -> list[Event]:
-    return [Event(engine, "wash", str(k)) for k, engine in enumerate(engines, start=1)]
+def events(*engines: str) -> list[MaintenanceEvent]:
+    return [MaintenanceEvent(engine, "wash", str(k)) for k, engine in enumerate(engines, start=1)]
 
 
 def test_one_engine_needs_no_name_on_either_side():

@@ -14,20 +14,20 @@ from score_makers import linear_score, sensitivities
 
 from enginediag_cli.__main__ import main
 from enginediag_cli.detection.series import series_of
-from enginediag_cli.fleets.maintenance import difference, maintenance_of
+from enginediag_cli.fleets.maintenance import level_difference, maintenance_effects
 from enginediag_cli.fleets.work_scope import (
-    Moments,
+    ChangeMoments,
     PowerNotHeldError,
-    Scoping,
     WorkScope,
-    at_equal_power,
-    brought,
+    WorkScopeEstimator,
+    change_gain,
+    choose_reference,
     gains,
-    reference_of,
+    solve_equal_power,
 )
 from enginediag_cli.intake.loader import Intake
 from enginediag_cli.intake.selection import Source, columns_of, open_baseline
-from enginediag_cli.isolation.posterior import Belief, averaged_sizes, set_posterior
+from enginediag_cli.isolation.posterior import SetInference, average_sizes, set_posterior
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
@@ -38,7 +38,7 @@ from enginediag_cli.residuals.monitor import monitor_of
 from enginediag_cli.residuals.windows import WindowPlan
 
 CONFIGS = Path(__file__).parents[2] / "configs"
-WORN = Moments(("hpc.efficiency", "hpt.flow_capacity"), np.array([-0.012, 0.01]), np.diag([1e-3, 2e-3]) ** 2)
+WORN = ChangeMoments(("hpc.efficiency", "hpt.flow_capacity"), np.array([-0.012, 0.01]), np.diag([1e-3, 2e-3]) ** 2)
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def engine():
 
 
 def test_a_gain_is_the_difference_of_two_simulations_at_the_thrust_of_the_healthy_engine(engine) -> None:
-    reference = reference_of(engine, {}, {})
+    reference = choose_reference(engine, {}, {})
     assert reference is not None and reference.columns == ("Fn_N", "T45_K", "Wf_kg_s")
 
     def run(fuel: float, health: dict[str, float]) -> np.ndarray:
@@ -64,14 +64,14 @@ def test_a_gain_is_the_difference_of_two_simulations_at_the_thrust_of_the_health
     assert found.temperature.value == pytest.approx(now[1] - restored[1], rel=1e-5)
     assert found.fuel.value == pytest.approx(now[2] - restored[2], rel=1e-5)
     assert found.fuel.share == pytest.approx((now[2] - restored[2]) / now[2], rel=1e-5)
-    both = brought(engine, reference, {}, WORN.mean, Moments(WORN.names, -WORN.mean, WORN.covariance))
+    both = change_gain(engine, reference, {}, WORN.mean, ChangeMoments(WORN.names, -WORN.mean, WORN.covariance))
     assert both.temperature.value == pytest.approx(now[1] - at_thrust({})[1], rel=1e-5)
 
 
 def test_derivatives_at_equal_power_agree_with_differences_and_intervals_follow_them(engine) -> None:
-    reference, h = reference_of(engine, {}, {}), 1e-4
+    reference, h = choose_reference(engine, {}, {}), 1e-4
     steps = h * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]], float)
-    found = at_equal_power(engine, reference, {}, WORN.names, WORN.mean + steps)
+    found = solve_equal_power(engine, reference, {}, WORN.names, WORN.mean + steps)
     slopes = np.stack([(found.y[1] - found.y[2]) / (2 * h), (found.y[3] - found.y[4]) / (2 * h)], axis=1)
     assert found.slopes[0] == pytest.approx(slopes, rel=1e-4)
     (hpc,) = gains(engine, reference, {}, WORN, {"hpc": ["hpc.efficiency"]})
@@ -84,9 +84,9 @@ def test_derivatives_at_equal_power_agree_with_differences_and_intervals_follow_
 def test_restoring_an_efficiency_lowers_temperature_and_fuel(name: str) -> None:
     """Engines set by a governed speed, a gas temperature, a spool speed with another held, and a demand."""
     engine = load_engine(CONFIGS / f"{name}.yaml")
-    reference = reference_of(engine, {}, {})
+    reference = choose_reference(engine, {}, {})
     names = tuple(n for n in engine.monitored if engine.parameters[n].quantity == "efficiency")
-    worn = Moments(names, np.full(len(names), -0.01), 1e-6 * np.eye(len(names)))
+    worn = ChangeMoments(names, np.full(len(names), -0.01), 1e-6 * np.eye(len(names)))
     found = gains(engine, reference, {}, worn, {engine.parameters[n].component: [n] for n in names})
     assert len(found) == len(names) >= 2
     assert all(g.temperature.value > 0.3 and 0.0005 < g.fuel.share < 0.03 for g in found)
@@ -94,9 +94,9 @@ def test_restoring_an_efficiency_lowers_temperature_and_fuel(name: str) -> None:
 
 def test_where_a_limit_holds_the_engine_back_nothing_is_told_at_equal_thrust() -> None:
     engine = load_engine(CONFIGS / "turbofan_governed.yaml")
-    rating = reference_of(engine, {}, {})
+    rating = choose_reference(engine, {}, {})
     hot = replace(rating, inputs={**rating.inputs, "N1_demand_rpm": 4200.0, "dT_isa_K": 30.0})
-    worn = Moments(("hpc.efficiency",), np.array([-0.02]), 1e-6 * np.eye(1))
+    worn = ChangeMoments(("hpc.efficiency",), np.array([-0.02]), 1e-6 * np.eye(1))
     with pytest.raises(PowerNotHeldError, match="Fn_N does not follow N1_demand_rpm there"):
         gains(engine, hot, {}, worn, {"hpc": ["hpc.efficiency"]})
     told = list(work_scope_sentences(WorkScope(reason="Fn_N does not follow N1_demand_rpm there")))
@@ -108,8 +108,8 @@ def test_moments_of_all_changes_hold_those_of_each() -> None:
     score = linear_score(rng, sensitivities(rng), [0.01, 0, 0, -0.004, 0, 0])
     prior = SetPrior()
     posterior = set_posterior(score, prior)
-    mean, covariance = Belief(score, posterior, prior).moments()
-    for size in averaged_sizes(score, posterior, score.parameters, prior):
+    mean, covariance = SetInference(score, posterior, prior).moments()
+    for size in average_sizes(score, posterior, score.parameters, prior):
         i = score.parameters.index(size.parameter)
         q = posterior.inclusion[i]
         assert mean[i] == pytest.approx(q * size.change, rel=2e-3, abs=2e-6)
@@ -121,7 +121,7 @@ def test_moments_of_all_changes_hold_those_of_each() -> None:
 def test_the_score_of_a_difference_estimates_the_difference_of_the_estimates() -> None:
     rng = np.random.default_rng(5)
     one, other = (linear_score(rng, sensitivities(rng), np.full(6, c)) for c in (-0.02, 0.01))
-    found = difference(one, other)
+    found = level_difference(one, other)
     estimates = [np.linalg.solve(s.information, s.b) for s in (one, other)]
     assert np.linalg.solve(found.information, found.b) == pytest.approx(estimates[1] - estimates[0], rel=1e-6)
     variance = np.linalg.inv(one.information) + np.linalg.inv(other.information)
@@ -148,7 +148,7 @@ def followed(engine, folder: Path, states, rng):
         summed=True,
         series=True,
     )
-    return series_of(files), Scoping(monitor)
+    return series_of(files), WorkScopeEstimator(monitor)
 
 
 @pytest.mark.parametrize("restored", [0.0, 0.01])
@@ -156,14 +156,14 @@ def test_what_flights_wore_before_and_after_a_wash_is_not_laid_to_it(engine, tmp
     """A hundredth of efficiency in ten flights, on either side."""
     worn = [0.0012 * k - restored * (k > 10) for k in range(1, 21)]
     series, scoping = followed(engine, tmp_path, [(1.0, 1.0 - w) for w in worn], np.random.default_rng(8))
-    (found,) = maintenance_of(scoping, series, "", ["11"])
+    (found,) = maintenance_effects(scoping, series, "", ["11"])
     assert (found.before, found.after) == (10, 10)
     if not restored:
         assert not found.names or found.probability < 0.5
         return
     assert found.names == ("hpc.efficiency",)
     assert abs(found.change[0] - restored) < 2.5 * found.deviation[0] < 0.5 * restored
-    y = at_equal_power(engine, scoping.reference({}), {}, ("hpc.efficiency",), np.array([[-worn[9]], [-worn[10]]])).y
+    y = solve_equal_power(engine, scoping.reference({}), {}, ("hpc.efficiency",), np.array([[-worn[9]], [-worn[10]]])).y
     true = y[0, 0] - y[1, 0]
     # flight 11 has worn a little again
     assert abs(found.gain.temperature.value - true) < 3 * found.gain.temperature.deviation + 0.15 * true
@@ -173,12 +173,12 @@ def test_what_a_wash_did_bring_is_told_by_the_flights_next_to_it(engine, tmp_pat
     """Healthy flights, fouled ones, washed ones: the healthy ones are no level before the wash."""
     states = [(1, 1)] * 2 + [(0.97, 0.985)] * 3 + [(0.99, 0.995)] * 3
     series, scoping = followed(engine, tmp_path, states, np.random.default_rng(6))
-    (found,) = maintenance_of(scoping, series, "", ["6"])
+    (found,) = maintenance_effects(scoping, series, "", ["6"])
     assert (found.before, found.after) == (3, 3)
     assert set(found.names) == {"hpc.flow_capacity", "hpc.efficiency"}
     reference = scoping.reference({})
     states = np.array([[-0.03, -0.015], [-0.01, -0.005]])
-    y = at_equal_power(engine, reference, {}, ("hpc.flow_capacity", "hpc.efficiency"), states).y
+    y = solve_equal_power(engine, reference, {}, ("hpc.flow_capacity", "hpc.efficiency"), states).y
     for gain, true in zip((found.gain.temperature, found.gain.fuel), y[0] - y[1], strict=True):
         assert abs(gain.value - true) < 3 * gain.deviation < 0.5 * true
     told = maintenance_sentence(found, series.known, reference)

@@ -16,8 +16,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from enginediag_cli.detection.series import Series, Stretch
-from enginediag_cli.fleets.engine_judgement import judged_engine
-from enginediag_cli.fleets.findings import EngineFinding, EngineHistory, Event, FleetSettings
+from enginediag_cli.fleets.engine_judgement import judge_engine
+from enginediag_cli.fleets.findings import EngineFinding, EngineHistory, FleetSettings, MaintenanceEvent
 from enginediag_cli.fleets.margin import MarginScale, margin_scale
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.residuals.monitor import Monitor
@@ -75,7 +75,7 @@ def engine_history(
     serial: str,
     flights: int,
     change: np.ndarray | None = None,
-    events: tuple[Event, ...] = (),
+    events: tuple[MaintenanceEvent, ...] = (),
     scatter: float = 1.0,
     wander: float = 0.0,
 ) -> EngineHistory:
@@ -152,7 +152,7 @@ def scale() -> MarginScale:
 
 def judged(history: EngineHistory, settings: FleetSettings = QUICK) -> EngineFinding:
     """The finding of one engine of these fleets."""
-    return judged_engine(history, known(), settings, scale())
+    return judge_engine(history, known(), settings, scale())
 
 
 def lost(flights: int, sizes: dict[str, float], course: np.ndarray) -> np.ndarray:

@@ -13,12 +13,12 @@ from enginediag_cli.detection.verdict import lack_of_fit
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions, diagnose, isolate_components
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.isolation.results import (
-    beyond_bounds,
     estimate_sizes,
-    fit_after,
+    find_impossible_change,
     noise_level,
     probability_of_unlisted,
-    tempered,
+    residual_fit,
+    temper,
 )
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.instruments import KNOWN
@@ -59,9 +59,9 @@ def with_rest(found, ratio):
 def test_of_an_engine_with_other_maps_nothing_listed_is_sure(maps):
     found = statistics(1, maps)
     told = answer(found)
-    assert not told.adequacy.stands and told.result.probability < 0.5
+    assert not told.adequacy.is_listed and told.result.probability < 0.5
     assert told.adequacy.unlisted + told.result.probability <= 1.0 + 1e-12
-    assert not isolate_components(fisher_score(found), None, found).adequacy.stands
+    assert not isolate_components(fisher_score(found), None, found).adequacy.is_listed
 
 
 @pytest.mark.parametrize(("ratio", "most"), [(3.0, 0.9), (4.0, 0.3), (8.0, 0.01)])
@@ -79,7 +79,7 @@ def test_the_more_an_answer_leaves_the_less_probable_it_is(ratio, most):
 def test_where_the_model_fits_the_answer_is_the_same_as_without_the_question(change):
     found = statistics(2, change)
     told, plain = answer(found), diagnose(fisher_score(found), DiagnosisOptions())
-    assert told.adequacy.stands and told.adequacy.noise < 1.2 and 0.7 < told.adequacy.fit < 1.4
+    assert told.adequacy.is_listed and told.adequacy.noise < 1.2 and 0.7 < told.adequacy.fit < 1.4
     assert told.result.isolated == plain.result.isolated and set(told.result.isolated) == set(change)
     assert told.result.probability == pytest.approx(plain.result.probability, abs=0.05)
 
@@ -87,13 +87,13 @@ def test_where_the_model_fits_the_answer_is_the_same_as_without_the_question(cha
 def test_what_is_left_by_the_wrong_answer_is_more_than_what_is_left_by_the_right_one():
     found = statistics(3, {"hpc.efficiency": 0.97})
     score = fisher_score(found)
-    right, wrong = (fit_after(score, found, [name]).fit for name in ("hpc.efficiency", "fan.efficiency"))
+    right, wrong = (residual_fit(score, found, [name]).fit for name in ("hpc.efficiency", "fan.efficiency"))
     assert wrong > right
 
 
 def test_intervals_widen_by_the_root_of_the_noise():
     score = fisher_score(statistics(4, {"hpc.efficiency": 0.98}))
-    (plain,), (wide,) = (estimate_sizes(s, ["hpc.efficiency"]) for s in (score, tempered(score, 4.0)))
+    (plain,), (wide,) = (estimate_sizes(s, ["hpc.efficiency"]) for s in (score, temper(score, 4.0)))
     assert wide.change == pytest.approx(plain.change)
     assert wide.standard_error == pytest.approx(2 * plain.standard_error)
 
@@ -118,7 +118,7 @@ def test_all_readings_off_at_once_by_amounts_that_no_set_makes_is_something_that
     e = found.F @ change
     off = replace(found, s=found.s + e, chi2=found.chi2 + float(2 * found.s @ change + change @ e))
     told = answer(off)
-    assert told.adequacy.unlisted > 0.9 and not told.adequacy.stands and told.result.probability < 0.1
+    assert told.adequacy.unlisted > 0.9 and not told.adequacy.is_listed and told.result.probability < 0.1
 
 
 def test_changes_that_no_component_can_do_are_reported_and_named_by_nothing():
@@ -127,7 +127,7 @@ def test_changes_that_no_component_can_do_are_reported_and_named_by_nothing():
     def as_if(name, change):
         """What would fit best on a score that says that it changed so much."""
         b = score.information[:, score.parameters.index(name)] * change
-        return beyond_bounds(replace(score, b=b), SetPrior())
+        return find_impossible_change(replace(score, b=b), SetPrior())
 
     assert as_if("hpc.efficiency", 0.2) == ("hpc.efficiency", pytest.approx(0.2, rel=1e-3))
     assert as_if("hpc.efficiency", -0.2) is None and as_if("hpt.flow_capacity", 0.2) is None
@@ -140,7 +140,7 @@ def test_no_size_is_outside_what_a_component_can_do():
     i = found.parameters.index("booster.efficiency")
     s = found.F[:, i] * 0.17
     told = answer(replace(found, s=found.s + s, chi2=found.chi2 + 0.17**2 * found.F[i, i]))
-    assert not (told.adequacy.stands and "booster.efficiency" in told.result.isolated)
+    assert not (told.adequacy.is_listed and "booster.efficiency" in told.result.isolated)
     low, high = SetPrior().bounds(fisher_score(found).described)
     for size in told.result.sizes:
         k = found.parameters.index(size.parameter)
@@ -150,11 +150,11 @@ def test_no_size_is_outside_what_a_component_can_do():
 def test_every_answer_says_what_was_to_be_explained_and_how_much_of_it_is():
     found = statistics(2, {"hpc.efficiency": 0.98})
     told = answer(found).adequacy
-    assert told.before > 1.2 > told.fit and told.explained > 0.95
+    assert told.fit_before > 1.2 > told.fit and told.explained > 0.95
     healthy = answer(statistics(2, {})).adequacy
-    assert healthy.before == pytest.approx(healthy.fit, rel=0.1) and np.isnan(healthy.explained)
+    assert healthy.fit_before == pytest.approx(healthy.fit, rel=0.1) and np.isnan(healthy.explained)
 
 
 def test_a_misfit_that_no_change_explains_is_said_to_be_unexplained():
     told = answer(with_rest(statistics(1, {"hpc.efficiency": 0.99}), 8.0)).adequacy
-    assert told.before > 7 and told.explained < 0.2
+    assert told.fit_before > 7 and told.explained < 0.2

@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 from score_makers import linear_score, sensitivities
 
-from enginediag_cli.isolation.advice import Option, advise, condition_options, part, sensor_options
+from enginediag_cli.isolation.advice import (
+    RecordingOption,
+    advise,
+    condition_options,
+    sensor_options,
+    separable_information,
+)
 from enginediag_cli.planning.flights import conditions_grid
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "residuals"))
@@ -34,15 +40,15 @@ def along(*rows):
 
 
 def test_records_that_tell_the_rivals_apart_come_before_records_that_do_not():
-    blind = Option("blind", {}, along([100, 100, 0, 0]))
-    sharp = Option("sharp", {}, along([100, 0, 0, 0], [0, 50, 0, 0]))
+    blind = RecordingOption("blind", {}, along([100, 100, 0, 0]))
+    sharp = RecordingOption("sharp", {}, along([100, 0, 0, 0], [0, 50, 0, 0]))
     found = advise(alike(), (["p0"], ["p1"]), [blind, sharp], np.zeros((4, 4)))
     assert [a.label for a in found] == ["sharp", "blind"]
     assert found[0].records < np.inf and found[0].noncentrality > found[1].noncentrality >= 0
 
 
 def test_the_records_needed_are_the_fewest_that_promise_the_odds():
-    score, option = alike(), Option("sharp", {}, along([20, 0, 0, 0], [0, 15, 0, 0]))
+    score, option = alike(), RecordingOption("sharp", {}, along([20, 0, 0, 0], [0, 15, 0, 0]))
     (found,) = advise(score, (["p0"], ["p1"]), [option], np.zeros((4, 4)), odds=20)
 
     def gain(n, own, other):
@@ -53,7 +59,7 @@ def test_the_records_needed_are_the_fewest_that_promise_the_odds():
         change = estimate - np.sign(estimate) * 1.2816 / np.sqrt(I[own, own])
         D = score.prior_sigma
         with_more = I + n * D[:, None] * option.information * D
-        short = [part(X, np.array([own]), np.array([other]))[0, 0] for X in (with_more, I)]
+        short = [separable_information(X, np.array([own]), np.array([other]))[0, 0] for X in (with_more, I)]
         return change**2 * (short[0] - short[1])
 
     def both(n):
@@ -64,7 +70,7 @@ def test_the_records_needed_are_the_fewest_that_promise_the_odds():
 
 
 def test_uncertain_sensitivities_of_a_nuisance_parameter_make_the_advice_dearer():
-    option = Option("sharp", {}, along([20, 0, 0, 0, 9], [0, 15, 0, 0, -9]))
+    option = RecordingOption("sharp", {}, along([20, 0, 0, 0, 9], [0, 15, 0, 0, -9]))
     certain, doubtful = np.zeros((5, 5)), np.diag([0, 0, 0, 0, 0.05**2])
     (sure,) = advise(alike(), (["p0"], ["p1"]), [option], certain)
     (unsure,) = advise(alike(), (["p0"], ["p1"]), [option], doubtful)
@@ -72,7 +78,7 @@ def test_uncertain_sensitivities_of_a_nuisance_parameter_make_the_advice_dearer(
 
 
 def test_a_rival_contained_in_the_other_counts_in_one_direction_only():
-    option = Option("sharp", {}, along([20, 0, 0, 0], [0, 15, 0, 0]))
+    option = RecordingOption("sharp", {}, along([20, 0, 0, 0], [0, 15, 0, 0]))
     (found,) = advise(alike(change=0.05), (["p0"], ["p0", "p2"]), [option], np.zeros((4, 4)))
     assert found.noncentrality >= 0
     with pytest.raises(ValueError, match="same set"):

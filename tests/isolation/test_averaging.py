@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from enginediag_cli.isolation.posterior import absorb_small_changes, averaged_sizes, least_that_matters, set_posterior
+from enginediag_cli.isolation.posterior import absorb_small_changes, average_sizes, least_relevant_change, set_posterior
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.isolation.results import estimate_sizes
 from enginediag_cli.residuals.score import Score
@@ -17,7 +17,7 @@ PRIOR = SetPrior(0.2, slabs=(0.5, 2.0))
 
 def named(score):
     posterior = set_posterior(score, PRIOR)
-    return posterior, averaged_sizes(score, posterior, posterior.names(0), PRIOR)
+    return posterior, average_sizes(score, posterior, posterior.names(0), PRIOR)
 
 
 def score_of(information, change):
@@ -47,7 +47,7 @@ def test_sets_that_compete_widen_the_interval_to_hold_the_size_under_each():
 def test_quantiles_are_those_of_draws_from_the_mixture():
     score = score_of(30 * np.array([[1.0, 0.8], [0.8, 1.0]]), [0.7, 0.2])
     posterior = set_posterior(score, PRIOR)
-    (size,) = averaged_sizes(score, posterior, (score.parameters[0],), PRIOR, 0.9)
+    (size,) = average_sizes(score, posterior, (score.parameters[0],), PRIOR, 0.9)
     b, information = score.scaled()
     rng, weights, draws = np.random.default_rng(0), [], []
     for mask, probability in zip(posterior.masks, posterior.probabilities, strict=True):
@@ -104,7 +104,7 @@ def test_intervals_of_what_is_named_hold_the_truth_as_often_as_they_say_where_tr
 def test_a_change_that_the_data_do_not_determine_is_as_wide_as_its_prior():
     score = score_of(np.array([[1e-6]]), [0.0])
     posterior = set_posterior(score, PRIOR)
-    (size,) = averaged_sizes(score, posterior, (score.parameters[0],), PRIOR)
+    (size,) = average_sizes(score, posterior, (score.parameters[0],), PRIOR)
     assert size.standard_error == pytest.approx(score.prior_sigma[0] * np.mean(np.square(PRIOR.slabs)) ** 0.5, rel=0.02)
 
 
@@ -112,14 +112,14 @@ def test_the_fit_of_the_full_model_counts_for_the_set_that_was_fitted():
     score = score_of(np.eye(2) * 1e4, [1.0, 0.0])
     posterior = set_posterior(score, PRIOR)
     own = replace(score, b=0.5 * score.b)
-    (size,) = averaged_sizes(score, posterior, posterior.names(0), PRIOR, about={posterior.masks[0].tobytes(): own})
-    (plain,) = averaged_sizes(score, posterior, posterior.names(0), PRIOR)
+    (size,) = average_sizes(score, posterior, posterior.names(0), PRIOR, about={posterior.masks[0].tobytes(): own})
+    (plain,) = average_sizes(score, posterior, posterior.names(0), PRIOR)
     assert size.change < 0.7 * plain.change
 
 
 def test_nothing_named_has_no_size():
     score = score_of(np.eye(2), [0.0, 0.0])
-    assert averaged_sizes(score, set_posterior(score, PRIOR), (), PRIOR) == ()
+    assert average_sizes(score, set_posterior(score, PRIOR), (), PRIOR) == ()
 
 
 def test_an_answer_is_as_probable_as_that_nothing_else_matters_in_engines_drawn_from_the_prior():
@@ -135,7 +135,7 @@ def test_an_answer_is_as_probable_as_that_nothing_else_matters_in_engines_drawn_
         score = Score(names, np.ones(p), np.full(p, 0.02), b / 0.02, information / 0.02**2, glr, p)
         posterior = absorb_small_changes(score, set_posterior(score, prior), prior)
         assert posterior.probabilities.sum() == pytest.approx(1.0)
-        least = least_that_matters(score.described, score.prior_sigma)
+        least = least_relevant_change(score.described, score.prior_sigma)
         answer = posterior.masks[0]
         stated.append(posterior.probabilities[0])
         true.append(bool(np.all(members[answer])) and bool(np.all(np.abs(0.02 * size[~answer]) < least[~answer])))

@@ -13,8 +13,8 @@ from enginediag_cli.engine.instrument_errors import InputErrors
 from enginediag_cli.isolation.advice import ODDS
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions, diagnose
 from enginediag_cli.isolation.nonlinear import WindowModel
-from enginediag_cli.isolation.results import CONVINCED, Class, class_of
-from enginediag_cli.isolation.windows import telling_sensors
+from enginediag_cli.isolation.results import CONVINCED, AmbiguityGroup, ambiguity_group
+from enginediag_cli.isolation.windows import find_separating_sensors
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.report.sentences import one_of
 from enginediag_cli.simulation.noise import ColumnNoise
@@ -31,13 +31,13 @@ def posterior(*sets):
 
 
 def test_sets_that_exchange_a_member_are_a_class_with_a_summed_probability():
-    found = class_of(NAMES, *posterior(("ab", 0.5), ("ac", 0.3), ("ad", 0.15), ("abc", 0.05)))
-    assert found == Class((("b",), ("c",), ("d",)), ("a",), pytest.approx(0.95))
+    found = ambiguity_group(NAMES, *posterior(("ab", 0.5), ("ac", 0.3), ("ad", 0.15), ("abc", 0.05)))
+    assert found == AmbiguityGroup((("b",), ("c",), ("d",)), ("a",), pytest.approx(0.95))
     assert found.leading_pair == (("a", "b"), ("a", "c"))
 
 
 def test_a_larger_set_that_exchanges_adds_its_probability_and_no_member():
-    found = class_of(NAMES, *posterior(("a", 0.5), ("b", 0.3), ("bc", 0.1), ("ab", 0.1)))
+    found = ambiguity_group(NAMES, *posterior(("a", 0.5), ("b", 0.3), ("bc", 0.1), ("ab", 0.1)))
     assert found is not None and found.members == (("a",), ("b",))
     assert found.probability == pytest.approx(0.9)
 
@@ -53,7 +53,7 @@ def test_a_larger_set_that_exchanges_adds_its_probability_and_no_member():
     ids=["told apart", "more or less", "nothing", "far behind"],
 )
 def test_what_is_told_apart_or_adds_or_is_nothing_is_no_class(sets):
-    assert class_of(NAMES, *posterior(*sets)) is None
+    assert ambiguity_group(NAMES, *posterior(*sets)) is None
 
 
 def few_sensors(monitor):
@@ -73,7 +73,7 @@ def test_with_three_sensors_two_faults_are_never_one_name_with_a_high_probabilit
         inputs, y = faulty_window(rng, monitor, change, n=20)
         result = diagnose(window_score(monitor, inputs, y), DiagnosisOptions()).result
         assert not (len(result.isolated) == 1 and result.probability > 0.9), (change, result.isolated)
-        classes += result.one_of is not None
+        classes += result.ambiguity is not None
     assert classes > 6
 
 
@@ -81,18 +81,18 @@ def test_the_sensor_that_would_tell_a_class_is_one_that_the_engine_file_describe
     monitor, rng = few_sensors(turbofan_monitor(sensors=True)), np.random.default_rng(1)
     inputs, y = faulty_window(rng, monitor, {"hpc.efficiency": -0.01}, n=20)
     score = window_score(monitor, inputs, y)
-    asked = Class((("hpc.efficiency",), ("hpt.efficiency",)), (), 0.9)
-    told = telling_sensors(monitor, score, asked, inputs, len(y))
+    asked = AmbiguityGroup((("hpc.efficiency",), ("hpt.efficiency",)), (), 0.9)
+    told = find_separating_sensors(monitor, score, asked, inputs, len(y))
     assert told and set(told) <= set(monitor.engine.sensors) - set(FEW)
     # of a change too small for one record nothing tells
-    assert telling_sensors(monitor, replace(score, b=1e-4 * score.b), asked, inputs, 1) == ()
+    assert find_separating_sensors(monitor, replace(score, b=1e-4 * score.b), asked, inputs, 1) == ()
 
 
 def test_where_all_described_sensors_are_recorded_another_place_may_tell():
     monitor, rng = turbofan_monitor(sensors=True), np.random.default_rng(2)
     inputs, y = faulty_window(rng, monitor, {"fan.efficiency": -0.01}, n=20)
-    asked = Class((("fan.efficiency",), ("sensor.N1.bias",)), (), 0.9)
-    told = telling_sensors(monitor, window_score(monitor, inputs, y), asked, inputs, len(y))
+    asked = AmbiguityGroup((("fan.efficiency",), ("sensor.N1.bias",)), (), 0.9)
+    told = find_separating_sensors(monitor, window_score(monitor, inputs, y), asked, inputs, len(y))
     assert not set(told) & set(monitor.sensors) and not set(told) & set(monitor.engine.inputs)
 
 
@@ -109,12 +109,12 @@ def test_a_reading_of_an_input_and_one_of_an_output_that_read_alike_are_a_class_
     result = diagnose(
         window_score(monitor, inputs, y), DiagnosisOptions(), lambda: WindowModel(monitor, inputs, y)
     ).result
-    assert result.one_of is not None and result.probability < 0.9
-    assert {m for member in result.one_of.members for m in member} == {"sensor.N1.bias", "input.Wf.scale"}
+    assert result.ambiguity is not None and result.probability < 0.9
+    assert {m for member in result.ambiguity.members for m in member} == {"sensor.N1.bias", "input.Wf.scale"}
 
 
 def test_the_sentence_names_all_members_and_what_would_tell():
-    found = Class((("a",), ("b", "c")), ("d",), 0.97, 2, ("T3_K",))
+    found = AmbiguityGroup((("a",), ("b", "c")), ("d",), 0.97, 2, ("T3_K",))
     assert one_of(found, lambda names: [n.upper() for n in names]) == (
         "cannot tell: A or B and C, or one of 2 more beside D (together probability 0.97); T3 would tell"
     )

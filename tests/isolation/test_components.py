@@ -11,10 +11,10 @@ from scipy.stats import multivariate_normal
 from score_makers import sensitivities
 from white_statistics import local_statistics, white_noise
 
-from enginediag_cli.isolation.diagnosis import component_posterior, isolate_components, more_probable_than_not
+from enginediag_cli.isolation.diagnosis import component_posterior, isolate_components, median_model
 from enginediag_cli.isolation.methods import IsolationOptions
 from enginediag_cli.isolation.posterior import set_posterior
-from enginediag_cli.isolation.prior import Instruments, SetPrior
+from enginediag_cli.isolation.prior import InstrumentForms, SetPrior
 from enginediag_cli.residuals.score import fisher_score
 from enginediag_cli.residuals.statistics import Frame
 
@@ -35,7 +35,7 @@ def test_the_posterior_is_that_of_the_marginal_likelihoods_of_the_readings():
     rng = np.random.default_rng(1)
     J = sensitivities(rng, N=5, m=3)
     score, e = score_of(rng, J, [0, 0, -0.03, 0.02, 0, 0])
-    prior = SetPrior(0.2, slabs=(1.5,), rises=0.5)
+    prior = SetPrior(0.2, slabs=(1.5,), p_recovery=0.5)
     components, sets, probabilities, _ = component_posterior(score, prior)
     assert components == ("fan", "hpc", "nozzle", "sensor.T3") and len(sets) == 16
     wide = J.reshape(-1, 6)
@@ -47,7 +47,7 @@ def test_the_posterior_is_that_of_the_marginal_likelihoods_of_the_readings():
             covariance = np.eye(15) + wide[:, own] * size**2 @ wide[:, own].T
             logs[chosen] = multivariate_normal.logpdf(e.ravel(), np.zeros(15), covariance)
             mask = np.array([[c in chosen for c in components]])
-            logs[chosen] += prior.log_of(mask, Instruments(np.array([-1, -1, -1, 0])))[0]
+            logs[chosen] += prior.log_probability(mask, InstrumentForms(np.array([-1, -1, -1, 0])))[0]
     weights = np.exp(np.array(list(logs.values())) - max(logs.values()))
     direct = dict(zip(logs, weights / weights.sum(), strict=True))
     for row, probability in zip(sets, probabilities, strict=True):
@@ -83,7 +83,7 @@ def test_answer_and_rivals_hold_the_coverage_asked_for():
     rng = np.random.default_rng(5)
     score, _ = score_of(rng, sensitivities(rng, N=3, size=10.0), [0.03, 0, 0, 0, 0, 0])
     found = isolate_components(score, IsolationOptions(coverage=0.9))
-    held = np.cumsum([found.probability, *(r.probability for r in found.rivals)])
+    held = np.cumsum([found.probability, *(r.probability for r in found.alternatives)])
     assert held[-1] >= 0.9 and (len(held) == 1 or held[-2] < 0.9)
 
 
@@ -102,7 +102,7 @@ def sets_of(*weights):
 
 def told(*weights):
     sets, probabilities = sets_of(*weights)
-    named = sets[more_probable_than_not(sets, probabilities)]
+    named = sets[median_model(sets, probabilities)]
     return "".join(c for c, member in zip("abcd", named, strict=True) if member)
 
 
@@ -126,7 +126,7 @@ def test_an_answer_that_is_more_probable_than_all_others_together_is_the_most_pr
     sets = np.array([[bool(k >> j & 1) for j in range(4)] for k in range(16)])
     for _ in range(200):
         probabilities = np.sort(rng.dirichlet(np.full(16, 0.1)))[::-1]
-        answer = more_probable_than_not(sets[rng.permutation(16)], probabilities)
+        answer = median_model(sets[rng.permutation(16)], probabilities)
         assert answer == 0 or probabilities[0] < 0.5
 
 
@@ -139,14 +139,14 @@ def test_what_is_not_named_of_the_most_probable_set_is_told_as_perhaps_changed()
         score, _ = score_of(rng, J, [-0.03, -0.02, -0.03, 0, -0.01], names)
         found = isolate_components(score, IsolationOptions(prior=prior))
         _, _, probabilities, _ = component_posterior(score, prior)
-        assert not set(found.perhaps) & set(found.components)
+        assert not set(found.possible) & set(found.components)
         if found.probability == probabilities[0]:
             continue
         seen += 1
-        leading = found.rivals[0]
+        leading = found.alternatives[0]
         assert leading.probability == probabilities[0] and set(found.components) < set(leading.parameters)
-        assert set(leading.parameters) - set(found.components) <= set(found.perhaps)
+        assert set(leading.parameters) - set(found.components) <= set(found.possible)
         assert all(found.inclusion[c] >= 0.5 for c in found.components)
-        assert found.probability + leading.probability <= found.all_of_them
-        assert found.all_of_them <= min(found.inclusion[c] for c in found.components)
+        assert found.probability + leading.probability <= found.p_all
+        assert found.p_all <= min(found.inclusion[c] for c in found.components)
     assert seen > 3

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.isolation.subsets import all_sets, number_of_sets, sets_of
+from enginediag_cli.isolation.subsets import count_sets, enumerate_sets, enumeration_masks
 
 
 def problem(p, slabs=2):
@@ -20,18 +20,18 @@ def problem(p, slabs=2):
 def test_every_set_has_the_form_and_determinant_of_its_own(few, limit, most):
     beta, A = problem(7)
     rare = np.isin(np.arange(7), few)
-    masks, quadratic, log_det = all_sets(beta, A, limit, rare, most)
+    masks, quadratic, log_det = enumerate_sets(beta, A, limit, rare, most)
     wanted = {
         tuple(bits)
         for bits in np.ndindex(*[2] * 7)
         if sum(bits) <= limit and sum(b for b, r in zip(bits, rare, strict=True) if r) <= most
     }
     found = [tuple(map(int, mask)) for mask in masks]
-    assert set(found) == wanted and len(found) == len(wanted) == number_of_sets(7, limit, len(few), most)
+    assert set(found) == wanted and len(found) == len(wanted) == count_sets(7, limit, len(few), most)
     for k, mask in enumerate(masks):
         s = np.flatnonzero(mask)
         for w in range(2):
             inner = A[w][np.ix_(s, s)]
             assert quadratic[w, k] == pytest.approx(beta[w, s] @ np.linalg.solve(inner, beta[w, s]) if s.size else 0)
             assert log_det[w, k] == pytest.approx(np.linalg.slogdet(inner)[1] if s.size else 0, abs=1e-12)
-    assert np.array_equal(sets_of(7, limit, tuple(rare.tolist()), most), masks)
+    assert np.array_equal(enumeration_masks(7, limit, tuple(rare.tolist()), most), masks)

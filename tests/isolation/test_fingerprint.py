@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.isolation.results import fingerprint, given
+from enginediag_cli.isolation.results import fingerprint, restricted_change
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.statistics import LocalStatistics
 
@@ -37,13 +37,13 @@ def test_a_reading_deviates_by_what_it_does_and_the_answer_foretells_it() -> Non
     assert found is not None
     assert found.deviation == pytest.approx(J @ change)
     assert found.error == pytest.approx(SIGMA / np.sqrt(RECORDS))
-    assert found.foretold[0] == pytest.approx(J @ change, rel=1e-4)
-    assert found.foretold[1][[0, 2]] == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert found.predicted[0] == pytest.approx(J @ change, rel=1e-4)
+    assert found.predicted[1][[0, 2]] == pytest.approx([0.0, 0.0], abs=1e-9)
 
 
 def test_the_change_of_the_answer_alone_is_weighted_least_squares() -> None:
     change = np.array([0.2, -0.4])
-    size, error = given(statistics(change), ("part.q0", "part.q1"))
+    size, error = restricted_change(statistics(change), ("part.q0", "part.q1"))
     covariance = np.linalg.inv(J.T @ np.diag(RECORDS / SIGMA**2) @ J)
     assert size == pytest.approx(change, rel=1e-4)
     assert error == pytest.approx(np.sqrt(np.diag(covariance)), rel=1e-4)

@@ -12,11 +12,21 @@ from score_makers import linear_score, sensitivities
 
 from enginediag_cli.intake.loader import Intake
 from enginediag_cli.intake.selection import Source, columns_of, open_baseline
-from enginediag_cli.isolation.diagnosis import DiagnosisOptions, component_posterior, more_probable_than_not
-from enginediag_cli.isolation.posterior import Belief, least_that_matters, log_too_small, set_posterior
+from enginediag_cli.isolation.diagnosis import DiagnosisOptions, component_posterior, median_model
+from enginediag_cli.isolation.posterior import (
+    SetInference,
+    least_relevant_change,
+    log_negligible_probability,
+    set_posterior,
+)
 from enginediag_cli.isolation.prior import SetPrior
-from enginediag_cli.isolation.sensitivity_analysis import Flips, flips_of_components, flips_of_parameters, single_errors
-from enginediag_cli.isolation.windows import Isolating
+from enginediag_cli.isolation.sensitivity_analysis import (
+    SensitivityAnalysis,
+    component_sensitivity,
+    parameter_sensitivity,
+    single_errors,
+)
+from enginediag_cli.isolation.windows import WindowIsolation
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
@@ -49,14 +59,14 @@ def problem(seed: int, p: int = 8, instruments: int = 3):
     change = np.zeros(p)
     change[0] = -0.004
     score = replace(linear_score(rng, sensitivities(rng, p=p), change), meaning=described(p, instruments))
-    return score, Belief(score, set_posterior(score, PRIOR), PRIOR), single_errors(score, {}, {}, {})
+    return score, SetInference(score, set_posterior(score, PRIOR), PRIOR), single_errors(score, {}, {}, {})
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_no_smaller_error_changes_the_first_set_and_one_a_little_larger_does(seed: int) -> None:
     score, belief, errors = problem(seed)
     first = belief.posterior.names(0)
-    found = [f for f in flips_of_parameters(belief, errors).found if f.error]
+    found = [f for f in parameter_sensitivity(belief, errors).changes if f.error]
     assert found
     for flip in found:
         d = np.zeros(len(score.parameters))
@@ -68,14 +78,14 @@ def test_no_smaller_error_changes_the_first_set_and_one_a_little_larger_does(see
             posterior = set_posterior(moved, PRIOR)
             names, mask = posterior.names(0), posterior.masks[:1]
             beside = [n for n in names if n not in first]
-            (log,) = log_too_small(moved, mask, PRIOR, {})
+            (log,) = log_negligible_probability(moved, mask, PRIOR, {})
             small = set(first) <= set(names) and log[score.indices(beside)].sum() > np.log(0.5)
             return names, set(first) if small else set(names)
 
         def others(names: set[str], flip=flip) -> set[str]:
-            return names - ({flip.what} if flip.kind != "map" else set())
+            return names - ({flip.name} if flip.kind != "map" else set())
 
-        assert leads(1.002 * flip.size)[0] == flip.becomes
+        assert leads(1.002 * flip.size)[0] == flip.conclusion
         for share in (0.998, 0.7, 0.3, -0.3, -0.7, -0.998):
             assert others(leads(share * flip.size)[1]) == others(set(first))
 
@@ -89,16 +99,16 @@ def test_the_same_holds_of_components(seed: int) -> None:
         d[flip.error.position] = flip.error.scale
         moved = replace(score, b=score.b + a * (score.information @ d))
         components, sets, probabilities, _ = component_posterior(moved, PRIOR)
-        chosen = sets[more_probable_than_not(sets, probabilities)]
+        chosen = sets[median_model(sets, probabilities)]
         return tuple(c for c, member in zip(components, chosen, strict=True) if member)
 
-    found = [f for f in flips_of_components(score, PRIOR, errors).found if f.error]
+    found = [f for f in component_sensitivity(score, PRIOR, errors).changes if f.error]
     assert found
     for flip in found:
         if abs(flip.size * flip.error.scale) > 0.1:
             continue  # as large as what a component can do, whose cut laws are followed approximately
         own = score.described[flip.error.position].component if flip.kind != "map" else ""
-        assert named(1.01 * flip.size, flip) == flip.becomes
+        assert named(1.01 * flip.size, flip) == flip.conclusion
         assert {*named(0.99 * flip.size, flip)} - {own} == {*named(0.0, flip)} - {own}
 
 
@@ -108,13 +118,13 @@ def test_an_error_that_is_named_itself_flips_nothing() -> None:
     alone = score.information.copy()
     alone[-1, :-1] = alone[:-1, -1] = 0.0
     score = replace(score, information=alone)
-    belief = Belief(score, set_posterior(score, PRIOR), PRIOR)
-    found = flips_of_parameters(belief, single_errors(score, {}, {}, {}))
-    assert score.parameters[-1] not in [flip.what for flip in found.found]
+    belief = SetInference(score, set_posterior(score, PRIOR), PRIOR)
+    found = parameter_sensitivity(belief, single_errors(score, {}, {}, {}))
+    assert score.parameters[-1] not in [flip.name for flip in found.changes]
 
 
 def test_where_nothing_flips_the_answer_it_is_said_so() -> None:
-    told = flips_sentence(Flips((), ("hpc.efficiency",), 24), lambda names: list(names))
+    told = flips_sentence(SensitivityAnalysis((), ("hpc.efficiency",), 24), lambda names: list(names))
     assert told == (
         "no single error of a map, a sensor or an input would change the name within 20 times what is stated of it "
         "(24 tried)"
@@ -139,7 +149,13 @@ def answer(monitor, path: Path, wrong: dict[tuple[str, str], float], health: dic
     write_csv(path, [Recording(table)])
     kept = KeptRecords(monitor, short_windows=False)
     files = JudgedFiles(Intake(Source((str(path),)), columns_of(monitor.engine, monitor.sensors)), monitor)
-    isolating = Isolating(files, DiagnosisOptions(), 0.01, kept=kept, flips=lambda number, named: not (wrong or health))
+    isolating = WindowIsolation(
+        files,
+        DiagnosisOptions(),
+        0.01,
+        kept_records=kept,
+        wants_sensitivity=lambda number, named: not (wrong or health),
+    )
     (found,) = isolating.windows()
     return found
 
@@ -149,21 +165,23 @@ def test_a_recording_that_carries_the_error_is_named_otherwise_and_one_with_a_li
     found = answer(monitor, tmp_path / "plain.csv", {}, {})
     first = set(found.diagnosis.result.isolated)
     assert first == {"hpc.efficiency"}
-    flips = {flip.what: flip for flip in found.flips.found if flip.error}
+    flips = {flip.name: flip for flip in found.sensitivity.changes if flip.error}
     assert {flip.kind for flip in flips.values()} == {"map", "sensor", "input"}
-    nearest = {flip.kind: flip for flip in reversed(found.flips.found) if flip.error}
+    nearest = {flip.kind: flip for flip in reversed(found.sensitivity.changes) if flip.error}
     for kind, flip in nearest.items():
         for share, changed in ((0.8, False), (1.25, True)):
             a = share * flip.size * flip.error.scale
-            health = {flip.what: 1.0 + a - (0.01 if flip.what == "hpc.efficiency" else 0.0)} if kind == "map" else {}
-            instrument, form = flip.what.rsplit(".", 1)
+            health = {flip.name: 1.0 + a - (0.01 if flip.name == "hpc.efficiency" else 0.0)} if kind == "map" else {}
+            instrument, form = flip.name.rsplit(".", 1)
             wrong = {} if kind == "map" else {(flip.error.column, form): a}
             now = answer(monitor, tmp_path / f"{kind}{share}.csv", wrong, health)
             score = now.diagnosis.score
-            matters = dict(zip(score.parameters, least_that_matters(score.described, score.prior_sigma), strict=True))
+            matters = dict(
+                zip(score.parameters, least_relevant_change(score.described, score.prior_sigma), strict=True)
+            )
             sizes = {c.parameter: abs(c.change) for c in now.diagnosis.result.sizes}
             left = {n for n in now.diagnosis.result.isolated if n in first or sizes[n] > matters[n]}
             left = {n for n in left if kind == "map" or n.rsplit(".", 1)[0] != instrument}
             assert (left != first) == changed, (flip, share)
-    cells = flip_cells(found.flips, lambda names: list(names))["flips"]
+    cells = flip_cells(found.sensitivity, lambda names: list(names))["flips"]
     assert [cell["times"] for cell in cells] == sorted(cell["times"] for cell in cells)

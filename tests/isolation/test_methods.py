@@ -62,17 +62,17 @@ def test_rivals_are_the_explanations_that_the_data_cannot_exclude():
     score = linear_score(rng, J, CHANGE)
     for method in ("posterior", "incremental"):
         result = isolate(score, method)
-        sets = [set(result.isolated), *(set(rival.parameters) for rival in result.rivals)]
+        sets = [set(result.isolated), *(set(rival.parameters) for rival in result.alternatives)]
         assert {"p0", "p3"} in sets and {"p3", "p5"} in sets
-        assert result.rivals[0].probability > 0.1
+        assert result.alternatives[0].probability > 0.1
 
 
 def test_answer_and_rivals_hold_the_coverage_asked_for():
     rng = np.random.default_rng(7)
     score = linear_score(rng, sensitivities(rng, N=10, size=10), CHANGE)
     result = isolate(score, options=IsolationOptions(coverage=0.5))
-    assert result.probability + sum(r.probability for r in result.rivals) >= 0.5
-    assert result.rivals_left_out == 0
+    assert result.probability + sum(r.probability for r in result.alternatives) >= 0.5
+    assert result.alternatives_omitted == 0
 
 
 def test_intervals_of_sizes_hold_the_truth_as_often_as_they_say():

@@ -9,7 +9,7 @@ from score_makers import linear_score, sensitivities
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.faults.catalogue import ComponentFault, FaultSet, SensorFault
-from enginediag_cli.isolation.catalogue import _moments, isolate_named, named_faults
+from enginediag_cli.isolation.catalogue import _fault_moments, isolate_named, named_faults
 
 FOULING = ComponentFault("fouling", {"p0": -0.02, "p1": -0.01})
 EROSION = ComponentFault("erosion", {"p2": 0.01, "p3": -0.01})
@@ -26,7 +26,7 @@ def test_a_fault_of_the_catalogue_is_named_with_its_severity():
     assert found.faults == ("fouling",) and found.probability > 0.7
     (severity,) = found.severities
     assert severity.lower < 0.9 < severity.upper
-    assert found.probability + sum(r.probability for r in found.rivals) >= 0.95
+    assert found.probability + sum(r.probability for r in found.alternatives) >= 0.95
 
 
 def test_two_faults_together_are_both_named():
@@ -62,7 +62,7 @@ def test_the_marginal_likelihood_is_the_integral_over_positive_severities():
         return 2 * np.exp(beta * a - 0.5 * kappa * a**2 - 0.5 * a**2) / np.sqrt(2 * np.pi)
 
     exact = quad(density, 0, 5, points=[max(beta / kappa, 0.01)])[0]
-    log, shares, _, _ = _moments(score, [fault], (1.0,))
+    log, shares, _, _ = _fault_moments(score, [fault], (1.0,))
     assert log == pytest.approx(np.log(exact), abs=1e-3) and shares.sum() == pytest.approx(1)
 
 

@@ -37,7 +37,7 @@ def test_probabilities_equal_the_marginal_likelihoods_of_all_sets():
                 multivariate_normal(cov=np.eye(N * m) + (0.05 * slab) ** 2 * G[:, chosen] @ G[:, chosen].T).logpdf(e)
                 for slab in prior.slabs
             ]
-            logs[chosen] = np.logaddexp(*each) + prior.log_of_size(p)[size]
+            logs[chosen] = np.logaddexp(*each) + prior.log_size_probability(p)[size]
     weights = np.exp(np.array(list(logs.values())) - max(logs.values()))
     expected = dict(zip(logs, weights / weights.sum(), strict=True))
     found = set_posterior(score, prior)
@@ -59,7 +59,7 @@ def test_stated_probabilities_are_the_realised_frequencies():
         found = set_posterior(linear_score(rng, J, 0.02 * size), prior)
         claimed += found.probabilities[0]
         right += np.array_equal(found.masks[0], truth)
-        covered += any(np.array_equal(mask, truth) for mask in found.masks[: found.credible(0.9)])
+        covered += any(np.array_equal(mask, truth) for mask in found.masks[: found.credible_count(0.9)])
     # standard error of either rate is at most 0.025; three of them
     assert right / trials == pytest.approx(claimed / trials, abs=0.075)
     assert covered / trials > 0.9 - 0.045
@@ -91,7 +91,7 @@ def test_two_parameters_that_imitate_each_other_share_the_probability():
     found = set_posterior(linear_score(rng, J, [0.05, 0, 0, 0, 0, 0]))
     assert found.probabilities[0] == pytest.approx(found.probabilities[1])
     assert {found.names(0), found.names(1)} == {("p0",), ("p5",)}
-    assert found.credible(0.95) >= 2
+    assert found.credible_count(0.95) >= 2
 
 
 def test_the_size_limit_keeps_the_number_of_sets_in_hand():
@@ -151,7 +151,7 @@ def test_a_record_without_a_wrong_instrument_speaks_against_one():
     found = [set_posterior(readings_of_one_record(rng.standard_normal(4), fault=-0.02), prior) for _ in range(100)]
     left = np.mean([f.inclusion[1:].sum() for f in found])
     assert left < 0.6 * 4 * prior.sensor  # with errors as narrow as changes of the engine nine tenths are left
-    narrow = SetPrior(instruments=1.0)
+    narrow = SetPrior(instrument_width=1.0)
     rng = np.random.default_rng(8)
     found = [set_posterior(readings_of_one_record(rng.standard_normal(4), fault=-0.02), narrow) for _ in range(100)]
     assert np.mean([f.inclusion[1:].sum() for f in found]) > 1.3 * left

@@ -9,8 +9,8 @@ import pytest
 from parameter_makers import described
 from turbofan_trials import faulty_window, turbofan_monitor, window_score
 
-from enginediag_cli.isolation.diagnosis import DiagnosisOptions, diagnose, sensor_rivalry
-from enginediag_cli.isolation.results import Explanation, IsolationResult
+from enginediag_cli.isolation.diagnosis import DiagnosisOptions, diagnose, find_sensor_ambiguity
+from enginediag_cli.isolation.results import Explanation, SetIsolation
 from enginediag_cli.report.sentences import sensor_or_component
 
 
@@ -43,18 +43,18 @@ def test_a_fault_of_engine_and_sensor_together_is_isolated_to_both(seed):
 def rivalry_of(answer, probability, *rivals):
     names = ("fan.efficiency", "hpc.efficiency", "sensor.T3.bias")
     score = SimpleNamespace(described=tuple(map(described, names)))
-    return sensor_rivalry(IsolationResult("posterior", answer, probability, rivals, 0, 0.95, {}, ()), score)
+    return find_sensor_ambiguity(SetIsolation("posterior", answer, probability, rivals, 0, 0.95, {}, ()), score)
 
 
 def test_a_sensor_against_a_component_is_a_rivalry_and_told_with_both_probabilities():
     found = rivalry_of(("sensor.T3.bias",), 0.55, Explanation(("hpc.efficiency",), 0.41))
     assert (found.sensors, found.components) == (("sensor.T3.bias",), ("hpc.efficiency",))
     assert (
-        sensor_or_component(["T3 sensor bias"], ["HPC isentropic efficiency"], found.of_sensors, found.of_components)
+        sensor_or_component(["T3 sensor bias"], ["HPC isentropic efficiency"], found.p_sensors, found.p_components)
         == "cannot tell T3 sensor bias from HPC isentropic efficiency: 0.55 against 0.41"
     )
     turned = rivalry_of(("hpc.efficiency",), 0.55, Explanation(("sensor.T3.bias",), 0.41))
-    assert (turned.of_sensors, turned.of_components) == (0.41, 0.55)
+    assert (turned.p_sensors, turned.p_components) == (0.41, 0.55)
 
 
 def test_what_both_explanations_share_is_no_part_of_the_rivalry():

@@ -7,9 +7,9 @@ import pytest
 
 from enginediag_cli.detection.series import readings_of
 from enginediag_cli.detection.wander import courses, places
-from enginediag_cli.isolation.events import Chosen, log_of_kinds, suspects_of
+from enginediag_cli.isolation.events import EventModel, log_kind_prior, suspect_groups
 from enginediag_cli.isolation.prior import SetPrior
-from enginediag_cli.isolation.timeline import SETTLED, Looks
+from enginediag_cli.isolation.timeline import SETTLED, SeriesSearch
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.statistics import LocalStatistics
 
@@ -44,35 +44,38 @@ def worn(n, size):
 
 
 def looks_at(series):
-    suspects, among = suspects_of(tuple(MEANING.values()), SetPrior()), courses(series.clock)
+    suspects, among = suspect_groups(tuple(MEANING.values()), SetPrior()), courses(series.clock)
     at, doubt = places(np.eye(7, dtype=bool)), np.zeros(len(suspects.groups))
-    return Looks(series, suspects, among, log_of_kinds(suspects, among), SetPrior().slabs, doubt, at)
+    return SeriesSearch(series, suspects, among, log_kind_prior(suspects, among), SetPrior().slabs, doubt, at)
 
 
 def test_the_same_suspect_and_course_with_another_size_is_another_look():
     looks = looks_at(readings(1, worn(40, 3.0), 1.0))
     group = looks.suspects.owner.index("hpc")
-    course = int(np.argmin(np.sum((looks.among.g + worn(40, 1.0)) ** 2, axis=1)))
-    small, right = looks.look([Chosen(group, course, (-0.5,))]), looks.look([Chosen(group, course, (-3.0,))])
+    course = int(np.argmin(np.sum((looks.courses.g + worn(40, 1.0)) ** 2, axis=1)))
+    small, right = (
+        looks.evaluate([EventModel(group, course, (-0.5,))]),
+        looks.evaluate([EventModel(group, course, (-3.0,))]),
+    )
     assert right.log > small.log + SETTLED
-    assert looks.look([Chosen(group, course, (-0.5,))]) is small
+    assert looks.evaluate([EventModel(group, course, (-0.5,))]) is small
 
 
 def test_no_event_found_is_likelier_by_the_scatter_that_it_leaves_with_another_size():
     series = readings(2, worn(40, 3.0), 0.3)
     looks = looks_at(series)
-    best, _, settled = looks.likeliest()
+    best, _, settled = looks.find_events()
     assert settled and len(best.chosen) == 1
     for factor in (0.5, 0.8, 1.25, 2.0):
         event = best.chosen[0]
-        other = Chosen(event.group, event.course, tuple(factor * s for s in event.size), event.shares)
-        assert looks.look([other]).log < best.log + SETTLED
+        other = EventModel(event.group, event.course, tuple(factor * s for s in event.size), event.shares)
+        assert looks.evaluate([other]).log < best.log + SETTLED
 
 
 def test_a_suspect_that_acts_as_the_one_found_is_as_probable_as_it_by_its_own_scatter():
     looks = looks_at(readings(3, worn(40, 3.0), 0.0))
-    best, _, _ = looks.likeliest()
-    (found,) = looks.found(best)
+    best, _, _ = looks.find_events()
+    (found,) = looks.event_evidence(best)
     (other,) = {"hpc", "hpt"} - {looks.suspects.owner[best.chosen[0].group]}
-    assert found.instead[other] == pytest.approx(0.0, abs=0.5)
-    assert found.gain > 5
+    assert found.alternatives[other] == pytest.approx(0.0, abs=0.5)
+    assert found.log_odds > 5

@@ -14,7 +14,7 @@ from enginediag_cli.identification.nominal_file import write_nominal
 from enginediag_cli.intake.loader import Intake
 from enginediag_cli.intake.selection import Source, columns_of, open_baseline
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions
-from enginediag_cli.isolation.windows import Isolating
+from enginediag_cli.isolation.windows import WindowIsolation
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv
@@ -46,6 +46,6 @@ def test_a_valve_that_passes_two_per_cent_is_no_compressor(monitor, valve: str, 
         write_csv(path, [Recording(table)])
         files = JudgedFiles(Intake(Source((str(path),)), columns_of(monitor.engine, monitor.sensors)), monitor)
         kept = KeptRecords(monitor, short_windows=False)
-        (found,) = Isolating(files, DiagnosisOptions(), 0.01, kept=kept).windows()
+        (found,) = WindowIsolation(files, DiagnosisOptions(), 0.01, kept_records=kept).windows()
         result = found.diagnosis.result
-        assert result.isolated == (valve,) or (result.one_of and (valve,) in result.one_of.members)
+        assert result.isolated == (valve,) or (result.ambiguity and (valve,) in result.ambiguity.members)

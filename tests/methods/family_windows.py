@@ -9,7 +9,7 @@ import numpy as np
 from parameter_makers import meaning_of
 from toy_engine import SIGMA, toy_monitor
 
-from enginediag_cli.methods.base import Windows
+from enginediag_cli.methods.base import RecordWindows
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.monitor import Monitor
@@ -77,16 +77,16 @@ def ar1(rng, shape, rho):
     return e
 
 
-def linear_windows(rng, W, n, *, change=(0, 0, 0), since=0, rho=0.0, uncertain=0.0) -> Windows:
+def linear_windows(rng, W, n, *, change=(0, 0, 0), since=0, rho=0.0, uncertain=0.0) -> RecordWindows:
     """Windows of the linear engine with a change of the parameters from record `since` on."""
     u = rng.uniform(-1, 1, (W, n))
     J = A + u[:, :, None, None] * B
     theta = np.where(np.arange(n)[:, None] >= since, np.asarray(change, float), 0.0)
     theta = theta[None] + uncertain * rng.standard_normal((W, 1, 3))
-    return Windows({"u": u}, np.einsum("wkjp,wkp->wkj", J, theta) + NOISE * ar1(rng, (W, n, 4), rho))
+    return RecordWindows({"u": u}, np.einsum("wkjp,wkp->wkj", J, theta) + NOISE * ar1(rng, (W, n, 4), rho))
 
 
-def toy_windows(rng, W, n, change=None, monitor=None) -> Windows:
+def toy_windows(rng, W, n, change=None, monitor=None) -> RecordWindows:
     """Windows of the curved toy engine with white noise and changed parameters by position."""
     monitor = monitor or toy_monitor()
     u = {
@@ -98,7 +98,7 @@ def toy_windows(rng, W, n, change=None, monitor=None) -> Windows:
     for i, delta in (change or {}).items():
         theta[i] += delta
     y = monitor.predict({c: v.ravel() for c, v in u.items()}, theta)[0].reshape(W, n, -1)
-    return Windows(u, y + SIGMA * rng.standard_normal(y.shape))
+    return RecordWindows(u, y + SIGMA * rng.standard_normal(y.shape))
 
 
 def within_binomial(hits, level, sigmas=4.0) -> bool:

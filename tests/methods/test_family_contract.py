@@ -10,7 +10,7 @@ from family_windows import toy_windows
 from toy_engine import toy_monitor
 from white_statistics import white_noise
 
-from enginediag_cli.methods.base import NOTHING, PARAMETERS, SENSORS, Windows, filled
+from enginediag_cli.methods.base import NOTHING, PARAMETERS, SENSORS, RecordWindows, pad_windows
 from enginediag_cli.methods.registry import FAMILIES, METHODS, SECTIONS, chosen_method
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.residuals.monitor import Monitor
@@ -28,7 +28,7 @@ def test_a_change_is_seen_and_nothing_is_named_without_an_alarm(name, healthy):
     rng = np.random.default_rng(2)
     mixed = toy_windows(rng, 20, 40, {1: -0.03})
     calm = toy_windows(rng, 20, 40)
-    windows = Windows(
+    windows = RecordWindows(
         {c: np.concatenate([mixed.inputs[c], calm.inputs[c]]) for c in calm.inputs}, np.concatenate([mixed.y, calm.y])
     )
     result = METHODS[name].train(toy_monitor(), healthy).diagnose(windows, 0.01)
@@ -45,7 +45,7 @@ def test_a_change_is_seen_and_nothing_is_named_without_an_alarm(name, healthy):
 def test_filling_a_window_up_with_empty_records_changes_nothing(name, healthy):
     windows = toy_windows(np.random.default_rng(3), 5, 40, {1: -0.01})
     fill = np.full((5, 7), np.nan)
-    longer = Windows(
+    longer = RecordWindows(
         {c: np.concatenate([v, fill], axis=1) for c, v in windows.inputs.items()},
         np.concatenate([windows.y, np.full((5, 7, 5), np.nan)], axis=1),
     )
@@ -65,7 +65,7 @@ def test_a_window_without_readings_has_no_verdict(name, healthy):
     result = METHODS[name].train(toy_monitor(), healthy).diagnose(windows)
     assert result.judged.tolist() == [True, False, True]
     assert not result.alarm[1]
-    assert result.why_not(0) == "" and "too few readings" in result.why_not(1)
+    assert result.no_verdict_reason(0) == "" and "too few readings" in result.no_verdict_reason(1)
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -74,7 +74,7 @@ def test_the_verdict_on_a_window_does_not_depend_on_the_windows_beside_it(name, 
     many, other = toy_windows(rng, 6, 30, {1: -0.01}), toy_windows(rng, 2, 50, {2: 0.02})
     parts = [({c: v[w] for c, v in x.inputs.items()}, x.y[w]) for x in (other, many) for w in range(x.count)]
     fitted = METHODS[name].train(toy_monitor(), healthy)
-    alone, among = fitted.diagnose(many), fitted.diagnose(filled(parts))
+    alone, among = fitted.diagnose(many), fitted.diagnose(pad_windows(parts))
     for a, b in zip(alone.tests, among.tests, strict=True):
         np.testing.assert_allclose(a.statistic, b.statistic[2:], rtol=1e-6)
     assert [alone.isolated_names(w) for w in range(6)] == [among.isolated_names(w + 2) for w in range(6)]
@@ -106,9 +106,9 @@ def test_what_a_method_names_without_an_alarm_is_its_likeliest_and_not_isolated(
 
 def test_windows_of_other_shapes_are_refused():
     with pytest.raises(ValueError, match="windows, records, sensors"):
-        Windows({}, np.zeros((3, 4)))
+        RecordWindows({}, np.zeros((3, 4)))
     with pytest.raises(ValueError, match="input u must have shape"):
-        Windows({"u": np.zeros(4)}, np.zeros((3, 4, 2)))
+        RecordWindows({"u": np.zeros(4)}, np.zeros((3, 4, 2)))
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +146,7 @@ def turbofan():
         u[engine.power_setting] = engine.power_from_fraction(rng.uniform(0.6, 1.0, W * n), u)
         values = dict(zip(names, theta0, strict=True)) | fault
         y = engine.predict(u, values, sensors=sensors).y + full * rng.uniform(-0.5, 0.5, (W * n, len(sensors)))
-        return Windows({c: v.reshape(W, n) for c, v in u.items()}, y.reshape(W, n, -1))
+        return RecordWindows({c: v.reshape(W, n) for c, v in u.items()}, y.reshape(W, n, -1))
 
     return monitor, windows(80, 30, {}), windows(12, 30, {names[2]: theta0[2] * 0.97})
 

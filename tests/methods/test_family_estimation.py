@@ -11,8 +11,8 @@ from toy_engine import toy_monitor
 from enginediag_cli.isolation.methods import single_minmax
 from enginediag_cli.methods.estimation import (
     ParameterEstimation,
-    evidence_of,
     holm,
+    scored_windows,
     wald_statistics,
 )
 from enginediag_cli.methods.registry import METHODS
@@ -60,7 +60,7 @@ def test_estimation_and_local_approach_agree_for_many_records():
     estimation = ParameterEstimation().train(monitor).diagnose(windows)
     local = METHODS["local"].train(monitor).diagnose(windows)
     np.testing.assert_allclose(estimation.tests[0].statistic, local.tests[0].statistic, rtol=0.01)
-    scores, _ = evidence_of(monitor, windows).scores("estimate")
+    scores, _ = scored_windows(monitor, windows).scores("estimate")
     minmax = np.array([single_minmax(s)[0] for s in scores])
     np.testing.assert_allclose(estimation.evidence, minmax, rtol=0.02, atol=0.02)
 

@@ -7,7 +7,7 @@ import pytest
 from family_windows import NOISE, A, B, linear_monitor, linear_windows, toy_windows, within_binomial
 from toy_engine import toy_monitor
 
-from enginediag_cli.methods.base import Windows
+from enginediag_cli.methods.base import RecordWindows
 from enginediag_cli.methods.filters import ExtendedKalman, UnscentedKalman
 
 
@@ -94,7 +94,7 @@ def test_both_filters_agree_on_a_curved_engine_and_find_the_change():
 
 def test_a_record_that_the_engine_cannot_compute_counts_as_missing():
     windows = toy_windows(np.random.default_rng(8), 3, 20)
-    high = Windows({c: v.copy() for c, v in windows.inputs.items()}, windows.y.copy())
+    high = RecordWindows({c: v.copy() for c, v in windows.inputs.items()}, windows.y.copy())
     high.inputs["altitude_m"][:, 7] = 14e3
     windows.y[:, 7] = np.nan
     for filter_ in (ExtendedKalman, UnscentedKalman):

@@ -10,7 +10,7 @@ from family_windows import linear_monitor, linear_windows, toy_windows, within_b
 from toy_engine import toy_monitor
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.methods.base import Windows
+from enginediag_cli.methods.base import RecordWindows
 from enginediag_cli.methods.residual_tests import PrincipalComponents, _spe_test
 
 
@@ -23,7 +23,7 @@ def fitted():
 def common_factor(rng, W, n=20):
     windows = linear_windows(rng, W, n)
     load = rng.standard_normal((W, n, 1))
-    return Windows({"u": windows.inputs["u"]}, windows.y + load * np.array([3.0, -2.0, 5.0, 1.0]))
+    return RecordWindows({"u": windows.inputs["u"]}, windows.y + load * np.array([3.0, -2.0, 5.0, 1.0]))
 
 
 @pytest.mark.parametrize("limit", ["jackson_mudholkar", "box"])
@@ -37,7 +37,7 @@ def test_false_alarms_of_both_statistics_are_nominal_within_four_binomial_errors
 def test_spe_ignores_changes_within_the_principal_subspace_and_t2_sees_them(fitted):
     windows = common_factor(np.random.default_rng(3), 50)
     step = fitted.scale * (fitted.loadings @ np.array([1.0, -2.0]))
-    moved = Windows({"u": windows.inputs["u"] + step[0]}, windows.y + step[1:])
+    moved = RecordWindows({"u": windows.inputs["u"] + step[0]}, windows.y + step[1:])
     before, after = fitted.diagnose(windows), fitted.diagnose(moved)
     np.testing.assert_allclose(after.tests[1].statistic, before.tests[1].statistic, rtol=1e-9)
     assert np.all(after.tests[0].statistic > 5 * np.median(before.tests[0].statistic))
@@ -47,7 +47,7 @@ def test_a_change_within_the_residual_subspace_leaves_t2_alone(fitted):
     windows = common_factor(np.random.default_rng(4), 50)
     away = np.linalg.qr(np.column_stack([fitted.loadings, np.eye(5)]))[0][:, 3]
     step = fitted.scale * away
-    moved = Windows({"u": windows.inputs["u"] + step[0]}, windows.y + step[1:])
+    moved = RecordWindows({"u": windows.inputs["u"] + step[0]}, windows.y + step[1:])
     before, after = fitted.diagnose(windows), fitted.diagnose(moved)
     np.testing.assert_allclose(after.tests[0].statistic, before.tests[0].statistic, rtol=1e-8)
     assert np.all(after.tests[1].alarm)
@@ -105,7 +105,7 @@ def test_an_input_that_never_changes_is_silent():
     rng = np.random.default_rng(10)
 
     def with_constant(windows):
-        return Windows({**windows.inputs, "humidity": np.full(windows.y.shape[:2], 0.01)}, windows.y)
+        return RecordWindows({**windows.inputs, "humidity": np.full(windows.y.shape[:2], 0.01)}, windows.y)
 
     healthy, other = common_factor(rng, 300), common_factor(rng, 20)
     plain = PrincipalComponents(components=2).train(linear_monitor(), healthy).diagnose(other)

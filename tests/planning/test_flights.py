@@ -26,7 +26,7 @@ from enginediag_cli.planning.flights import (
     flights,
     manoeuvres,
 )
-from enginediag_cli.planning.separation import BEYOND, keeps_to
+from enginediag_cli.planning.separation import BEYOND, is_inside_flown
 from enginediag_cli.simulation.flights import generate_flights
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -100,5 +100,5 @@ def test_a_manoeuvre_is_recorded_once_a_second_where_most_was_flown():
 
 def test_a_flight_above_what_was_flown_is_told_to_go_beyond_it():
     flown = {"altitude_m": np.linspace(0.0, 9000.0, 50)}
-    assert keeps_to(flown, {"altitude_m": np.linspace(0.0, 9500.0, RECORDS)})
-    assert not keeps_to(flown, {"altitude_m": np.linspace(0.0, 12000.0, RECORDS)})
+    assert is_inside_flown(flown, {"altitude_m": np.linspace(0.0, 9500.0, RECORDS)})
+    assert not is_inside_flown(flown, {"altitude_m": np.linspace(0.0, 12000.0, RECORDS)})

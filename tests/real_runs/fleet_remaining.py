@@ -22,10 +22,10 @@ from scipy.stats import spearmanr
 
 from enginediag_cli.detection.forecast import Forecast, fitted, forecast, learnt
 from enginediag_cli.detection.series import Series
-from enginediag_cli.fleets.engine_judgement import judged_engine
+from enginediag_cli.fleets.engine_judgement import judge_engine
 from enginediag_cli.fleets.findings import EngineHistory, FleetSettings
-from enginediag_cli.fleets.margin import course_of, ends_of, limit_from, margin_scale
-from enginediag_cli.fleets.run import judged_fleet
+from enginediag_cli.fleets.margin import consumption_course, final_consumption, margin_scale, removal_limit
+from enginediag_cli.fleets.run import judge_fleet
 
 QUICK = FleetSettings(thorough=False)
 FIRST_CUT = 30
@@ -41,10 +41,10 @@ def rank(series: Series, seeds: int = 5) -> None:
         for history in histories(series):
             life = len(history.stretches)
             cut = int(rng.integers(FIRST_CUT, life))
-            found.append(judged_engine(cut_at(history, cut), series, QUICK, scale))
+            found.append(judge_engine(cut_at(history, cut), series, QUICK, scale))
             left.append(life - cut)
         rho = spearmanr([f.severity.value for f in found], left).statistic
-        fleet = judged_fleet(found, QUICK, series.known)
+        fleet = judge_fleet(found, QUICK, series.known)
         changed = sum(f.verdict == "changed" for f in found)
         print(
             f"seed {seed}: Spearman {rho:.3f} over {len(found)} engines; {changed} changed, "
@@ -54,24 +54,24 @@ def rank(series: Series, seeds: int = 5) -> None:
 
 def remaining(series: Series) -> None:
     scale = margin_scale(series)
-    findings = [judged_engine(h, series, QUICK, scale) for h in histories(series)]
+    findings = [judge_engine(h, series, QUICK, scale) for h in histories(series)]
     lives = [len(h.stretches) for h in histories(series)]
-    courses = [course for f in findings if (course := course_of(f)) is not None]
+    courses = [course for f in findings if (course := consumption_course(f)) is not None]
     reference = float(np.median([f.severity.value for f in findings]))
     fits = [fitted(course, reference) for course in courses]
     everyone = learnt(fits)
-    level, error = ends_of(fits, everyone)
+    level, error = final_consumption(fits, everyone)
     print(f"{scale.column}: engines fail at {level.mean():.1f} K ± {level.std(ddof=1):.1f} K of margin used")
     rng = np.random.default_rng(0)
     rows: dict[str, list[tuple[float, Forecast]]] = {}
     for k, history in enumerate(histories(series)):
         others = np.arange(len(fits)) != k
-        limit, spread = limit_from(level[others], error[others])
+        limit, spread = removal_limit(level[others], error[others])
         population = learnt(fits, without=k)
         cuts = {f"{share:.0%} of life": int(share * lives[k]) for share in SHARES}
         cuts["second half, drawn"] = int(rng.integers(lives[k] // 2, lives[k]))
         for name, cut in cuts.items():
-            course = course_of(judged_engine(cut_at(history, cut), series, QUICK, scale))
+            course = consumption_course(judge_engine(cut_at(history, cut), series, QUICK, scale))
             assert course is not None
             found = forecast(fitted(course, reference), population, limit, spread)
             rows.setdefault(name, []).append((float(lives[k] - cut), found))

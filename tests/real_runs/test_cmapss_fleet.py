@@ -9,9 +9,9 @@ from fleet_remaining import FIRST_CUT, QUICK, cut_at
 from ground_recordings import CONFIGS, enginediag, public_data
 from scipy.stats import spearmanr
 
-from enginediag_cli.fleets.engine_judgement import judged_engine
+from enginediag_cli.fleets.engine_judgement import judge_engine
 from enginediag_cli.fleets.margin import margin_scale
-from enginediag_cli.fleets.run import judged_fleet
+from enginediag_cli.fleets.run import judge_fleet
 
 pytestmark = [pytest.mark.shared_data, pytest.mark.slow]
 
@@ -31,14 +31,14 @@ def test_engines_cut_at_random_are_ranked_as_they_fail(series):
     rng, scale, found, left = np.random.default_rng(0), margin_scale(series), [], []
     for history in histories(series):
         cut = int(rng.integers(FIRST_CUT, len(history.stretches)))
-        found.append(judged_engine(cut_at(history, cut), series, QUICK, scale))
+        found.append(judge_engine(cut_at(history, cut), series, QUICK, scale))
         left.append(len(history.stretches) - cut)
     assert spearmanr([f.severity.value for f in found], left).statistic <= -0.8
 
 
 def test_at_the_end_of_their_lives_all_are_listed_and_have_the_hpc_in_common(series):
     scale = margin_scale(series)
-    found = judged_fleet([judged_engine(h, series, QUICK, scale) for h in histories(series)], QUICK, series.known)
+    found = judge_fleet([judge_engine(h, series, QUICK, scale) for h in histories(series)], QUICK, series.known)
     assert len(found.discoveries.engines) == 100 and not found.left_out
     assert {c.component for c in found.common if c.common} == {"hpc"}
 
@@ -48,5 +48,5 @@ def test_flights_before_any_wear_in_random_order_list_no_engine(series):
     for history in histories(series):
         early = [history.stretches[k] for k in rng.permutation(40)]
         one = cut_at(history, 40)
-        found.append(judged_engine(type(one)(one.serial, "", early, 20), series, QUICK, scale))
-    assert judged_fleet(found, QUICK, series.known).discoveries.engines == ()
+        found.append(judge_engine(type(one)(one.serial, "", early, 20), series, QUICK, scale))
+    assert judge_fleet(found, QUICK, series.known).discoveries.engines == ()

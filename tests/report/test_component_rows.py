@@ -22,7 +22,7 @@ def test_an_answer_of_which_all_is_known_is_told_with_the_probability_of_exactly
 
 def test_what_is_as_probable_as_not_is_told_beside_what_is_sure():
     found = ComponentIsolation(
-        ("compressor", "hpt"), 0.46, RIVALS, 0.98, INCLUSION, True, perhaps=("lpt",), all_of_them=0.95
+        ("compressor", "hpt"), 0.46, RIVALS, 0.98, INCLUSION, True, possible=("lpt",), p_all=0.95
     )
     assert component_sentence(found, KNOWN) == (
         "compressor and HPT changed (probability 0.95), perhaps LPT (0.49) as well; exactly this: probability 0.46; "

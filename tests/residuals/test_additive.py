@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_engine import toy_monitor, toy_recording
 
-from enginediag_cli.isolation.methods import IsolationOptions, best_of_size, sensitivity_test
+from enginediag_cli.isolation.methods import IsolationOptions, best_set, sensitivity_test
 from enginediag_cli.report.output import cell
 from enginediag_cli.residuals.flat import flat_columns, flat_row, read_flat
 from enginediag_cli.residuals.pipeline import window_statistics
@@ -133,7 +133,7 @@ def test_the_sensitivity_test_is_equation_13_of_what_the_file_holds():
     statistics = marginalised(x)
     score = fisher_score(statistics, uncertainty=statistics.slopes)
     np.testing.assert_allclose([sensitivity_test(score, [name])[0] for name in monitor.monitored], by_hand, rtol=1e-6)
-    assert best_of_size(score, IsolationOptions())[0] == (monitor.monitored[int(np.argmax(by_hand))],)
+    assert best_set(score, IsolationOptions())[0] == (monitor.monitored[int(np.argmax(by_hand))],)
 
 
 def test_a_series_compares_windows_at_nominal_as_it_is():

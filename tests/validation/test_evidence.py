@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from enginediag_cli.methods.estimation import evidence_of, linearised
+from enginediag_cli.methods.estimation import linearise_windows, scored_windows
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.residuals.score import fisher_score
 from enginediag_cli.residuals.statistics import block_statistics
@@ -48,7 +48,7 @@ def trials():
 
 def window_scores(windows, linearise):
     """Scores by a re-estimate of every window that asks the engine at each step."""
-    found = linearised(MONITOR, windows, linearise, MONITOR.precision)
+    found = linearise_windows(MONITOR, windows, linearise, MONITOR.precision)
     W, n, m = windows.y.shape
     lags = np.ones(W * n)
     lags[::n] = np.inf  # windows are unrelated
@@ -60,7 +60,7 @@ def window_scores(windows, linearise):
 
 @pytest.mark.parametrize("linearise", ["estimate", "nominal"])
 def test_scores_are_those_of_the_local_approach(trials, linearise):
-    evidence = evidence_of(MONITOR, trials.windows)
+    evidence = scored_windows(MONITOR, trials.windows)
     found, converged = evidence.scores(linearise)
     expected, also = window_scores(trials.windows, linearise)
     assert converged.all() and also.all()
@@ -72,7 +72,7 @@ def test_scores_are_those_of_the_local_approach(trials, linearise):
 
 
 def test_shared_scores_are_computed_once_and_their_cost_is_known(trials):
-    evidence = evidence_of(MONITOR, trials.windows)
+    evidence = scored_windows(MONITOR, trials.windows)
     first = evidence.scores("estimate")
     assert evidence.scores("estimate") is first
     assert evidence.used == {"predictions", "estimate"} == set(evidence.cost)

@@ -32,8 +32,8 @@ from enginediag_cli.engine.engine import Engine
 from enginediag_cli.intake.loader import Intake
 from enginediag_cli.intake.selection import Source, columns_of, open_baseline
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions
-from enginediag_cli.isolation.sensitivity_analysis import Flip, Flips
-from enginediag_cli.isolation.windows import Isolating
+from enginediag_cli.isolation.sensitivity_analysis import ConclusionChange, SensitivityAnalysis
+from enginediag_cli.isolation.windows import WindowIsolation
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv
@@ -136,7 +136,11 @@ def answers(monitor: Monitor, path: Path, tables: list[dict], *, flips: bool = F
         Intake(Source((str(path),)), columns_of(monitor.engine, monitor.sensors)), monitor, Judging(plan)
     )
     kept = KeptRecords(monitor, short_windows=False)
-    return list(Isolating(files, DiagnosisOptions(), 0.01, kept=kept, flips=lambda number, named: flips).windows())
+    return list(
+        WindowIsolation(
+            files, DiagnosisOptions(), 0.01, kept_records=kept, wants_sensitivity=lambda number, named: flips
+        ).windows()
+    )
 
 
 def named(found, own: str = "") -> frozenset[str] | None:
@@ -176,10 +180,10 @@ def drawn_change(engine: Engine, rng: np.random.Generator) -> dict[str, float]:
     return change
 
 
-def put_in(flip: Flip, size: float) -> tuple[dict[str, float], dict[str, float]]:
+def put_in(flip: ConclusionChange, size: float) -> tuple[dict[str, float], dict[str, float]]:
     """What is added to columns and to health for an error of `size`, in the unit of the flip."""
     by = size * flip.error.scale
-    return ({}, {flip.what: by}) if flip.kind == "map" else ({flip.error.column: by}, {})
+    return ({}, {flip.name: by}) if flip.kind == "map" else ({flip.error.column: by}, {})
 
 
 class Tally:
@@ -202,9 +206,9 @@ class Tally:
         return lines
 
 
-def of_answer(flips: Flips) -> tuple[list[Flip], float]:
+def of_answer(flips: SensitivityAnalysis) -> tuple[list[ConclusionChange], float]:
     """Flips by single errors, and how many stated standard deviations the nearest is away."""
-    errors = [flip for flip in flips.found if flip.error is not None]
+    errors = [flip for flip in flips.changes if flip.error is not None]
     return errors, min((flip.times for flip in errors), default=float("inf"))
 
 
@@ -222,9 +226,9 @@ def one_engine(folder: Path, seed: int, recordings: int, tally: Tally) -> None:
     others = answers(monitor_of_other, folder / "others.csv", [recorded(other, d, {}, {}) for d in drawn])
     cases: list[tuple[str, int, str, dict]] = []
     for k, (d, found) in enumerate(zip(drawn, plain, strict=True)):
-        if found.diagnosis is None or found.flips is None:
+        if found.diagnosis is None or found.sensitivity is None:
             continue
-        errors, nearest = of_answer(found.flips)
+        errors, nearest = of_answer(found.sensitivity)
         group = f"beyond {FAR:g} stated" if nearest > FAR else f"within {FAR:g} stated"
         if named(others[k]) is not None:
             tally.add(f"inside, other maps of the stated accuracy, {group}", named(others[k]) != named(found))
@@ -232,7 +236,7 @@ def one_engine(folder: Path, seed: int, recordings: int, tally: Tally) -> None:
         for flip in instruments[:1]:
             wrong, health = put_in(flip, float(np.sign(flip.size)) * flip.stated)
             cases.append(
-                (f"inside, nearest instrument by 1 stated, {group}", k, flip.what, recorded(truth, d, wrong, health))
+                (f"inside, nearest instrument by 1 stated, {group}", k, flip.name, recorded(truth, d, wrong, health))
             )
         for flip in [f for f in errors if f.kind == "map"][:1]:
             wrong, health = put_in(flip, float(np.sign(flip.size)) * flip.stated)
@@ -244,7 +248,7 @@ def one_engine(folder: Path, seed: int, recordings: int, tally: Tally) -> None:
             for flip in [f for f in errors if f.kind == kind][:1]:
                 for share in (0.9, 1.1):
                     wrong, health = put_in(flip, share * flip.size)
-                    own = flip.what if kind != "map" else ""
+                    own = flip.name if kind != "map" else ""
                     cases.append(
                         (f"{kind} at {share:g} of the size computed", k, own, recorded(truth, d, wrong, health))
                     )
@@ -253,8 +257,8 @@ def one_engine(folder: Path, seed: int, recordings: int, tally: Tally) -> None:
         if named(now) is not None:
             tally.add(what, named(now, own) != named(plain[k], own))
     for found in plain:
-        if found.flips is not None:
-            tally.add(f"answers (how many are beyond {FAR:g} stated)", of_answer(found.flips)[1] > FAR)
+        if found.sensitivity is not None:
+            tally.add(f"answers (how many are beyond {FAR:g} stated)", of_answer(found.sensitivity)[1] > FAR)
 
 
 def run(engines: int, recordings: int, seed: int) -> Tally:

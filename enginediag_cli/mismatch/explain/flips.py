@@ -34,8 +34,8 @@ from enginediag_cli.isolation.sensitivity_analysis import (
     PRIOR,
     SENSOR,
     STATED,
-    Flip,
-    Flips,
+    ConclusionChange,
+    SensitivityAnalysis,
     SingleError,
 )
 from enginediag_cli.mismatch.explain.answer import FORMULA, IDENTIFIED, Answer
@@ -64,7 +64,7 @@ class _Direction:
 
 
 @stage("looking for what would flip the answer")
-def flips_of_answer(answer: Answer, fits: Fits) -> Flips | None:
+def flips_of_answer(answer: Answer, fits: Fits) -> SensitivityAnalysis | None:
     """Of the first explanation; None where nothing is named, or where what is named was not fitted to these records."""
     if answer.status not in (IDENTIFIED, FORMULA) or not answer.explanations:
         return None
@@ -90,15 +90,17 @@ def flips_of_answer(answer: Answer, fits: Fits) -> Flips | None:
                 sign = float(np.sign(found[0])) * direction.sign if len(found) == 1 else 1.0
                 nearest[k] = size, sign, tuple(o.label for o in rival.options)
     told = [
-        Flip(d.what, d.kind, sign * size, d.unit, d.stated, becomes, d)
+        ConclusionChange(d.name, d.kind, sign * size, d.unit, d.stated, becomes, d)
         for k, (size, sign, becomes) in nearest.items()
         for d in (directions[k].error,)
     ]
     second = min(rivals, key=lambda rival: rival[1])
     odds = float(np.exp(np.clip(0.5 * second[1], 0.0, 700.0)))
-    told.append(Flip("prior odds", PRIOR, odds, "times", USUAL_ODDS, tuple(o.label for o in second[0].options)))
+    told.append(
+        ConclusionChange("prior odds", PRIOR, odds, "times", USUAL_ODDS, tuple(o.label for o in second[0].options))
+    )
     first = tuple(o.label for o in named.options)
-    return Flips(tuple(sorted(_the_nearer(told), key=lambda flip: flip.times)), first, len(directions))
+    return SensitivityAnalysis(tuple(sorted(_the_nearer(told), key=lambda flip: flip.times)), first, len(directions))
 
 
 def named_gain(fits: Fits, named: HypothesisFit) -> float:
@@ -228,11 +230,11 @@ def _instruments(found: IdentifiedHypothesis) -> Iterator[tuple[str, SingleError
         yield column, error, values if wrong.multiplies else None, -1.0
 
 
-def _the_nearer(flips: Sequence[Flip]) -> list[Flip]:
+def _the_nearer(flips: Sequence[ConclusionChange]) -> list[ConclusionChange]:
     """Of zero and span of one instrument the one that is nearer by what is stated."""
-    best: dict[str, Flip] = {}
+    best: dict[str, ConclusionChange] = {}
     for flip in flips:
-        key = flip.error.column if flip.error is not None and flip.error.column else flip.what
+        key = flip.error.column if flip.error is not None and flip.error.column else flip.name
         if key not in best or flip.times < best[key].times:
             best[key] = flip
     return list(best.values())

@@ -34,7 +34,7 @@ from enginediag_cli.planning.separation import (
     Separation,
     Suggestion,
     best_first,
-    keeps_to,
+    is_inside_flown,
 )
 from enginediag_cli.progress import stage
 from enginediag_cli.units import split_column
@@ -182,7 +182,7 @@ def expected_separation(
         return None
     W = whitening[ok]
     readings = [(W @ f.readings[ok][:, :, None])[:, :, 0] for f in foreseen]
-    adapting = [Adaptation.of(W @ f.columns[ok]) for f in foreseen]
+    adapting = [Adaptation.from_columns(W @ f.columns[ok]) for f in foreseen]
     pairs: list[list[Separation | None]] = [
         [None if g == h else a.separation(readings[h] - readings[g]) for g, a in enumerate(adapting)]
         for h in range(len(foreseen))
@@ -212,8 +212,8 @@ def _of_flights(rivals: Sequence[Rival], weight: np.ndarray, course: PlannedEvid
     ):
         found = expected_separation(weight, foreseen, whitening)
         if found is not None:
-            known = keeps_to(course.flown, {c: v[rows] for c, v in given.items()})
-            yield Suggestion.judged(found, flight.kind, flight.words, flight, known)
+            known = is_inside_flown(course.flown, {c: v[rows] for c, v in given.items()})
+            yield Suggestion.from_outlook(found, flight.kind, flight.words, flight, known)
 
 
 def _of_records(rivals: Sequence[Rival], weight: np.ndarray, course: PlannedEvidence) -> Iterator[Suggestion]:
@@ -227,19 +227,19 @@ def _of_records(rivals: Sequence[Rival], weight: np.ndarray, course: PlannedEvid
     as_they_are = [r.foresee(i, rows) for r, i in zip(rivals, inputs, strict=True)]
     found = expected_separation(weight, as_they_are, whitening)
     if found is not None:
-        yield Suggestion.judged(found, SAME)
+        yield Suggestion.from_outlook(found, SAME)
     for label in _switchable(rivals):
         off = [r.foresee(i, rows, without=label) for r, i in zip(rivals, inputs, strict=True)]
         both = [_joined(a, b) for a, b in zip(as_they_are, off, strict=True)]
         found = expected_separation(weight, both, np.concatenate([whitening, whitening]))
         if found is not None:
-            yield Suggestion.judged(found, SWITCH, label)
+            yield Suggestion.from_outlook(found, SWITCH, label)
     wider = np.zeros((len(rows), m + 1, m + 1))
     wider[:, :m, :m], wider[:, m, m] = whitening, 1.0
     for j, column in enumerate(more):
         found = expected_separation(weight, [f.read_by([*range(m), m + j]) for f in wide], wider)
         if found is not None:
-            yield Suggestion.judged(found, SENSOR, column)
+            yield Suggestion.from_outlook(found, SENSOR, column)
 
 
 def _switchable(rivals: Sequence[Rival]) -> list[str]:

@@ -14,7 +14,7 @@ from scipy import special
 
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.intake.loader import Intake
-from enginediag_cli.isolation.sensitivity_analysis import Flips
+from enginediag_cli.isolation.sensitivity_analysis import SensitivityAnalysis
 from enginediag_cli.mismatch.controlled.find import ControlSearchResult
 from enginediag_cli.mismatch.explain.answer import (
     FORMULA,
@@ -66,7 +66,7 @@ class ExplanationResult:
     searched: Searched | None = None  # None: all records
     control: ControlSearchResult | None = None  # that the engine file lacks and the engine that was searched has
     gated: UnsteadyRecords | None = None  # what was left out of the search with the records that are not steady
-    flips: Flips | None = None  # what would change the first name, None where nothing is named
+    flips: SensitivityAnalysis | None = None  # what would change the first name, None where nothing is named
     follows: tuple[HysteresisFit, ...] = ()  # what the first of `hidden` follows after all, best first
     planned: bool = False  # whether the best recording of every kind is asked for
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.fleets.findings import Estimate
+from enginediag_cli.fleets.findings import IntervalEstimate
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.parameters import Parameter, spelled, unspecified
 from enginediag_cli.report.plotting import (
@@ -44,7 +44,7 @@ class HealthFound:
 
     parameter: Parameter
     component: str
-    change: Estimate
+    change: IntervalEstimate
     kind: str
     probability: float
     onset: int
@@ -85,9 +85,9 @@ class MarginFound:
     column: str
     condition: str
     limit_K: float
-    consumed_K: Estimate
-    now_K: Estimate
-    remaining_flights: Estimate
+    consumed_K: IntervalEstimate
+    now_K: IntervalEstimate
+    remaining_flights: IntervalEstimate
     reason: str
 
 
@@ -98,7 +98,7 @@ class EventFound:
     kind: str
     component: str
     number: int
-    recovered_K: Estimate
+    recovered_K: IntervalEstimate
     reason: str
     origin: Origin
 
@@ -121,7 +121,7 @@ class EngineFound:
     discovery: bool
     since: tuple[int, int, int]
     since_flight: str
-    severity: Estimate
+    severity: IntervalEstimate
     severity_unit: str
     health: Sequence[HealthFound]
     by_flight: Sequence[FlightFound]
@@ -186,10 +186,10 @@ def _parameter(h: Mapping[str, Any]) -> Parameter:
     )
 
 
-def _estimate(value: Any) -> Estimate:
+def _estimate(value: Any) -> IntervalEstimate:
     if not isinstance(value, Mapping):
-        return Estimate(_number(value))
-    return Estimate(*(_number(value.get(name)) for name in ("value", "low", "high")))
+        return IntervalEstimate(_number(value))
+    return IntervalEstimate(*(_number(value.get(name)) for name in ("value", "low", "high")))
 
 
 def _number(value: Any) -> float:

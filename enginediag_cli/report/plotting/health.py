@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Protocol
 
-from enginediag_cli.fleets.findings import Estimate
+from enginediag_cli.fleets.findings import IntervalEstimate
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.report.plotting import (
@@ -253,8 +253,8 @@ class Brought:
     event: EventFound
     flight: str
     gains: Sequence[str]
-    temperature_K: Estimate
-    fuel_percent: Estimate
+    temperature_K: IntervalEstimate
+    fuel_percent: IntervalEstimate
     held: str
 
 
@@ -291,10 +291,10 @@ def maintenance_found(rows: Sequence[Row]) -> list[Brought]:
     return sorted(found, key=lambda x: x.event.number or math.inf)
 
 
-def estimate(row: Row, name: str) -> Estimate:
+def estimate(row: Row, name: str) -> IntervalEstimate:
     """A value with the cells of its interval."""
     value, low, high = map(row.number, with_ends(name))
-    return Estimate(value, low, high)
+    return IntervalEstimate(value, low, high)
 
 
 def _flight(row: Row) -> FlightFound:

@@ -248,10 +248,10 @@ def of_isolation(windows: Sequence[IsolatedWindow]) -> Chart:
     for found in [*reversed([w for w in judged if w.named]), *reversed(judged)]:
         assert found.diagnosis is not None
         result, window = found.diagnosis.result, found.verdict.window
-        rivals = [(tuple(r.parameters), r.probability) for r in result.rivals]
+        rivals = [(tuple(r.parameters), r.probability) for r in result.alternatives]
         answers = [(tuple(result.isolated), result.probability), *rivals] if result.isolated else []
         place = Origin(window.source, f"{window.first_line}–{window.last_line}")
-        chart = window_fingerprint("isolate", window, place, answers, found.known)
+        chart = window_fingerprint("isolate", window, place, answers, found.meaning)
         if chart is not None:
             return chart
     raise NoVerdictError("--picture: no window that was judged has statistics with every sensor's error")

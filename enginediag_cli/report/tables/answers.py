@@ -10,10 +10,19 @@ from math import isfinite, log10
 from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.detection.series import Series
-from enginediag_cli.fleets.maintenance import Maintenance
-from enginediag_cli.fleets.work_scope import POWER, Gain, Quantity, Reference, Scoping, WorkScope
+from enginediag_cli.fleets.maintenance import MaintenanceEffect
+from enginediag_cli.fleets.work_scope import POWER, Gain, PowerReference, Quantity, WorkScope, WorkScopeEstimator
 from enginediag_cli.intervals import NORMAL_95
-from enginediag_cli.isolation.sensitivity_analysis import ACCURACY, INPUT, MAP, PRIOR, SPREAD, STATED, Flip, Flips
+from enginediag_cli.isolation.sensitivity_analysis import (
+    ACCURACY,
+    INPUT,
+    MAP,
+    PRIOR,
+    SPREAD,
+    STATED,
+    ConclusionChange,
+    SensitivityAnalysis,
+)
 from enginediag_cli.isolation.windows import NextRecording
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.report.messages import Messages
@@ -62,11 +71,11 @@ def next_recording(found: NextRecording | None) -> list[str]:
     records that each takes; empty where the answer has no rival."""
     if found is None:
         return []
-    words = [listed(parameter_words(found.known, names)) or "no change" for names in found.rivals]
+    words = [listed(parameter_words(found.meaning, names)) or "no change" for names in found.alternatives]
     lines = [f"to tell {words[0]} from {words[1]}:"]
     for one in found.conditions:
         where = ", ".join(f"{column} {value:.4g}" for column, value in one.values.items())
-        unseen = "" if one.known else " (beyond the operating points identified)"
+        unseen = "" if one.inside_envelope else " (beyond the operating points identified)"
         lines.append(f"{further_records(f'at {where}', one.records, one.odds, one.noncentrality)}{unseen}")
     for one in found.sensors or ():
         where = f"with {one.label}" if one.values else "like these"
@@ -89,42 +98,42 @@ Words = Callable[[Sequence[str]], Sequence[str]]
 """How the names of an answer are said."""
 
 
-def flip_cells(flips: Flips | None, words: Words) -> dict[str, Any]:
+def flip_cells(flips: SensitivityAnalysis | None, words: Words) -> dict[str, Any]:
     """`flips`: one mapping each, the nearest first, with its sentence; `flips_told`: all in one sentence."""
     if flips is None:
         return {"flips": None, "flips_told": None}
     return {
-        "flips": [_cells(flip, flips.first, words) for flip in flips.found],
+        "flips": [_cells(flip, flips.conclusion, words) for flip in flips.changes],
         "flips_told": flips_sentence(flips, words),
     }
 
 
-def flip_column(flips: Flips | None, words: Words) -> dict[str, Any]:
+def flip_column(flips: SensitivityAnalysis | None, words: Words) -> dict[str, Any]:
     """The nearest flips as one column for a table."""
-    return {"flips": None if flips is None else [_short(flip) for flip in flips.found[:TOLD]]}
+    return {"flips": None if flips is None else [_short(flip) for flip in flips.changes[:TOLD]]}
 
 
-def _cells(flip: Flip, first: Sequence[str], words: Words) -> dict[str, Any]:
+def _cells(flip: ConclusionChange, first: Sequence[str], words: Words) -> dict[str, Any]:
     origin = flip.error.origin if flip.error else "openness of the prior"
     return {
-        "what": flip.what,
+        "what": flip.name,
         "kind": flip.kind,
         "size": flip.size,
         "unit": flip.unit,
         "stated": flip.stated,
         "stated_as": origin,
         "times": flip.times,
-        "becomes": " & ".join(flip.becomes) or "nothing",
+        "becomes": " & ".join(flip.conclusion) or "nothing",
         "words": f"the answer would {_to(flip, first, words)}",
     }
 
 
-def _short(flip: Flip) -> str:
+def _short(flip: ConclusionChange) -> str:
     size = f"{rounded(flip.size, digits=2)} {flip.unit}"
-    return f"{flip.what} {size} ({rounded(flip.times, digits=2)} stated): {' & '.join(flip.becomes) or 'nothing'}"
+    return f"{flip.name} {size} ({rounded(flip.times, digits=2)} stated): {' & '.join(flip.conclusion) or 'nothing'}"
 
 
-def _condition(flip: Flip, words: Words) -> str:
+def _condition(flip: ConclusionChange, words: Words) -> str:
     """For instance "T45 read 1.2 K higher (0.14 % of it; 2.3 times its spread between recordings)"."""
     if flip.kind == PRIOR or flip.error is None:
         size = rounded(flip.size, digits=2) if flip.size < MANY else f"10^{log10(flip.size):.0f}"
@@ -133,13 +142,13 @@ def _condition(flip: Flip, words: Words) -> str:
     times = f"{rounded(flip.times, digits=2)} times"
     size = with_unit(abs(flip.size), flip.unit, digits=2)
     if flip.kind == MAP:
-        (name,) = words([error.what])
+        (name,) = words([error.name])
         by = {ACCURACY: "what training leaves open", STATED: "its stated accuracy"}.get(
             error.origin, f"a {error.origin}"
         )
         where = " where this was flown" if error.origin != STATED else ""
         return f"the map of {name} were wrong by {size}{where} ({times} {by})"
-    (name,) = words([error.what])
+    (name,) = words([error.name])
     channel = split_column(error.column)[0] if error.column else name
     of_it = ""
     share = abs(flip.size / error.reading) if error.reading else float("nan")
@@ -151,26 +160,26 @@ def _condition(flip: Flip, words: Words) -> str:
     return f"{what} read {size} {way} ({of_it}{times} {whose} {error.origin})"
 
 
-def flips_sentence(flips: Flips, words: Words) -> str:
+def flips_sentence(flips: SensitivityAnalysis, words: Words) -> str:
     """The nearest flips in one sentence, or that there are none."""
-    errors = [flip for flip in flips.found if flip.error is not None]
-    prior = [flip for flip in flips.found if flip.error is None]
+    errors = [flip for flip in flips.changes if flip.error is not None]
+    prior = [flip for flip in flips.changes if flip.error is None]
     if errors:
-        return f"the answer would {'; or '.join(_to(flip, flips.first, words) for flip in flips.found[:TOLD])}"
-    rest = f"; it would {_to(prior[0], flips.first, words)}" if prior else ""
+        return f"the answer would {'; or '.join(_to(flip, flips.conclusion, words) for flip in flips.changes[:TOLD])}"
+    rest = f"; it would {_to(prior[0], flips.conclusion, words)}" if prior else ""
     return (
         f"no single error of a map, a sensor or an input would change the name within {flips.most:g} times what is "
         f"stated of it ({flips.tried} tried){rest}"
     )
 
 
-def _to(flip: Flip, first: Sequence[str], words: Words) -> str:
+def _to(flip: ConclusionChange, first: Sequence[str], words: Words) -> str:
     """For instance "hold fan flow capacity as well if T45 read 1.2 K higher"."""
-    more, less = [n for n in flip.becomes if n not in first], [n for n in first if n not in flip.becomes]
-    if not flip.becomes:
+    more, less = [n for n in flip.conclusion if n not in first], [n for n in first if n not in flip.conclusion]
+    if not flip.conclusion:
         told = "be no change"
     elif (less and more) or not first:
-        told = f"be {listed(list(words(flip.becomes)))}"
+        told = f"be {listed(list(words(flip.conclusion)))}"
     else:
         told = f"hold {listed(list(words(more)))} as well" if more else f"not hold {listed(list(words(less)))}"
     return f"{told} if {_condition(flip, words)}"
@@ -207,24 +216,24 @@ def work_scope_cell(scope: WorkScope | None) -> dict[str, Any] | None:
     }
 
 
-def reference_cells(reference: Reference | None) -> dict[str, Any]:
+def reference_cells(reference: PowerReference | None) -> dict[str, Any]:
     """Where a gain is told."""
     if reference is None:
         return {"reference": None, "inputs": None, "held": None, "temperature": None, "fuel": None}
     return {
         "reference": reference.words,
         "inputs": dict(reference.inputs),
-        "held": reference.held,
+        "held": reference.held_column,
         "temperature": reference.temperature,
         "fuel": reference.fuel,
     }
 
 
-def _gain_cells(gain: Gain, reference: Reference) -> dict[str, Any]:
+def _gain_cells(gain: Gain, reference: PowerReference) -> dict[str, Any]:
     return {"module": gain.module, "parameters": list(gain.names), **gain_cells(gain, reference)}
 
 
-def gain_cells(gain: Gain, reference: Reference) -> dict[str, Any]:
+def gain_cells(gain: Gain, reference: PowerReference) -> dict[str, Any]:
     """The fall of temperature, in its unit, and of fuel, in per cent of the present flow, with 95 % intervals."""
     t, f = gain.temperature, gain.fuel
     return {
@@ -248,7 +257,7 @@ def work_scope_sentences(scope: WorkScope) -> Iterator[str]:
             yield _restoring(gain, scope.reference)
 
 
-def _restoring(gain: Gain, reference: Reference) -> str:
+def _restoring(gain: Gain, reference: PowerReference) -> str:
     module = spelled(gain.module)
     if gain.temperature.value < 0 and gain.fuel.value < 0:
         return f"the {module} has become better, which {_told(_reversed(gain), reference, past=True)}"
@@ -260,16 +269,16 @@ def _reversed(gain: Gain) -> Gain:
     return Gain(gain.module, gain.names, t, f)
 
 
-def gain_words(gain: Gain, reference: Reference) -> str:
+def gain_words(gain: Gain, reference: PowerReference) -> str:
     """What maintenance did: "lowered T45 by 6.1 K ± 0.6 K and lowered fuel flow by 0.40 % ± 0.04 % at equal thrust
     (design point)"."""
     return _told(gain, reference, past=True)
 
 
-def _told(gain: Gain, reference: Reference, past: bool = False) -> str:
+def _told(gain: Gain, reference: PowerReference, past: bool = False) -> str:
     quantity, unit = split_column(reference.temperature)
     name = quantity if reference.recorded else f"{quantity} (of the model)"
-    held = "power" if reference.held == POWER else "thrust"
+    held = "power" if reference.held_column == POWER else "thrust"
     first = _moved(name, gain.temperature, unit, past)
     share = Quantity(PERCENT * gain.fuel.share, PERCENT * gain.fuel.share_deviation, 0.0, 0.0)
     return f"{first} and {_moved('fuel flow', share, '%', past)} at equal {held} ({reference.words})"
@@ -281,7 +290,9 @@ def _moved(name: str, gain: Quantity, unit: str, past: bool) -> str:
     return f"{verb[gain.value < 0]} {name} by {with_unit(abs(gain.value), unit, half)}"
 
 
-def maintenance_sentence(found: Maintenance, known: Mapping[str, Parameter], reference: Reference | None) -> str:
+def maintenance_sentence(
+    found: MaintenanceEffect, known: Mapping[str, Parameter], reference: PowerReference | None
+) -> str:
     """What maintenance did bring, and of what it is told."""
     sides = f"{count(found.before, 'flight')} before against {found.after} after"
     if not found.names:
@@ -295,7 +306,7 @@ def maintenance_sentence(found: Maintenance, known: Mapping[str, Parameter], ref
     return f"it {_told(found.gain, reference, past=True)}: {what}"
 
 
-def maintenance_cell(found: Maintenance, reference: Reference | None) -> dict[str, Any]:
+def maintenance_cell(found: MaintenanceEffect, reference: PowerReference | None) -> dict[str, Any]:
     """What maintenance did bring, as a mapping; positive gains are falls."""
     gain = {} if found.gain is None or reference is None else gain_cells(found.gain, reference)
     return {
@@ -329,7 +340,9 @@ def work_scope_cells(scope: WorkScope | None, form: str) -> tuple[Any, tuple[str
     return None if scope is None else list(work_scope_sentences(scope)), ("work_scope",) if form else ()
 
 
-def tell_maintenance(messages: Messages, engine: str, found: Maintenance, series: Series, scoping: Scoping) -> None:
+def tell_maintenance(
+    messages: Messages, engine: str, found: MaintenanceEffect, series: Series, scoping: WorkScopeEstimator
+) -> None:
     """What maintenance did bring, in words."""
     name = f"engine {engine}: " if engine else ""
     label = series.stretches[engine][found.flight - 1].window.flight or str(found.flight)
@@ -338,7 +351,12 @@ def tell_maintenance(messages: Messages, engine: str, found: Maintenance, series
 
 
 def maintenance_row(
-    engine: str, found: Maintenance, series: Series, scoping: Scoping, form: str, others: Sequence[Mapping[str, Any]]
+    engine: str,
+    found: MaintenanceEffect,
+    series: Series,
+    scoping: WorkScopeEstimator,
+    form: str,
+    others: Sequence[Mapping[str, Any]],
 ) -> dict[str, Any]:
     """One row with the columns of the `others`, as far as they apply; form: as of `with_scope`."""
     window = series.stretches[engine][found.flight - 1].window

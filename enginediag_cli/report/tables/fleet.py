@@ -12,8 +12,8 @@ from enginediag_cli.report.tables.margin import taken_off_words
 from enginediag_cli.report.tables.recordings import elsewhere_lines, not_judged_lines
 
 if TYPE_CHECKING:
-    from enginediag_cli.fleets.findings import EngineFinding, Estimate
-    from enginediag_cli.fleets.models import Merged, Model, Standing
+    from enginediag_cli.fleets.findings import EngineFinding, IntervalEstimate
+    from enginediag_cli.fleets.models import BuildModel, MergeCounts, StoreStatus
     from enginediag_cli.fleets.run import FleetRun
     from enginediag_cli.residuals.instruments import FaultInFlights
 
@@ -121,12 +121,13 @@ def document(result: FleetRun, provenance: Sequence[str]) -> dict[str, Any]:
         "left_out": [
             *({"recording": name, "reason": why} for name, why in result.left_out),
             *({"engine": name, "reason": why} for name, why in finding.left_out),
-            *({"event of engine": name, "reason": "no recording is of this engine"} for name in result.unknown),
+            *({"event of engine": name, "reason": "no recording is of this engine"} for name in result.unknown_engines),
         ],
         "consumed_limit_K": result.consumed_limit_K,
         "counts": dict(result.counts),
         "outside": [
-            {"input": where.column, "judged": where.judged, "records": n} for where, n in result.elsewhere.items()
+            {"input": where.column, "judged": where.judged, "records": n}
+            for where, n in result.outside_training.items()
         ],
         "sums": [_sum(build, x) for build, x in result.sums.items()],
         "models": [_model(model) for model in result.models.values()],
@@ -146,8 +147,8 @@ def document(result: FleetRun, provenance: Sequence[str]) -> dict[str, Any]:
 
 def _engine(x: EngineFinding) -> dict[str, Any]:
     """Without its `state`, of which `common` tells what it comes to, and without the moments of its `events`."""
-    told = asdict(replace(x, state=None, moved=(), instruments=()))
-    del told["state"], told["moved"]
+    told = asdict(replace(x, state=None, event_changes=(), instruments=()))
+    del told["state"], told["event_changes"]
     return {**told, "instruments": [_instrument(found) for found in x.instruments]}
 
 
@@ -177,8 +178,8 @@ def _sum(build: str, x: Any) -> dict[str, Any]:
     }
 
 
-def _model(model: Model) -> dict[str, Any]:
-    told: dict[str, Any] = {"build": model.build.name, "nominal_sha256": model.making.fingerprint}
+def _model(model: BuildModel) -> dict[str, Any]:
+    told: dict[str, Any] = {"build": model.build.name, "nominal_sha256": model.settings.fingerprint}
     if model.identified is not None:
         told |= {"identified_from": list(model.identified.engines), "records": model.identified.records}
     return told
@@ -201,9 +202,11 @@ def tell_result(messages: Messages, result: FleetRun) -> None:
         messages.warning(f"{name}: left out: {why}")
     if len(result.left_out) > SHOWN:
         messages.warning(f"{len(result.left_out) - SHOWN} more recordings left out; --format json lists all")
-    if result.unknown:
-        messages.warning(f"events name engines of which there is no recording: {', '.join(result.unknown[:SHOWN])}")
-    for line in (*not_judged_lines(result.counts), *elsewhere_lines(result.elsewhere)):
+    if result.unknown_engines:
+        messages.warning(
+            f"events name engines of which there is no recording: {', '.join(result.unknown_engines[:SHOWN])}"
+        )
+    for line in (*not_judged_lines(result.counts), *elsewhere_lines(result.outside_training)):
         messages.note(line)
     counts = result.counts
     judged = len(result.recordings) - len(result.left_out)
@@ -225,18 +228,18 @@ def tell_result(messages: Messages, result: FleetRun) -> None:
         messages.note(result.finding.discoveries.words)
 
 
-def status_rows(standing: Standing) -> Iterator[dict[str, Any]]:
+def status_rows(standing: StoreStatus) -> Iterator[dict[str, Any]]:
     """One row per recording."""
-    for recorded, key in standing.known:
+    for recorded, key in standing.recordings:
         state = "condensed" if key else "new"
         yield {"recording": recorded.name, "build": recorded.build, "engine": recorded.serial, "state": state}
 
 
-def tell_standing(messages: Messages, standing: Standing) -> None:
+def tell_standing(messages: Messages, standing: StoreStatus) -> None:
     """How many recordings are there, and what else, on stderr."""
-    there = sum(bool(key) for _, key in standing.known)
+    there = sum(bool(key) for _, key in standing.recordings)
     messages.note(
-        f"{there} of {count(len(standing.known), 'recording')} condensed; {standing.bytes / 1e6:.1f} MB in all"
+        f"{there} of {count(len(standing.recordings), 'recording')} condensed; {standing.bytes / 1e6:.1f} MB in all"
     )
     for build, known in standing.models.items():
         if not known:
@@ -245,10 +248,10 @@ def tell_standing(messages: Messages, standing: Standing) -> None:
         messages.note(f"{count(len(standing.others), 'recording')} of other fleets or settings; prune removes them")
 
 
-def tell_merged(messages: Messages, other: str, merged: Merged) -> None:
+def tell_merged(messages: Messages, other: str, merged: MergeCounts) -> None:
     """What came out of another store, on stderr."""
     came = f"{count(merged.copied, 'recording')} and {count(merged.models, 'model')} copied"
-    messages.note(f"{other}: {came}; {count(merged.there, 'recording')} were there")
+    messages.note(f"{other}: {came}; {count(merged.present, 'recording')} were there")
     if merged.damaged:
         messages.warning(f"{other}: {count(len(merged.damaged), 'damaged file')} left out")
     if merged.other_models:
@@ -259,7 +262,7 @@ def tell_merged(messages: Messages, other: str, merged: Merged) -> None:
         )
 
 
-def _estimate(name: str, x: Estimate) -> dict[str, float]:
+def _estimate(name: str, x: IntervalEstimate) -> dict[str, float]:
     return {name: x.value, f"{name}_low": x.low, f"{name}_high": x.high}
 
 

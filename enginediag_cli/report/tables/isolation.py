@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from enginediag_cli.fleets.work_scope import WorkScope
     from enginediag_cli.isolation.catalogue import NamedIsolation
     from enginediag_cli.isolation.diagnosis import ComponentIsolation, Diagnosis
-    from enginediag_cli.isolation.results import Class, IsolationResult
+    from enginediag_cli.isolation.results import AmbiguityGroup, SetIsolation
     from enginediag_cli.isolation.windows import IsolatedWindow
     from enginediag_cli.parameters import Parameter
     from enginediag_cli.residuals.windows import WindowStatistics
@@ -91,7 +91,7 @@ class IsolationRow(NamedTuple):
         return self.found.diagnosis
 
     @property
-    def result(self) -> IsolationResult | None:
+    def result(self) -> SetIsolation | None:
         return self.diagnosis.result if self.diagnosis else None
 
     @property
@@ -100,14 +100,14 @@ class IsolationRow(NamedTuple):
 
     @property
     def adequacy(self) -> Adequacy | None:
-        answer = self.components if self.found.by_component else self.diagnosis
+        answer = self.components if self.found.to_components else self.diagnosis
         return answer.adequacy if answer else None
 
     @property
     def verdict(self) -> str:
         """That of the test, or that the answer to what it found does not stand; an instrument that is stuck or
         scatters is a fault whatever the test says of the rest."""
-        stands = self.adequacy is None or self.adequacy.stands
+        stands = self.adequacy is None or self.adequacy.is_listed
         return self.found.verdict.with_instruments if stands else CANNOT_TELL
 
     @property
@@ -124,7 +124,7 @@ class IsolationRow(NamedTuple):
     @property
     def note(self) -> str:
         """Why there is no verdict, or what a bad fit did to the answer."""
-        known = self.found.known
+        known = self.found.meaning
         if self.components is not None:
             larger = "" if self.components.complete else "larger sets of parameters were not considered"
             return "; ".join(filter(None, [reservation(self.components.adequacy, known), larger]))
@@ -135,9 +135,9 @@ class IsolationRow(NamedTuple):
 
 
 of_row: Columns[IsolationRow] = Columns()
-of_class: Columns[Class] = Columns()
+of_class: Columns[AmbiguityGroup] = Columns()
 of_named: Columns[NamedIsolation] = Columns()
-of_result: Columns[IsolationResult] = Columns()
+of_result: Columns[SetIsolation] = Columns()
 of_components: Columns[ComponentIsolation] = Columns()
 of_part: Columns[Any] = Columns()
 
@@ -165,7 +165,7 @@ _TESTED = (
         "probability of such a statistic where nothing changed",
         lambda row: row.found.verdict.test.p_value if row.found.verdict.test else None,
     ),
-    of_row("fit_before", "number?", "χ² per degree of freedom without any answer", _figure(lambda a: a.before)),
+    of_row("fit_before", "number?", "χ² per degree of freedom without any answer", _figure(lambda a: a.fit_before)),
     of_row("fit", "number?", "χ² per degree of freedom that the answer leaves", _figure(lambda a: a.fit)),
     of_row("explained", "number?", "share of the excess χ² that the answer takes away", _figure(lambda a: a.explained)),
     of_row(
@@ -184,7 +184,7 @@ _CLASS = (
         "answers that the data cannot tell apart",
         lambda c: [" & ".join((*c.shared, *member)) for member in c.members],
     ),
-    of_class("would_tell", "texts?", "sensors that would tell the members apart", lambda c: list(c.would_tell)),
+    of_class("would_tell", "texts?", "sensors that would tell the members apart", lambda c: list(c.separating_sensors)),
 )
 _NOTE = of_row("note", "text", "why there is no verdict, or what a bad fit did to the answer")
 _BESIDE = (
@@ -206,7 +206,7 @@ ISOLATE: Table[IsolationRow] = Table(
             "number?",
             "probability that these changed and nothing else that matters; with those of all others and `unlisted`, 1",
         ),
-        *of_row.part(lambda row: row.result and row.result.one_of, _CLASS),
+        *of_row.part(lambda row: row.result and row.result.ambiguity, _CLASS),
         *of_row.part(
             lambda row: row.part,
             (
@@ -230,14 +230,19 @@ ISOLATE: Table[IsolationRow] = Table(
                     "rivals",
                     "texts?",
                     "other sets that cannot be excluded, with their probabilities",
-                    lambda result: with_chances(result.rivals),
+                    lambda result: with_chances(result.alternatives),
                 ),
-                of_result("rivals_left_out", "integer?", "rivals that are not listed"),
+                of_result(
+                    "rivals_left_out",
+                    "integer?",
+                    "rivals that are not listed",
+                    lambda result: result.alternatives_omitted,
+                ),
             ),
         ),
         _NOTE,
         *of_row.part(
-            lambda row: row.diagnosis and row.diagnosis.named,
+            lambda row: row.diagnosis and row.diagnosis.catalogue,
             (
                 of_named(
                     "named",
@@ -264,7 +269,7 @@ ISOLATE: Table[IsolationRow] = Table(
                     "named_rivals",
                     "texts?",
                     "other faults that cannot be excluded",
-                    lambda named: with_chances(named.rivals),
+                    lambda named: with_chances(named.alternatives),
                     only_with="--catalogue",
                 ),
             ),
@@ -311,7 +316,7 @@ COMPONENTS: Table[IsolationRow] = Table(
                 of_components("probability", "number?", "probability of exactly these"),
             ),
         ),
-        *of_row.part(lambda row: row.components and row.components.one_of, _CLASS),
+        *of_row.part(lambda row: row.components and row.components.ambiguity, _CLASS),
         *of_row.part(
             lambda row: row.components,
             (
@@ -329,7 +334,7 @@ COMPONENTS: Table[IsolationRow] = Table(
                     "rivals",
                     "texts?",
                     "other sets of components, with their probabilities",
-                    lambda c: with_chances(c.rivals),
+                    lambda c: with_chances(c.alternatives),
                 ),
             ),
         ),
@@ -354,10 +359,10 @@ def isolated_rows(
     """
     forms = forms or {}
     flips = forms.get("flips")
-    cells = (flip_cells if flips == "nested" else flip_column)(found.flips, words_of(found)) if flips else {}
+    cells = (flip_cells if flips == "nested" else flip_column)(found.sensitivity, words_of(found)) if flips else {}
     restored, asked = work_scope_cells(scope, forms.get("work_scope", ""))
     optional = [*cells, *asked]
-    if found.by_component:
+    if found.to_components:
         yield COMPONENTS.row(IsolationRow(found, None, cells, restored), optional)
         return
     optional += [*(CATALOGUE if catalogue else ()), *(["advice"] if advice and found.diagnosis is not None else [])]
@@ -371,7 +376,7 @@ def _parts(found: IsolatedWindow) -> Iterator[IsolatedPart]:
     if found.diagnosis is not None:
         inclusion = found.diagnosis.result.inclusion
         for s in found.diagnosis.result.sizes:
-            unit = found.known[s.parameter].unit
+            unit = found.meaning[s.parameter].unit
             yield IsolatedPart(s.parameter, inclusion.get(s.parameter), s.change, unit, s.lower, s.upper, s.percent)
     for fault in found.instruments:
         yield IsolatedPart(fault.name, fault.probability, fault.size, split_column(fault.column)[1] or "1")
@@ -380,12 +385,12 @@ def _parts(found: IsolatedWindow) -> Iterator[IsolatedPart]:
 def reservation(adequacy: Adequacy, known: Mapping[str, Parameter]) -> str:
     """Why the answer does not stand; empty where it does."""
 
-    if adequacy.stands:
+    if adequacy.is_listed:
         return ""
     if adequacy.disagreement is not None and adequacy.disagreement.doubtful:
         return wrong_file(adequacy.disagreement)
-    if adequacy.beyond is not None:
-        name, change = adequacy.beyond
+    if adequacy.impossible_change is not None:
+        name, change = adequacy.impossible_change
         return outside_physics(known[name], change, adequacy.unlisted)
     return not_listed(adequacy.fit, adequacy.unlisted)
 
@@ -394,7 +399,7 @@ def words_of(found: IsolatedWindow) -> Callable[[Sequence[str]], list[str]]:
     """How the names of an answer are said: of parameters, else of components."""
 
     def words(names: Sequence[str]) -> list[str]:
-        return [parameter_words(found.known, [n])[0] if n in found.known else spelled(n) for n in names]
+        return [parameter_words(found.meaning, [n])[0] if n in found.meaning else spelled(n) for n in names]
 
     return words
 
@@ -405,11 +410,11 @@ def tell_isolated(messages: Messages, found: IsolatedWindow, scope: WorkScope | 
     of = about(found.verdict)
     tell_instruments(messages, found.verdict)
     if found.components is not None:
-        messages.note(f"{where(found.verdict)}: {component_sentence(found.components, found.known)}", **of)
-    elif not found.by_component:
-        tell(messages, found.verdict, found.diagnosis, found.known, next_recording(found.advice))
-    if found.flips is not None and found.named:
-        messages.note(f"{where(found.verdict)}: {flips_sentence(found.flips, words_of(found))}")
+        messages.note(f"{where(found.verdict)}: {component_sentence(found.components, found.meaning)}", **of)
+    elif not found.to_components:
+        tell(messages, found.verdict, found.diagnosis, found.meaning, next_recording(found.advice))
+    if found.sensitivity is not None and found.named:
+        messages.note(f"{where(found.verdict)}: {flips_sentence(found.sensitivity, words_of(found))}")
     for sentence in work_scope_sentences(scope) if scope is not None else ():
         messages.note(f"{where(found.verdict)}: {sentence}")
 
@@ -420,7 +425,7 @@ def tell_instruments(messages: Messages, verdict: Verdict) -> None:
         messages.note(f"{where(verdict)}: {instrument_fault(fault)}", **about(verdict))
 
 
-def _forms(result: IsolationResult, known: Mapping[str, Parameter]) -> list[str]:
+def _forms(result: SetIsolation, known: Mapping[str, Parameter]) -> list[str]:
     """Of which instruments these records do not separate the forms of the error, and which are possible."""
 
     found = []
@@ -474,30 +479,30 @@ def tell(
         messages.note(f"{here}: {caution}", **of)
     if verdict.window.doubtful:  # what would explain a right file says nothing of this one
         return
-    leading = "" if diagnosis.adequacy.stands else "leading, but not to be relied on: "
-    left = unexplained(diagnosis.adequacy.before, diagnosis.adequacy.fit, diagnosis.adequacy.explained)
+    leading = "" if diagnosis.adequacy.is_listed else "leading, but not to be relied on: "
+    left = unexplained(diagnosis.adequacy.fit_before, diagnosis.adequacy.fit, diagnosis.adequacy.explained)
     nothing = "no further change that matters" if verdict.window.instruments else "no change that matters"
     what = "; ".join([*changes, "nothing else that matters"] if changes and alone else changes) or nothing
     messages.note(f"{here}: {leading}{what}{alone}{left and f'; {left}'}", **of)
     for sentence in _forms(result, known):
         messages.note(f"{here}: {sentence}", **of)
-    if result.one_of is not None:
-        messages.note(f"{here}: {one_of(result.one_of, lambda names: parameter_words(known, names))}", **of)
+    if result.ambiguity is not None:
+        messages.note(f"{here}: {one_of(result.ambiguity, lambda names: parameter_words(known, names))}", **of)
     if diagnosis.nonlinear:
         messages.note(f"{here}: a large change, judged with the full model", **of)
-    if diagnosis.rivalry is not None and result.one_of is None:  # else it is told among the members
-        r = diagnosis.rivalry
+    if diagnosis.sensor_ambiguity is not None and result.ambiguity is None:  # else it is told among the members
+        r = diagnosis.sensor_ambiguity
         sensors, components, shared = (parameter_words(known, each) for each in (r.sensors, r.components, r.shared))
-        rivalry = sensor_or_component(sensors, components, r.of_sensors, r.of_components, shared)
+        rivalry = sensor_or_component(sensors, components, r.p_sensors, r.p_components, shared)
         messages.note(f"{here}: {rivalry}", **of)
-    if result.rivals:
-        rivals = [" & ".join(r.parameters) or "no change" for r in result.rivals[:3]]
-        more = len(result.rivals) - len(rivals) + result.rivals_left_out
+    if result.alternatives:
+        rivals = [" & ".join(r.parameters) or "no change" for r in result.alternatives[:3]]
+        more = len(result.alternatives) - len(rivals) + result.alternatives_omitted
         behind = f" and {more} more" if more else ""
         share = f" (with the answer, {100 * result.coverage:.3g} % in all)" if result.inclusion else ""
         messages.note(f"{here}: not excluded either: {'; '.join(rivals)}{behind}{share}", **of)
-    if diagnosis.named is not None:
-        messages.note(f"{here}: {_named_sentence(diagnosis.named, known)}", **of)
+    if diagnosis.catalogue is not None:
+        messages.note(f"{here}: {_named_sentence(diagnosis.catalogue, known)}", **of)
     for sentence in advice:
         messages.note(f"{here}: {sentence}", **of)
 
@@ -511,8 +516,8 @@ def _named_sentence(named: NamedIsolation, known: Mapping[str, Parameter]) -> st
         sentence = f"none of the catalogue's faults (probability {probability(named.unlisted)})"
     else:
         sentence = f"no fault of the catalogue (probability {probability(named.probability)})"
-    if named.rivals:
-        rival = named.rivals[0]
+    if named.alternatives:
+        rival = named.alternatives[0]
         name = listed([known[n].words if n in known else spelled(n) for n in rival.parameters]) or "no fault"
         sentence += f"; next: {name} ({probability(rival.probability)})"
     return sentence
@@ -525,16 +530,18 @@ def component_sentence(found: ComponentIsolation, known: Mapping[str, Parameter]
         return listed([spelled(c) for c in components]) or "no component"
 
     sentence = f"{words(found.components)} changed (probability {probability(found.probability)})"
-    if found.perhaps:
-        besides = [f"{spelled(c)} ({probability(found.inclusion[c])})" for c in found.perhaps]
-        sentence = f"{words(found.components)} changed (probability {probability(found.all_of_them)})"
+    if found.possible:
+        besides = [f"{spelled(c)} ({probability(found.inclusion[c])})" for c in found.possible]
+        sentence = f"{words(found.components)} changed (probability {probability(found.p_all)})"
         sentence += f", perhaps {listed(besides)} as well; exactly this: probability {probability(found.probability)}"
-    if found.rivals:
-        sentence += f"; next: {words(found.rivals[0].parameters)} ({probability(found.rivals[0].probability)})"
-    if found.one_of is not None:
-        sentence += f"; {one_of(found.one_of, lambda names: [spelled(c) for c in names])}"
-    left = unexplained(found.adequacy.before, found.adequacy.fit, found.adequacy.explained)
+    if found.alternatives:
+        sentence += (
+            f"; next: {words(found.alternatives[0].parameters)} ({probability(found.alternatives[0].probability)})"
+        )
+    if found.ambiguity is not None:
+        sentence += f"; {one_of(found.ambiguity, lambda names: [spelled(c) for c in names])}"
+    left = unexplained(found.adequacy.fit_before, found.adequacy.fit, found.adequacy.explained)
     sentence += left and f"; {left}"
     caution = reservation(found.adequacy, known)
-    leading = "" if found.adequacy.stands else "leading, but not to be relied on: "
+    leading = "" if found.adequacy.is_listed else "leading, but not to be relied on: "
     return f"{caution}; {leading}{sentence}" if caution else sentence

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from enginediag_cli.fleets.findings import Estimate
+from enginediag_cli.fleets.findings import IntervalEstimate
 from enginediag_cli.fleets.work_scope import POWER
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.report.messages import Messages
@@ -25,8 +25,8 @@ from enginediag_cli.units import split_column
 if TYPE_CHECKING:
     from enginediag_cli.detection.series import Series, Stretch
     from enginediag_cli.fleets.findings import EventRow, Margin
-    from enginediag_cli.fleets.maintenance import Brought, Followed, Margins
-    from enginediag_cli.fleets.work_scope import Gain, Reference
+    from enginediag_cli.fleets.maintenance import EngineMargin, EventEffect, SeriesMargins
+    from enginediag_cli.fleets.work_scope import Gain, PowerReference
     from enginediag_cli.parameters import Parameter
     from enginediag_cli.report.plotting.fleet import MarginFound
 
@@ -49,14 +49,14 @@ def with_ends(name: str) -> tuple[str, str, str]:
 class MarginRow(NamedTuple):
     """What a row of the margin is about: a flight, an event of maintenance, or the engine as a whole."""
 
-    followed: Followed
+    followed: EngineMargin
     row: str
     number: int
     stretches: Sequence[Stretch]
-    used: Estimate = Estimate()
-    left: Estimate = Estimate()
+    used: IntervalEstimate = IntervalEstimate()
+    left: IntervalEstimate = IntervalEstimate()
     event: EventRow | None = None
-    brought: Brought | None = None
+    brought: EventEffect | None = None
     known: Mapping[str, Parameter] = {}
 
     @property
@@ -73,7 +73,7 @@ class MarginRow(NamedTuple):
         return self.stretches[self.number - 1].window if self.number else None
 
     @property
-    def gain(self) -> tuple[Gain, Reference] | None:
+    def gain(self) -> tuple[Gain, PowerReference] | None:
         found, reference = self.brought, self.followed.reference
         return None if found is None or found.gain is None or reference is None else (found.gain, reference)
 
@@ -82,7 +82,7 @@ class MarginRow(NamedTuple):
         if self.gain is None:
             return None
         _, reference = self.gain
-        held = "power" if reference.held == POWER else "thrust"
+        held = "power" if reference.held_column == POWER else "thrust"
         return f"{split_column(reference.temperature)[0]} at equal {held}, {reference.words}"
 
     @property
@@ -92,10 +92,10 @@ class MarginRow(NamedTuple):
         return self.whole.reason if self.whole else None
 
 
-def _gain_in(row: MarginRow, value: str, low: str, high: str) -> Estimate:
+def _gain_in(row: MarginRow, value: str, low: str, high: str) -> IntervalEstimate:
     """Cells of what maintenance gained."""
     cells = gain_cells(*row.gain) if row.gain else {}
-    return Estimate(*(cells.get(name, math.nan) for name in (value, low, high)))
+    return IntervalEstimate(*(cells.get(name, math.nan) for name in (value, low, high)))
 
 
 def _known(value: float) -> float | None:
@@ -108,14 +108,14 @@ _OF_FLIGHTS = "of all flights together; in a row of a flight, by that flight alo
 
 
 def _estimate(
-    name: str, help: str, get: Callable[[MarginRow], Estimate | None], unit: str, level: str = "95 %"
+    name: str, help: str, get: Callable[[MarginRow], IntervalEstimate | None], unit: str, level: str = "95 %"
 ) -> tuple[Column, ...]:
     """A column and those of its interval."""
     helps = (help, f"lower end of its {level} interval", f"upper end of its {level} interval")
-    ends: tuple[Callable[[Estimate], float], ...] = (lambda x: x.value, lambda x: x.low, lambda x: x.high)
+    ends: tuple[Callable[[IntervalEstimate], float], ...] = (lambda x: x.value, lambda x: x.low, lambda x: x.high)
 
-    def cell(end: Callable[[Estimate], float]) -> Callable[[MarginRow], float | None]:
-        return lambda row: _known(end(get(row) or Estimate()))
+    def cell(end: Callable[[IntervalEstimate], float]) -> Callable[[MarginRow], float | None]:
+        return lambda row: _known(end(get(row) or IntervalEstimate()))
 
     columns = zip(with_ends(name), helps, ends, strict=True)
     return tuple(of_margin(n, "number?", words, cell(end), unit) for n, words, end in columns)
@@ -227,7 +227,7 @@ MARGIN: Table[MarginRow] = Table(
 )
 
 
-def margin_rows(margins: Margins) -> Iterator[dict[str, Any]]:
+def margin_rows(margins: SeriesMargins) -> Iterator[dict[str, Any]]:
     """Rows of all engines: what is left, flight by flight, what maintenance gave back, and how long it lasts."""
     known = margins.series.known
     for followed in margins.engines.values():
@@ -237,23 +237,23 @@ def margin_rows(margins: Margins) -> Iterator[dict[str, Any]]:
             if math.isfinite(flight.consumed_K):
                 used, half = flight.consumed_K, NORMAL_95 * flight.consumed_error_K
                 taken, left = (
-                    Estimate(used, used - half, used + half),
-                    Estimate(whole - used, whole - (used + half), whole - (used - half)),
+                    IntervalEstimate(used, used - half, used + half),
+                    IntervalEstimate(whole - used, whole - (used + half), whole - (used - half)),
                 )
                 yield MARGIN.row(MarginRow(followed, FLIGHT, flight.number, stretches, taken, left))
-        for event, brought in zip(finding.events, followed.brought, strict=True):
+        for event, brought in zip(finding.events, followed.effects, strict=True):
             row = MarginRow(followed, MAINTENANCE, event.number, stretches, event=event, brought=brought, known=known)
             yield MARGIN.row(row)
         taken, left = finding.margin.consumed_K, finding.margin.now_K
         yield MARGIN.row(MarginRow(followed, WHOLE, len(stretches), stretches, taken, left))
 
 
-def tell_margins(messages: Messages, margins: Margins) -> None:
+def tell_margins(messages: Messages, margins: SeriesMargins) -> None:
     """Margins, what maintenance brought, and what is odd about the events, in words."""
     for engine, one in margins.engines.items():
         name = f"engine {engine}: " if engine else ""
         messages.note(f"{name}{margin_words(one.finding.margin)}")
-        for event, brought in zip(one.finding.events, one.brought, strict=True):
+        for event, brought in zip(one.finding.events, one.effects, strict=True):
             messages.note(f"{name}{_maintenance_words(event, brought, one.reference, margins.series)}")
     if margins.learnt_K is not None:
         messages.note(taken_off_words(margins.learnt_K))
@@ -266,17 +266,17 @@ def taken_off_words(limit_K: tuple[float, float]) -> str:
     return "engines were taken off with {:.0f} K of their margin lost, give or take {:.0f} K".format(*limit_K)
 
 
-def odd_events(margins: Margins) -> Iterator[str]:
+def odd_events(margins: SeriesMargins) -> Iterator[str]:
     """Events of engines or flights that no recording has."""
-    if margins.others:
-        yield f"events name engines of which there is no recording: {', '.join(margins.others)}"
+    if margins.unknown_engines:
+        yield f"events name engines of which there is no recording: {', '.join(margins.unknown_engines)}"
     for engine, one in margins.engines.items():
         name = f"engine {engine}: " if engine else ""
-        for flight, hint in one.unknown.items():
+        for flight, hint in one.unknown_flights.items():
             yield f"{name}maintenance before flight {flight!r}, which is not recorded; {hint}"
 
 
-def _maintenance_words(event: EventRow, found: Brought, reference: Reference | None, series: Series) -> str:
+def _maintenance_words(event: EventRow, found: EventEffect, reference: PowerReference | None, series: Series) -> str:
     """For instance "wash before flight 15: compressor isentropic efficiency rose by 1.0 % ± 0.4 %; it lowered T5 by
     8 K ± 3 K and lowered fuel flow by 0.9 % ± 0.3 % at equal thrust (design point)"."""
     what = maintained(event.event.kind, event.event.component)
@@ -290,7 +290,7 @@ def _maintenance_words(event: EventRow, found: Brought, reference: Reference | N
     return f"{head}: {listed(parts)}; it {gain_words(found.gain, reference)}"
 
 
-def changes(found: Brought, known: Mapping[str, Parameter]) -> list[str]:
+def changes(found: EventEffect, known: Mapping[str, Parameter]) -> list[str]:
     """What each parameter gained, in words."""
     sizes = zip(found.names, found.change, found.deviation, strict=True)
     return [change(known[name], size, NORMAL_95 * error) for name, size, error in sizes]
@@ -308,7 +308,7 @@ def margin_words(m: Margin | MarginFound) -> str:
         mend = f": --limit {m.column} KELVIN states it" if m.reason == NO_LIMIT else ""
         return f"{used}; cannot tell how much is left, because {m.reason or NO_LIMIT}{mend}"
     if m.now_K.value <= 0:
-        over = Estimate(-m.now_K.value, -m.now_K.high, -m.now_K.low)
+        over = IntervalEstimate(-m.now_K.value, -m.now_K.high, -m.now_K.low)
         return f"{quantity} has passed its limit of {m.limit_K:g} K by {_size(over)} at the reference condition"
     told = f"{quantity} margin {_size(m.now_K)} to the limit of {m.limit_K:g} K"
     if m.reason:
@@ -316,7 +316,7 @@ def margin_words(m: Margin | MarginFound) -> str:
     return f"{told}; {remaining_words(m.remaining_flights)}"
 
 
-def remaining_words(left: Estimate, until: str = "to it") -> str:
+def remaining_words(left: IntervalEstimate, until: str = "to it") -> str:
     """Flights to the limit with their 90 % interval; `until`: what the limit is called."""
     if not math.isfinite(left.value):
         begin = f", 90 %: not before {rounded(left.low)} flights" if math.isfinite(left.low) else ""
@@ -325,5 +325,5 @@ def remaining_words(left: Estimate, until: str = "to it") -> str:
     return f"{count(round(left.value), 'flight')} {until} (90 %: {left.low:,.0f} to {end})"
 
 
-def _size(x: Estimate) -> str:
+def _size(x: IntervalEstimate) -> str:
     return with_unit(x.value, "K", (x.high - x.low) / 2)

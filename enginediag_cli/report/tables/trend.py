@@ -25,7 +25,7 @@ from enginediag_cli.report.tables.answers import WORK_SCOPE, work_scope_cells
 if TYPE_CHECKING:
     from enginediag_cli.detection.series import Series, Stretch
     from enginediag_cli.fleets.work_scope import WorkScope
-    from enginediag_cli.isolation.events import Event, Member, Story
+    from enginediag_cli.isolation.events import EventSuspect, SeriesDiagnosis, SeriesEvent
 
 
 LEAST_INCLUSION = 0.01
@@ -59,10 +59,10 @@ class TrendRow(NamedTuple):
     """What a row is about: the series of an engine, an event in it, one of its suspects and a parameter of that."""
 
     engine: str
-    story: Story
+    story: SeriesDiagnosis
     series: Series
-    event: Event | None = None
-    member: Member | None = None
+    event: SeriesEvent | None = None
+    member: EventSuspect | None = None
     parameter: str = ""
     work_scope: Any = None
 
@@ -100,7 +100,7 @@ class TrendRow(NamedTuple):
     def kind(self) -> str:
         if self.event is not None:
             return self.event.kind
-        return CANNOT_TELL if self.story.from_the_first or self.story.verdict == CANNOT_TELL else "steady"
+        return CANNOT_TELL if self.story.differs_from_start or self.story.verdict == CANNOT_TELL else "steady"
 
     @property
     def rivals(self) -> list[str]:
@@ -109,13 +109,13 @@ class TrendRow(NamedTuple):
         return _with_chances(self.event, [m for m in suspects if self.member and m.component != self.member.component])
 
 
-def _with_chances(event: Event | None, members: Sequence[Member]) -> list[str]:
+def _with_chances(event: SeriesEvent | None, members: Sequence[EventSuspect]) -> list[str]:
     chance = event.probability if event else 1.0
     return [f"{m.component} ({chance * m.probability:.2g})" for m in members]
 
 
 of_row: Columns[TrendRow] = Columns()
-of_story: Columns[Story] = Columns()
+of_story: Columns[SeriesDiagnosis] = Columns()
 of_onset: Columns[Onset] = Columns()
 of_size: Columns[Size] = Columns()
 of_part: Columns[Any] = Columns()
@@ -251,7 +251,7 @@ EVENTS: Table[TrendRow] = Table(
 
 
 def trend_rows(
-    engine: str, story: Story, series: Series, scope: WorkScope | None = None, form: str = ""
+    engine: str, story: SeriesDiagnosis, series: Series, scope: WorkScope | None = None, form: str = ""
 ) -> Iterator[dict[str, Any]]:
     """One row per parameter: those of the suspects of each event, then the steady ones. form: of what restoring would
     bring, "" without, "cell" as text, "nested" in full."""
@@ -271,7 +271,7 @@ def trend_rows(
 
 
 def component_rows(
-    engine: str, story: Story, series: Series, scope: WorkScope | None = None, form: str = ""
+    engine: str, story: SeriesDiagnosis, series: Series, scope: WorkScope | None = None, form: str = ""
 ) -> Iterator[dict[str, Any]]:
     """One row per event, with the component or the class of components; one alone where nothing changed or it cannot be
     told whether anything did, with the suspects as rivals. form: as of `trend_rows`."""
@@ -339,7 +339,7 @@ def tell_instruments_in_flights(messages: Messages, series: Series) -> None:
             messages.note(f"{name}{instrument_in_flights(found)}", engine=engine)
 
 
-def tell_story(messages: Messages, engine: str, story: Story, series: Series) -> None:
+def tell_story(messages: Messages, engine: str, story: SeriesDiagnosis, series: Series) -> None:
     """What happened during a series, in words."""
     name = f"engine {engine}: " if engine else ""
     if not story.converged:
@@ -350,7 +350,7 @@ def tell_story(messages: Messages, engine: str, story: Story, series: Series) ->
             f"follows, {story.fit.after:.3g} after",
             engine=engine,
         )
-    if story.from_the_first:
+    if story.differs_from_start:
         messages.warning(
             f"{name}differs from nominal from the first flight on ({len(story.departures)} of {story.flights} flights):"
             " another engine, a column or unit read wrong, or a change before that; check and isolate say more",
@@ -398,7 +398,7 @@ def tell_story(messages: Messages, engine: str, story: Story, series: Series) ->
             messages.note(f"{name}{since}: cannot tell: {each}", engine=engine)
 
 
-def _since(event: Event, stretches: Sequence[Stretch]) -> str:
+def _since(event: SeriesEvent, stretches: Sequence[Stretch]) -> str:
     """When it began: flights by their labels, else seconds, else lines, with the interval."""
     at, low, high = (stretches[k - 1].window for k in (event.onset, event.low, event.high))
     word = "at once, from" if event.kind == "step" else "growing, from"
