@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 import pytest
-from blocks import ROOT, SHARED, Workplace, alike, blocks, difference, documents, made, sessions, steps
+from blocks import ROOT, SHARED, Workplace, blocks, difference, documents, matches, output_of, sessions, steps
 
 from enginediag_cli.cli.main import enginediag
 
@@ -32,8 +32,8 @@ def test_a_figure_is_what_the_command_above_it_prints(group, tmp_path):
     if any(b.needs_data for b in group) and not SHARED.is_dir():
         pytest.skip("public data not found beside the checkout; put it in ../shared or set ENGINEDIAG_SHARED")
     place = Workplace(tmp_path)
-    told = [difference(b.text, made(b, place)) for b in group]
-    assert not any(told), "\n".join(told) + "\n(python tests/documents/blocks.py --write puts it right)"
+    wrong = [difference(b.text, output_of(b, place)) for b in group]
+    assert not any(wrong), "\n".join(wrong) + "\n(python tests/documents/blocks.py --write puts it right)"
 
 
 @pytest.mark.parametrize("group", [marked(g) for g in FOUND if not all(b.compared for b in g)])
@@ -141,9 +141,9 @@ class TestTheComparison:
         assert difference(["| a | 12 |"], ["| a | 13 |"]) == "stated:  | a | 12 |\nprinted: | a | 13 |"
 
     def test_the_last_digit_of_a_measured_number_may_move_by_one_and_a_count_may_not(self):
-        assert alike("χ² 1.123, 4.9e-03", "χ² 1.124, 4.8e-03")
-        assert not alike("χ² 1.123", "χ² 1.125")
-        assert not alike("7 of 44", "8 of 44")
+        assert matches("χ² 1.123, 4.9e-03", "χ² 1.124, 4.8e-03")
+        assert not matches("χ² 1.123", "χ² 1.125")
+        assert not matches("7 of 44", "8 of 44")
 
     def test_lines_left_out_are_marked(self):
         assert difference(["a", "[…]", "d"], ["a", "b", "c", "d"]) == ""
@@ -161,7 +161,7 @@ class TestTheComparison:
         (tmp_path / "place").mkdir()
         [b] = blocks(document)
         assert steps(b.text) == [("echo 1 \\\n    2 >kept", []), ("cat kept", ["1 2"])]
-        assert difference(b.text, made(b, Workplace(tmp_path / "place"))) == ""
+        assert difference(b.text, output_of(b, Workplace(tmp_path / "place"))) == ""
 
     def test_a_comment_with_nothing_below_it_is_a_mistake(self, tmp_path):
         document = tmp_path / "d.md"

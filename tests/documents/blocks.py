@@ -201,7 +201,7 @@ class Workplace:
         return [line.rstrip() for line in (done.stdout + done.stderr).splitlines() if line.strip()]
 
 
-def made(block: Block, place: Workplace) -> list[str]:
+def output_of(block: Block, place: Workplace) -> list[str]:
     """The block as its commands make it now; of a transcript with its `$` lines. A file is written and is as it is."""
     if block.path:
         (place.top / block.path).write_text("".join(f"{line}\n" for line in block.text), encoding="utf-8")
@@ -226,25 +226,25 @@ def sessions(found: Sequence[Block]) -> Iterator[list[Block]]:
 
 
 def difference(stated: Sequence[str], printed: Sequence[str]) -> str:
-    """Empty where the block is what was printed, else the first line that is not, and what there is instead."""
-    told = [line.rstrip() for line in stated if line.strip()]
-    there = [line.rstrip() for line in printed if line.strip()]
+    """Empty where the block is what was printed, else the first line that is not, and what actual is instead."""
+    expected = [line.rstrip() for line in stated if line.strip()]
+    actual = [line.rstrip() for line in printed if line.strip()]
     j, skipping = 0, False
-    for line in told:
+    for line in expected:
         if line.strip() == LEFT_OUT:
             skipping = True
             continue
-        while skipping and j < len(there) and not alike(line, there[j]):
+        while skipping and j < len(actual) and not matches(line, actual[j]):
             j += 1
-        if j == len(there):
+        if j == len(actual):
             return f"not printed: {line}"
-        if not alike(line, there[j]):
-            return f"stated:  {line}\nprinted: {there[j]}"
+        if not matches(line, actual[j]):
+            return f"stated:  {line}\nprinted: {actual[j]}"
         j, skipping = j + 1, False
-    return "" if skipping or j == len(there) else f"printed, too: {there[j]}"
+    return "" if skipping or j == len(actual) else f"printed, too: {actual[j]}"
 
 
-def alike(stated: str, printed: str) -> bool:
+def matches(stated: str, printed: str) -> bool:
     """Same words, same counts, and other numbers the same but for one in the last digit."""
     if stated == printed:
         return True
@@ -294,24 +294,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 1 if wrong else 0
 
 
-def mended(text: Sequence[str], printed: Sequence[str]) -> list[str]:
+def refill(text: Sequence[str], printed: Sequence[str]) -> list[str]:
     """The block's lines with, for each, the printed line that is most like it; `[…]` stays where it is."""
     found, j = [], 0
     for line in text:
         if line.strip() == LEFT_OUT:
             found.append(line)
             continue
-        alikeness = [SequenceMatcher(None, line, other).ratio() for other in printed[j:]]
-        if alikeness:
-            j += alikeness.index(max(alikeness)) + 1
+        likeness = [SequenceMatcher(None, line, other).ratio() for other in printed[j:]]
+        if likeness:
+            j += likeness.index(max(likeness)) + 1
             found.append(printed[j - 1])
     return found
 
 
-def _put(block: Block, printed: Sequence[str]) -> None:
+def _write_block(block: Block, printed: Sequence[str]) -> None:
     """Writes what was printed into the document, which may have changed above the block since it was read."""
     if any(line.strip() == LEFT_OUT for line in block.text):
-        printed = mended(block.text, printed)
+        printed = refill(block.text, printed)
         print(f"{block.name}: lines are left out; see that the right ones were kept")
     what = (block.marks, block.command, block.session, block.text)
     now = next(x for x in blocks(block.document, unfinished=True) if (x.marks, x.command, x.session, x.text) == what)
@@ -328,14 +328,14 @@ def _group(group: Sequence[Block], write: bool) -> int:
         place = Workplace(Path(folder))
         changed = []
         for b in group:
-            printed = made(b, place)
-            told = difference(b.text, printed)
-            print(f"{b.name}: {'as printed' if not told else told}", flush=True)
-            if told and write:
+            printed = output_of(b, place)
+            wrong_line = difference(b.text, printed)
+            print(f"{b.name}: {'as printed' if not wrong_line else wrong_line}", flush=True)
+            if wrong_line and write:
                 changed.append((b, printed))
-            wrong += bool(told)
+            wrong += bool(wrong_line)
     for b, printed in changed:
-        _put(b, printed)
+        _write_block(b, printed)
     return wrong
 
 
