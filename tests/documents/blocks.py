@@ -226,7 +226,7 @@ def sessions(found: Sequence[Block]) -> Iterator[list[Block]]:
 
 
 def difference(stated: Sequence[str], printed: Sequence[str]) -> str:
-    """Empty where the block is what was printed, else the first line that is not, and what actual is instead."""
+    """Empty where the block is what was printed, else the first line that differs, and what was printed instead."""
     expected = [line.rstrip() for line in stated if line.strip()]
     actual = [line.rstrip() for line in printed if line.strip()]
     j, skipping = 0, False
