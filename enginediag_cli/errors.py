@@ -69,10 +69,10 @@ class ConfigError(EngineDiagError, ValueError):
 
     def __init__(self, problems: Sequence[Problem]):
         self.problems = tuple(problems)
-        super().__init__("\n".join([*(str(p) for p in self.told), *([self.rest] if self.rest else [])]))
+        super().__init__("\n".join([*(str(p) for p in self.shown_problems), *([self.rest] if self.rest else [])]))
 
     @property
-    def told(self) -> tuple[Problem, ...]:
+    def shown_problems(self) -> tuple[Problem, ...]:
         return self.problems[:MOST_PROBLEMS]
 
     @property

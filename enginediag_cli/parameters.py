@@ -81,7 +81,7 @@ class Parameter:
         """Whether it seldom changes, and by itself: an instrument or an actuator, which do not wear with the engine."""
         return self.of_instrument or self.family == "actuator"
 
-    def moved(self, nominal: float) -> Parameter:
+    def with_nominal(self, nominal: float) -> Parameter:
         """The same parameter with another nominal value, as identified."""
         roams = self.roams
         if roams is not None and self.proportional:

@@ -243,16 +243,16 @@ def split_header(header: str) -> tuple[str, str]:
     for opening, closing in (("[", "]"), ("(", ")"), ("{", "}")):
         if bare.endswith(closing) and opening in bare:
             quantity, unit = bare[:-1].rsplit(opening, 1)
-            if _known(unit.strip()) and quantity.strip():
+            if _is_unit(unit.strip()) and quantity.strip():
                 return quantity.strip(" _-"), unit.strip()
     for separator in (", ", " ", "/"):
         quantity, _, unit = bare.partition(separator) if separator == "/" else bare.rpartition(separator)
-        if quantity.strip() and _known(unit.strip()) and unit.strip() not in _NOT_SUFFIXES:
+        if quantity.strip() and _is_unit(unit.strip()) and unit.strip() not in _NOT_SUFFIXES:
             return quantity.strip(" _-,"), unit.strip()
     return split_column(bare)
 
 
-def _known(unit: str) -> bool:
+def _is_unit(unit: str) -> bool:
     return unit in UNITS or unit in ALIASES
 
 

@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from enginediag_cli.api.identification import *  # noqa: F403
     from enginediag_cli.api.inputs import *  # noqa: F403
     from enginediag_cli.api.isolation import *  # noqa: F403
-    from enginediag_cli.api.over_time import *  # noqa: F403
     from enginediag_cli.api.refinement import *  # noqa: F403
     from enginediag_cli.api.reporting import *  # noqa: F403
     from enginediag_cli.api.results import *  # noqa: F403
     from enginediag_cli.api.simulation import *  # noqa: F403
+    from enginediag_cli.api.trends import *  # noqa: F403
 
 MODULES = (
     "inputs",
@@ -26,7 +26,7 @@ MODULES = (
     "identification",
     "detection",
     "isolation",
-    "over_time",
+    "trends",
     "fleets",
     "discrepancy",
     "refinement",

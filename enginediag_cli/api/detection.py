@@ -1,4 +1,4 @@
-"""`residual`, `detect` and `follow`: recordings held against a nominal engine, window by window."""
+"""`residual`, `detect` and `follow`: recordings compared with a nominal engine, window by window."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from enginediag_cli.api.inputs import (
     Comparison,
     NominalLike,
     RecordingsLike,
-    as_recordings,
     compare,
     open_intake,
-    tell_files,
+    report_exclusions,
+    resolve_recordings,
 )
 from enginediag_cli.api.results import Picture, Result, Row
 from enginediag_cli.errors import UsageError
@@ -78,7 +78,7 @@ class ResidualResult(Result):
 
     def _compute(self) -> Iterator[Row]:
         yield from self._records() if self._what == "records" else self._statistics()
-        tell_files(self.messages, self._files)
+        report_exclusions(self.messages, self._files)
 
     def _statistics(self) -> Iterator[Row]:
         from enginediag_cli.residuals.files import made_with
@@ -121,7 +121,7 @@ def residual(
     sensors : bool
         Statistics of the error of every sensor, too, for `isolate`.
     messages : Messages, optional
-        Receives notes and warnings; they are collected when not given.
+        Receives notes and warnings; by default they are collected in the result.
     stream : bool
         Compute rows only as they are read, in bounded memory.
     **windows
@@ -148,13 +148,13 @@ class VerdictResult(Result):
     _files: JudgedFiles
 
     def _verdicts(self, windows: Iterable[Judged]) -> Iterator[tuple[int, Judged]]:
-        """The windows, numbered from 1, as they are counted; what is said of all of them comes after the last."""
+        """Count the windows, numbered from 1; report the counts after the last."""
         tally: Counter[str] = Counter()
         for window in windows:
             tally[window.verdict] += 1
-            self.found, self.judged = tally["fault"], tally.total() - tally["no verdict"]
+            self.findings, self.judged = tally["fault"], tally.total() - tally["no verdict"]
             yield tally.total(), window
-        tell_files(self.messages, self._files)
+        report_exclusions(self.messages, self._files)
         counted = ", ".join(f"{n} {what}" for what, n in sorted(tally.items())) or "no window"
         self.messages.note(counted, counts=dict(tally))
 
@@ -190,7 +190,7 @@ class DetectionResult(VerdictResult):
             yield DETECT.row(verdict, DETECTABLE if self._detectable else ())
 
     def plot(self) -> Picture:
-        """The statistic of every window over its threshold. Raises NoVerdictError where nothing was judged."""
+        """Draw the statistic of every window over its threshold. Raises NoVerdictError where nothing was judged."""
         from enginediag_cli.report.plotting.models import of_detection, svg_of
 
         return Picture(svg_of(of_detection(self.rows)))
@@ -225,7 +225,7 @@ def detect(
     must_show : sequence of (str, float), or "none"
         Healthy is only a window that would have shown such a change, (pattern, size in the parameter's unit).
     messages : Messages, optional
-        Receives notes and warnings; they are collected when not given.
+        Receives notes and warnings; by default they are collected in the result.
     stream : bool
         Compute rows only as they are read, in bounded memory.
     **windows
@@ -284,7 +284,7 @@ class FollowResult(Result):
         for report in following.reports():
             alarms[report.key] = report.alarm
             tell_new_instruments(self.messages, report, wrong.setdefault(report.key, set()))
-            self.found = sum(alarms.values()) + sum(map(bool, wrong.values()))
+            self.findings = sum(alarms.values()) + sum(map(bool, wrong.values()))
             self.judged += 0 if report.reason else report.judged
             yield FOLLOW.row(report)
         tell_mismatches(self.messages, intake.mismatches)
@@ -320,7 +320,7 @@ def follow(
     idle_s : float
         A file to which nothing is added for so long has ended [s].
     messages : Messages, optional
-        Receives notes and warnings; they are collected when not given.
+        Receives notes and warnings; by default they are collected in the result.
     stream : bool
         Rows come as the flight does; without it, when it has ended.
     **windows
@@ -351,7 +351,7 @@ class MethodResult(VerdictResult):
         self._monitor = monitor
         self._method = chosen_method(name, comparison.judging.linearise)
         self._files = files = comparison.files(monitor)
-        self._fitted = self._learnt(as_recordings(tuple(healthy)) if self._method.learns else None)
+        self._fitted = self._learnt(resolve_recordings(tuple(healthy)) if self._method.learns else None)
         notes = {"method": self._method.name, "false_alarm": str(false_alarm)}
         head = comparison.head("detect", BY_METHOD, files.intake, notes, configs=tuple(healthy), judging=Judging())
         super().__init__(table=BY_METHOD, head=head, messages=comparison.messages)
@@ -417,7 +417,7 @@ def detect_by_method(
     false_alarm : float
         Probability of a false alarm of the method [1].
     messages : Messages, optional
-        Receives notes and warnings; they are collected when not given.
+        Receives notes and warnings; by default they are collected in the result.
     stream : bool
         Compute rows only as they are read, in bounded memory.
     **windows
@@ -436,14 +436,14 @@ def detect_by_method(
 
 
 def method_names() -> Mapping[str, str]:
-    """Names of the methods of `detect_by_method`, with a line of help each."""
+    """Return the names of the methods of `detect_by_method`, each with its help."""
     from enginediag_cli.methods.registry import METHODS
 
     return {name: method.help for name, method in METHODS.items()}
 
 
 def chosen_method(name: str, linearise: str = "estimate") -> Method:
-    """A method with its choices. Raises UsageError, with the nearest name."""
+    """Find a method by name. Raises UsageError, with the nearest name."""
     from enginediag_cli.methods.registry import METHODS
 
     if name not in METHODS:

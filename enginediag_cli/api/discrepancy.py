@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.api.inputs import EngineLike, NominalLike, RecordingsLike, as_baseline, as_recordings
+from enginediag_cli.api.inputs import EngineLike, NominalLike, RecordingsLike, resolve_baseline, resolve_recordings
 from enginediag_cli.api.results import DocumentResult, MessageLog, Picture, Result, Row
 from enginediag_cli.errors import DataError, NoVerdictError, UsageError
 from enginediag_cli.report.messages import Messages
@@ -34,7 +34,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """What counts as missing physics, and what it may vary with.
+    """What counts as missing physics, and what it may depend on.
 
     Attributes
     ----------
@@ -43,12 +43,12 @@ class SearchOptions:
     false_finding : float
         Probability of finding something where nothing is missing [1].
     drivers : sequence of str
-        Further recorded columns that what is missing may vary with.
+        Further recorded columns that the missing physics may depend on.
     noise : {"specified", "estimate"}, optional
-        The sensors' noise as stated, or what nothing that is looked for explains; the engine file's choice when not
-        given, of `explain` that of the flights.
+        Sensor noise as stated, or estimated from the residuals. Default: the engine file's choice; for `explain`, that
+        of the flights.
     seed : int
-        Of what is drawn at random.
+        Seed of all random numbers.
     accept_changed_engine : bool
         Use an engine file although it is no longer the one that was identified.
     """
@@ -63,14 +63,14 @@ class SearchOptions:
 
 @dataclass(frozen=True)
 class Inquiry:
-    """What a search is given: engine, recordings and nominal state as a `Case`, and where messages go."""
+    """Inputs of a search: engine, recordings and nominal state as a case, and where messages go."""
 
     case: RecordedCase
     messages: Messages
     scratch: tuple[Any, ...] = ()  # keeps the files of what was given as objects alive
 
     def tell(self, loaded: LoadedCase) -> None:
-        """What should be known of the nominal state, and what was left out of the recordings."""
+        """Report doubts about the nominal state, and excluded data."""
         from enginediag_cli.report.tables.recordings import tell_baseline, tell_left_out, tell_mismatches, tell_thinning
 
         if loaded.baseline is not None:
@@ -80,7 +80,7 @@ class Inquiry:
         tell_left_out(self.messages, loaded.intake.left_out)
 
     def head(self, command: str, inherited: Sequence[str], **notes: str) -> Callable[[], tuple[str, ...]]:
-        """The head of a result: files, choices that differ from the default, and the recordings' own heads."""
+        """Make the header of a result: files, choices other than the default, and the headers of the recordings."""
         from enginediag_cli.recordings.provenance import header_lines
 
         case, asked = self.case, self.case.asked
@@ -109,7 +109,7 @@ def inquire(
     search: Mapping[str, Any],
     messages: Messages | None,
 ) -> Inquiry:
-    """What the arguments of a search mean. Raises UsageError, DataError."""
+    """Interpret the arguments of a search. Raises UsageError, DataError."""
     from enginediag_cli.mismatch.fit.load import MismatchQuery, RecordedCase
 
     options = SearchOptions(**search)
@@ -120,7 +120,7 @@ def inquire(
     asked = MismatchQuery(
         options.model_error, options.false_finding, tuple(options.drivers), options.noise, options.seed
     )
-    source = as_recordings(recordings)
+    source = resolve_recordings(recordings)
     path, scratch = _nominal_file(nominal)
     case = RecordedCase(_engine_file(engine), source, path, options.accept_changed_engine, asked)
     return Inquiry(case, messages if messages is not None else MessageLog(), (source, *scratch))
@@ -145,7 +145,7 @@ def _nominal_file(nominal: NominalLike) -> tuple[str | None, tuple[Any, ...]]:
     """Path of a nominal file, and what keeps it there: a state that has no file is written to one first."""
     if nominal is None or isinstance(nominal, (str, Path)):
         return None if nominal is None else str(nominal), ()
-    state = as_baseline(nominal)
+    state = resolve_baseline(nominal)
     assert state is not None
     if state.path and Path(state.path).is_file():
         return state.path, ()
@@ -173,7 +173,7 @@ def effect_names() -> tuple[str, ...]:
 
 
 def check_effects(option: str, labels: Sequence[str]) -> None:
-    """Raises UsageError for the name of a term, or term@site, that there is none of."""
+    """Raise UsageError for an unknown term, or term@site."""
     from enginediag_cli.config.hints import near
 
     known = effect_names() if labels else ()
@@ -217,23 +217,23 @@ class LocateResult(Result):
             columns=DECLARED.names,
             messages=inquiry.messages,
         )
-        self.found, self.judged = int(self.converged and self.located.mismatch), int(self.converged)
+        self.findings, self.judged = int(self.converged and self.located.mismatch), int(self.converged)
 
     @property
     def verdict(self) -> str:
-        """What kind of mismatch it is, or that there is none; "" where there is no verdict."""
+        """The kind of mismatch, or that there is none; "" without a verdict."""
         from enginediag_cli.report.tables.location import verdict_of
 
         return verdict_of(self._kind) if self.converged else ""
 
     @property
     def places(self) -> Sequence[Place]:
-        """Places within reach of the best, best first."""
+        """Plausible places, best first."""
         return tuple(self.located.within) if self.converged else ()
 
     @property
     def sentences(self) -> list[str]:
-        """What was found, in words."""
+        """The findings in words."""
         from enginediag_cli.report.tables.location import sentences
 
         return list(sentences(self.located, self._kind, self.evidence.engine))
@@ -249,8 +249,7 @@ class LocateResult(Result):
             self.messages.note(line)
 
     def plot(self) -> Picture:
-        """The map of places and drivers, and the residuals that show the best. Raises NoVerdictError without a
-        verdict."""
+        """Draw the map of places and drivers, and the residuals at the best place. Raises NoVerdictError."""
         from enginediag_cli.report.tables.location import picture
 
         if not self.converged:
@@ -268,7 +267,7 @@ def locate(
     messages: Messages | None = None,
     **search: Any,
 ) -> LocateResult:
-    """Locate a mismatch between the model of an engine and recordings believed healthy.
+    """Locate a mismatch between the model of an engine and recordings of healthy flights.
 
     Parameters
     ----------
@@ -279,9 +278,9 @@ def locate(
     nominal : str, Path, Baseline or IdentificationResult, optional
         Nominal engine to start from, with its noise.
     every_place : bool
-        Rows of every place of the map, not only of those within reach of the best.
+        Rows of every place of the map, not only of the plausible ones.
     messages : Messages, optional
-        Receives sentences and warnings; they are collected when not given.
+        Receives sentences and warnings; by default they are collected in the result.
     **search
         Attributes of `SearchOptions`: ``drivers=("hours",)``, ``noise="estimate"`` and so on.
 
@@ -366,7 +365,7 @@ def locate_per_record(
     messages: Messages | None = None,
     **search: Any,
 ) -> PerRecordResult:
-    """Try each place with a free amplitude in every record, for what moves the engine far and has no recorded driver.
+    """Fit a free amplitude in every record at each place, for large effects without a recorded driver.
 
     Parameters
     ----------
@@ -379,7 +378,7 @@ def locate_per_record(
     nominal : str, Path, Baseline or IdentificationResult, optional
         Nominal engine to start from, with its noise.
     messages : Messages, optional
-        Receives sentences and warnings; they are collected when not given.
+        Receives sentences and warnings; by default they are collected in the result.
     **search
         Attributes of `SearchOptions`.
 
@@ -400,7 +399,7 @@ class ExplainResult(DocumentResult):
     Attributes
     ----------
     story : Story
-        The answer with everything around it: explanations, curves, advice.
+        The answer with all details: explanations, curves, advice.
     evidence : Evidence
         Flights, as arrays by column, with the noise that the answer rests on.
     found, judged : int
@@ -427,7 +426,7 @@ class ExplainResult(DocumentResult):
             messages=inquiry.messages,
         )
         self.judged = int(self.story.answer.status != NOT_CONVERGED or self.story.control is not None)
-        self.found = int(bool(self.judged) and not self.story.found_nothing)
+        self.findings = int(bool(self.judged) and not self.story.found_nothing)
 
     @property
     def evidence(self) -> Dataset:
@@ -436,7 +435,7 @@ class ExplainResult(DocumentResult):
 
     @property
     def status(self) -> str:
-        """What kind of answer it is, as in the column of this name."""
+        """The kind of answer, as in the column of this name."""
         return self.story.answer.status
 
     @property
@@ -460,24 +459,24 @@ class ExplainResult(DocumentResult):
 
     @property
     def curves(self) -> list[Row]:
-        """What no listed effect explains, as points of curves along its driver, with units and standard errors."""
+        """The unexplained part as points of curves over its driver, with units and standard errors."""
         from enginediag_cli.report.tables.explanation import curve_rows
 
         return list(curve_rows(self.story.curves))
 
     @property
     def amplitudes(self) -> list[Row]:
-        """Amplitude of an effect whose driver is not recorded, record by record, with unit and standard error."""
+        """Amplitude of an effect without a recorded driver, record by record, with unit and standard error."""
         from enginediag_cli.report.tables.explanation import amplitude_rows
 
         return list(amplitude_rows(self.story))
 
     def save_curves(self, path: str | Path) -> None:
-        """Write `curves` as CSV or, by its name, Parquet; a note says where there is none. Raises OSError."""
+        """Write `curves` as CSV or, by its name, Parquet; a note if there is none. Raises OSError."""
         self._save(path, self.curves, "free-form curve")
 
     def save_amplitudes(self, path: str | Path) -> None:
-        """Write `amplitudes` as CSV or, by its name, Parquet; a note says where there is none. Raises OSError."""
+        """Write `amplitudes` as CSV or, by its name, Parquet; a note if there is none. Raises OSError."""
         self._save(path, self.amplitudes, "effect with an unrecorded driver")
 
     def _save(self, path: str | Path, rows: Sequence[Row], what: str) -> None:
@@ -487,7 +486,7 @@ class ExplainResult(DocumentResult):
             self.messages.note(f"{path}: no {what} was found, the file has no rows")
 
     def save_plan(self, path: str | Path) -> bool:
-        """Write the flight that would separate rival explanations soonest, as a flight file that `simulate` takes.
+        """Write the flight that separates the alternative explanations soonest, as a flight file for `simulate`.
 
         Parameters
         ----------
@@ -497,7 +496,7 @@ class ExplainResult(DocumentResult):
         Returns
         -------
         bool
-            False where there is no such flight and nothing was written; a note says why.
+            False where there is no such flight and nothing is written; a note gives the reason.
 
         Raises
         ------
@@ -510,7 +509,7 @@ class ExplainResult(DocumentResult):
         advice = self.story.advice
         flight = advice.best_flight if advice is not None else None
         if flight is None:
-            why = "no rival explanations remain" if advice is None else "no flight would tell the rivals apart"
+            why = "no alternatives remain" if advice is None else "no flight separates the alternatives"
             self.messages.note(f"{path}: not written, {why}")
             return False
         with output(Path(path)) as stream:
@@ -519,8 +518,7 @@ class ExplainResult(DocumentResult):
         return True
 
     def plot(self) -> Picture:
-        """What no listed effect explains, as a law along its variable or a free curve, with its band. Raises
-        NoVerdictError where there is nothing of the kind."""
+        """Draw the unexplained part as a formula or a free curve, with its band. Raises NoVerdictError without one."""
         from enginediag_cli.report.plotting.discrepancy import explanation_picture
 
         try:
@@ -540,7 +538,7 @@ def explain(
     messages: Messages | None = None,
     **search: Any,
 ) -> ExplainResult:
-    """Name what was left out of the model of an engine, from recordings of engines believed healthy.
+    """Name the physics that the model of an engine lacks, from recordings of healthy engines.
 
     Parameters
     ----------
@@ -551,13 +549,13 @@ def explain(
     nominal : str, Path, Baseline or IdentificationResult, optional
         Nominal engine to start from; the flights are identified when not given.
     without : sequence of str
-        Effects that are not to be considered, as term or term@site; see `effect_names`.
+        Effects to exclude, as term or term@site; see `effect_names`.
     advice : bool
-        Look for recordings that would separate rival explanations.
+        Search for recordings that separate the alternative explanations.
     every_plan : bool
-        Say the best recording of every kind, not only the best of all.
+        Report the best recording of every kind, not only the best of all.
     messages : Messages, optional
-        Receives sentences and warnings; they are collected when not given.
+        Receives sentences and warnings; by default they are collected in the result.
     **search
         Attributes of `SearchOptions`: ``drivers=("hours",)``, ``model_error=0.003`` and so on.
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.api.inputs import EngineLike, NominalLike, as_baseline, as_engine, load_engine
+from enginediag_cli.api.inputs import EngineLike, NominalLike, load_engine, resolve_baseline, resolve_engine
 from enginediag_cli.api.results import DocumentResult, MessageLog, Result, Row
 from enginediag_cli.errors import ConfigError, DataError, EngineDiagError, UsageError
 from enginediag_cli.report.messages import Messages
@@ -43,18 +43,18 @@ BEYOND_ENVELOPE = 0.2
 
 @dataclass(frozen=True)
 class FileCheck:
-    """What is known of one file.
+    """What is known about one file.
 
     Attributes
     ----------
     file : str
         Its name; "" for what concerns several.
     rows : tuple of dict
-        A row for each thing that is known.
+        One row per fact.
     lines : tuple of (str, str)
         The same in words: level (``"note"``, ``"warning"`` or ``"error"``) and text.
     error : ConfigError or None
-        What is wrong with a YAML file, with its places.
+        Problems of a YAML file, with their places.
     """
 
     file: str
@@ -69,7 +69,7 @@ class FileCheck:
 
 
 class CheckResult(Result):
-    """What is known of files; see `check`. `found` counts files that cannot be used, `judged` those that can."""
+    """What is known about files; see `check`. `findings` counts unusable files, `judged` usable ones."""
 
     def __init__(self, files: Sequence[str], against: Against, messages: Messages):
         from enginediag_cli.report.tables.recordings import CHECK
@@ -80,7 +80,7 @@ class CheckResult(Result):
         super().__init__(columns=CHECK.names, summary_columns=CHECK.terminal, messages=messages)
 
     def files(self) -> Iterator[FileCheck]:
-        """The files in turn, each looked into when it is asked for; the last is about those that are the same.
+        """Check the files in turn, each when it is requested; the last result is about identical files.
 
         Yields
         ------
@@ -91,7 +91,7 @@ class CheckResult(Result):
             self._checks.append(one)
             if one.file:
                 self.judged += one.ok
-                self.found += not one.ok
+                self.findings += not one.ok
             yield one
 
     @property
@@ -118,7 +118,7 @@ class CheckResult(Result):
         yield from _repeated(recordings)
 
     def summary(self) -> str:
-        """What the command prints of the files, a line each."""
+        """Return what the command prints about the files, a line each."""
         marks = {"note": "", "warning": "warning: ", "error": "error: "}
         return "\n".join(marks[level] + text for one in self.files() for level, text in one.lines)
 
@@ -138,14 +138,14 @@ def check(
     messages: Messages | None = None,
     stream: bool = False,
 ) -> CheckResult:
-    """Validate YAML files, and say of recordings whether they can be judged.
+    """Check YAML files and recordings before they are used.
 
     Parameters
     ----------
     files : path or sequence of paths
         Files ending in ``.yaml`` or ``.yml`` are validated by the kind that they name; anything else is a recording.
     nominal : str, Path, Baseline or IdentificationResult, optional
-        Nominal engine that the recordings are to be held against.
+        Nominal engine with which the recordings are compared.
     engine : str, Path or Engine, optional
         Engine of the recordings, where none is identified.
     recorder : str or Path, optional
@@ -157,12 +157,12 @@ def check(
     messages : Messages, optional
         Receives warnings about nominal state and recorder; they are collected when not given.
     stream : bool
-        Look into files only as they are read from the result.
+        Check files only as they are read from the result.
 
     Returns
     -------
     CheckResult
-        ``ok`` says whether every file can be used, ``rows`` what is known; a file that cannot be used is no error.
+        ``ok`` is True if every file can be used; ``rows`` has the facts. An unusable file is no error.
 
     Raises
     ------
@@ -177,7 +177,7 @@ def check(
 
 
 def recordings_among(files: Sequence[str]) -> list[str]:
-    """Those of the files that are no YAML."""
+    """Return those of the files that are no YAML."""
     return [file for file in files if not file.lower().endswith(YAML_SUFFIXES)]
 
 
@@ -190,7 +190,7 @@ def _held_against(
     accept_changed_engine: bool,
     messages: Messages,
 ) -> Against:
-    """What the recordings are held against. Raises UsageError, ConfigError."""
+    """Open what the recordings are compared with. Raises UsageError, ConfigError."""
     from enginediag_cli.intake.acceptance import Against
 
     if nominal is not None and engine is not None:
@@ -205,13 +205,13 @@ def _held_against(
         mapped = load_recorder(str(own_or_shipped(recorder)))
         for text in undecided_lines(mapped.undecided):
             messages.warning(text)
-    baseline = as_baseline(nominal, accept_changed_engine=accept_changed_engine)
+    baseline = resolve_baseline(nominal, accept_changed_engine=accept_changed_engine)
     if baseline is not None:
         from enginediag_cli.report.tables.recordings import tell_baseline
 
         tell_baseline(messages, baseline, instance)
         return Against(baseline.engine, baseline.nominal, mapped, instance)
-    return Against(None if engine is None else as_engine(engine), None, mapped, instance)
+    return Against(None if engine is None else resolve_engine(engine), None, mapped, instance)
 
 
 def _shown(file: str) -> str:
@@ -219,7 +219,7 @@ def _shown(file: str) -> str:
 
 
 def _recording(file: str, against: Against) -> FileCheck:
-    """What is known of a recording, of each engine in it. Raises DataError."""
+    """Check a recording, for each engine in it. Raises DataError."""
     from enginediag_cli.intake.acceptance import accepted
     from enginediag_cli.report.tables.recordings import acceptance_rows
 
@@ -232,7 +232,7 @@ def _recording(file: str, against: Against) -> FileCheck:
 
 
 def _page(report: Accepted) -> Iterator[tuple[str, str]]:
-    """All that is known of a recording, in words; what keeps it from being judged is an error."""
+    """Describe a recording in words; what prevents its judgement is an error."""
     from enginediag_cli.report.tables.recordings import PROBLEM, headline, remarks
 
     yield "note", headline(report)
@@ -244,7 +244,7 @@ def _page(report: Accepted) -> Iterator[tuple[str, str]]:
 
 
 def _yaml(file: str) -> FileCheck:
-    """What a YAML file is, with the design table of an engine. Raises ConfigError."""
+    """Check a YAML file, with the design table of an engine. Raises ConfigError."""
     from enginediag_cli.config.kinds import check_file
 
     kind, remarks = check_file(file).name, []
@@ -271,7 +271,7 @@ def _yaml(file: str) -> FileCheck:
 
 
 def _unusable(file: str, error: EngineDiagError) -> FileCheck:
-    """A row per problem, with its place where it is known: of a recording it stands in the text."""
+    """Make a row per problem, with its place if known; for a recording it is in the text."""
     if not isinstance(error, ConfigError):
         row = {"file": _shown(file), "ok": False, "level": "problem", "problem": str(error)}
         return FileCheck(_shown(file), (row,), (("error", str(error)),))
@@ -291,7 +291,7 @@ def _unusable(file: str, error: EngineDiagError) -> FileCheck:
 
 
 def _repeated(recordings: Sequence[str]) -> Iterator[FileCheck]:
-    """A warning about files that are the same, which every other verb refuses together."""
+    """Warn about identical files, which every other verb refuses together."""
     from enginediag_cli.intake.selection import refuse_repeated
 
     try:
@@ -307,7 +307,7 @@ class RecorderDraft:
     Attributes
     ----------
     text : str
-        Complete YAML; comments say what was guessed, and what is to be decided.
+        Complete YAML; comments mark guesses and open decisions.
     decisions : tuple of str
         What the user must decide, a sentence each.
     missing : dict of str to str
@@ -324,7 +324,7 @@ class RecorderDraft:
         self.decisions, self.missing, self.unused = tuple(found.decisions), dict(found.missing), dict(found.unused)
 
     def summary(self) -> str:
-        """How much was recognised, in one line."""
+        """Return how much was recognised, in one line."""
         return (
             f"{len(self._found.columns)} columns recognised, {len(self.decisions)} decisions left to you, "
             f"{len(self.unused)} columns not used"
@@ -345,12 +345,12 @@ class RecorderDraft:
 def draft_recorder(file: str | Path, *, engine: EngineLike | None = None) -> RecorderDraft:
     """Draft the recorder YAML that maps a foreign recording to the program's own columns.
 
-    Delimiter, decimal mark, encoding, header, units, time stamps and engines are found by their looks.
+    Delimiter, decimal mark, encoding, header, units, time stamps and engines are inferred.
 
     Parameters
     ----------
     file : str or Path
-        Recording of somebody else's logger; ``-`` is standard input.
+        Recording of a foreign logger; ``-`` is standard input.
     engine : str, Path or Engine, optional
         Engine whose inputs and sensors are looked for.
 
@@ -365,13 +365,13 @@ def draft_recorder(file: str | Path, *, engine: EngineLike | None = None) -> Rec
     from enginediag_cli.recordings.draft import draft
     from enginediag_cli.recordings.sniff import sniff
 
-    model = None if engine is None else as_engine(engine)
+    model = None if engine is None else resolve_engine(engine)
     found = draft(sniff(str(file)), None if model is None else _engine_columns(model))
     return RecorderDraft(found, "" if model is None else model.path)
 
 
 def _engine_columns(model: Engine) -> EngineColumns:
-    """What an engine asks for, with the limits and design speeds that its file states."""
+    """Collect the columns that an engine needs, with the limits and design speeds of its file."""
     import os
 
     from enginediag_cli.recordings.engine_columns import EngineColumns
@@ -388,7 +388,7 @@ def _engine_columns(model: Engine) -> EngineColumns:
 
 
 class Listing(Result):
-    """What there is of a kind, a row each."""
+    """Things of one kind, a row each."""
 
     def __init__(self, rows: Sequence[Row], head: Sequence[str]):
         self._listed = rows
@@ -406,7 +406,7 @@ class Description(DocumentResult):
     page : str
         For a reader.
     document : dict
-        Everything that is known of it; `to_dict` has it for ``json.dump``.
+        All details; `to_dict` has it for ``json.dump``.
     """
 
     def __init__(self, page: str, document: dict[str, Any], rows: Sequence[Row], head: Sequence[str]):
@@ -420,7 +420,7 @@ class Description(DocumentResult):
         return self.document
 
     def summary(self) -> str:
-        """The page."""
+        """Return the page."""
         return self.page
 
 
@@ -447,7 +447,7 @@ def list_effects(engine: EngineLike | None = None) -> Listing:
     terms = [term(name) for name in term_names()]
     if engine is None:
         return Listing([term_row(t) for t in terms], _head("physics"))
-    model = as_engine(engine)
+    model = resolve_engine(engine)
     carried = carried_blocks(model)
     rows = [site_row(t, site, carried) for t in [*terms, *_laws(model)] for site in t.sites(model.network)]
     return Listing(rows, _head("physics", model))
@@ -475,15 +475,9 @@ def describe_effect(name: str, engine: EngineLike | None = None) -> Description:
     ConfigError, DataError
     """
     from enginediag_cli.physics.registry import term, term_names
-    from enginediag_cli.report.reference import (
-        carried_blocks,
-        coefficient_rows,
-        physics_page,
-        site_row,
-        term_row,
-    )
+    from enginediag_cli.report.reference import carried_blocks, coefficient_rows, physics_page, site_row, term_row
 
-    model = None if engine is None else as_engine(engine)
+    model = None if engine is None else resolve_engine(engine)
     laws = {law.NAME: law for law in (_laws(model) if model is not None else ())}
     if name not in term_names() and name not in laws:
         from enginediag_cli.config.hints import near
@@ -501,7 +495,7 @@ def describe_effect(name: str, engine: EngineLike | None = None) -> Description:
 
 
 def list_law_variables(engine: EngineLike) -> Listing:
-    """List what a ``law:`` of an engine may vary with, and its value at the design point.
+    """List the variables of a ``law:`` of an engine, with their values at the design point.
 
     Parameters
     ----------
@@ -518,12 +512,12 @@ def list_law_variables(engine: EngineLike) -> Listing:
     """
     from enginediag_cli.report.reference import variable_rows
 
-    model = as_engine(engine)
+    model = resolve_engine(engine)
     return Listing(list(variable_rows(model.network)), _head("physics", model))
 
 
 def component_names() -> tuple[str, ...]:
-    """Names of the component types."""
+    """Return the names of the component types."""
     from enginediag_cli.engine.components import COMPONENTS
 
     return tuple(COMPONENTS)
@@ -582,7 +576,7 @@ def _head(command: str, engine: Engine | None = None) -> tuple[str, ...]:
 
 
 def _shipped_engines() -> Mapping[str, Engine]:
-    """Engines that come with enginediag, by name."""
+    """Load the shipped engines, by name."""
     from enginediag_cli.shipped import shipped_folder
 
     files = (p for p in sorted(shipped_folder().glob("*.yaml")) if "\nkind: engine" in p.read_text(encoding="utf-8"))
@@ -590,7 +584,7 @@ def _shipped_engines() -> Mapping[str, Engine]:
 
 
 def _laws(engine: Engine) -> list[Term]:
-    """What of an engine's effects its own file states."""
-    from enginediag_cli.physics.law import Law
+    """Return the effects that the engine file itself declares."""
+    from enginediag_cli.physics.laws.law import Law
 
     return [e.term for e in engine.effects if isinstance(e.term, Law)]

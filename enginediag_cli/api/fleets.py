@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.api.inputs import RecordingsLike, as_recordings
+from enginediag_cli.api.inputs import RecordingsLike, resolve_recordings
 from enginediag_cli.api.results import DocumentResult, MessageLog, Picture, Result, Row
 from enginediag_cli.errors import NoVerdictError, UsageError
 from enginediag_cli.report.messages import Messages
@@ -31,9 +31,9 @@ class FleetResult(DocumentResult):
     Attributes
     ----------
     run : FleetRun
-        Models, recordings with what became of each, and `finding`: the engines, worst first.
+        Models, recordings with their state, and `finding`: the engines, worst first.
     found, judged : int
-        Engines on the list of discoveries or with an instrument that is stuck or noisy, and engines with a verdict.
+        Engines flagged, or with a stuck or noisy instrument; engines with a verdict.
     """
 
     def __init__(self, run: FleetRun, what: str, head: Callable[[], tuple[str, ...]], messages: Messages):
@@ -42,7 +42,7 @@ class FleetResult(DocumentResult):
         self.run, self._what = run, what
         super().__init__(head=head, summary_columns=TERMINAL if what == "engines" else (), messages=messages)
         engines, listed = run.finding.engines, run.finding.discoveries.engines
-        self.found = sum(engine.serial in listed or bool(engine.instruments) for engine in engines)
+        self.findings = sum(engine.serial in listed or bool(engine.instruments) for engine in engines)
         self.judged = sum(engine.verdict != "no verdict" for engine in engines)
 
     def _compute(self) -> Iterator[Row]:
@@ -53,7 +53,7 @@ class FleetResult(DocumentResult):
         tell_result(self.messages, self.run)
 
     def table_of(self, what: str) -> list[Row]:
-        """The rows of one of the tables, whichever was asked for.
+        """Return the rows of one of the tables.
 
         Parameters
         ----------
@@ -89,8 +89,7 @@ class FleetResult(DocumentResult):
         return document(self.run, provenance)
 
     def plot(self) -> Picture:
-        """Engines by severity with 95 % intervals, as on the page of `report`. Raises NoVerdictError where no engine
-        has a severity."""
+        """Draw the engines by severity with 95 % intervals. Raises NoVerdictError where no engine has a severity."""
         from enginediag_cli.report.plotting.fleet import engines_of, fleet_ranking
         from enginediag_cli.report.plotting.models import svg_of
 
@@ -111,26 +110,26 @@ def fleet(
     accept_mismatch: bool = False,
     messages: Messages | None = None,
 ) -> FleetResult:
-    """Judge all engines of a fleet, rank them by severity, and say what is common to them.
+    """Judge all engines of a fleet, rank them by severity, and find what is common to them.
 
     Parameters
     ----------
     fleet_file : str or Path
-        Fleet YAML: recordings, how engines are told apart, their healthy early life, maintenance, what to judge.
+        Fleet YAML: recordings, engines, their healthy early life, maintenance, what to judge.
     recordings
-        In the place of those that the fleet file names; see `read_recordings`.
+        Instead of those in the fleet file; see `read_recordings`.
     what : {"engines", "health", "flights"}
-        Which table the rows are; the document, `to_dict`, has all of them.
+        Table of the rows; the document, `to_dict`, has all three.
     jobs : int, optional
-        Processes to work with, one per core when not given. The result does not depend on it.
+        Number of processes, by default one per core. The result does not depend on it.
     scheduler : str
-        Address of a Dask scheduler, in the place of processes; needs `store`.
+        Address of a Dask scheduler, instead of processes; needs `store`.
     store : str or Path, optional
-        Folder in which what recordings come to is kept, so that the next run does only what is new.
+        Folder for reduced recordings, so that the next run processes only new ones.
     accept_mismatch : bool
         Go on with recordings that cannot be of the engine, or in these units.
     messages : Messages, optional
-        Receives notes and warnings; they are collected when not given.
+        Receives notes and warnings; by default they are collected in the result.
 
     Returns
     -------
@@ -165,20 +164,20 @@ def fleet(
 
 
 class StoreResult(Result):
-    """What the store of a fleet holds of its recordings: one row each; see `fleet_status`.
+    """State of the recordings of a fleet in a store, one row each; see `fleet_status`.
 
     Attributes
     ----------
     standing : Standing
-        Keys of recordings that are condensed, models that are there, what is of other fleets, size in bytes.
+        Keys of reduced recordings, models, content of other fleets, size in bytes.
     found, judged : int
-        Recordings that are condensed, and recordings of the fleet.
+        Reduced recordings, and recordings of the fleet.
     """
 
     def __init__(self, standing: StoreStatus, messages: Messages):
         self.standing = standing
         super().__init__(columns=STATUS_COLUMNS, messages=messages)
-        self.found, self.judged = sum(bool(key) for _, key in standing.recordings), len(standing.recordings)
+        self.findings, self.judged = sum(bool(key) for _, key in standing.known), len(standing.known)
 
     def _compute(self) -> Iterator[Row]:
         from enginediag_cli.report.tables.fleet import status_rows, tell_standing
@@ -188,13 +187,9 @@ class StoreResult(Result):
 
 
 def fleet_status(
-    fleet_file: str | Path,
-    store: str | Path,
-    recordings: RecordingsLike = (),
-    *,
-    messages: Messages | None = None,
+    fleet_file: str | Path, store: str | Path, recordings: RecordingsLike = (), *, messages: Messages | None = None
 ) -> StoreResult:
-    """Say which recordings of a fleet are condensed in a store, and which are new.
+    """List which recordings of a fleet are reduced in a store, and which are new.
 
     Parameters
     ----------
@@ -203,9 +198,9 @@ def fleet_status(
     store : str or Path
         Folder of the store.
     recordings
-        In the place of those that the fleet file names; see `read_recordings`.
+        Instead of those in the fleet file; see `read_recordings`.
     messages : Messages, optional
-        Receives notes and warnings; they are collected when not given.
+        Receives notes and warnings; by default they are collected in the result.
 
     Returns
     -------
@@ -230,8 +225,10 @@ def prune_store(
     dry_run: bool = False,
     messages: Messages | None = None,
 ) -> list[Path]:
-    """Remove from a store what a fleet does not need: other recordings, those condensed by another nominal file or
-    other settings, and what killed runs have left half-written.
+    """Remove from a store what a fleet does not need.
+
+    These are other recordings, those reduced with another nominal file or other settings, and incomplete files of
+    interrupted runs.
 
     Parameters
     ----------
@@ -240,7 +237,7 @@ def prune_store(
     store : str or Path
         Folder of the store.
     recordings
-        In the place of those that the fleet file names; see `read_recordings`.
+        Instead of those in the fleet file; see `read_recordings`.
     dry_run : bool
         Remove nothing.
     messages : Messages, optional
@@ -265,8 +262,8 @@ def prune_store(
     return files
 
 
-def merge_stores(into: str | Path, *others: str | Path, messages: Messages | None = None) -> list[MergeCounts]:
-    """Put into a store what others hold and it does not; those stay as they are.
+def merge_stores(into: str | Path, *others: str | Path, messages: Messages | None = None) -> list[Merged]:
+    """Copy into a store what only other stores hold; these remain unchanged.
 
     Parameters
     ----------
@@ -275,7 +272,7 @@ def merge_stores(into: str | Path, *others: str | Path, messages: Messages | Non
     *others : str or Path
         Folders of the other stores.
     messages : Messages, optional
-        Receives what came out of each.
+        Receives the result for each.
 
     Returns
     -------
@@ -298,21 +295,21 @@ def merge_stores(into: str | Path, *others: str | Path, messages: Messages | Non
 
 
 def _table(what: str) -> str:
-    """The name of a table. Raises UsageError where there is none of this name."""
+    """Return the name of a table. Raises UsageError for an unknown one."""
     if what not in WHAT:
         raise UsageError(f"--what: there is no {what!r}, but {', '.join(WHAT)}")
     return what
 
 
 @contextmanager
-def _described(
-    fleet_file: str | Path, recordings: RecordingsLike
-) -> Iterator[tuple[Fleet, tuple[FleetRecording, ...]]]:
-    """The fleet and its recordings; those that came as arrays have their files within the block. Raises UsageError for
-    recordings with a recorder of their own."""
-    from enginediag_cli.fleets.fleet_file import find_recordings, load_fleet
+def _described(fleet_file: str | Path, recordings: RecordingsLike) -> Iterator[tuple[Fleet, tuple[Recorded, ...]]]:
+    """Open a fleet and its recordings; arrays have scratch files within the block.
 
-    source = as_recordings(recordings)
+    Raises UsageError for recordings with a recorder of their own.
+    """
+    from enginediag_cli.fleets.fleet_file import load_fleet, recordings_of
+
+    source = resolve_recordings(recordings)
     if source.recorder or source.engine_instance:
         raise UsageError(
             "the fleet file says by which recorder its recordings are read, and judges all of their engines"

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.api.inputs import EngineLike, RecordingsLike, as_engine, as_recordings
+from enginediag_cli.api.inputs import EngineLike, RecordingsLike, resolve_engine, resolve_recordings
 from enginediag_cli.api.results import MessageLog, Picture, Result, Row
 from enginediag_cli.errors import NoVerdictError, UsageError
 from enginediag_cli.report.messages import Messages
@@ -40,7 +40,7 @@ class TrainingChoices:
     allow_bounds: bool = False
 
     def check(self) -> None:
-        """Raises UsageError for choices that do not go together, or are out of their range."""
+        """Raise UsageError for choices that exclude each other or are out of range."""
         if self.holdout is not None and self.holdout_last:
             raise UsageError("--holdout and --holdout-last exclude each other")
         if self.holdout is not None and not 0.0 < self.holdout <= 0.9:
@@ -49,7 +49,7 @@ class TrainingChoices:
             raise UsageError(f"--first: {self.first} is not a number of records, from 1 on")
 
     def divided(self, training: list[TrainingRecording]) -> tuple[list[TrainingRecording], list[TrainingRecording]]:
-        """What is fitted, and what is held out. Raises UsageError where too few recordings are there."""
+        """Divide records into those to fit and those held out. Raises UsageError for too few recordings."""
         from enginediag_cli.identification.problem import first_records, hold_out_end
 
         if self.first is not None:
@@ -75,7 +75,7 @@ class TrainingChoices:
 
 
 class IdentificationResult(Result):
-    """What was identified; see `identify`. Verbs that need a nominal engine take it as it is.
+    """The identified engine; see `identify`. Verbs that need a nominal engine accept it.
 
     Rows are the estimates of parameters, each in its unit.
 
@@ -84,11 +84,11 @@ class IdentificationResult(Result):
     converged : bool
         Whether the fit converged; `reason` says why, or why not.
     bounds : tuple of AtBound
-        Parameters that the records push against a bound: the model lacks something.
+        Parameters at a bound: the model lacks something.
     far_off : tuple of Estimate
         Parameters five standard deviations of their priors, or more, from what was expected.
     unexplained : tuple of (str, float)
-        Sensors that the fit misses by far more than their stated noise, with the ratio [1].
+        Sensors with residuals far above their stated noise, with the ratio [1].
     refusal : str
         Why there is no nominal state; "" where there is one.
     fit : Identification
@@ -125,23 +125,22 @@ class IdentificationResult(Result):
 
     @property
     def bounds(self) -> tuple[AtBound, ...]:
-        """Parameters that the records push against a bound."""
+        """Parameters at a bound."""
         return self.fit.bounds
 
     @property
     def far_off(self) -> tuple[Estimate, ...]:
-        """Parameters where no engine of the kind is."""
+        """Parameters five standard deviations of their priors, or more, from the expected value."""
         return self.fit.far_off
 
     @property
     def unexplained(self) -> tuple[tuple[str, float], ...]:
-        """Sensors that the fit misses by far more than their stated noise, with the ratio [1]."""
+        """Sensors with residuals far above their stated noise, with the ratio [1]."""
         return self.fit.unexplained
 
     @cached_property
     def nominal(self) -> Nominal:
-        """Nominal state: estimates with their covariance, noise, envelope. Raises NoVerdictError where there is none,
-        with the reason."""
+        """Nominal state: estimates with covariance, noise, envelope. Raises NoVerdictError, with the reason."""
         from enginediag_cli.residuals.monitor import monitor_from_nominal
         from enginediag_cli.residuals.reduced import is_smooth
 
@@ -152,7 +151,7 @@ class IdentificationResult(Result):
         return replace(nominal, smooth=smooth, description=self._described)
 
     def _engine_reference(self, path: str) -> str:
-        """Path of the engine file as seen from the nominal file, with forward slashes."""
+        """Return the path of the engine file as seen from the nominal file, with forward slashes."""
         import os
 
         folder = "." if path == "-" else os.path.dirname(path) or "."
@@ -208,12 +207,12 @@ class IdentificationResult(Result):
         write_nominal(replace(self.nominal, engine_path=self._engine_reference(str(path))), str(path))
 
     def to_dict(self) -> dict[str, Any]:
-        """The outcome and the estimates as plain Python objects, ready for ``json.dump``.
+        """Return the outcome and the estimates as plain Python objects, ready for ``json.dump``.
 
         Returns
         -------
         dict
-            ``converged``, ``reason``, ``refusal``, ``records`` (used, and left out by reason), ``provenance`` and
+            ``converged``, ``reason``, ``refusal``, ``records`` (used, and excluded by reason), ``provenance`` and
             ``rows`` (estimates).
         """
         fit = self.fit
@@ -221,7 +220,7 @@ class IdentificationResult(Result):
         return {**outcome, "records": dict(fit.records), **super().to_dict()}
 
     def plot(self) -> Picture:
-        """How well each reading is fitted.
+        """Draw how well each reading is fitted.
 
         Returns
         -------
@@ -245,9 +244,9 @@ def identify(
     allow_bounds: bool = False,
     messages: Messages | None = None,
 ) -> IdentificationResult:
-    """Identify the nominal engine from recordings believed healthy.
+    """Identify the nominal engine from recordings of healthy flights.
 
-    What is estimated, and how loosely, stands in the ``identification:`` block of the engine file.
+    The ``identification:`` block of the engine file lists the parameters to estimate and their prior sizes.
 
     Parameters
     ----------
@@ -275,7 +274,7 @@ def identify(
     Returns
     -------
     IdentificationResult
-        Look at ``refusal`` first: a fit that gives no nominal state is a result, too.
+        Check ``refusal`` first: a fit without a nominal state is a result, too.
 
     Raises
     ------
@@ -294,7 +293,7 @@ def identify(
     choices = TrainingChoices(first, holdout, holdout_last, keep_probes, allow_bounds)
     choices.check()
     path = str(own_or_shipped(engine)) if isinstance(engine, (str, Path)) else engine.path
-    model, source = as_engine(engine), as_recordings(recordings)
+    model, source = resolve_engine(engine), resolve_recordings(recordings)
     for doubt in heating_value_doubts(model) if hasattr(model, "network") else ():
         messages.warning(f"{path}: {doubt}")
     described = EngineDescription.of(path, model.declared)
@@ -315,7 +314,7 @@ def identify(
 def _training(
     engine: Engine, source: Source, choices: TrainingChoices, messages: Messages
 ) -> tuple[list[TrainingRecording], tuple[str, ...]]:
-    """Recordings as they are fitted, and columns of probes that are not."""
+    """Read the recordings to fit; return them with the columns of excluded probes."""
     from enginediag_cli.identification.probes import without_probes, wrong_probes
     from enginediag_cli.identification.problem import without_repeats
     from enginediag_cli.intake.agreement import agreement_with_engine
@@ -344,7 +343,7 @@ def _training(
 
 
 def _refusal(fit: Identification, allow_bounds: bool, accept_mismatch: bool) -> str:
-    """Why a fit gives no nominal state; "" where it gives one."""
+    """Return why a fit gives no nominal state; "" if it gives one."""
     from enginediag_cli.report.tables.identification import bounds_line
 
     if not fit.converged:
@@ -358,7 +357,7 @@ def _refusal(fit: Identification, allow_bounds: bool, accept_mismatch: bool) -> 
 
 
 def _provenance(source: Source, notes: Mapping[str, str]) -> dict[str, str]:
-    """What made the nominal file: the version and every choice, files by name and hash but not by folder."""
+    """Return the version and every choice behind a nominal file, files by name and hash but without folder."""
     import os
 
     from enginediag_cli import __version__

@@ -44,13 +44,13 @@ class Recordings(Source):
     engine_instance : str
         Use only this engine of the recordings; ``""`` for all.
     accept_mismatch : bool
-        Go on with recordings that cannot be of the engine, or in these units.
+        Continue although the recordings cannot be of this engine or in these units.
     """
 
     scratch: Any = field(default=None, repr=False, compare=False)  # keeps the files of arrays alive
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
-        """The numeric columns of all files, one after another, as they stand in them.
+        """Return the numeric columns of all files, one after another.
 
         Returns
         -------
@@ -74,7 +74,7 @@ class Recordings(Source):
         }
 
     def to_frame(self) -> Any:
-        """`arrays` as a pandas DataFrame, or a pyarrow Table where pandas is not installed."""
+        """Return `arrays` as a pandas DataFrame, or as a pyarrow Table where pandas is not installed."""
         return frame({name: values.tolist() for name, values in self.arrays().items()})
 
 
@@ -122,7 +122,7 @@ def load_nominal(
     engine : str or Path, optional
         Engine YAML to use in the place of the one that the nominal file holds.
     accept_changed_engine : bool
-        Use an engine file although it is no longer the one that was identified.
+        Use the engine file although it has changed since the identification.
 
     Returns
     -------
@@ -145,7 +145,7 @@ def read_recordings(
     engine_instance: str = "",
     accept_mismatch: bool = False,
 ) -> Recordings:
-    """Say which recordings are meant and how they are to be read; files are opened when a verb reads them.
+    """Describe recordings and how to read them; files are opened when a verb reads them.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def read_recordings(
     engine_instance : str
         Use only this engine of the recordings.
     accept_mismatch : bool
-        Go on with recordings that cannot be of the engine, or in these units.
+        Continue although the recordings cannot be of this engine or in these units.
 
     Returns
     -------
@@ -173,9 +173,8 @@ def read_recordings(
     return Recordings(files, path, engine_instance, accept_mismatch, tuple(scratch))
 
 
-def as_engine(engine: EngineLike) -> Engine:
-    """The engine that an argument of a verb means, as if it had just been loaded: answers do not depend on what was
-    asked of it before."""
+def resolve_engine(engine: EngineLike) -> Engine:
+    """Return the engine of an argument as if it had just been loaded: results do not depend on earlier calls."""
     if isinstance(engine, (str, Path)):
         return load_engine(engine)
     if not hasattr(engine, "forget_start"):
@@ -185,8 +184,8 @@ def as_engine(engine: EngineLike) -> Engine:
     return found
 
 
-def as_recordings(recordings: RecordingsLike) -> Source:
-    """The recordings that an argument of a verb means."""
+def resolve_recordings(recordings: RecordingsLike) -> Source:
+    """Return the recordings of an argument."""
     if isinstance(recordings, Source):
         return recordings
     if isinstance(recordings, (str, Path, Mapping, Result)) or hasattr(recordings, "columns"):
@@ -196,19 +195,19 @@ def as_recordings(recordings: RecordingsLike) -> Source:
     return read_recordings(*recordings)
 
 
-def as_baseline(nominal: NominalLike, *, accept_changed_engine: bool = False) -> Baseline | None:
-    """The nominal state that an argument of a verb means, its engine as if it had just been loaded; None stays None."""
+def resolve_baseline(nominal: NominalLike, *, accept_changed_engine: bool = False) -> Baseline | None:
+    """Return the nominal state of an argument, its engine as if it had just been loaded; None stays None."""
     if nominal is None:
         return None
     if isinstance(nominal, (str, Path)):
         return load_nominal(nominal, accept_changed_engine=accept_changed_engine)
     found: Baseline = nominal if isinstance(nominal, Baseline) else nominal.baseline()  # a result of `identify`
-    as_engine(found.engine)
+    resolve_engine(found.engine)
     return found
 
 
 def _file(item: RecordingsLike, scratch: list[Any], among: int) -> str:
-    """Path of a recording; what is in memory is written to a scratch file first, with all digits of its numbers."""
+    """Return the path of a recording; arrays are first written to a scratch file, with all digits."""
     if isinstance(item, (str, Path)):
         return str(item)
     import tempfile
@@ -228,7 +227,7 @@ def _no_recording(item: object) -> DataError:
 
 
 def _columns(item: Any) -> dict[str, list[Any]]:
-    """Columns of a mapping or of a DataFrame as lists."""
+    """Return the columns of a mapping or of a DataFrame as lists."""
     if not (isinstance(item, Mapping) or (hasattr(item, "columns") and hasattr(item, "__getitem__"))):
         raise _no_recording(item)
     if hasattr(item, "to_pydict"):  # pyarrow
@@ -258,34 +257,34 @@ STATISTICS_ALONE = ("window", "step", "linearise", "monitor", "reference", "last
 
 @dataclass(frozen=True)
 class WindowOptions:
-    """How recordings become windows, and what of the engine is watched.
+    """How recordings become windows, and which parameters are monitored.
 
     Attributes
     ----------
     window : int or str, optional
         Length of a window: records (``60``) or time (``"300s"``, ``"10min"``, ``"1h"``); without it each flight is one.
     step : int or str, optional
-        From the start of a window to that of the next; the window's length when not given.
+        From the start of a window to the start of the next; by default the length of a window.
     linearise : {"estimate", "nominal"}
-        Where the model is linearised: at the estimate for each window, or at nominal, for small changes only.
+        Point of linearisation: the estimate for each window, or the nominal state (small changes only).
     reference : int
-        Judge each flight and engine against its own first records, so many of them; 0 for none.
+        Number of first records of each flight and engine that are taken as healthy; 0 for none.
     last : int
-        Judge only the last records of each flight and engine, so many of them; 0 for all.
+        Number of last records of each flight and engine that are judged; 0 for all.
     model_error : float, optional
-        Relative accuracy of the component maps [1], instead of what the nominal state holds.
+        Relative accuracy of the component maps [1], instead of the value in the nominal file.
     monitor : sequence of str
-        Names or shell patterns of the parameters that may have changed; those of the engine file when empty.
+        Names or shell patterns of the parameters that may have changed; by default those of the engine file.
     accept_changed_engine : bool
-        Use an engine file although it is no longer the one that was identified.
+        Use the engine file although it has changed since the identification.
     chosen : mapping of str to bool, optional
-        Which of these a user has set, for a front end whose users may set a value that is the default; by comparison
-        with the defaults when not given.
+        Which of these the user has set, where a user may set the default itself; by default, those that differ from
+        the defaults.
 
     Raises
     ------
     UsageError
-        For lengths that are none, or do not fit together.
+        For invalid or inconsistent lengths.
     """
 
     window: int | str | None = None
@@ -312,7 +311,7 @@ class WindowOptions:
         return Judging(plan, self.linearise, self.reference, self.last, self.model_error)
 
     def set_by_user(self, source: Source) -> dict[str, bool]:
-        """Which choices were made that statistics would ignore."""
+        """Return which choices were made that statistics would ignore."""
         if self.chosen is not None:
             return dict(self.chosen)
         plain = WindowOptions()
@@ -322,7 +321,7 @@ class WindowOptions:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Recordings, and the nominal state that they are held against, None for statistics alone."""
+    """Recordings and the nominal state to compare them with, None for statistics alone."""
 
     source: Source
     given: NominalLike
@@ -333,7 +332,7 @@ class Comparison:
     @cached_property
     def baseline(self) -> Baseline | None:
         """Nominal state and engine, read when they are first needed."""
-        return as_baseline(self.given, accept_changed_engine=self.options.accept_changed_engine)
+        return resolve_baseline(self.given, accept_changed_engine=self.options.accept_changed_engine)
 
     @property
     def nominal(self) -> str:
@@ -348,8 +347,10 @@ class Comparison:
         return [*([self.nominal] if self.nominal else []), *self.source.configs]
 
     def monitor(self, *, sensors: bool = False, drifts: bool = False) -> Monitor | None:
-        """The monitor, after messages of what should be known of the nominal state; sensors: every instrument may be
-        wrong, too, drifts: and may drift within a flight."""
+        """Make the monitor and report doubts about the nominal state.
+
+        sensors: every instrument may be wrong, too; drifts: and may drift within a flight.
+        """
         baseline = self.baseline
         if baseline is None:
             return None
@@ -371,8 +372,11 @@ class Comparison:
     def files(
         self, monitor: Monitor | None, *, summed: bool = False, series: bool = False, drifts: bool = False
     ) -> JudgedFiles:
-        """The recordings as windows; summed: windows of a flight are added up; series: they are compared with each
-        other; drifts: what statistics hold of drifts of instruments is read, too."""
+        """Open the recordings as windows.
+
+        summed: the windows of a flight are added; series: they are compared with each other; drifts: drifts of
+        instruments in statistics are read, too.
+        """
         from enginediag_cli.residuals.files import JudgedFiles
 
         given = self.options.set_by_user(self.source)
@@ -390,8 +394,10 @@ class Comparison:
         last: Mapping[str, str] | None = None,
         judging: Judging | None = None,
     ) -> Callable[[], tuple[str, ...]]:
-        """The head of a result, once the first file has been opened: the files and choices that made it; configs:
-        further files, last: further notes, judging: where it is not that of the options."""
+        """Make the header of a result, once the first file has been opened: the files and choices behind it.
+
+        configs: further files; last: further notes; judging: where it is not that of the options.
+        """
         from enginediag_cli.recordings.provenance import header_lines
 
         made = {**table.notes, **notes, **self.source.notes, **(judging or self.judging).notes, **(last or {})}
@@ -402,15 +408,15 @@ class Comparison:
 def compare(
     nominal: NominalLike, recordings: RecordingsLike, windows: Mapping[str, Any], messages: Messages | None
 ) -> Comparison:
-    """What the arguments of a verb mean. Raises UsageError, ConfigError."""
+    """Interpret the arguments of a verb. Raises UsageError, ConfigError."""
     options = WindowOptions(**windows)
     judging = options.judging
-    source = as_recordings(recordings)
+    source = resolve_recordings(recordings)
     return Comparison(source, nominal, options, judging, messages if messages is not None else MessageLog())
 
 
 def open_intake(source: Source, monitor: Monitor | None) -> Intake:
-    """The recordings, by the columns that the monitor's engine reads; for statistics alone without one."""
+    """Open the recordings with the columns of the monitor's engine; without a monitor, statistics alone."""
     from enginediag_cli.intake.loader import Intake
     from enginediag_cli.intake.selection import columns_of
 
@@ -422,8 +428,8 @@ def open_intake(source: Source, monitor: Monitor | None) -> Intake:
     return Intake(source, wanted, agreement=agreement_with(monitor), keep_going=True)
 
 
-def tell_files(messages: Messages, files: JudgedFiles) -> None:
-    """What was left out of the files."""
+def report_exclusions(messages: Messages, files: JudgedFiles) -> None:
+    """Report mismatches, unread files and excluded data."""
     from enginediag_cli.report.sentences import count
     from enginediag_cli.report.tables.recordings import tell_left_out, tell_mismatches
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.api.inputs import SENTENCES, Comparison, NominalLike, RecordingsLike, compare, tell_files
+from enginediag_cli.api.inputs import SENTENCES, Comparison, NominalLike, RecordingsLike, compare, report_exclusions
 from enginediag_cli.api.results import Picture, Result, Row
 from enginediag_cli.errors import UsageError
 from enginediag_cli.faults.chances import INSTRUMENT, PARAMETER
@@ -28,8 +28,7 @@ __all__ = ["IsolationResult", "isolate"]
 
 METHODS = ("posterior", "incremental", "sensitivity", "minmax")
 FORMS = ("nested", "cell", "sentences", "")
-"""How what is found beside an answer stands in its rows: as objects, as the text of a cell, in messages alone, or not
-at all: then it is not looked for."""
+"""How an addition to an answer is written: as objects, as text in a cell, in messages alone, or not computed."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,7 @@ class IsolationChoices:
     work_scope: str = "nested"
 
     def check(self, comparison: Comparison) -> None:
-        """Raises UsageError for choices that do not go together."""
+        """Raise UsageError for choices that exclude each other."""
         nominal, reference = comparison.given, comparison.judging.reference
         by_component = self.by == "component"
         refused = {
@@ -79,7 +78,7 @@ class IsolationChoices:
         return shown
 
     def files(self) -> list[str]:
-        """Files of the catalogue; of a folder, its YAML files."""
+        """Return the files of the catalogue; of a folder, its YAML files."""
         found: list[str] = []
         for name in self.catalogue:
             path = own_or_shipped(name)
@@ -90,8 +89,7 @@ class IsolationChoices:
         return found
 
     def keeps_records(self, linearise: str) -> bool:
-        """Whether the records may be needed: not for the full model where the linear statistic at nominal is
-        wanted."""
+        """Return whether the records may be needed: for advice, and for fits with the full model."""
         return self.advise or self._full_model(linearise)
 
     def _full_model(self, linearise: str) -> bool:
@@ -99,7 +97,7 @@ class IsolationChoices:
         return self.method == "posterior" and wanted
 
     def diagnosis_options(self, linearise: str, isolation: IsolationOptions) -> DiagnosisOptions:
-        """Everything that the diagnosis of a window needs; reads the catalogue."""
+        """Collect the options of the diagnosis of a window; reads the catalogue."""
         from enginediag_cli.faults.catalogue import FaultSet, load_faults
         from enginediag_cli.isolation.diagnosis import DiagnosisOptions
 
@@ -111,12 +109,15 @@ class IsolationChoices:
         return DiagnosisOptions(self.method, isolation, self.one_sided, nonlinear, catalogue if parts else None)
 
     def sensors_watched(self, patterns: Sequence[str]) -> bool:
-        """Whether every sensor in use, of an output or an input, may be wrong, too: unless the parameters that may have
-        changed are named, or the method is one of the tests of the local approach, or no sensor is to be suspected."""
+        """Return whether every sensor in use may be wrong, too.
+
+        Not if the monitored parameters are named, or the method is a test of the local approach, or sensors are taken
+        as right.
+        """
         return (self.method == "posterior" and not patterns) if self.sensors is None else self.sensors
 
     def warn_of_sensors(self, messages: Messages, parameters: Iterable[Parameter]) -> None:
-        """Statistics that hold no error of a sensor put a wrong sensor down to the engine."""
+        """Warn that statistics without sensor errors attribute a wrong sensor to the engine."""
         if self.sensors is None and not any(p.of_sensor for p in parameters):
             messages.warning(
                 "these statistics hold no errors of sensors: a wrong sensor would be taken for a change of the engine; "
@@ -125,8 +126,10 @@ class IsolationChoices:
 
 
 class IsolationResult(Result):
-    """A row for every window and isolated parameter, or component; see `isolate`. `found` counts windows in which
-    something was isolated."""
+    """A row for every window and isolated parameter, or component; see `isolate`.
+
+    `findings` counts windows with an isolated change.
+    """
 
     def __init__(self, comparison: Comparison, choices: IsolationChoices, options: IsolationOptions):
         from enginediag_cli.isolation.windows import WindowIsolation
@@ -162,10 +165,12 @@ class IsolationResult(Result):
         self.unread = files.intake.unread
 
     def _looked_for(self, form: str) -> Any:
-        """Whether what is beside an answer is looked for in a window, by its number, from 1, and whether it has a
-        name that stands."""
+        """Return whether an addition to the answer is computed for a window.
+
+        It depends on the number of the window, from 1, and on whether a change was isolated in it.
+        """
         if form not in FORMS:
-            raise UsageError(f"flips and work_scope are one of {', '.join(map(repr, FORMS))}, not {form!r}")
+            raise UsageError(f"flips and work_scope must be one of {', '.join(map(repr, FORMS))}, not {form!r}")
         in_words = form != "" and not self._quiet
         return lambda number, named: form in ("nested", "cell") or (in_words and named and number <= SENTENCES)
 
@@ -179,19 +184,19 @@ class IsolationResult(Result):
             if number == 1 and found.verdict.window.statistics is not None and self._monitor is None:
                 choices.warn_of_sensors(self.messages, found.meaning.values())
             self.judged += found.judged
-            self.found += found.named
+            self.findings += found.named
             scope = self._work_scope(number, found)
             self._drawn[:] = [*(w for w in self._drawn if w.named and not found.named), found]
             if number <= SENTENCES:
                 tell_isolated(self.messages, found, scope)
             catalogue = self._diagnosis.catalogue is not None
             yield from isolated_rows(found, catalogue, advice=choices.advise, scope=scope, forms=forms)
-        tell_files(self.messages, self._files)
+        report_exclusions(self.messages, self._files)
 
     @cached_property
-    def _scoping(self) -> WorkScopeEstimator | None:
-        """What restoring modules would bring, asked of the nominal engine once."""
-        from enginediag_cli.fleets.work_scope import WorkScopeEstimator
+    def _scoping(self) -> Scoping | None:
+        """Work scope of the nominal engine, computed once."""
+        from enginediag_cli.fleets.work_scope import Scoping
 
         return None if self._monitor is None else WorkScopeEstimator(self._monitor)
 
@@ -201,8 +206,7 @@ class IsolationResult(Result):
         return self._scoping.window_scope(found, self._options.prior, self._options.largest)
 
     def plot(self) -> Picture:
-        """The fingerprint of the last window in which something was isolated. Raises NoVerdictError where no window
-        was judged, and by component."""
+        """Draw the fingerprint of the last window with an isolated change. Raises NoVerdictError, also by component."""
         from enginediag_cli.report.plotting.models import of_isolation, svg_of
 
         _ = self.rows
@@ -257,27 +261,27 @@ def isolate(
     by : {"parameter", "component"}
         One row per parameter, or one per window with the components that changed.
     faults, largest : int, optional
-        Number of changed parameters where it is known; most that may have changed together.
+        Number of changed parameters, if known; largest number that changed together.
     false_alarm : float
         Probability of a false alarm of the test [1].
     inclusion, sensor_inclusion : float
         Prior probability that a parameter of the engine changed, that a sensor is wrong [1].
     coverage, confidence : float
-        Probability that answer and alternatives hold together [1]; level of intervals [1].
+        Probability that the answer and its alternatives cover together [1]; level of intervals [1].
     sensors : bool, optional
-        Whether every sensor may be wrong, too; they may when not given, unless ``monitor`` names parameters.
+        Whether every sensor may be wrong, too; by default yes, unless ``monitor`` names parameters.
     one_sided : bool
         Changes have known signs: efficiencies fall.
     catalogue : sequence of str
-        Fault files, or folders of them, whose faults are to be named.
+        Fault files, or folders of them: the faults that fit are named.
     nonlinear : {"auto", "always", "never"}
         When leading sets are fitted with the full model.
     advise : bool
-        Say what to record next; ``extra_sensors`` maps further columns to their noise, in the column's unit.
+        Recommend the next recording; ``extra_sensors`` maps further columns to their noise, in the column's unit.
     flips, work_scope : {"nested", "cell", "sentences", ""}
-        How the sensitivity of the answer, and what a shop visit would bring, stand in the rows.
+        How the sensitivity of the conclusion, and the work scope, are written into the rows.
     messages : Messages, optional
-        Receives sentences and warnings; they are collected when not given.
+        Receives sentences and warnings; by default they are collected in the result.
     stream : bool
         Compute rows only as they are read, in bounded memory.
     **windows
@@ -304,12 +308,7 @@ def isolate(
     )
     prior = SetPrior(inclusion=inclusion, sensor=sensor_inclusion)
     options = IsolationOptions(
-        faults=faults,
-        false_alarm=false_alarm,
-        prior=prior,
-        coverage=coverage,
-        confidence=confidence,
-        largest=largest,
+        faults=faults, false_alarm=false_alarm, prior=prior, coverage=coverage, confidence=confidence, largest=largest
     )
     comparison = compare(nominal, recordings, windows, messages)
     return IsolationResult(comparison, choices, options).complete(stream)

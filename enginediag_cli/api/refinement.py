@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.api.discrepancy import Inquiry, check_effects, inquire
-from enginediag_cli.api.inputs import EngineLike, NominalLike, RecordingsLike, as_recordings
+from enginediag_cli.api.inputs import EngineLike, NominalLike, RecordingsLike, resolve_recordings
 from enginediag_cli.api.results import DocumentResult, Picture, Row
 from enginediag_cli.errors import NoVerdictError, UsageError
 from enginediag_cli.report.messages import Messages
@@ -30,8 +30,10 @@ SHORTEST_WINDOW = 5
 
 @dataclass(frozen=True)
 class RefineChoices:
-    """Arguments of `refine` other than what it reads; `test`: files of flights to judge by; `command`: what the engine
-    file names as its origin."""
+    """Arguments of `refine` other than what it reads.
+
+    `test`: files of flights to judge by; `command`: origin that the engine file names.
+    """
 
     terms: tuple[str, ...] = ()
     without: tuple[str, ...] = ()
@@ -42,7 +44,7 @@ class RefineChoices:
     command: str = "refine"
 
     def check(self) -> None:
-        """Raises UsageError for choices that do not go together."""
+        """Raise UsageError for choices that exclude each other."""
         if (self.holdout_last is None) == (not self.test):
             raise UsageError("name the flights to judge by: either --holdout-last K or --test FILE")
         if self.holdout_last is not None and self.holdout_last < 1:
@@ -62,7 +64,7 @@ class RefineChoices:
         return [k for k, flight in enumerate(flights) if flight.file in self.test]
 
     def fitted(self, flights: Sequence[Flight]) -> list[Flight]:
-        """The other flights; all, where there are none."""
+        """Return the flights to fit; all, if none are held out."""
         unseen = set(self.unseen(flights))
         return [f for k, f in enumerate(flights) if k not in unseen] or list(flights)
 
@@ -120,7 +122,7 @@ class RefineResult(DocumentResult):
         return self._refinement if self._control is None else self._control
 
     def _fit_control(self, loaded: LoadedCase) -> ControlRefinement:
-        """The control that the engine lacks, fitted and judged."""
+        """Fit and judge the control that the engine lacks."""
         from enginediag_cli.mismatch.fit.evidence import as_recordings as recordings_of
         from enginediag_cli.mismatch.refine.controlled import refine_control
         from enginediag_cli.report.tables.explanation_text import control_sentences
@@ -160,7 +162,7 @@ class RefineResult(DocumentResult):
             raise UsageError(str(error)) from None
 
     def _explained(self, training: Dataset) -> tuple[list[Effect], HiddenFinding | None]:
-        """What `explain` names from the flights that are fitted, and its finding where that is a switch."""
+        """Return the effects that `explain` names from the fitted flights, and its finding of a switch."""
         from enginediag_cli.mismatch.explain.answer import HIDDEN_STATE
         from enginediag_cli.mismatch.explain.story import explain_mismatch, named_effects
         from enginediag_cli.physics.registry import candidates
@@ -226,7 +228,7 @@ class RefineResult(DocumentResult):
         return engine.with_effects((*engine.effects, *self._refinement.effects))
 
     def text(self, path: str | Path = "refined.yaml") -> str:
-        """The refined engine file.
+        """Return the refined engine file.
 
         Parameters
         ----------
@@ -253,8 +255,9 @@ class RefineResult(DocumentResult):
         return refined_text(old, self._refinement.effects, self._refinement.standard_errors, source, str(path))
 
     def save(self, path: str | Path, format: str = "yaml") -> None:
-        """Write the refined engine file, completely or not at all, once it has been read back and gives the engine
-        that was fitted.
+        """Write the refined engine file, completely or not at all.
+
+        It is first read back and must give the engine that was fitted.
 
         Parameters
         ----------
@@ -280,7 +283,7 @@ class RefineResult(DocumentResult):
             raise NoVerdictError(f"{self.reason}; {'nothing is written' if self.refinement is None else lost}")
 
     def _origin(self) -> str:
-        """Data and command, files by name and hash but not by folder."""
+        """Return data and command, files by name and hash but without folder."""
         import os
 
         from enginediag_cli import __version__
@@ -298,8 +301,10 @@ class RefineResult(DocumentResult):
         )
 
     def save_report(self, path: str | Path) -> None:
-        """Write the figures before and after: a table for people unless the name says ``.csv``, ``.json`` or
-        ``.parquet``. A note says where nothing was fitted. Raises OSError."""
+        """Write the comparison before and after as a text table, ``.csv``, ``.json`` or ``.parquet``.
+
+        A note says if nothing was fitted. Raises OSError.
+        """
         from enginediag_cli.report.output import SUFFIX_FORMATS, Output, table_suffix
 
         if self.refinement is None:
@@ -308,8 +313,10 @@ class RefineResult(DocumentResult):
         self.write(Output(str(path), "auto" if table_suffix(str(path)) in SUFFIX_FORMATS else "table"))
 
     def save_states(self, path: str | Path) -> None:
-        """Write the states of a switched effect, record by record, as CSV or, by its name, Parquet; a note says where
-        there are none. Raises OSError."""
+        """Write the states of a switched effect, record by record, as CSV or, by its name, Parquet.
+
+        A note says if there are none. Raises OSError.
+        """
         from enginediag_cli.report.output import Output
         from enginediag_cli.report.tables.refinement import state_rows
 
@@ -321,7 +328,7 @@ class RefineResult(DocumentResult):
             self.messages.note(f"{path}: no effect is switched, the file has no rows")
 
     def plot(self) -> Picture:
-        """How unseen flights are predicted before and after. Raises NoVerdictError where that was not judged."""
+        """Draw the prediction of unseen flights before and after. Raises NoVerdictError where it was not judged."""
         if self._control is not None and self._control.after:
             from enginediag_cli.report.plotting.discrepancy import control_picture as picture_of_control
 
@@ -334,7 +341,7 @@ class RefineResult(DocumentResult):
 
 
 def _asked(evidence: Dataset, terms: Sequence[str]) -> list[Effect]:
-    """Effects that the user names. Raises UsageError for those that do not exist or are carried already."""
+    """Find the effects that the user names. Raises UsageError for unknown ones and for those carried already."""
     from enginediag_cli.config.hints import near
     from enginediag_cli.physics.registry import candidates, effect
 
@@ -367,7 +374,7 @@ def refine(
     messages: Messages | None = None,
     **search: Any,
 ) -> RefineResult:
-    """Fit what the model of an engine lacks, and say whether flights that were not fitted gain by it.
+    """Fit what the model of an engine lacks, and judge it by flights that were not fitted.
 
     Parameters
     ----------
@@ -392,7 +399,7 @@ def refine(
     command : str
         What the engine file names as its origin.
     messages : Messages, optional
-        Receives sentences and warnings; they are collected when not given.
+        Receives sentences and warnings; by default they are collected in the result.
     **search
         Attributes of `SearchOptions`.
 
@@ -410,7 +417,7 @@ def refine(
     Accepted is what differs from nothing by the fitted flights and raises the log likelihood of the point prediction of
     unseen ones; see `enginediag_cli.mismatch.refine`.
     """
-    judging = as_recordings(test)
+    judging = resolve_recordings(test)
     choices = RefineChoices(tuple(terms), tuple(without), switched, holdout_last, judging.files, window, command)
     inquiry = inquire(engine, recordings, nominal, search, messages)
     if judging.recorder not in (None, inquiry.case.source.recorder):

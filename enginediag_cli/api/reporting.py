@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.api.inputs import Comparison, NominalLike, RecordingsLike, compare
-from enginediag_cli.api.over_time import MarginOptions
 from enginediag_cli.api.results import MessageLog
+from enginediag_cli.api.trends import MarginOptions
 from enginediag_cli.errors import DataError, UsageError
 from enginediag_cli.report.messages import Messages
 
@@ -58,26 +58,26 @@ def make_report(
     messages: Messages | None = None,
     **windows: Any,
 ) -> ReportPage:
-    """Write what was found as one page: the verdict first, then charts, each with its table, then how it was made.
+    """Make one page of results: the verdict first, then charts with their tables, then the provenance.
 
     Parameters
     ----------
     files
-        Files that other verbs or commands wrote; with `nominal`, recordings among them are judged here.
+        Results of other verbs or commands; with `nominal`, recordings among them are judged here.
     nominal : str, Path, Baseline or IdentificationResult, optional
         Nominal engine of the recordings.
     false_alarm : float
         Probability of a false alarm [1].
     margin : MarginOptions, optional
-        What the margin of the turbine temperature is counted to and from.
+        From and to what the EGT margin is counted.
     title : str
         Headline.
     static : bool
-        Pictures that do not move, although bokeh is installed.
+        Static pictures even if bokeh is installed.
     command : sequence of str
-        Commands that the page names as those that made it.
+        Commands that the page shows as its origin.
     messages : Messages, optional
-        Receives notes and warnings; they are collected when not given.
+        Receives notes and warnings; by default they are collected in the result.
     **windows
         Attributes of `WindowOptions`.
 
@@ -108,7 +108,7 @@ def make_report(
 
 
 def _results(comparison: Comparison) -> tuple[list[Result], list[str]]:
-    """What can be read of the files, and why others cannot, which ends nothing as long as one can. Raises DataError."""
+    """Read the results, with reasons for unreadable files. Raises DataError if none can be read."""
     from enginediag_cli.report.result_files import read_result
 
     source: Source = comparison.source
@@ -119,7 +119,7 @@ def _results(comparison: Comparison) -> tuple[list[Result], list[str]]:
         except DataError as error:
             if len(source.files) == 1:
                 raise
-            unreadable.append(f"{error}: left out")
+            unreadable.append(f"{error}: excluded")
     if not results:
         raise DataError("; ".join(unreadable))
     for sentence in unreadable:
@@ -130,7 +130,7 @@ def _results(comparison: Comparison) -> tuple[list[Result], list[str]]:
 def _evidence(
     comparison: Comparison, results: list[Result], false_alarm: float, margin: MarginOptions
 ) -> tuple[Evidence, list[str]]:
-    """What the results say, with what recordings say that are judged here."""
+    """Collect the findings of the results and of recordings that are judged here."""
     from enginediag_cli.report import result_files as kinds
     from enginediag_cli.report.evidence import Question, computed, evidence_of
     from enginediag_cli.report.result_files import known_of, nominal_result

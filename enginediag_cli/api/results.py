@@ -1,4 +1,4 @@
-"""What a verb of the library returns: rows with their declaration, messages, files, and a picture."""
+"""Results of the verbs of the library: rows with their declaration, messages, files, and a picture."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ class Result(ABC):
         self.table = table
         self.summary_columns = tuple(summary_columns or (table.terminal if table else ()))
         self.messages = messages if messages is not None else MessageLog()
-        self.found = self.judged = 0
+        self.findings = self.judged = 0
         self.unread: Mapping[str, str] = {}
         self._head, self._columns = head, columns
         self._rows = self._compute()
@@ -129,10 +129,10 @@ class Result(ABC):
 
     @abstractmethod
     def _compute(self) -> Iterator[Row]:
-        """The rows, one after another; what is to be said of all of them is said after the last."""
+        """Compute the rows, one after another; report on all of them after the last."""
 
     def complete(self: Kind, stream: bool = False) -> Kind:
-        """The result with all its rows computed, unless they are to come as a stream."""
+        """Compute all rows, unless they are to come as a stream; return the result."""
         if not stream:
             _ = self.rows
         return self
@@ -159,12 +159,15 @@ class Result(ABC):
         return self._kept
 
     def __iter__(self) -> Iterator[Row]:
+        """Iterate over all rows."""
         return iter(self.rows)
 
     def __len__(self) -> int:
+        """Return the number of rows."""
         return len(self.rows)
 
     def __getitem__(self, number: int) -> Row:
+        """Return a row by its number, from 0."""
         return self.rows[number]
 
     @property
@@ -181,7 +184,7 @@ class Result(ABC):
         return None if self._columns is None else tuple(self._columns)
 
     def array(self, column: str) -> NDArray[np.float64]:
-        """The numbers of a column.
+        """Return the numbers of a column.
 
         Parameters
         ----------
@@ -209,7 +212,7 @@ class Result(ABC):
         return np.array([np.nan if value is None or value == "" else float(value) for value in cells])
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything as plain Python objects, ready for ``json.dump``.
+        """Return everything as plain Python objects, ready for ``json.dump``.
 
         Returns
         -------
@@ -223,7 +226,7 @@ class Result(ABC):
         return {**schema, "provenance": list(self.provenance), "rows": rows}
 
     def to_frame(self) -> Any:
-        """The rows as a table of pandas, or of pyarrow where pandas is not installed.
+        """Return the rows as a table of pandas, or of pyarrow where pandas is not installed.
 
         Returns
         -------
@@ -242,7 +245,7 @@ class Result(ABC):
         return frame({name: [row[k] for row in cells] for k, name in enumerate(names)})
 
     def summary(self) -> str:
-        """What the command would say of the result on standard error: sentences, warnings and counts.
+        """Return what the command prints on standard error: sentences, warnings and counts.
 
         Returns
         -------
@@ -256,7 +259,7 @@ class Result(ABC):
         return "\n".join(", ".join(f"{k} {v}" for k, v in row.items() if v not in (None, "")) for row in rows)
 
     def plot(self) -> Picture:
-        """The picture that the command's ``--picture`` draws.
+        """Draw the picture of the command's ``--picture``.
 
         Returns
         -------
@@ -306,14 +309,14 @@ class Result(ABC):
 
 
 class DocumentResult(Result):
-    """Rows, and one document that says all of a result: what is written as JSON."""
+    """Rows, and one document with all details of a result, which is written as JSON."""
 
     @abstractmethod
     def _document(self, provenance: Sequence[str]) -> Mapping[str, Any]:
-        """All of it as one object; a value may be an iterator of what need not be in memory together."""
+        """Return the whole result as one object; a value may be an iterator, to bound memory."""
 
     def to_dict(self) -> dict[str, Any]:
-        """The document that the command writes as JSON, as plain Python objects.
+        """Return the document that the command writes as JSON, as plain Python objects.
 
         Returns
         -------
@@ -358,7 +361,7 @@ class DocumentResult(Result):
 
 
 def frame(columns: Mapping[str, Sequence[Any]]) -> Any:
-    """A table of pandas, else of pyarrow.
+    """Make a table of pandas, else of pyarrow.
 
     Raises
     ------

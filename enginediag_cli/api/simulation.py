@@ -1,4 +1,4 @@
-"""`simulate`: an engine is flown, healthy or faulty; what its sensors record, and what is really wrong."""
+"""`simulate`: what the sensors of an engine record, healthy or faulty, and the truth."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
-from enginediag_cli.api.inputs import EngineLike, RecordingsLike, as_engine, as_recordings
+from enginediag_cli.api.inputs import EngineLike, RecordingsLike, resolve_engine, resolve_recordings
 from enginediag_cli.api.results import Result, Row, frame
 from enginediag_cli.errors import DataError, UsageError
 from enginediag_cli.progress import each
@@ -31,7 +31,7 @@ __all__ = ["SimulationResult", "simulate"]
 
 NOISES = ("none", "gaussian", "uniform", "correlated", "quantised")
 REASONS_SHOWN = 5
-"""Reasons that are told one by one; there are rarely more kinds, the rest are counted."""
+"""Reasons that are reported one by one; there are rarely more kinds, the rest are counted."""
 
 LOOSE = "the run of these could not be made exact: energy balances to about 1e-6 there"
 """Of records of moving engines."""
@@ -54,7 +54,7 @@ class SimulationChoices:
     seed: int = 0
 
     def check(self) -> None:
-        """Raises UsageError for choices that do not go together."""
+        """Raise UsageError for choices that exclude each other."""
         if self.noise is not None and self.noise not in NOISES:
             from enginediag_cli.config.hints import near
 
@@ -70,7 +70,7 @@ class SimulationChoices:
     def flown(
         self, engine: Engine, rng: np.random.Generator
     ) -> tuple[Conditions, dict[str, ColumnNoise], tuple[str, ...]]:
-        """(operating conditions, noise of each column, provenance of the conditions)."""
+        """Return operating conditions, noise of each column, and provenance of the conditions."""
         from enginediag_cli.config.kinds import load_checked
         from enginediag_cli.errors import Mark
         from enginediag_cli.simulation.flights import default_plan, generate_flights
@@ -91,11 +91,11 @@ class SimulationChoices:
         return given, column_noise(KINDS[kind] if kind else plan["noise"], engine, mark), ()
 
     def _recorded(self, engine: Engine) -> tuple[Conditions, tuple[str, ...]]:
-        """Conditions record by record, and where they come from."""
+        """Read conditions record by record, and their provenance."""
         from enginediag_cli.recordings.read import read_all
         from enginediag_cli.simulation.simulate import conditions_of
 
-        source = as_recordings(self.conditions)
+        source = resolve_recordings(self.conditions)
         if len(source.files) != 1:
             raise UsageError(f"--conditions is one recording, not {len(source.files)}")
         recording = read_all(source.files[0], declared=(*engine.inputs, *engine.optional_inputs))
@@ -134,13 +134,13 @@ class SimulationResult(Result):
         self._streamed = False
 
     def complete(self: Flown, stream: bool = False) -> Flown:
-        """The result with all records flown, unless they are to come as a stream."""
+        """Simulate all records, unless they are to come as a stream; return the result."""
         if not stream:
             self._done += self._flown()
         return self
 
     def pieces(self) -> Iterator[Simulated]:
-        """Recording and truth, some thousand records at a time; those of a stream come once.
+        """Yield recording and truth, some thousand records at a time; those of a stream come once.
 
         Yields
         ------
@@ -161,7 +161,7 @@ class SimulationResult(Result):
         yield from self._flown()
 
     def _flown(self) -> Iterator[Simulated]:
-        """The pieces as they are flown; what is to be said of all of them is said after the last."""
+        """Simulate the pieces; report on all of them after the last."""
         reasons: Counter[str] = Counter()
         for piece in each(self._pieces, "records simulated", size=len):
             reasons.update(piece.reasons)
@@ -197,6 +197,7 @@ class SimulationResult(Result):
             messages.note(f"integrated along time with the states {self._states}; --steady takes records as steady")
 
     def __len__(self) -> int:
+        """Return the number of records."""
         return self.records
 
     @property
@@ -210,7 +211,7 @@ class SimulationResult(Result):
         return tuple(self._done[0].columns) if self._done else None
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """What is recorded.
+        """Return the recording.
 
         Returns
         -------
@@ -221,8 +222,10 @@ class SimulationResult(Result):
 
     @property
     def truth(self) -> dict[str, NDArray[Any]]:
-        """What is really wrong, by record: values of the parameters that differ from the healthy engine, in their
-        units (1 is healthy for an efficiency), and errors of sensors, shape (records,) each."""
+        """True values by record, arrays of shape (records,): changed parameters and errors of sensors.
+
+        Parameters are in their units; 1 is healthy for an efficiency.
+        """
         return self._joined("truth")
 
     def _joined(self, what: str) -> dict[str, NDArray[Any]]:
@@ -325,19 +328,19 @@ def simulate(
         Operating conditions record by record: a path, a mapping of column name to array of shape (records,), or a
         DataFrame; units are in the names.
     faults : path, sequence of paths, or FaultSet
-        Faults to put in.
+        Faults to implant.
     noise : {"none", "gaussian", "uniform", "correlated", "quantised"}, optional
         Noise of the sensors; that of the flight file, or gaussian, when not given.
     flights, records : int, optional
         Number of flights; end after so many records.
     steady : bool
-        Take every record as steady, also of an engine with states.
+        Treat every record as steady, even for an engine with states.
     seed : int
         Seed of everything random.
     messages : Messages, optional
-        Receives notes and warnings; they are collected when not given.
+        Receives notes and warnings; by default they are collected in the result.
     stream : bool
-        Fly only as records are written, in bounded memory.
+        Simulate only as records are written, in bounded memory.
 
     Returns
     -------
@@ -358,7 +361,7 @@ def simulate(
 
     choices = SimulationChoices(flight, conditions, noise, flights, records, steady, seed)
     choices.check()
-    model = as_engine(engine)
+    model = resolve_engine(engine)
     files: list[str] = []
     if not isinstance(faults, FaultSet):
         several = [faults] if isinstance(faults, (str, Path)) else list(faults)

@@ -25,7 +25,7 @@ from click.core import ParameterSource
 from enginediag_cli.cli.options import (
     HEADINGS,
     OPERATION,
-    Option,
+    GroupedOption,
     has_value,
     is_default,
     long_name,
@@ -76,7 +76,7 @@ ONE_LINE = 1_000_000
 """Characters of a line of YAML: more than any value has."""
 
 
-class GivenDefaults(NamedTuple):
+class FileDefaults(NamedTuple):
     """Options that a file gives to one command: values by parameter, as click takes defaults, and their places."""
 
     values: dict[str, Any]
@@ -180,9 +180,9 @@ def exit_codes(finding: str = "") -> str:
     return f"\b\n{first}\n3 no verdict; 70 internal error; 75 --lock is held; 130 interrupted."
 
 
-def operation_options(reads_yaml: bool) -> list[Option]:
+def operation_options(reads_yaml: bool) -> list[GroupedOption]:
     """Options of every command for its log, its lock and its configuration."""
-    outside = Option(
+    outside = GroupedOption(
         ["--allow-outside"],
         heading=OPERATION,
         is_flag=True,
@@ -192,7 +192,7 @@ def operation_options(reads_yaml: bool) -> list[Option]:
     )
     return [
         *([outside] if reads_yaml else []),
-        Option(
+        GroupedOption(
             ["--config"],
             heading=OPERATION,
             for_all=True,
@@ -200,7 +200,7 @@ def operation_options(reads_yaml: bool) -> list[Option]:
             type=click.Path(dir_okay=False),
             help=f"YAML file with defaults of options, instead of {DEFAULTS} in the working folder; '' for none.",
         ),
-        Option(
+        GroupedOption(
             ["--log"],
             heading=OPERATION,
             for_all=True,
@@ -209,14 +209,14 @@ def operation_options(reads_yaml: bool) -> list[Option]:
             help="Append all messages to FILE as JSON lines, with exit code, duration and the SHA-256 of each output. "
             "Several runs may share it.",
         ),
-        Option(
+        GroupedOption(
             ["--lock"],
             heading=OPERATION,
             metavar="FILE",
             type=AppendedFile(),
             help="Run only if no other run holds this lock; otherwise exit with 75.",
         ),
-        Option(
+        GroupedOption(
             ["--lock-wait"],
             heading=OPERATION,
             metavar="SECONDS",
@@ -225,7 +225,7 @@ def operation_options(reads_yaml: bool) -> list[Option]:
             show_default=True,
             help="Time to wait for --lock.",
         ),
-        Option(
+        GroupedOption(
             ["--print-config"],
             heading=OPERATION,
             is_flag=True,
@@ -314,7 +314,7 @@ def write_result(result: Result, output: Output, picture: str | None = None) -> 
         result.plot().save(picture)
 
 
-def exit_code_of(found: int, judged: int, exit_code: bool, unread: Collection[str] = ()) -> ExitCode:
+def choose_exit_code(found: int, judged: int, exit_code: bool, unread: Collection[str] = ()) -> ExitCode:
     """Exit code: a finding on request only; trouble for unread files; no verdict when nothing could be judged."""
     if found and exit_code:
         return ExitCode.FINDING
@@ -326,7 +326,7 @@ def exit_code_of(found: int, judged: int, exit_code: bool, unread: Collection[st
 # -- the file of options
 
 
-def options_of(command: click.Command) -> dict[str, click.Option]:
+def settable_options(command: click.Command) -> dict[str, click.Option]:
     """The options of a command that a file may give, by their names in it."""
     found = [p for p in command.params if isinstance(p, click.Option) and p.name not in NOT_IN_FILES]
     return {long_name(option): option for option in found}
@@ -348,7 +348,7 @@ def defaults_section(known: Mapping[str, click.Command], others: Iterable[str] =
     common: dict[str, Field] = {}
     fields = []
     for name, command in known.items():
-        own = [_field_of(word, option) for word, option in options_of(command).items()]
+        own = [_make_field(word, option) for word, option in settable_options(command).items()]
         help = (command.short_help or "").rstrip(".")
         fields.append(Field(name, "section", help, default=None, section=Section(name, help, tuple(own))))
         for field in own:
@@ -366,7 +366,7 @@ def defaults_section(known: Mapping[str, click.Command], others: Iterable[str] =
     )
 
 
-def _field_of(word: str, option: click.Option) -> Field:
+def _make_field(word: str, option: click.Option) -> Field:
     """An option as a key. Bounds that a value must not reach are left to the option itself."""
     from enginediag_cli.config.fields import Field
 
@@ -396,33 +396,33 @@ def _common_field(one: Field, other: Field) -> Field:
     return replace(one, kind="scalar" if one.kind == "choice" else one.kind, choices=(), minimum=None, maximum=None)
 
 
-def read_defaults(path: str, name: str, command: click.Command, *, unnamed: bool) -> GivenDefaults:
+def read_defaults(path: str, name: str, command: click.Command, *, unnamed: bool) -> FileDefaults:
     """What a file gives to a command. unnamed: it lies in the working folder and nobody named it, so that what it names
     to be written must lie there, too. Raises ConfigError."""
     from dataclasses import replace
 
     from enginediag_cli.cli.main import COMMANDS
     from enginediag_cli.config.document import load_document
-    from enginediag_cli.config.kinds import wanted_kind
+    from enginediag_cli.config.kinds import require_kind
     from enginediag_cli.config.validate import validate
 
     document = load_document(path)
-    wanted_kind(document, KIND)
+    require_kind(document, KIND)
     known: Mapping[str, click.Command] = {name: command}
-    if document.is_mapping and any(word not in options_of(command) for word in _keys(document.value.get(ALL))):
+    if document.is_mapping and any(word not in settable_options(command) for word in _keys(document.value.get(ALL))):
         known = every_command()
     others = [other for other in COMMANDS if other not in known]
     if document.is_mapping:  # sections of other commands are not checked now
         kept = {key: node for key, node in document.value.items() if key not in others}
         document = replace(document, value=kept)
-    return _given(validate(document, defaults_section(known, others)), command, name, unnamed)
+    return _read_section_values(validate(document, defaults_section(known, others)), command, name, unnamed)
 
 
 def _keys(section: Node | None) -> tuple[str, ...]:
     return tuple(section.value) if section is not None and section.is_mapping else ()
 
 
-def check_effective(given: GivenDefaults, context: click.Context, typed: Mapping[str, Any]) -> None:
+def check_effective(given: FileDefaults, context: click.Context, typed: Mapping[str, Any]) -> None:
     """Check the file's values of options that neither command line nor environment overrides. Raises ConfigError."""
     problems: list[Problem] = []
     for option in context.command.params:
@@ -441,7 +441,7 @@ def check_defaults(path: Path) -> None:
     checked = validate(load_document(path), defaults_section(commands))
     problems: list[Problem] = []
     for name, command in commands.items():
-        given = _given(checked, command, name, False)
+        given = _read_section_values(checked, command, name, False)
         context = click.Context(command, info_name=name)
         for option in command.params:
             problems += _refusals(option, given, context)
@@ -449,9 +449,9 @@ def check_defaults(path: Path) -> None:
         raise ConfigError(sorted(set(problems), key=lambda problem: problem.mark))
 
 
-def _given(checked: Checked, command: click.Command, name: str, unnamed: bool) -> GivenDefaults:
-    options, folder = options_of(command), os.path.dirname(checked.file)
-    given = GivenDefaults({}, {})
+def _read_section_values(checked: Checked, command: click.Command, name: str, unnamed: bool) -> FileDefaults:
+    options, folder = settable_options(command), os.path.dirname(checked.file)
+    given = FileDefaults({}, {})
     problems: list[Problem] = []
     for section in (ALL, name):
         for word, value in (checked.values.get(section) or {}).items():
@@ -474,10 +474,14 @@ def _converted(value: Any, option: click.Option, folder: str) -> Any:
         return [item.split() for item in value]
     if not isinstance(option.type, click.Path):
         return value
-    return [_beside(item, option, folder) for item in value] if option.multiple else _beside(value, option, folder)
+    return (
+        [_resolve_path(item, option, folder) for item in value]
+        if option.multiple
+        else _resolve_path(value, option, folder)
+    )
 
 
-def _beside(path: str, option: click.Option, folder: str) -> str:
+def _resolve_path(path: str, option: click.Option, folder: str) -> str:
     if path in ("", "-") or os.path.isabs(path) or not folder:
         return path
     joined = os.path.join(folder, path)
@@ -502,7 +506,7 @@ def _reaches_out(value: Any, option: click.Option, folder: str) -> bool:
     return os.path.commonpath([inside, path]) != inside
 
 
-def _refusals(option: click.Parameter, given: GivenDefaults, context: click.Context) -> Iterator[Problem]:
+def _refusals(option: click.Parameter, given: FileDefaults, context: click.Context) -> Iterator[Problem]:
     """What an option has against its value in the file."""
     name = str(option.name)
     if name not in given.marks:
@@ -576,7 +580,7 @@ def configuration(context: click.Context, typed: Mapping[str, Any]) -> str:
 
 
 def _source(parameter: click.Parameter, source: ParameterSource | None, context: click.Context) -> str:
-    if source is ParameterSource.ENVIRONMENT and isinstance(parameter, Option):
+    if source is ParameterSource.ENVIRONMENT and isinstance(parameter, GroupedOption):
         return "environment, " + next((name for name in parameter.variables(context) if os.environ.get(name)), "")
     if source is ParameterSource.DEFAULT_MAP:
         return str(context.meta[MARKS][parameter.name])

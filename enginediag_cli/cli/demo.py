@@ -75,11 +75,11 @@ def demo(messages: Messages, seed: int, keep: str | None, missing_physics: bool,
 
     if keep is not None:
         os.makedirs(keep, exist_ok=True)
-        with _working_in(keep):
+        with _change_folder(keep):
             play()
         messages.note(f"all files are in {keep}; the commands above can be repeated there")
         return
-    with TemporaryDirectory(prefix="enginediag-demo-") as folder, _working_in(folder):
+    with TemporaryDirectory(prefix="enginediag-demo-") as folder, _change_folder(folder):
         play()
     messages.note("the files of these commands are deleted; --keep DIR keeps them in DIR")
 
@@ -138,7 +138,7 @@ def _play_missing_physics(messages: Messages, seed: int) -> None:
     run(messages, story.fly(story.RECORDED, story.FITTED_FLIGHTS, seed))
     run(messages, story.fly(story.UNSEEN, story.UNSEEN_FLIGHTS, seed + 1))
     _head(2, "Where do model and recordings differ?")
-    kept = _KeptNotes(debug=messages.debug, color=messages.color)
+    kept = _NoteCollector(debug=messages.debug, color=messages.color)
     run(kept, story.locate(), quiet=False)
     _print(_wrapped(kept.notes))
     _head(3, "Which physics is missing?")
@@ -170,7 +170,7 @@ def _write_report(messages: Messages, missing_physics: bool) -> None:
     run(messages, demonstration_missing.report() if missing_physics else demonstration.report())
 
 
-class _KeptNotes(Messages):
+class _NoteCollector(Messages):
     """Messages that keep the notes of a command, for the demonstration to print."""
 
     def __init__(self, debug: bool, color: str):
@@ -183,7 +183,7 @@ class _KeptNotes(Messages):
 
 
 @contextmanager
-def _working_in(folder: str) -> Iterator[None]:
+def _change_folder(folder: str) -> Iterator[None]:
     """Run in another folder, so that the command lines shown are those that run."""
     before = os.getcwd()
     os.chdir(folder)
@@ -216,10 +216,7 @@ def run(messages: Messages, arguments: list[str], *, quiet: bool = True) -> None
     step = copy(messages)
     step.begun = True  # a step has no log and no file of options of its own
     step.quiet = messages.quiet or quiet
-    with (
-        _called_with(arguments),
-        enginediag.make_context("enginediag", list(arguments), obj=step) as context,
-    ):
+    with _replace_arguments(arguments), enginediag.make_context("enginediag", list(arguments), obj=step) as context:
         code = enginediag.invoke(context)
     # detect and isolate end so when they could judge no flight at all; their rows have the reason, and are printed
     if code == ExitCode.NO_VERDICT and arguments[0] not in ("detect", "isolate"):
@@ -227,7 +224,7 @@ def run(messages: Messages, arguments: list[str], *, quiet: bool = True) -> None
 
 
 @contextmanager
-def _called_with(arguments: list[str]) -> Iterator[None]:
+def _replace_arguments(arguments: list[str]) -> Iterator[None]:
     """Have results record this command, not the demonstration, as the one that made them."""
     before = sys.argv
     sys.argv = ["enginediag", *arguments]

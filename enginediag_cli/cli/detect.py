@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from enginediag_cli.cli.config import command, exit_code_of, write_result
+from enginediag_cli.cli.config import choose_exit_code, command, write_result
 from enginediag_cli.cli.options import (
     JUDGEMENT,
     OPERATION,
@@ -205,7 +205,7 @@ def detect(
         required = "none" if "none" in must_show else must_show
         result = detection.detect(nominal, source, detectable=detectable, power=power, must_show=required, **settings)
     write_result(result, output, picture)
-    return exit_code_of(result.found, result.judged, exit_code, result.unread)
+    return choose_exit_code(result.findings, result.judged, exit_code, result.unread)
 
 
 def _check_method(name: str, healthy: Sequence[str], nominal: str | None, recordings: Sequence[str]) -> None:

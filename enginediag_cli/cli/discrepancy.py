@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from enginediag_cli.cli.config import command, exit_code_of, write_result
+from enginediag_cli.cli.config import choose_exit_code, command, write_result
 from enginediag_cli.cli.options import (
     INPUT,
     JUDGEMENT,
@@ -130,12 +130,12 @@ def locate(
         located = discrepancy.locate(engine, source, every_place=all, messages=messages, **search)
         if located.converged:
             write_result(located, output, picture)
-        return exit_code_of(located.found, located.judged, exit_code)
+        return choose_exit_code(located.findings, located.judged, exit_code)
     if all or picture:
         raise click.UsageError("--all and --picture need the map, which --per-record replaces")
     result = discrepancy.locate_per_record(engine, source, every=per_record, messages=messages, **search)
     write_result(result, output)
-    return exit_code_of(0, result.judged, False)
+    return choose_exit_code(0, result.judged, False)
 
 
 @command(finding="something is missing and --exit-code given")
@@ -207,7 +207,7 @@ def explain(
         result.save_plan(plan)
     if picture:
         _draw(messages, result, picture)
-    return exit_code_of(result.found, result.judged, exit_code)
+    return choose_exit_code(result.findings, result.judged, exit_code)
 
 
 @command()

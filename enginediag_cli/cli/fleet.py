@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from enginediag_cli.cli.config import Command, command, exit_code_of, write_result
+from enginediag_cli.cli.config import Command, choose_exit_code, command, write_result
 from enginediag_cli.cli.options import (
     INPUT,
     OPERATION,
@@ -130,12 +130,7 @@ class FleetCommand(Command):
 @exit_code_option
 @output_options
 def fleet(
-    messages: Messages,
-    fleet_file: str,
-    recordings: tuple[str, ...],
-    exit_code: bool,
-    output: Output,
-    **choices: Any,
+    messages: Messages, fleet_file: str, recordings: tuple[str, ...], exit_code: bool, output: Output, **choices: Any
 ) -> ExitCode:
     """Judge all engines of a fleet, rank them by severity, and find what is common to them.
 
@@ -155,4 +150,4 @@ def fleet(
 
     result = run(fleet_file, recordings, messages=messages, **choices)
     result.write(output)
-    return exit_code_of(result.found, result.judged, exit_code)
+    return choose_exit_code(result.findings, result.judged, exit_code)

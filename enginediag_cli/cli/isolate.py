@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from enginediag_cli.api.isolation import INSTRUMENT, METHODS, PARAMETER
-from enginediag_cli.cli.config import command, exit_code_of, write_result
+from enginediag_cli.cli.config import choose_exit_code, command, write_result
 from enginediag_cli.cli.options import (
     INPUT,
     JUDGEMENT,
@@ -168,4 +168,4 @@ def isolate(
         **choices,
     )
     write_result(result, output, picture)
-    return exit_code_of(result.found, result.judged, exit_code, result.unread)
+    return choose_exit_code(result.findings, result.judged, exit_code, result.unread)

@@ -50,7 +50,7 @@ PREFIX = "ENGINEDIAG"
 FORMATS = ("auto", "csv", "json", "ndjson", "table")
 
 
-class Option(click.Option):
+class GroupedOption(click.Option):
     """An option under one of HEADINGS. `for_all`: ENGINEDIAG_<OPTION> holds a default for every command, too."""
 
     def __init__(self, *names: Any, heading: str, for_all: bool = False, **settings: Any):
@@ -69,7 +69,7 @@ class Option(click.Option):
 
 def option(heading: str, *names: str, **settings: Any) -> Decorator:
     """`click.option` under a heading."""
-    return click.option(*names, cls=Option, heading=heading, **settings)
+    return click.option(*names, cls=GroupedOption, heading=heading, **settings)
 
 
 def options(*declared: Decorator, adapt: Callable[[Values], None] | None = None) -> Decorator:
@@ -122,30 +122,25 @@ def _set_message(context: click.Context, parameter: click.Parameter, value: Any)
         setattr(context.ensure_object(Messages), parameter.name, value)
 
 
-def message_options() -> list[Option]:
+def message_options() -> list[GroupedOption]:
     """`-q`, `-v`, `--color` and `--debug`: kept in the run's `Messages`, not passed to the command."""
-    kept: dict[str, Any] = {
-        "expose_value": False,
-        "is_eager": True,
-        "callback": _set_message,
-        "heading": OPERATION,
-    }
+    kept: dict[str, Any] = {"expose_value": False, "is_eager": True, "callback": _set_message, "heading": OPERATION}
     return [
-        Option(["-q", "--quiet"], is_flag=True, help="Print only errors on standard error.", **kept),
-        Option(
+        GroupedOption(["-q", "--quiet"], is_flag=True, help="Print only errors on standard error.", **kept),
+        GroupedOption(
             ["-v", "--verbose"],
             is_flag=True,
             help="Print on standard error which files are read and written, and the time of each stage.",
             **kept,
         ),
-        Option(
+        GroupedOption(
             ["--color"],
             type=click.Choice(["auto", "always", "never"]),
             default=None,
             help="Colours; auto follows the terminal and NO_COLOR.",
             **kept,
         ),
-        Option(["--debug"], is_flag=True, help="Print the traceback of an error.", **kept),
+        GroupedOption(["--debug"], is_flag=True, help="Print the traceback of an error.", **kept),
     ]
 
 
@@ -233,12 +228,7 @@ recordings_argument = click.argument(
     callback=_input_files,
     type=click.Path(allow_dash=True),
 )
-recordings_options = options(
-    recordings_argument,
-    recorder_options,
-    accept_mismatch_option,
-    adapt=_open_recordings,
-)
+recordings_options = options(recordings_argument, recorder_options, accept_mismatch_option, adapt=_open_recordings)
 """Recordings and how they are read, as one `source: Recordings`."""
 
 
@@ -338,7 +328,7 @@ false_alarm_option = probability_option("--false-alarm", 0.01, "False-alarm rate
 
 
 def _collect_margin(values: Values) -> None:
-    from enginediag_cli.api.over_time import MarginOptions
+    from enginediag_cli.api.trends import MarginOptions
 
     limit, consumed, removed = (values.pop(name) for name in ("limit", "consumed_limit", "taken_off"))
     if sum(map(bool, (limit, consumed, removed))) > 1:
@@ -422,14 +412,7 @@ def output_file_option(
     """`-o/--output FILE`; standard output when not given, unless it is required."""
     absent: dict[str, Any] = {} if required else {"default": "-"}  # to click from 8.3 on, None is a value, too
     return option(
-        OUTPUT,
-        "-o",
-        "--output",
-        required=required,
-        metavar=metavar,
-        type=OutputFile(suffixes),
-        help=help,
-        **absent,
+        OUTPUT, "-o", "--output", required=required, metavar=metavar, type=OutputFile(suffixes), help=help, **absent
     )
 
 

@@ -9,15 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from enginediag_cli.cli.config import command
-from enginediag_cli.cli.options import (
-    MODEL,
-    OUTPUT,
-    PREFIX,
-    complete_terms,
-    completions,
-    option,
-    output_options,
-)
+from enginediag_cli.cli.options import MODEL, OUTPUT, PREFIX, complete_terms, completions, option, output_options
 from enginediag_cli.cli.parameter_types import ConfigFile
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.output import Output

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from enginediag_cli.cli.config import command, exit_code_of, write_result
+from enginediag_cli.cli.config import choose_exit_code, command, write_result
 from enginediag_cli.cli.options import (
     MODEL,
     OUTPUT,
@@ -60,4 +60,4 @@ def residual(messages: Messages, nominal: str, source: Recordings, output: Outpu
 
     result = run(nominal, source, messages=messages, stream=True, **choices)
     write_result(result, output)
-    return exit_code_of(0, result.judged, False, result.unread)
+    return choose_exit_code(0, result.judged, False, result.unread)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from enginediag_cli.cli.config import command, exit_code_of, write_result
+from enginediag_cli.cli.config import choose_exit_code, command, write_result
 from enginediag_cli.cli.options import (
     INPUT,
     MODEL,
@@ -95,7 +95,7 @@ def trend(
     column `flight`, the windows of a recording count as flights (without --window, its records). --reference N says
     that nothing began in the first N records.
     """
-    from enginediag_cli.api.over_time import trend as run
+    from enginediag_cli.api.trends import trend as run
 
     result = run(
         nominal,
@@ -109,4 +109,4 @@ def trend(
         **choices,
     )
     write_result(result, output, picture)
-    return exit_code_of(0, result.judged, False, result.unread)
+    return choose_exit_code(0, result.judged, False, result.unread)

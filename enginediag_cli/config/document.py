@@ -69,16 +69,16 @@ _DEEP_LINE = re.compile(rf"^[-?: \t]{{{MOST_DEPTH}}}", re.MULTILINE)
 _BRACKET = re.compile(r"[\[\]{}]")
 
 
-class TooManyValues(yaml.YAMLError):
+class ValueCountError(yaml.YAMLError):
     """A document has more values than MOST_VALUES."""
 
 
 def refuse_bombs(text: str) -> None:
-    """Raises RecursionError for a document that may be nested deeper than MOST_DEPTH, and TooManyValues for one that
+    """Raises RecursionError for a document that may be nested deeper than MOST_DEPTH, and ValueCountError for one that
     may have more than MOST_VALUES; what is in quotes or comments counts as well, which no honest file comes near."""
     openers = text.count("[") + text.count("{")
     if openers + sum(text.count(mark) for mark in (",", ":", "- ", "-\n", "? ", "*")) > MOST_VALUES:
-        raise TooManyValues(f"more than {MOST_VALUES} values")
+        raise ValueCountError(f"more than {MOST_VALUES} values")
     depth = 0
     for bracket in _BRACKET.finditer(text) if openers > MOST_DEPTH else ():
         depth = depth + 1 if bracket.group() in "[{" else max(depth - 1, 0)
@@ -226,7 +226,7 @@ def parse_document(text: str, name: str) -> Node:
         raise ConfigError([Problem(mark, what)]) from error
     except yaml.MarkedYAMLError as error:
         raise ConfigError([_syntax_problem(error, text, name)]) from error
-    except TooManyValues as error:
+    except ValueCountError as error:
         raise ConfigError([Problem(Mark(name), f"the file has {error}, which no file of this kind has")]) from error
     except RecursionError as error:
         raise ConfigError([Problem(Mark(name), "brackets or indentation are nested too deeply")]) from error
@@ -396,7 +396,7 @@ def appended(text: str, name: str, key: str, entries: Sequence[Sequence[str]]) -
     return "\n".join([*lines[:end], *added, *lines[end:]]) + "\n"
 
 
-def with_item(text: str, place: Node, item: str) -> str:
+def insert_item(text: str, place: Node, item: str) -> str:
     """The text with one more scalar behind the last one of a list."""
     last = place.value[-1]
     lines = text.splitlines()
@@ -410,7 +410,7 @@ def with_item(text: str, place: Node, item: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def with_key(text: str, mapping: Node, behind: str, entry: str) -> str:
+def insert_key(text: str, mapping: Node, behind: str, entry: str) -> str:
     """The text with one more `key: value` in a mapping, behind its key `behind`, whose value is a scalar."""
     value, mark = mapping.value[behind], mapping.key_marks[behind]
     lines = text.splitlines()

@@ -70,7 +70,7 @@ class Either:
     help: str
     options: Mapping[str, Section]
 
-    def of(self, keys: Collection[str]) -> Section | None:
+    def choose(self, keys: Collection[str]) -> Section | None:
         """The one whose key is among these; None where there is none, or more than one."""
         found = [section for key, section in self.options.items() if key in keys]
         return found[0] if len(found) == 1 else None

@@ -124,21 +124,21 @@ def not_a_number(text: str, unit: str) -> str:
 
     plain = text.strip()
     if len(plain) > LONGEST_NUMBER:  # the patterns below take quadratic time, and say nothing about such a text
-        return f"give a number{_in(unit)}"
+        return f"give a number{_unit_phrase(unit)}"
     if re.fullmatch(r"[-+]?\d+,\d+", plain):
         return "write a decimal point instead of the comma"
     if re.fullmatch(r"[-+]?[\d.]+\s*%", plain):
-        return f"write it without '%'{_in(unit)}"
+        return f"write it without '%'{_unit_phrase(unit)}"
     if re.fullmatch(r"[-+]?\d{1,3}([_' ]\d{3})+(\.\d*)?", plain):
         return "write the digits without separators"
     if re.fullmatch(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", plain):
         return "remove the quotes"
     if re.match(r"^[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*[A-Za-z°/]", plain):
-        return f"write the number alone{_in(unit)}; the key says the unit"
-    return f"give a number{_in(unit)}"
+        return f"write the number alone{_unit_phrase(unit)}; the key says the unit"
+    return f"give a number{_unit_phrase(unit)}"
 
 
-def _in(unit: str) -> str:
+def _unit_phrase(unit: str) -> str:
     return f", in {unit}" if unit else ""
 
 
@@ -170,7 +170,9 @@ def render(problem: Problem, files: Lines | None = None) -> str:
 def render_all(error: ConfigError) -> str:
     """The problems of a file, one after the other, and how many more there are."""
     files: Lines = {}
-    return "\n".join([*(render(problem, files) for problem in error.told), *([error.rest] if error.rest else [])])
+    return "\n".join(
+        [*(render(problem, files) for problem in error.shown_problems), *([error.rest] if error.rest else [])]
+    )
 
 
 def _source_line(mark: Mark, files: Lines) -> str | None:

@@ -87,7 +87,7 @@ def _text(field: Field) -> Schema:
     return {"type": "string", "enum": list(field.choices)} if field.choices else {"type": "string"}
 
 
-def _map_of(values: Schema) -> Schema:
+def _mapping_schema(values: Schema) -> Schema:
     return {"type": "object", "additionalProperties": values}
 
 
@@ -106,12 +106,12 @@ SHAPES: dict[str, Callable[[Field], Schema]] = {
     "texts": lambda field: {"type": "array", "items": _text(field)},
     "scalar": lambda field: {"type": ["string", "number", "boolean"]},
     "range": lambda field: {"type": "array", "items": _number(field), "minItems": 2, "maxItems": 2},
-    "number_map": lambda field: _map_of(_number(field)),
-    "text_map": lambda field: _map_of(_text(field)),
-    "any_map": lambda field: _map_of({"type": ["string", "number", "boolean", "null"]}),
+    "number_map": lambda field: _mapping_schema(_number(field)),
+    "text_map": lambda field: _mapping_schema(_text(field)),
+    "any_map": lambda field: _mapping_schema({"type": ["string", "number", "boolean", "null"]}),
     "section": _inner,
     "sections": lambda field: {"type": "array", "items": _inner(field)},
     "named_sections": lambda field: {"type": "array", "items": _inner(field)},
-    "section_map": lambda field: _map_of(_inner(field)),
+    "section_map": lambda field: _mapping_schema(_inner(field)),
 }
 """One entry per kind in `fields.KINDS`."""

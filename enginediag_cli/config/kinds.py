@@ -101,11 +101,11 @@ def load_checked(path: str | Path, kind: str) -> Checked:
 
 def check_document(document: Node, kind: str) -> Checked:
     """Validate a document that must be of one kind; raises ConfigError as `load_checked`."""
-    wanted_kind(document, kind)
+    require_kind(document, kind)
     return validate(document, FILE_KINDS[kind].load_section())
 
 
-def wanted_kind(document: Node, kind: str) -> None:
+def require_kind(document: Node, kind: str) -> None:
     """Raises ConfigError for a document that says it is of another kind."""
     found = _kind_node(document)
     if found is not None and found.text in FILE_KINDS and found.text != kind:

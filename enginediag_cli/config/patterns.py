@@ -55,10 +55,10 @@ def matching(folder: Path, pattern: str) -> list[str]:
     DataError where it looks at too many entries, or takes too long."""
     every = Path(pattern).parts
     parts = [part for k, part in enumerate(every) if part != "." and (part != "**" or every[k - 1 : k] != ("**",))]
-    return sorted(set(_matching(str(folder), parts, _Walk(pattern))))
+    return sorted(set(_matching(str(folder), parts, _FolderWalk(pattern))))
 
 
-class _Walk:
+class _FolderWalk:
     """What a walk has looked at, and how long it may go on."""
 
     def __init__(self, pattern: str):
@@ -80,7 +80,7 @@ class _Walk:
         return found
 
 
-def _matching(folder: str, parts: list[str], walk: _Walk) -> Iterator[str]:
+def _matching(folder: str, parts: list[str], walk: _FolderWalk) -> Iterator[str]:
     if not parts:
         yield folder
         return

@@ -143,7 +143,7 @@ def text_map(node: Node, field: Field, where: str, report: Report) -> dict[str, 
     return _map(node, field, where, report, text)
 
 
-def any_map(node: Node, field: Field, where: str, report: Report) -> dict[str, Any]:
+def scalar_map(node: Node, field: Field, where: str, report: Report) -> dict[str, Any]:
     return _map(node, field, where, report, _scalar)
 
 
@@ -165,7 +165,7 @@ LEAVES: dict[str, Leaf] = {
     "range": number_range,
     "number_map": number_map,
     "text_map": text_map,
-    "any_map": any_map,
+    "any_map": scalar_map,
 }
 
 
@@ -233,12 +233,12 @@ def _filled(section: AnySection, given: Mapping[str, Any]) -> dict[str, Any]:
         head = {section.key: given[section.key]} if section.key in given else {}
         return head | (_filled(chosen, given) if chosen is not None else plain(given))
     if isinstance(section, Either):
-        known = section.of(given)
+        known = section.choose(given)
         return _filled(known, given) if known is not None else dict(plain(given))
-    return {field.name: _given_or_default(field, given) for field in section.fields}
+    return {field.name: _value_or_default(field, given) for field in section.fields}
 
 
-def _given_or_default(field: Field, given: Mapping[str, Any]) -> Any:
+def _value_or_default(field: Field, given: Mapping[str, Any]) -> Any:
     if field.name not in given:
         return default_value(field)
     value = given[field.name]
@@ -274,7 +274,7 @@ class Checked:
         key = str(path[-1])
         return parent.key_marks[key] if parent.is_mapping and key in parent.key_marks else self.mark(path)
 
-    def given(self, path: tuple[str | int, ...]) -> bool:
+    def is_given(self, path: tuple[str | int, ...]) -> bool:
         """Whether the file itself gives this value (a default is not given)."""
         return _walk(self.node, path)[0] is not None
 
@@ -310,7 +310,7 @@ def validate(document: Node, section: AnySection) -> Checked:
     Lists and ranges become lists, numbers floats, mappings dicts; an optional key whose default is None may
     also be left empty. Raises ConfigError with every problem, in the order of the file.
     """
-    walk = _Walk(list(document_problems(document)))
+    walk = _Validator(list(document_problems(document)))
     values = walk.mapping(document, section, "")
     if walk.problems:
         raise ConfigError(sorted(walk.problems, key=lambda p: (p.mark.line, p.mark.column)))
@@ -323,7 +323,7 @@ told."""
 
 
 @dataclass
-class _Walk:
+class _Validator:
     problems: list[Problem]
     hints: int = HINTS
 
@@ -341,9 +341,9 @@ class _Walk:
             return {}
         extra = [NAME] if named else []
         if isinstance(section, Either):
-            known = section.of(node.value)
+            known = section.choose(node.value)
             if known is None:
-                told = f"one of {', '.join(section.options)} says what it is{_in(where)}"
+                told = f"one of {', '.join(section.options)} says what it is{_inside(where)}"
                 self.report(node.mark, told, f"there must be exactly one of them: {section.help}")
                 return {}
             section = known
@@ -361,7 +361,7 @@ class _Walk:
             child = node.value.get(field.name)
             if child is None:
                 if field.required and field.name not in replaced:
-                    self.report(node.mark, f"missing key '{field.name}'{_in(where)}", expectation(field))
+                    self.report(node.mark, f"missing key '{field.name}'{_inside(where)}", expectation(field))
                 values[field.name] = default_value(field)
             elif child.value is None and field.default is None:
                 values[field.name] = None
@@ -418,19 +418,19 @@ class _Walk:
     def _variant(self, node: Node, variants: Variants, where: str) -> Section | None:
         chooser = node.value.get(variants.key)
         if chooser is None:
-            self.report(node.mark, f"missing key '{variants.key}'{_in(where)}", near("", variants.options))
+            self.report(node.mark, f"missing key '{variants.key}'{_inside(where)}", near("", variants.options))
             return None
         if not isinstance(chooser.value, str):
             self.report(
                 chooser.mark,
-                f"{variants.key}{_in(where)} must be a name, not {chooser.describe()}",
+                f"{variants.key}{_inside(where)} must be a name, not {chooser.describe()}",
                 near("", variants.options),
             )
             return None
         if chooser.value not in variants.options:
             self.report(
                 chooser.mark,
-                f"unknown {variants.key} '{chooser.value}'{_in(where)}",
+                f"unknown {variants.key} '{chooser.value}'{_inside(where)}",
                 near(chooser.value, variants.options),
             )
             return None
@@ -448,7 +448,7 @@ class _Walk:
             if self.hints:  # beyond what will be told, the search for near names would only cost time
                 self.hints -= 1
                 hint, meant = unknown_key(key, node.value[key].value, fields, free or names)
-            self.report(node.key_marks[key], f"unknown key '{shortened(key)}'{_in(where)}", hint)
+            self.report(node.key_marks[key], f"unknown key '{shortened(key)}'{_inside(where)}", hint)
             if meant is not None:
                 replaced.add(meant)
         return replaced
@@ -466,7 +466,7 @@ def _name_of(item: Node) -> str | None:
     return name.value if name is not None and isinstance(name.value, str) else None
 
 
-def _in(where: str) -> str:
+def _inside(where: str) -> str:
     return f" in {where}" if where else ""
 
 

@@ -122,7 +122,7 @@ class Engine:
             return self
         other = copy(self)
         other._moved = {**self._moved, **values}
-        other.parameters = {**self.parameters, **{n: self.parameters[n].moved(v) for n, v in values.items()}}
+        other.parameters = {**self.parameters, **{n: self.parameters[n].with_nominal(v) for n, v in values.items()}}
         other._nominal = {**self._nominal, **values}
         return other
 

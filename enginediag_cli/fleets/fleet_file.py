@@ -365,7 +365,7 @@ def _key_problems(checked: Checked) -> Iterator[Problem]:
     values = checked.values
     if values["builds"]:
         for key in BUILD_KEYS:
-            if checked.given((key,)):
+            if checked.is_given((key,)):
                 hint = "give it to each of the builds"
                 yield checked.problem((key,), f"'{key}' stands beside 'builds', which have their own", hint)
     engines = values["engines"]

@@ -65,7 +65,7 @@ def test_statistics_need_no_nominal_and_go_from_verb_to_verb(flown):
     statistics = api.residual(nominal, changed, sensors=True, window=30)
     found = api.isolate(None, statistics)
     assert {row["parameter"] for row in found} == {"compressor.efficiency"}
-    assert found.found == found.judged == 3
+    assert found.findings == found.judged == 3
 
 
 def test_a_result_says_writes_and_draws_what_the_command_does(flown, tmp_path, capsys):

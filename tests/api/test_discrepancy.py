@@ -59,7 +59,7 @@ def test_locate_gives_the_rows_of_its_command_and_its_picture(flown):
     engine, recorded = flown / "engine.yaml", flown / "flown.csv"
     result = api.locate(engine, recorded, **STATED)
     assert result.to_dict()["rows"] == written(flown, "locate", engine, recorded, *OPTIONS)
-    assert result.found == result.judged == 1
+    assert result.findings == result.judged == 1
     assert result.verdict == result.rows[0]["verdict"]
     assert result.places[0].location == result.rows[0]["location"]
     assert result.sentences[0] in result.summary()

@@ -48,11 +48,11 @@ def test_a_store_is_looked_into_merged_and_pruned(folder, tmp_path):
     assert (merged[0].copied, merged[0].present) == (1, 0)
     status = api.fleet_status(fleet_file, tmp_path / "here")
     assert [row["state"] for row in status] == ["condensed", "condensed", "new", "new"]
-    assert (status.found, status.judged) == (2, 4)
+    assert (status.findings, status.judged) == (2, 4)
     assert len(api.prune_store(fleet_file, tmp_path / "here", one, dry_run=True)) == 1
-    assert api.fleet_status(fleet_file, tmp_path / "here").found == 2
+    assert api.fleet_status(fleet_file, tmp_path / "here").findings == 2
     assert len(api.prune_store(fleet_file, tmp_path / "here", one)) == 1
-    assert api.fleet_status(fleet_file, tmp_path / "here").found == 1
+    assert api.fleet_status(fleet_file, tmp_path / "here").findings == 1
 
 
 @pytest.mark.parametrize(

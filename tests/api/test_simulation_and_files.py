@@ -124,9 +124,9 @@ def test_check_says_of_files_what_the_command_prints(healthy, folder, capsys):
     good = api.check(files, engine="turbojet.yaml")
     assert main(["check", *files, "--engine", "turbojet.yaml"]) == 0
     assert good.summary() == capsys.readouterr().out.strip()
-    assert (good.ok, good.judged, good.found) == (True, 2, 0)
+    assert (good.ok, good.judged, good.findings) == (True, 2, 0)
     bad = api.check([wrong, folder / "nowhere.csv", recording])
-    assert (bad.ok, bad.judged, bad.found) == (False, 1, 2)
+    assert (bad.ok, bad.judged, bad.findings) == (False, 1, 2)
     assert (bad[0]["line"], bad[0]["column"]) == (2, 1)
     assert not api.check(folder / "nowhere.csv").ok
 

@@ -212,8 +212,8 @@ def test_marks_lead_back_into_the_file() -> None:
     assert result.mark(("shafts", "hp")) == Mark("f.yaml", 18, 7)
     assert result.mark(("components", 7)) == Mark("f.yaml", 20, 3)
     assert result.mark() == Mark("f.yaml", 1, 1)
-    assert result.given(("components", "hpc", "spool"))
-    assert not result.given(("components", "hpc", "map"))
+    assert result.is_given(("components", "hpc", "spool"))
+    assert not result.is_given(("components", "hpc", "map"))
 
 
 def test_a_semantic_problem_is_written_like_any_other() -> None:

@@ -99,8 +99,8 @@ def test_what_wears_out_can_only_fall(every):
 def test_a_loss_that_was_identified_larger_may_vary_by_as_large_a_part_of_itself(every):
     engine = every["turbofan.yaml"]
     p, recovery = engine.parameters["tailpipe.pressure_loss"], engine.parameters["inlet.pressure_recovery"]
-    assert p.moved(2 * p.nominal).roams == pytest.approx(2 * p.roams)
-    assert recovery.moved(0.9).roams == recovery.roams
+    assert p.with_nominal(2 * p.nominal).roams == pytest.approx(2 * p.roams)
+    assert recovery.with_nominal(0.9).roams == recovery.roams
 
 
 def test_a_parameter_survives_the_way_through_its_description(every):

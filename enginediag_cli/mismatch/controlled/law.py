@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.config.document import Node, appended, dump, parse_document, with_item, with_key
+from enginediag_cli.config.document import Node, appended, dump, insert_item, insert_key, parse_document
 from enginediag_cli.engine.components.base import Actuator
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.load import EngineDescription
@@ -114,12 +114,12 @@ class ControlLaw:
         file lists that. Raises ConfigError, DataError for text that cannot be edited."""
         text = text.removeprefix("\ufeff").replace("\r\n", "\n")
         if self.key:
-            text = with_key(text, self._component(parse_document(text, file)), "name", self.key)
+            text = insert_key(text, self._component(parse_document(text, file)), "name", self.key)
         for name in self.parameters:
             block = parse_document(text, file).value.get("identification")
             listed = block.value.get("parameters") if block is not None and block.is_mapping else None
             if listed is not None and listed.is_list and listed.value:
-                text = with_item(text, listed, name)
+                text = insert_item(text, listed, name)
         return appended(text, file, "controls", [self.entry(source, errors)])
 
     def engine(self, described: EngineDescription, power_setting: str) -> Engine:

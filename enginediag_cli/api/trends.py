@@ -1,4 +1,4 @@
-"""`trend`: health over flights, since when and how fast it changes, and the margin of the turbine temperature."""
+"""`trend`: health over flights, since when and how fast it changes, and the EGT margin."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.api.inputs import Comparison, NominalLike, RecordingsLike, compare, tell_files
+from enginediag_cli.api.inputs import Comparison, NominalLike, RecordingsLike, compare, report_exclusions
 from enginediag_cli.api.results import Picture, Result, Row
 from enginediag_cli.errors import UsageError
 from enginediag_cli.report.messages import Messages
@@ -26,20 +26,20 @@ WHAT = ("trend", "flights", "margin")
 
 @dataclass(frozen=True)
 class MarginOptions:
-    """What the margin of a turbine temperature is counted to and from.
+    """From and to what the EGT margin is counted.
 
     Attributes
     ----------
     limits_K : mapping of str to float
-        Column → highest permitted turbine temperature [K].
+        Column → limit of the turbine temperature [K].
     consumed_limit_K : (float, float), optional
-        Margin that is lost when an engine is removed, and its standard deviation [K].
+        EGT margin used when an engine is removed, and its standard deviation [K].
     taken_off : sequence of str
         Engines of these recordings that end where they were removed.
     events_path : str
         CSV of maintenance, ``""`` for none.
     baseline : int
-        First flights that are believed healthy; 0 where it is not said.
+        Number of first flights taken as healthy; 0 for the default.
     """
 
     limits_K: Mapping[str, float] = field(default_factory=dict)
@@ -49,6 +49,7 @@ class MarginOptions:
     baseline: int = 0
 
     def __bool__(self) -> bool:
+        """Whether a limit or maintenance is given."""
         return bool(self.limits_K or self.consumed_limit_K or self.taken_off or self.events_path)
 
     @property
@@ -69,8 +70,8 @@ class MarginOptions:
         }
         return {name: str(value) for name, value in made.items() if value}
 
-    def question(self, *, healthy: int = 0, sensors: bool = True) -> MarginSettings:
-        """With the events of the file; healthy, sensors: as of `MarginSettings`. Raises ConfigError."""
+    def question(self, *, healthy: int = 0, sensors: bool = True) -> MarginQuestion:
+        """Read the events of the file; healthy, sensors: as in `MarginQuestion`. Raises ConfigError."""
         from enginediag_cli.fleets.fleet_file import read_events
         from enginediag_cli.fleets.maintenance import MarginSettings
 
@@ -103,7 +104,7 @@ class TrendChoices:
         return bool(self.margin) or self.what == "margin"
 
     def check(self, comparison: Comparison) -> None:
-        """Raises UsageError for choices that do not go together."""
+        """Raise UsageError for choices that exclude each other."""
         nominal, what = comparison.given, self.what
         refused = {
             f"--what: there is no {what!r}, but {', '.join(WHAT)}": what not in WHAT,
@@ -151,8 +152,8 @@ class TrendResult(Result):
             return output("trend/components" if self._choices.by == "component" else "trend")
         return output(f"trend/{what}")
 
-    def _read(self) -> tuple[Series, SeriesMargins | None, JudgedFiles]:
-        """The series of flights, its margins where they are followed, and the files that it was read from."""
+    def _read(self) -> tuple[Series, Margins | None, JudgedFiles]:
+        """Read the series of flights, with margins if requested, and the files it comes from."""
         from enginediag_cli.detection.series import series_of
         from enginediag_cli.fleets.maintenance import assess_margins
         from enginediag_cli.report.tables.margin import tell_margins
@@ -173,7 +174,7 @@ class TrendResult(Result):
         if monitor is None and series.stretches and choices.what == "trend":
             self.messages.note(
                 "without --nominal it is not known which inputs are weather and which set the power: what follows the "
-                "weather may pass for a change, and no instrument of an input is held against what it read"
+                "weather may look like a change, and no instrument of an input is checked"
             )
         return series, margins, files
 
@@ -189,12 +190,12 @@ class TrendResult(Result):
             rows = list(self._changes())
         self.judged = len(rows)
         yield from rows
-        tell_files(self.messages, self._files)
+        report_exclusions(self.messages, self._files)
         if self._series.lost:
-            self.messages.warning(f"{self._series.lost} windows without a verdict were left out")
+            self.messages.warning(f"{self._series.lost} windows without a verdict were excluded")
 
     def _changes(self) -> Iterator[Row]:
-        """Rows of what changed in each engine, and of what maintenance did."""
+        """Make the rows of changes in each engine, and of maintenance."""
         from enginediag_cli.detection.series import FEWEST
         from enginediag_cli.fleets.work_scope import WorkScopeEstimator
         from enginediag_cli.isolation.timeline import diagnose_engines
@@ -213,15 +214,9 @@ class TrendResult(Result):
             rows += self._of_engine(engine, story, scoping, rows)
         return iter(rows)
 
-    def _of_engine(
-        self, engine: str, story: Any, scoping: WorkScopeEstimator | None, before: Sequence[Row]
-    ) -> list[Row]:
-        from enginediag_cli.fleets.maintenance import maintenance_effects, mean_conditions
-        from enginediag_cli.report.tables.answers import (
-            maintenance_row,
-            tell_maintenance,
-            tell_scope,
-        )
+    def _of_engine(self, engine: str, story: Any, scoping: Scoping | None, before: Sequence[Row]) -> list[Row]:
+        from enginediag_cli.fleets.maintenance import conditions_of, maintenance_of
+        from enginediag_cli.report.tables.answers import maintenance_row, tell_maintenance, tell_scope
         from enginediag_cli.report.tables.trend import component_rows, tell_story, trend_rows
 
         choices, series, messages = self._choices, self._series, self.messages
@@ -240,8 +235,7 @@ class TrendResult(Result):
         return rows
 
     def plot(self) -> Picture:
-        """The health of the engine that changed, or the margin, over flights. Raises NoVerdictError where there is
-        nothing to draw."""
+        """Draw the health of the engine that changed, or the margin, over flights. Raises NoVerdictError."""
         from enginediag_cli.report.plotting.models import of_margin, of_trend, svg_of
 
         rows = self.rows
@@ -271,24 +265,23 @@ def trend(
     recordings
         Paths, `Recordings`, arrays or a DataFrame; see `read_recordings`.
     what : {"trend", "flights", "margin"}
-        One row per change with kind, onset and rate; one per flight and parameter; or the margin of the turbine
-        temperature.
+        One row per change with kind, onset and rate; one per flight and parameter; or the EGT margin.
     by : {"parameter", "component"}
         One row per parameter, or per event with all parameters of the component.
     sensors : bool
-        Whether instruments are suspected.
+        Whether instruments may be wrong.
     work_scope : {"nested", "cell", "sentences", ""}
-        How what restoring a component would bring stands in the rows.
+        How the effect of restoring a component is written into the rows.
     events : sequence of str
         First flights after maintenance, by their labels.
     margin : MarginOptions, optional
-        What the margin is counted to and from.
+        From and to what the EGT margin is counted.
     messages : Messages, optional
-        Receives sentences and warnings; they are collected when not given.
+        Receives sentences and warnings; by default they are collected in the result.
     stream : bool
         Compute rows only as they are read.
     **windows
-        Attributes of `WindowOptions`; ``reference`` says that nothing began in an engine's first records.
+        Attributes of `WindowOptions`; no change begins in the first ``reference`` records of an engine.
 
     Returns
     -------
@@ -312,7 +305,7 @@ def forecast(
     stream: bool = False,
     **windows: Any,
 ) -> TrendResult:
-    """Forecast how many flights the margin of the turbine temperature lasts: `trend` of ``what="margin"``.
+    """Forecast for how many flights the EGT margin lasts: `trend` with ``what="margin"``.
 
     Parameters
     ----------
@@ -324,13 +317,13 @@ def forecast(
         What the margin is counted to and from, such as ``MarginOptions(limits_K={"T45_K": 1180.0})``. Without a limit
         the rows say what wear has taken, and that there is no forecast.
     sensors : bool
-        Whether instruments are suspected.
+        Whether instruments may be wrong.
     messages : Messages, optional
-        Receives sentences and warnings; they are collected when not given.
+        Receives sentences and warnings; by default they are collected in the result.
     stream : bool
         Compute rows only as they are read.
     **windows
-        Attributes of `WindowOptions`; ``reference`` says that nothing began in an engine's first records.
+        Attributes of `WindowOptions`; no change begins in the first ``reference`` records of an engine.
 
     Returns
     -------
