@@ -585,6 +585,6 @@ def _shipped_engines() -> Mapping[str, Engine]:
 
 def _laws(engine: Engine) -> list[Term]:
     """Return the effects that the engine file itself declares."""
-    from enginediag_cli.physics.laws.law import Law
+    from enginediag_cli.physics.law import Law
 
     return [e.term for e in engine.effects if isinstance(e.term, Law)]
