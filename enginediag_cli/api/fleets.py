@@ -15,8 +15,8 @@ from enginediag_cli.report.messages import Messages
 from enginediag_cli.shipped import own_or_shipped
 
 if TYPE_CHECKING:
-    from enginediag_cli.fleets.fleet_file import Fleet, FleetRecording
-    from enginediag_cli.fleets.models import MergeCounts, StoreStatus
+    from enginediag_cli.fleets.fleet_file import Fleet
+    from enginediag_cli.fleets.models import StoreStatus
     from enginediag_cli.fleets.run import FleetRun
 
 __all__ = ["FleetResult", "StoreResult", "fleet", "fleet_status", "merge_stores", "prune_store"]
@@ -307,7 +307,7 @@ def _described(fleet_file: str | Path, recordings: RecordingsLike) -> Iterator[t
 
     Raises UsageError for recordings with a recorder of their own.
     """
-    from enginediag_cli.fleets.fleet_file import load_fleet, recordings_of
+    from enginediag_cli.fleets.fleet_file import find_recordings, load_fleet
 
     source = resolve_recordings(recordings)
     if source.recorder or source.engine_instance:

@@ -194,9 +194,9 @@ class IsolationResult(Result):
         report_exclusions(self.messages, self._files)
 
     @cached_property
-    def _scoping(self) -> Scoping | None:
+    def _scoping(self) -> WorkScopeEstimator | None:
         """Work scope of the nominal engine, computed once."""
-        from enginediag_cli.fleets.work_scope import Scoping
+        from enginediag_cli.fleets.work_scope import WorkScopeEstimator
 
         return None if self._monitor is None else WorkScopeEstimator(self._monitor)
 

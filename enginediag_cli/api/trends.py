@@ -15,8 +15,6 @@ from enginediag_cli.report.messages import Messages
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.series import Series
-    from enginediag_cli.fleets.maintenance import MarginSettings, SeriesMargins
-    from enginediag_cli.fleets.work_scope import WorkScopeEstimator
     from enginediag_cli.residuals.files import JudgedFiles
 
 __all__ = ["MarginOptions", "TrendResult", "forecast", "trend"]
@@ -215,7 +213,7 @@ class TrendResult(Result):
         return iter(rows)
 
     def _of_engine(self, engine: str, story: Any, scoping: Scoping | None, before: Sequence[Row]) -> list[Row]:
-        from enginediag_cli.fleets.maintenance import conditions_of, maintenance_of
+        from enginediag_cli.fleets.maintenance import maintenance_effects, mean_conditions
         from enginediag_cli.report.tables.answers import maintenance_row, tell_maintenance, tell_scope
         from enginediag_cli.report.tables.trend import component_rows, tell_story, trend_rows
 
