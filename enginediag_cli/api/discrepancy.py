@@ -165,7 +165,13 @@ def effect_names() -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        Such as ``"reynolds_efficiency"``; where one acts is written behind it, ``reynolds_efficiency@hpc``.
+        Such as ``"reynolds_efficiency"``; a site is written behind it, ``reynolds_efficiency@hpc``.
+
+    Examples
+    --------
+    >>> from enginediag_cli import effect_names
+    >>> "reynolds_efficiency" in effect_names()
+    True
     """
     from enginediag_cli.physics.registry import term_names
 

@@ -473,6 +473,12 @@ def describe_effect(name: str, engine: EngineLike | None = None) -> Description:
     UsageError
         For an effect that is not there; names the nearest.
     ConfigError, DataError
+
+    Examples
+    --------
+    >>> from enginediag_cli import describe_effect
+    >>> [row["coefficient"] for row in describe_effect("reynolds_efficiency", "turbofan.yaml").document["coefficients"]]
+    ['exponent']
     """
     from enginediag_cli.physics.registry import term, term_names
     from enginediag_cli.report.reference import carried_blocks, coefficient_rows, physics_page, site_row, term_row
@@ -529,6 +535,12 @@ def list_components() -> Listing:
     Returns
     -------
     Listing
+
+    Examples
+    --------
+    >>> from enginediag_cli import list_components
+    >>> "turbine" in [row["component"] for row in list_components()]
+    True
     """
     from enginediag_cli.engine.components import COMPONENTS
     from enginediag_cli.engine.overview import shown

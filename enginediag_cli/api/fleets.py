@@ -15,8 +15,8 @@ from enginediag_cli.report.messages import Messages
 from enginediag_cli.shipped import own_or_shipped
 
 if TYPE_CHECKING:
-    from enginediag_cli.fleets.fleet_file import Fleet
-    from enginediag_cli.fleets.models import StoreStatus
+    from enginediag_cli.fleets.fleet_file import Fleet, FleetRecording
+    from enginediag_cli.fleets.models import MergeCounts, StoreStatus
     from enginediag_cli.fleets.run import FleetRun
 
 __all__ = ["FleetResult", "StoreResult", "fleet", "fleet_status", "merge_stores", "prune_store"]
@@ -177,7 +177,7 @@ class StoreResult(Result):
     def __init__(self, standing: StoreStatus, messages: Messages):
         self.standing = standing
         super().__init__(columns=STATUS_COLUMNS, messages=messages)
-        self.findings, self.judged = sum(bool(key) for _, key in standing.known), len(standing.known)
+        self.findings, self.judged = sum(bool(key) for _, key in standing.recordings), len(standing.recordings)
 
     def _compute(self) -> Iterator[Row]:
         from enginediag_cli.report.tables.fleet import status_rows, tell_standing
@@ -262,7 +262,7 @@ def prune_store(
     return files
 
 
-def merge_stores(into: str | Path, *others: str | Path, messages: Messages | None = None) -> list[Merged]:
+def merge_stores(into: str | Path, *others: str | Path, messages: Messages | None = None) -> list[MergeCounts]:
     """Copy into a store what only other stores hold; these remain unchanged.
 
     Parameters
@@ -276,7 +276,7 @@ def merge_stores(into: str | Path, *others: str | Path, messages: Messages | Non
 
     Returns
     -------
-    list of Merged
+    list of MergeCounts
         For each of the others: how many recordings and models were copied, which were there, damaged, or differ.
 
     Raises
@@ -302,7 +302,9 @@ def _table(what: str) -> str:
 
 
 @contextmanager
-def _described(fleet_file: str | Path, recordings: RecordingsLike) -> Iterator[tuple[Fleet, tuple[Recorded, ...]]]:
+def _described(
+    fleet_file: str | Path, recordings: RecordingsLike
+) -> Iterator[tuple[Fleet, tuple[FleetRecording, ...]]]:
     """Open a fleet and its recordings; arrays have scratch files within the block.
 
     Raises UsageError for recordings with a recorder of their own.

@@ -104,6 +104,13 @@ def load_engine(path: str | Path) -> Engine:
     ------
     ConfigError
         Every problem of the file, with file:line:column and how to fix it.
+
+    Examples
+    --------
+    >>> from enginediag_cli import load_engine
+    >>> engine = load_engine("turbojet.yaml")
+    >>> sorted(engine.sensors)[:2]
+    ['N1_rpm', 'P3_Pa']
     """
     from enginediag_cli.physics.engine_file import load_engine as load
 
@@ -166,6 +173,13 @@ def read_recordings(
     ------
     DataError
         For what is no recording, and for arrays of different lengths.
+
+    Examples
+    --------
+    >>> from enginediag_cli import read_recordings
+    >>> recordings = read_recordings({"flight": [1, 1], "mach": [0.0, 0.3]})
+    >>> recordings.arrays()["mach"]
+    array([0. , 0.3])
     """
     scratch: list[Any] = []
     files = tuple(_file(item, scratch, len(recordings)) for item in recordings)

@@ -200,6 +200,12 @@ class Result(ABC):
         ------
         KeyError
             Where there is no such column; names the nearest.
+
+        Examples
+        --------
+        >>> from enginediag_cli import simulate
+        >>> simulate("turbojet.yaml", records=2, noise="none").array("altitude_m").shape
+        (2,)
         """
         import numpy as np
 

@@ -15,6 +15,8 @@ from enginediag_cli.report.messages import Messages
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.series import Series
+    from enginediag_cli.fleets.maintenance import MarginSettings, SeriesMargins
+    from enginediag_cli.fleets.work_scope import WorkScopeEstimator
     from enginediag_cli.residuals.files import JudgedFiles
 
 __all__ = ["MarginOptions", "TrendResult", "forecast", "trend"]
@@ -68,8 +70,8 @@ class MarginOptions:
         }
         return {name: str(value) for name, value in made.items() if value}
 
-    def question(self, *, healthy: int = 0, sensors: bool = True) -> MarginQuestion:
-        """Read the events of the file; healthy, sensors: as in `MarginQuestion`. Raises ConfigError."""
+    def question(self, *, healthy: int = 0, sensors: bool = True) -> MarginSettings:
+        """Read the events of the file; healthy, sensors: as in `MarginSettings`. Raises ConfigError."""
         from enginediag_cli.fleets.fleet_file import read_events
         from enginediag_cli.fleets.maintenance import MarginSettings
 
@@ -150,7 +152,7 @@ class TrendResult(Result):
             return output("trend/components" if self._choices.by == "component" else "trend")
         return output(f"trend/{what}")
 
-    def _read(self) -> tuple[Series, Margins | None, JudgedFiles]:
+    def _read(self) -> tuple[Series, SeriesMargins | None, JudgedFiles]:
         """Read the series of flights, with margins if requested, and the files it comes from."""
         from enginediag_cli.detection.series import series_of
         from enginediag_cli.fleets.maintenance import assess_margins
@@ -212,7 +214,9 @@ class TrendResult(Result):
             rows += self._of_engine(engine, story, scoping, rows)
         return iter(rows)
 
-    def _of_engine(self, engine: str, story: Any, scoping: Scoping | None, before: Sequence[Row]) -> list[Row]:
+    def _of_engine(
+        self, engine: str, story: Any, scoping: WorkScopeEstimator | None, before: Sequence[Row]
+    ) -> list[Row]:
         from enginediag_cli.fleets.maintenance import maintenance_effects, mean_conditions
         from enginediag_cli.report.tables.answers import maintenance_row, tell_maintenance, tell_scope
         from enginediag_cli.report.tables.trend import component_rows, tell_story, trend_rows

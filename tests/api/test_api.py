@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import doctest
+import importlib
 import io
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ import pytest
 import enginediag_cli
 from enginediag_cli import api
 from enginediag_cli.__main__ import main
-from enginediag_cli.errors import DataError, NoVerdictError, UsageError
+from enginediag_cli.errors import DataError, EngineDiagError, NoVerdictError, UsageError
 
 
 @pytest.fixture(scope="module")
@@ -130,8 +132,16 @@ def test_every_public_name_is_there_and_says_what_it_is():
         _ = enginediag_cli.detekt
 
 
-def test_the_example_of_the_package_runs():
-    assert doctest.testmod(enginediag_cli).failed == 0
+@pytest.mark.parametrize("module", ["", *(f".api.{name}" for name in api.MODULES)])
+def test_the_examples_of_the_library_run(module):
+    assert doctest.testmod(importlib.import_module(f"enginediag_cli{module}")).failed == 0
+
+
+def test_a_frame_without_pandas_or_pyarrow_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(EngineDiagError, match="pip install"):
+        api.list_components().to_frame()
 
 
 def test_columns_are_numbers_of_the_rows(flown):
