@@ -535,12 +535,6 @@ def list_components() -> Listing:
     Returns
     -------
     Listing
-
-    Examples
-    --------
-    >>> from enginediag_cli import list_components
-    >>> "turbine" in [row["component"] for row in list_components()]
-    True
     """
     from enginediag_cli.engine.components import COMPONENTS
     from enginediag_cli.engine.overview import shown
