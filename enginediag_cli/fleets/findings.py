@@ -150,8 +150,8 @@ class EngineFinding:
     since: number of the first changed flight, from 1, with its 95 % interval, 0 where nothing is found; severity: how
     far it has gone towards its limit, in `severity_unit` ("K" of the margin, or "sigma", prior standard deviations);
     unlisted: probability that what changed is something that is not among the suspects, NaN where it was not asked;
-    moved: what each of the events did, None where that is not known; instruments: those that are stuck or scatter in
-    some of its flights."""
+    event_changes: what each of the events did, None where that is not known; instruments: those that are stuck or
+    scatter in some of its flights."""
 
     serial: str
     build: str

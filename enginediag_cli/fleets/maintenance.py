@@ -329,8 +329,8 @@ class EventEffect:
 
 @dataclass(frozen=True)
 class EngineMargin:
-    """An engine with its margin, forecast and maintenance; brought: of each event of the finding, in its order, told at
-    `reference`; unknown: flights of events that are not recorded, and what may be meant."""
+    """An engine with its margin, forecast and maintenance; effects: of each event of the finding, in its order, told at
+    `reference`; unknown_flights: flights of events that are not recorded, and what may be meant."""
 
     finding: EngineFinding
     effects: Sequence[EventEffect]
@@ -340,8 +340,8 @@ class EngineMargin:
 
 @dataclass(frozen=True)
 class SeriesMargins:
-    """The engines of a series, by their names; others: engines that events name, and no recording; learnt_K: margin
-    that engines had lost when they were taken off, with its standard deviation, where some tell it."""
+    """The engines of a series, by their names; unknown_engines: engines that events name, and no recording;
+    learnt_K: margin that engines had lost when they were taken off, with its standard deviation, where some tell it."""
 
     engines: Mapping[str, EngineMargin]
     series: Series

@@ -40,8 +40,9 @@ DELIVERED = ("Fn_N", "power_W")
 @dataclass(frozen=True)
 class MarginScale:
     """column: of the hottest recorded temperature, "" where none is recorded; sensor: name of its bias; slope:
-    parameter → K per unit of the parameter; nominal_K: of a healthy engine at the reference; at: the reference
-    condition, column → value; held: what was kept, "Fn_N", "power_W" or the power setting; reason: why there is none.
+    parameter → K per unit of the parameter; nominal_K: of a healthy engine at the reference; reference: the reference
+    condition, column → value; held_column: what was kept, "Fn_N", "power_W" or the power setting; reason: why there
+    is none.
     """
 
     column: str = ""

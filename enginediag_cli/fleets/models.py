@@ -263,7 +263,7 @@ ABANDONED_S = 3600.0
 
 @dataclass(frozen=True)
 class StoreStatus:
-    """How far a store holds a fleet. known: of each recording the key under which it is kept, "" where it is not;
+    """How far a store holds a fleet. recordings: each with the key under which it is kept, "" where it is not;
     models: of each build whether its model is there; others: keys of recordings that are not this fleet's, or condensed
     otherwise; bytes: of the whole store."""
 
@@ -309,7 +309,7 @@ def prune_store(
 
 @dataclass(frozen=True)
 class MergeCounts:
-    """copied: recordings that the store did not have; there: that it had; damaged: files left out; models: nominal
+    """copied: recordings that the store did not have; present: that it had; damaged: files left out; models: nominal
     files copied; other_models: keys of models that differ in the two stores."""
 
     copied: int

@@ -392,9 +392,9 @@ seconds what they believe is not there."""
 @dataclass
 class FleetRun:
     """What a run found. recordings: in order, with what became of each; left_out: recording and why it is; sums: of all
-    statistics of each build; unknown: engines that events name and no recording; elsewhere: of records that training
-    did not cover; consumed_limit_K: what engines have lost of their margin when they are taken off, and its standard
-    deviation, None where that is not known."""
+    statistics of each build; unknown_engines: engines that events name and no recording; outside_training: of
+    records that training did not cover; consumed_limit_K: what engines have lost of their margin when they are taken
+    off, and its standard deviation, None where that is not known."""
 
     fleet: Fleet
     models: Mapping[str, BuildModel]

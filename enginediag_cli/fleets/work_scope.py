@@ -47,9 +47,9 @@ DESIGN, RATING, RECORDED = "design point", "rating at the design condition", "me
 
 @dataclass(frozen=True)
 class PowerReference:
-    """Inputs of one operating point, among them the power setting of a healthy engine; held: model column that is the
-    same before and after; temperature: hottest recorded turbine temperature, or, with `recorded` false, the model's
-    behind the last turbine; fuel: column of the fuel flow; words: which operating point it is."""
+    """Inputs of one operating point, among them the power setting of a healthy engine; held_column: model column
+    that is the same before and after; temperature: hottest recorded turbine temperature, or, with `recorded` false,
+    the model's behind the last turbine; fuel: column of the fuel flow; words: which operating point it is."""
 
     inputs: Mapping[str, float]
     held_column: str

@@ -29,15 +29,15 @@ from enginediag_cli.residuals.score import Score
 from enginediag_cli.residuals.statistics import root_of, whiten
 
 ODDS = 20.0
-"""Odds to one from which explanations count as told apart: those of a 95 % test."""
+"""Odds to one from which explanations count as separated: those of a 95 % test."""
 ALLOWED = 0.8
 """Probability of the changes among which the least favourable is sought."""
 MOST_RECORDS = 100_000
-"""More records than any recording has: told as “never”."""
+"""More records than any recording has: reported as “never”."""
 FREE = 1e-10
 """Share of the largest information of a set below which a direction of it counts as unknown."""
 LEADING = 4
-"""Sets that flights are to tell apart, likeliest first. Judgement."""
+"""Sets that flights are to separate, the most probable first. Judgement."""
 POINTS = 24
 """Records by which a flight is judged: its course has a few corners."""
 COMPUTED = 0.8
@@ -47,7 +47,7 @@ COMPUTED = 0.8
 @dataclass(frozen=True)
 class RecordingOption:
     """What could be recorded next: `label` and values in words' place, information per record (p_all, p_all) of
-    the monitor's parameters, `known`: the operating condition is one that identification has seen."""
+    the monitor's parameters, `inside_envelope`: identification has seen this operating condition."""
 
     label: str
     values: Mapping[str, float]
@@ -77,7 +77,7 @@ def advise(
     odds: float = ODDS,
     allowed: float = ALLOWED,
 ) -> list[Advice]:
-    """Options by falling usefulness for telling the two `rivals`, sets of monitored parameters, apart.
+    """Options by falling usefulness for separating the two `rivals`, sets of monitored parameters.
 
     uncertainty (p_all, p_all): covariance of what is uncertain about nominal and sensors, drawn anew for the
     further records. ValueError when the rivals are the same set.
@@ -116,7 +116,7 @@ def _hardest_cases(
     """One rival, the other, and the change of the one that is hardest to tell, for each rival that may be true."""
     a, b = (score.indices(list(names)) for names in rivals)
     if set(a.tolist()) == set(b.tolist()):
-        raise ValueError("the rivals are one and the same set")
+        raise ValueError("the alternatives are the same set")
     changes = [_allowed_change(score, own, other, allowed) for own, other in ((a, b), (b, a))]
     return [(own, other, c) for (own, other), c in zip(((a, b), (b, a)), changes, strict=True) if c is not None]
 
@@ -199,7 +199,7 @@ def _separates(separations: Sequence[Separation], wanted: float, n: float) -> bo
 
 def _informations(monitor: Monitor, conditions: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of each operating condition, inputs column -> (C,): information of a record (C, p_all, p_all), whether the engine
-    can compute it, and whether identification has seen the like of it."""
+    can compute it, and whether identification has seen such a condition."""
     predicted, J, ok, _ = monitor.predict(dict(conditions), monitor.theta0)
     G = whiten(np.zeros_like(predicted), J, monitor.noise)[1]
     seen = np.ones(len(ok), bool)

@@ -37,7 +37,7 @@ import numpy as np
 from enginediag_cli.errors import DataError
 from enginediag_cli.faults.catalogue import FaultSet
 from enginediag_cli.isolation.posterior import SetPosterior, reweight, set_posterior
-from enginediag_cli.isolation.prior import InstrumentForms, SetPrior
+from enginediag_cli.isolation.prior import DEFAULT_CATALOGUE_PRIOR, CataloguePrior, InstrumentForms, SetPrior
 from enginediag_cli.isolation.results import Explanation
 from enginediag_cli.isolation.slab_mixture import sets_by_size
 from enginediag_cli.log_weights import normalized_weights
@@ -276,22 +276,7 @@ def _cone(own: np.ndarray, spread: float) -> np.ndarray:
 
 
 FREE_LISTED = 50
-"""Free sets named one by one among the rivals."""
-
-
-@dataclass(frozen=True)
-class CataloguePrior:
-    """What is expected of a catalogue before the data: probability `presence` of each fault, and `unlisted` that a
-    change is none of it; `scales` of the severity, each as probable as the others (1 is the catalogue's size);
-    `ratio_spread`: how far the ratios within a fault may be from the catalogue's, as a factor."""
-
-    presence: float = 0.05
-    unlisted: float = 0.2
-    scales: tuple[float, ...] = (0.3, 1.0, 3.0)
-    ratio_spread: float = 1.7
-
-
-DEFAULT_CATALOGUE_PRIOR = CataloguePrior()
+"""Free sets listed one by one among the alternatives."""
 
 
 @dataclass(frozen=True)
@@ -307,13 +292,25 @@ class Severity:
 
 @dataclass(frozen=True)
 class NamedIsolation:
-    """The most probable account of the data in the catalogue's terms.
+    """The most probable explanation of the data in terms of a catalogue.
 
-    faults: names of the answer, empty when nothing changed or when it is not of the catalogue; free: then the
-    most probable set of parameters; probability of the answer (of all free sets together where the answer is
-    free); severities of the named; rivals: other answers, likeliest first, which with it hold `coverage`
-    (a free rival is named by its parameters); unlisted: probability that the change is none of the catalogue;
-    untestable: faults that these data could not show, with the reason.
+    Attributes
+    ----------
+    faults : tuple of str
+        Faults of the answer; empty when nothing changed, or when the change is not in the catalogue.
+    free : tuple of str
+        In that case the most probable set of parameters.
+    probability : float
+        Of the answer; of all free sets together where the answer is one.
+    severities : tuple of Severity
+        Of the named faults.
+    alternatives : tuple of Explanation
+        Other answers, the most probable first; with the answer they hold `coverage`. A free one is named by its
+        parameters.
+    unlisted : float
+        Probability that the change is not in the catalogue.
+    untestable : dict of str to str
+        Faults that these data cannot show, with the reason.
     """
 
     faults: tuple[str, ...]
@@ -344,7 +341,7 @@ def isolate_named(
     faults, untestable = named_faults(catalogue, score.parameters, score.theta0, ratio_spread=expected.ratio_spread)
     if not faults:
         reasons = "; ".join(f"{name}: {reason}" for name, reason in untestable.items())
-        raise DataError(f"no fault of the catalogue can be told by these parameters ({reasons})")
+        raise DataError(f"these parameters show no fault of the catalogue ({reasons})")
     prior = prior or SetPrior()
     presence, unlisted, scales = expected.presence, expected.unlisted, expected.scales
     n = len(faults)

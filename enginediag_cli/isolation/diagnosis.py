@@ -1,12 +1,10 @@
-"""One answer for one window: which parameters changed, by all that is asked for.
+"""The answer for one window, by parameter or by component.
 
-The posterior over sets, with the full nonlinear model where changes are too large for the quadratic one, and with
-what is known of signs; whether the answer fits; faults of a catalogue by name; whether a sensor and a component are
-rivals.
+By parameter: the posterior over sets, with the full nonlinear model where changes are too large for the quadratic one,
+and with known signs of changes; whether the answer fits; faults of a catalogue by name; whether a sensor fault and a
+component fault explain the data equally well.
 
-A sensor and a component as rivals: is the instrument wrong, or the engine?
-
-Isolation to components: which of them changed, whatever each one's parameters did.
+By component: which of them changed, whatever each one's parameters did.
 
 A set of components S changed with the probability of `SetPrior`, and in a component that changed every parameter
 has the slab prior N(0, slab²·prior_sigma²): what wears a compressor costs efficiency and flow capacity together.
@@ -20,7 +18,7 @@ trade against each other with the shape of its map, and one parameter of a neigh
 A sensor counts as a component of its own, with the prior that sensors have.
 
 Named is what is itself more probable than not, see `median_model`: of few components, some of which changed,
-a further one that the data do not speak of is by the prior about as probable as not, and would come and go with noise.
+a further one on which the data are silent is by the prior about as probable as not, and would come and go with noise.
 """
 
 from __future__ import annotations
@@ -66,14 +64,26 @@ HALF = 0.5
 
 @dataclass(frozen=True)
 class ComponentIsolation:
-    """`components` that changed, empty when none; `probability` of exactly this set; `p_all`: that they all
-    changed, whatever else did; `perhaps`: beside any of them, those that the most probable set holds, too, or that are
-    more probable than not.
+    """Components that changed.
 
-    rivals: other sets of components, likeliest first, which with the answer hold `coverage`; inclusion:
-    probability per component that it is among those that changed; complete: False when the answer is as large
-    as the largest set considered; adequacy: whether the answer fits, every parameter of its components free; one_of:
-    the class of components that these data cannot tell apart, where the answer is one.
+    Attributes
+    ----------
+    components : tuple of str
+        The answer; empty when nothing changed.
+    probability, p_all : float
+        Posterior probability of exactly this set, and that all of them changed, whatever else did.
+    possible : tuple of str
+        Further components that the most probable set holds, or that are more probable than not.
+    alternatives : tuple of Explanation
+        Other sets of components, the most probable first; with the answer they hold `coverage`.
+    inclusion : dict of str to float
+        Probability of each component to have changed.
+    complete : bool
+        False when the answer is as large as the largest set considered.
+    adequacy : Adequacy
+        Whether the answer fits, with every parameter of its components free.
+    ambiguity : AmbiguityGroup or None
+        The components that these data cannot separate, where the answer is one of them.
     """
 
     components: tuple[str, ...]
@@ -151,8 +161,8 @@ def median_model(sets: np.ndarray, probabilities: np.ndarray) -> int:
 
     They are the median probability model, which predicts better than the most probable one (Barbieri, M. M. and
     Berger, J. O. (2004) Annals of Statistics 32, 870–897), less what only other sets hold: a name that is missing does
-    less harm than a wrong one. Where nothing is left, or a set that the data tell from the most probable one (see
-    ODDS), that one is named: its members then stand against others by exchange, of which a class is told.
+    less harm than a wrong one. Where nothing is left, or a set that the data separate from the most probable one (see
+    ODDS), that one is named: its members are then exchanges for others and form an ambiguity group.
     """
     members = sets[0] & (probabilities @ sets >= HALF)
     if not members.any():
@@ -214,7 +224,7 @@ def _parameters(score: Score, components: tuple[str, ...], members: np.ndarray) 
 
 
 LEAST = 0.05
-"""A rival this much less probable than the other, or less, is no rival."""
+"""An explanation this much less probable than the other, or less, is no alternative."""
 
 
 @dataclass(frozen=True)
@@ -288,8 +298,25 @@ class DiagnosisOptions:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The result, the score that it rests on, and what else was asked for; adequacy: whether the answer fits; belief:
-    the posterior over sets, None of other methods."""
+    """The answer for one window.
+
+    Attributes
+    ----------
+    result : SetIsolation
+        Changed parameters, alternatives and sizes.
+    score : Score
+        The score on which the result rests.
+    catalogue : NamedIsolation or None
+        The answer in terms of a fault catalogue, where one was given.
+    sensor_ambiguity : SensorAmbiguity or None
+        A sensor fault and a component fault that explain the data equally well.
+    nonlinear : bool
+        Whether the full engine model was fitted.
+    adequacy : Adequacy
+        Whether the answer fits.
+    inference : SetInference or None
+        The posterior over sets; None for other methods.
+    """
 
     result: SetIsolation
     score: Score
@@ -313,8 +340,8 @@ def diagnose(
     fits badly the evidence is worth less; without them the model is taken to be right. disagreement: of the recording
     with the engine; where the file is likelier wrong than the engine no full model is asked for what it cannot explain.
 
-    Methods other than the posterior are as `isolate` gives them. DataError when no fault of the catalogue can
-    be told by the score's parameters.
+    Methods other than the posterior are as `isolate` gives them. DataError when the score's parameters
+    show no fault of the catalogue.
     """
     isolation = options.isolation
     health = int(np.sum(~are_sensors(score.described)))

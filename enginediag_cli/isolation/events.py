@@ -22,7 +22,7 @@ from typing import Any, cast
 import numpy as np
 
 from enginediag_cli.detection.wander import Courses, Table, along
-from enginediag_cli.isolation.prior import SetPrior
+from enginediag_cli.isolation.prior import SERIES_PRIOR, SetPrior
 from enginediag_cli.isolation.slab_mixture import piecewise_normal_moments
 from enginediag_cli.parameters import Parameter
 
@@ -120,14 +120,6 @@ class SeriesDiagnosis:
         return CANNOT_TELL if self.undecided or self.departures or self.unlisted >= HALF else STEADY
 
 
-STEPS = {True: 0.9, False: 0.05}
-"""Chance that an instrument (True) and a component (False) changes at once, and not growing. A thermocouple breaks or
-is replaced, few drift; most components wear and foul, a third stands for damage, washing and overhaul. Valves leak as
-seals wear, and stick; as often as a component is damaged, so that neither passes for the other by this. Judgement."""
-WRONG_WAY = 0.1
-"""Chance that a value which wear can move one way only has moved the other: washing and overhaul, in the main."""
-
-
 @dataclass(frozen=True)
 class SuspectGroups:
     """Groups of parameters (positions) that change together, the component of each, whether it is an instrument (G,),
@@ -194,7 +186,7 @@ def suspect_groups(
 def log_kind_prior(suspects: SuspectGroups, among: Courses) -> np.ndarray:
     """log P(kind | suspect) P(course | kind) (G, L): all courses of a kind alike."""
     found = np.full((len(suspects.groups), len(among.g)), -np.inf)
-    for instrument, step in STEPS.items():
+    for instrument, step in SERIES_PRIOR.p_step.items():
         for growing, chance in ((False, step), (True, 1 - step)):
             at = among.growing == growing
             if at.any():
@@ -205,10 +197,6 @@ def log_kind_prior(suspects: SuspectGroups, among: Courses) -> np.ndarray:
 FREEDOM = 30.0
 """Degrees of freedom ν of what readings wander by at once. Judgement: with tails that are much longer, no change in a
 single jump could be told from scatter; settled on shifted readings of the power plant."""
-OF_INSTRUMENTS = 1.0
-"""Largest slab of an instrument: its prior standard deviation is how far it plausibly is off when it is wrong."""
-FAILED = 10.0
-"""Slab of an output sensor that has failed, beside the others: a broken thermocouple reads anything."""
 SIZE = 4.6
 """What the log probability of an event loses for each size that is fitted to it: a hundred times as wide beforehand as
 afterwards."""
@@ -413,18 +401,19 @@ class EventSearch:
         """log of how much likelier the sizes are when wear moves a value one way only, mostly, and none goes beyond
         what a component can do."""
         described = [self.suspects.described[i] for i in group]
-        prior, wear = SetPrior(p_recovery=WRONG_WAY), np.array([p.wear for p in described])
+        prior, wear = SetPrior(p_recovery=SERIES_PRIOR.p_recovery), np.array([p.wear for p in described])
         low, high = prior.bounds(described)
         spread = np.sqrt(np.einsum("lqq->lq", covariance))
-        up = 2 * np.where(wear > 0, 1 - WRONG_WAY, np.where(wear < 0, WRONG_WAY, 0.5))
+        rises = SERIES_PRIOR.p_recovery
+        up = 2 * np.where(wear > 0, 1 - rises, np.where(wear < 0, rises, 0.5))
         cut = ((low - mean) / spread, -mean / spread, (high - mean) / spread)
         return np.asarray(piecewise_normal_moments(*cut, 2 - up, up)[0][:, np.isfinite(high)].sum(axis=1))
 
 
 def group_slabs(suspects: SuspectGroups, group: int, slabs: Sequence[float]) -> list[float]:
     """Sizes of a change of one group, in prior standard deviations, each as probable as the others."""
-    found = [min(slab, OF_INSTRUMENTS) for slab in slabs] if suspects.instrument[group] else [*slabs]
-    return found + ([FAILED] if suspects.instrument[group] else [])
+    found = [min(slab, SERIES_PRIOR.instrument_slab) for slab in slabs] if suspects.instrument[group] else [*slabs]
+    return found + ([SERIES_PRIOR.failed_slab] if suspects.instrument[group] else [])
 
 
 def _log_likelihood_gain(b: np.ndarray, S: np.ndarray, size: np.ndarray) -> np.ndarray:

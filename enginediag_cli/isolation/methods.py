@@ -1,6 +1,7 @@
-"""The isolation methods by name: what each names of a `Score`, and the whole `SetIsolation` with rivals and sizes.
+"""The isolation methods by name: what each names of a `Score`, and the whole `SetIsolation` with alternatives and
+sizes.
 
-What a method names is a function of its own, so that what judges thousands of windows need not look for rivals.
+What a method names is a function of its own, so that what judges thousands of windows need not look for alternatives.
 
 Sensitivity test: how well a change of the parameters a alone explains the residual, eqs. (12) and (13).
 
@@ -172,10 +173,10 @@ def incremental_diagnosis(
 
 
 MAX_ALTERNATIVES = 50
-"""Rivals that are told in tables, more are counted; sentences tell three. Where few sensors leave hundreds of sets
-possible, of the truths that stand in the credible set one in fifty comes after the first twenty."""
+"""Alternatives listed in tables, more are counted; sentences name three. Where few sensors leave hundreds of sets
+possible, of the truths in the credible set one in fifty comes after the first twenty."""
 MAX_ALTERNATIVE_TESTS = 5000
-"""Sets that are tested for being rivals: about a second of work."""
+"""Sets that are tested for being alternatives: about a second of work."""
 
 Named = tuple[tuple[str, ...], float]
 """The parameters that changed, and the probability that it is exactly these: NaN from a method that states none."""
@@ -186,7 +187,7 @@ class IsolationOptions:
     """Choices common to the methods.
 
     faults: number of changed parameters when known; false_alarm: level of tests; prior of the posterior
-    method; coverage: total probability that answer and rivals hold, more than the share of truths that shall be among
+    method; coverage: total probability of answer and alternatives, more than the share of truths that shall be among
     them, since how often things are wrong is known roughly; confidence: level of size intervals; largest: largest set
     considered.
     """
@@ -229,7 +230,7 @@ def minmax_set(score: Score, options: IsolationOptions) -> Named:
 
 
 def isolate_by_posterior(score: Score, options: IsolationOptions) -> SetIsolation:
-    """Most probable set among all sets; rivals are the next ones until `coverage` is reached."""
+    """Most probable set among all sets; alternatives are the next ones until `coverage` is reached."""
     posterior = set_posterior(score, options.prior, largest=options.largest, faults=options.faults)
     return posterior_result(score, posterior, options, options.prior)
 
@@ -242,7 +243,7 @@ def posterior_result(
     about: Mapping[bytes, Score] | None = None,
     listed: float = 1.0,
 ) -> SetIsolation:
-    """Answer, rivals and sizes from a posterior over sets; `score` and `about` give the sizes, see `average_sizes`.
+    """Answer, alternatives and sizes from a posterior over sets; `score` and `about` give the sizes (`average_sizes`).
     prior: the one with which the posterior was made; listed: probability that one of these sets is it."""
     every, instruments = posterior, InstrumentForms.from_parameters(score.described)
     posterior = absorb_small_changes(score, every.merge_forms(instruments), prior, about)
@@ -275,14 +276,14 @@ def posterior_result(
 
 
 def isolate_incrementally(score: Score, options: IsolationOptions) -> SetIsolation:
-    """The paper's incremental algorithm; rivals: sets of equal size that the rejection test accepts."""
+    """The paper's incremental algorithm; alternatives: sets of equal size that the rejection test accepts."""
     found = incremental_diagnosis(
         score, false_alarm=options.false_alarm, faults=options.faults, largest=options.largest
     )
     notes = [] if found.accepted else ["the isolated set does not explain the residual"]
     notes += [] if found.exact else ["the search for the best set stopped at its limit"]
     rivals, left_out, searched = _accepted_alternatives(score, found.isolated, options.false_alarm)
-    notes += [] if searched else ["rival sets were too many to test"]
+    notes += [] if searched else ["too many alternative sets to test"]
     return SetIsolation(
         "incremental",
         found.isolated,
@@ -298,11 +299,11 @@ def isolate_incrementally(score: Score, options: IsolationOptions) -> SetIsolati
 
 
 def isolate_by_sensitivity(score: Score, options: IsolationOptions) -> SetIsolation:
-    """The answer of `best_set`; rivals as those of the incremental algorithm."""
+    """The answer of `best_set`; alternatives as those of the incremental algorithm."""
     isolated, exact = _best_of_size(score, options)
     rivals, left_out, searched = _accepted_alternatives(score, isolated, options.false_alarm)
     notes = [] if exact else ["the search for the best set stopped at its limit"]
-    notes += [] if searched else ["rival sets were too many to test"]
+    notes += [] if searched else ["too many alternative sets to test"]
     return SetIsolation(
         "sensitivity",
         isolated,
@@ -342,7 +343,7 @@ NAMING: dict[str, Callable[[Score, IsolationOptions], Named]] = {
     "sensitivity": best_set,
     "minmax": minmax_set,
 }
-"""What each of METHODS names, without rivals and sizes."""
+"""What each of METHODS names, without alternatives and sizes."""
 
 METHODS: dict[str, Callable[[Score, IsolationOptions], SetIsolation]] = {
     "posterior": isolate_by_posterior,

@@ -48,7 +48,7 @@ from enginediag_cli.residuals.statistics import root_of, whiten
 MAX_POINTS = 20_000
 """Records times sets computed in one call of the engine."""
 TOGETHER = 1_500
-"""Records that are held against nominal together: sensitivities to two hundred parameters of each take 100 MB."""
+"""Records that are compared with nominal together: sensitivities to two hundred parameters of each take 100 MB."""
 COMPUTED = 40
 """Records at which changes are computed."""
 
@@ -338,7 +338,7 @@ TOLERANCE = 0.02
 class NonlinearPosterior:
     """Posterior over sets with the leading ones fitted by the full model, and the score about the best one.
 
-    about: of each set that was fitted, by the bytes of its mask, the score about its own estimate;
+    own_scores: of each set that was fitted, by the bytes of its mask, the score about its own estimate;
     prior: the one used, with a wide slab; fitted: how many sets; converged: every fit among the sets that matter
     settled; error: nats by which the quadratic misjudged the leading sets; offset: log likelihood of `score` at no
     change, that of the full model being 0.

@@ -392,8 +392,11 @@ def _quantile(weight: np.ndarray, mean: np.ndarray, spread: np.ndarray, level: f
 
 @dataclass(frozen=True)
 class SetInference:
-    """The posterior over sets with the score and the prior of which it was made; about: scores of single sets about
-    their own estimates, by the bytes of their masks, where the full model was fitted."""
+    """The posterior over sets with the score and the prior that it follows from.
+
+    own_scores: for sets that the full model was fitted to, by the bytes of their masks, scores about their own
+    estimates.
+    """
 
     score: Score
     posterior: SetPosterior

@@ -29,8 +29,8 @@ much that a change of the engine is found less improbable.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -133,10 +133,25 @@ class InstrumentForms:
 
 @dataclass(frozen=True)
 class SetPrior:
-    """inclusion, worn and sensor: probabilities, with the reasons in `faults/chances.py`; slabs: sizes of a change, in
-    prior_sigma; wrong_sensors: instruments and valves at most, at once; spread: factors on the odds of inclusion, which
-    give the π; rises: chance that a parameter that changed went against its wear, 0.5 where nothing is known of that;
-    instruments: by how much slabs are wider for instruments' errors.
+    """What is known before the data. This is the one place of the priors of isolation: of windows here, of a series
+    and of a fault catalogue in `SeriesPrior` and `CataloguePrior` below.
+
+    Attributes
+    ----------
+    inclusion, sensor : float
+        Probability that a parameter changed, and that an instrument is wrong (`faults/chances.py`).
+    p_uniform_wear : float
+        Probability of an engine on which any number of changes is equally probable.
+    slabs : tuple of float
+        Standard deviations of a change, in prior_sigma, equally probable.
+    max_sensor_faults : int
+        Most instruments and valves that are wrong at once.
+    odds_factors : tuple of float
+        Factors on the odds of `inclusion`, equally probable.
+    p_recovery : float
+        Probability that a parameter that changed moved against its wear; 0.5 where nothing is known of that.
+    instrument_width : float
+        Factor on the slabs for errors of instruments.
     """
 
     inclusion: float = PARAMETER
@@ -265,3 +280,58 @@ class SetPrior:
             way = np.where(rng.random((count, p)) < self.p_recovery, -wear, wear)
             size = np.where(wear == 0, size, way * np.abs(size))
         return changed, np.where(changed, size, 0.0)
+
+
+@dataclass(frozen=True)
+class SeriesPrior:
+    """What is known before the data of a change during a series, beside the probabilities and slabs of `SetPrior`.
+
+    Attributes
+    ----------
+    p_step : dict of bool to float
+        Probability that an instrument (True) and a component (False) changes at once and does not grow. A thermocouple
+        breaks or is replaced, few drift; most components wear and foul, the rest
+        stands for damage, washing and overhaul. Valves leak as seals wear, and stick; as often as a component is
+        damaged, so that neither passes for the other by this. Judgement.
+    p_recovery : float
+        Probability that a value which wear can move one way only has moved the other: twice that of one window, since
+        a series spans washing and overhaul.
+    instrument_slab : float
+        Largest slab of an instrument: its prior standard deviation is how far it plausibly is off when it is wrong.
+    failed_slab : float
+        Slab of an output sensor that has failed, beside the others: a broken thermocouple reads anything.
+    """
+
+    p_step: Mapping[bool, float] = field(default_factory=lambda: {True: 0.9, False: 0.05})
+    p_recovery: float = 2 * SetPrior.p_recovery
+    instrument_slab: float = 1.0
+    failed_slab: float = 10.0
+
+
+SERIES_PRIOR = SeriesPrior()
+
+
+@dataclass(frozen=True)
+class CataloguePrior:
+    """What is known before the data of the faults of a catalogue.
+
+    Attributes
+    ----------
+    presence : float
+        Probability of each fault: half of that of a parameter, of whose changes a catalogue names some.
+        Judgement.
+    unlisted : float
+        Probability that a change is not in the catalogue.
+    scales : tuple of float
+        Scales of the severity, equally probable; 1 is the catalogue's size.
+    ratio_spread : float
+        Factor by which the ratios within a fault may differ from the catalogue's.
+    """
+
+    presence: float = SetPrior.inclusion / 2
+    unlisted: float = 0.2
+    scales: tuple[float, ...] = (0.3, 1.0, 3.0)
+    ratio_spread: float = 1.7
+
+
+DEFAULT_CATALOGUE_PRIOR = CataloguePrior()

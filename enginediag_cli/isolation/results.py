@@ -1,21 +1,16 @@
-"""What isolation hands over: the set, how sure, its rivals, the sizes.
+"""The result of isolation: the set, its probability, alternatives and sizes; ambiguity groups; whether the answer fits.
 
-How large the change of each isolated parameter is, with an interval.
-
-Restricted estimate: Δθ_S = I_SS⁻¹ b_S with covariance I_SS⁻¹, the parameters outside S unchanged. The
+Sizes. Restricted estimate: Δθ_S = I_SS⁻¹ b_S with covariance I_SS⁻¹, the parameters outside S unchanged. The
 interval is conditional on S being the right set.
 
-Classes: explanations that these records cannot tell apart are one answer with several members.
+Ambiguity groups. Explanations that the data cannot separate are one answer with several members. A set T is an
+exchange for the leading set S where each holds something that the other does not. While the posterior odds of S over T
+are below ODDS the data do not separate them. S and all such T form a group: what all of them hold is shared, what a set
+holds besides is its member, and a member that contains another one is dropped. The group is the answer where S has less
+than CONVINCED of its probability. A set that only adds to S or omits from it is no exchange: the question is then
+whether there is more, not which it is.
 
-A set T stands against the leading set S by exchange where each holds something that the other does not. As long as the
-posterior odds of S over T are below ODDS, the records do not tell them apart: their noise, and what is uncertain about
-nominal, leaves either. S and all such T are a class; what all of them hold is shared, what a set holds besides is its
-member, and a member that holds another one says nothing more. The class is the answer where S has less than CONVINCED
-of its probability.
-
-A set that merely adds to S or leaves out of it is no exchange: it asks whether there is more, not which it is.
-
-Does the answer fit, and what if nothing that is listed is it: the alternative "something that is not listed".
+Adequacy. Whether the answer fits, and the probability of the alternative "something that is not listed".
 
 Noise. With χ²_rest what no parameter explains, of f degrees of freedom, and its ratio r = χ²_rest/f,
 
@@ -39,11 +34,10 @@ vector, both against no change, and ℓ(v) the likelihood of r where noise is as
 so that an answer whose reduced χ² stays at 4 is improbable however far it is ahead of the other listed ones. The share
 of the excess χ² that an answer takes away is 1 − (χ²(S) − freedom)/(χ²(∅) − measurements).
 
-How far each reading is from nominal, and what a set of changes would do to it, from local statistics alone.
-
-Where every sensor's bias b_x is among the parameters, ∂y_x/∂b_x = 1, so that s_x = Σ r_x e_x and F_xq = Σ r_x ∂y_x/∂θ_q
-with the weights r_x of sensor x, what is uncertain about nominal taken out. The weighted mean of the deviation of a
-reading, and that which a change Δ foretells, are
+Fingerprint. The deviation of each reading from nominal and the deviation that a set of changes predicts, from local
+statistics alone. Where every sensor's bias b_x is among the parameters, ∂y_x/∂b_x = 1, so that s_x = Σ r_x e_x and
+F_xq = Σ r_x ∂y_x/∂θ_q with the weights r_x of sensor x, what is uncertain about nominal taken out. The weighted mean
+of the deviation of a reading, and that which a change Δ predicts, are
 
     d_x = s_x / F_xx ,   var d_x = V_xx / F_xx² ,   f_x(Δ) = Σ_q F_xq Δ_q / F_xx
 
@@ -70,9 +64,9 @@ from enginediag_cli.residuals.score import Score
 from enginediag_cli.residuals.statistics import LocalStatistics
 
 CONVINCED = 0.9
-"""Share of its class from which the leading set is an answer of its own: odds of nine to one."""
+"""Share of its group from which the leading set is an answer of its own: odds of nine to one."""
 MOST_MEMBERS = 8
-"""Members that are told, likeliest first; nobody reads further, and the probability counts all."""
+"""Members listed, the most probable first; the probability of the group counts all."""
 
 
 @dataclass(frozen=True)
@@ -193,16 +187,34 @@ class Explanation:
 
 @dataclass(frozen=True)
 class SetIsolation:
-    """Outcome of one isolation method.
+    """The outcome of one isolation method.
 
-    isolated: changed parameters, empty when none; probability that these changed and nothing else that matters
-    (`least_relevant_change`; NaN for methods without one); rivals: other sets that the data cannot exclude,
-    likeliest first, which together with the answer hold `coverage`; rivals_left_out: how many more were not listed;
-    inclusion: probability per parameter that it changed (empty for methods without one); sizes of the isolated
-    parameters; complete: False when the method stopped at a limit before it was satisfied; note says why in plain
-    words. one_of: the class of which the answer is the likeliest member, where these data cannot tell its members
-    apart, or None. Sets that differ by the form of an instrument's error (bias, scale, drift) are one, named by the
-    likeliest form; forms: of an isolated instrument the chance of each form, given that it is wrong.
+    Attributes
+    ----------
+    method : str
+        Name of the method.
+    isolated : tuple of str
+        Parameters that changed; empty when none.
+    probability : float
+        Posterior probability that these changed and nothing else of relevance (`least_relevant_change`); NaN for a
+        method that states none.
+    alternatives : tuple of Explanation
+        Other sets that the data do not exclude, the most probable first; with the answer they hold `coverage`.
+    alternatives_omitted : int
+        Further alternatives, not listed.
+    coverage : float
+        Total probability of answer and alternatives.
+    inclusion : dict of str to float
+        Probability of each parameter to have changed; empty for a method that states none.
+    sizes : tuple of ParameterChange
+        Changes of the isolated parameters.
+    complete : bool
+        False when the method stopped at a limit; `note` says at which.
+    ambiguity : AmbiguityGroup or None
+        The group whose most probable member is the answer, where the data cannot separate its members. Sets that
+        differ by the form of an instrument's error (bias, scale, drift) are one, named by the most probable form.
+    forms : mapping
+        Of each isolated instrument the probability of each form of its error, given that it is wrong.
     """
 
     method: str
@@ -230,12 +242,22 @@ CERTAIN = 1e-3
 
 @dataclass(frozen=True)
 class Adequacy:
-    """`fit`: χ² per degree of freedom after the answer, NaN where nothing is left to test it by; before: without any
-    answer; explained: what the answer takes away of the excess over chance, NaN where there is none for certain.
+    """Whether an answer fits, and the probability of something that is not listed.
 
-    noise: by what the evidence was divided; unlisted: probability that it is something that is not listed; beyond:
-    parameter and size of a change of the answer, or of what would fit best without bounds, that is impossible.
-    disagreement: of the recording with the engine, where that was accepted.
+    Attributes
+    ----------
+    fit, fit_before : float
+        Reduced χ² with the answer, NaN where nothing is left to test it by, and without any answer.
+    explained : float
+        Share of the excess χ² that the answer explains; NaN where there is no significant excess.
+    noise : float
+        Factor of the noise variance by which the evidence was divided.
+    unlisted : float
+        Probability that the change is none of those listed.
+    impossible_change : tuple of (str, float) or None
+        Parameter and size of a change, of the answer or of the best fit without bounds, that is physically impossible.
+    disagreement : Disagreement or None
+        Of the recording with the engine, where that was accepted.
     """
 
     fit: float = float("nan")
@@ -304,7 +326,7 @@ def residual_fit(score: Score, statistics: LocalStatistics, names: Sequence[str]
 
 
 def temper(score: Score, noise: float) -> Score:
-    """The score with its evidence divided by `noise`."""
+    """The score with its evidence divided by the noise factor `noise`."""
     if noise == 1.0:
         return score
     return replace(score, b=score.b / noise, information=score.information / noise, glr=score.glr / noise)

@@ -115,7 +115,7 @@ class StatedError:
 @dataclass(frozen=True)
 class SingleError:
     """An error that acts as parameter number `position` of a score does. column: of the instrument, "" of a map; unit:
-    in which its size is told, "%" for shares; scale: the parameter's unit in one of these; stated: one standard
+    of its size, "%" for shares; scale: the parameter's unit in one of these; stated: one standard
     deviation, in `unit`; reading: mean reading of the instrument in the column's unit, NaN where it is not known."""
 
     name: str
@@ -322,7 +322,7 @@ class Crossing:
 
 
 def find_crossings(lines: ErrorLines, named: Named, same: Same, most: np.ndarray) -> list[Crossing]:
-    """The nearest crossing along each line, on either side of nothing; those beyond `most` (D,) are left out."""
+    """The nearest crossing along each line, on either side of nothing; those beyond `most` (D,) are dropped."""
     D = len(most)
     line, sign = np.repeat(np.arange(D), 2), np.tile([1.0, -1.0], D)
     error = lines.standard_errors[line]

@@ -7,18 +7,14 @@ one course (`detection/wander.py`), and has the prior
 
 Instruments step, at once and for good; components wear or are damaged. All suspects, kinds and onsets are enumerated
 for one event, the others of the series given. What is likeliest is added, or exchanged for another event, and the
-scatter is read again without it: the series and the events together become likelier by it, or it does not stay
-(`over_time.py`). No suspect is told to be less probable than it is by the scatter that its own event leaves.
+scatter is estimated again without it: an event stays where the series and the events together become more probable. No
+suspect is reported as less probable than it is by the scatter that its own event leaves.
 
-The search for the events of a series: looks at it with events taken out, each by the scatter that these leave.
-
-How large an event is depends on the scatter that it is judged by, and the scatter on what was taken out: by that of a
-series which still holds an event any size passes for small, and by that which was read without one suspect's change
-all others leave what it cannot be, whoever it was. So where no other event makes the series likelier each suspect that
-was tried is looked at again by the scatter that its own event leaves, until that is settled, and suspects are compared
-as they are then.
-
-What has happened to each engine of several: its own series judged, engines side by side.
+Search. How large an event is depends on the scatter that it is judged by, and the scatter on what was taken out: by
+that of a series which still holds an event any size passes for small, and by that which was read without one
+suspect's change all others leave what it cannot be, whoever it was. So where no other event makes the series
+likelier each suspect that was tried is evaluated again by the scatter that its own event leaves, until that is
+settled, and suspects are compared as they are then.
 """
 
 from __future__ import annotations
@@ -59,7 +55,7 @@ from enginediag_cli.residuals.score import fisher_score
 LAWS = (False, True)
 """Laws of scatter, each as probable as the other: readings scatter by themselves, or wander."""
 MAX_EVENTS = 4
-"""Events told apart in one series at most: a stop, since each must be more probable than none."""
+"""Events in one series at most: a stop, since each must be more probable than none."""
 PASSES = 8
 """Exchanges of events at most, each of which makes the series likelier."""
 SETTLED = 0.1
@@ -86,8 +82,9 @@ class EventSet:
 
 @dataclass(frozen=True)
 class EventEvidence:
-    """An event beside `others`; gain: log odds that it is one, the scatter read again without it; instead: log odds of
-    other suspects against its own, with the scatter that each of them leaves."""
+    """Evidence for one event, given the `others`: log_odds that it happened, with the scatter read again without it;
+    alternatives: log odds of other suspects against its own, each with the scatter that its event leaves.
+    """
 
     others: tuple[EventModel, ...]
     log_odds: float

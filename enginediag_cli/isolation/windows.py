@@ -1,8 +1,7 @@
-"""Windows of files isolated one after the other: verdict, what changed, and what to record next.
+"""Isolation of the windows of recordings: verdict, what changed, and what to record next.
 
-Which further sensor would have told the members of a class apart, had it been recorded in the same window.
-
-Sensors that the engine file describes and these records lack come first; where none of those would tell, gas
+Further sensors that would separate the members of an ambiguity group, had they been recorded in the same window:
+sensors that the engine file describes and these records lack come first; where none of those separates them, gas
 temperatures, pressures and shaft speeds that the model gives at other places, as well measured as such instruments are.
 """
 
@@ -72,8 +71,8 @@ HOTTEST_K = 1300.0
 def find_separating_sensors(
     monitor: Monitor, score: Score, found: AmbiguityGroup, inputs: Mapping[str, np.ndarray], records: int
 ) -> tuple[str, ...]:
-    """Columns of sensors that would tell the leading two of `found` apart in so many records, best first; empty where
-    none would. inputs: column -> (N,), operating points like those of the window."""
+    """Columns of sensors that would separate the two leading members of `found` in so many records, best first; empty
+    where none would. inputs: column -> (N,), operating points like those of the window."""
     engine: Any = monitor.engine
     at = np.unique(np.linspace(0, len(next(iter(inputs.values()))) - 1, RECORDS).astype(int))
     here = {column: np.asarray(values)[at] for column, values in inputs.items()}
@@ -135,9 +134,17 @@ ADVISED = 3
 
 @dataclass(frozen=True)
 class NextRecording:
-    """What would tell the answer from its leading rival: both, as sets of parameters, and what those are; operating
-    `conditions`; further `sensors` at the conditions of the window, None where its records are not held; whole
-    `flights`, the best of each kind, that would tell all leading sets apart."""
+    """What to record next to separate the answer from its leading alternative.
+
+    Attributes
+    ----------
+    alternatives : tuple of two tuples of str
+        Both sets of parameters; `meaning` says what those are.
+    conditions, sensors : sequence of Advice
+        Operating conditions, and further sensors at the conditions of this window; None where its records are not kept.
+    flights : sequence of Suggestion
+        Whole flights, the best of each kind, that would separate all leading sets.
+    """
 
     alternatives: tuple[tuple[str, ...], tuple[str, ...]]
     meaning: Mapping[str, Parameter]
@@ -148,8 +155,11 @@ class NextRecording:
 
 @dataclass(frozen=True)
 class IsolatedWindow:
-    """`diagnosis`, or `components` where components are asked for; both None where there is no verdict. flips: what
-    would change the first name, None where it was not asked for."""
+    """One window: its verdict and `diagnosis`, or `components` where the answer is by component; both None without a
+    verdict.
+
+    meaning: what the parameters are; sensitivity: of the conclusion to single errors, None where it was not computed.
+    """
 
     verdict: Verdict
     meaning: Mapping[str, Parameter]
@@ -181,10 +191,28 @@ class IsolatedWindow:
 
 @dataclass
 class WindowIsolation:
-    """The windows of `files` by these options. kept: the records of windows, where they are needed; advise: look for
-    the next recording; extra: model column → noise of a further sensor to consider, in the column's unit; flips:
-    told the number of a window, from 1, and whether something was named, it says whether to look for what would flip
-    its answer."""
+    """Isolates the windows of `files`.
+
+    Attributes
+    ----------
+    files : JudgedFiles
+        Recordings cut into windows.
+    options : DiagnosisOptions
+        Choices of the diagnosis.
+    false_alarm : float
+        Level of the detection test.
+    to_components : bool
+        Answer by component.
+    kept_records : KeptRecords or None
+        Records of windows, where they are needed for the full engine model.
+    advise : bool
+        Look for the next recording.
+    extra : mapping of str to float
+        Further sensors to consider: model column to noise, in the column's unit.
+    wants_sensitivity : callable
+        Given the number of a window, from 1, and whether something was named: whether to analyse the sensitivity of the
+        conclusion.
+    """
 
     files: JudgedFiles
     options: DiagnosisOptions
@@ -277,7 +305,7 @@ class WindowIsolation:
     def _add_separating_sensors(
         self, diagnosis: Diagnosis, window: WindowStatistics, records: Callable[[], WindowModel | None] | None
     ) -> Diagnosis:
-        """The diagnosis with the sensors that would tell the members of its class, where the engine is at hand."""
+        """The diagnosis with sensors that would separate its ambiguity group, where the engine is available."""
         found, monitor = diagnosis.result.ambiguity, self.files.monitor
         if found is None or monitor is None or window.statistics is None:
             return diagnosis
@@ -332,7 +360,7 @@ def visible_drifts(statistics: LocalStatistics | None, drifts: Sequence[str]) ->
 def _score_suspects(
     window: WindowStatistics, verdict: Verdict, dropped: Sequence[str]
 ) -> tuple[WindowStatistics, Verdict, Score]:
-    """The window and the verdict of its test with all suspects but some, and the score that tells what changed."""
+    """The window and its verdict without the `dropped` suspects, and the score for isolation."""
     every, window = window.statistics, window.without(dropped)
     assert every is not None and window.statistics is not None
     # a test asks whether anything changed, these questions by what: wrong slopes of the maps matter to them alone. What

@@ -9,7 +9,7 @@ class that says
     HELP     what it does, in a few words
     OPTIONS  its choices, as fields of a YAML section; each is a field of the dataclass with the same default
     learns   whether it needs windows believed healthy to train
-    name     under which it is asked for
+    name     under which `--method` and study files know it
     tests    names of its tests
     train    ties it to an engine; the fitted method's `diagnose` judges windows
 
@@ -95,7 +95,7 @@ class Verdicts:
 
     likeliest (W, q) bool: what explains each window best whether it alarms or not, for a method that can say so;
     probability (W,) that exactly this is right, NaN where there is none; None for a method that states none.
-    doubtful: why a window has no verdict although its tests could be made, by window.
+    withheld: why a window has no verdict although its tests could be made, by window.
     """
 
     method: str
@@ -317,7 +317,7 @@ class RecordedWindow:
 
 @dataclass(frozen=True)
 class WindowVerdict:
-    """Verdict on a window: `number` is its place in `verdicts`; None for one that no method was asked about."""
+    """Verdict on a window: `number` is its place in `verdicts`; None for one without a judged reading."""
 
     window: RecordedWindow
     verdict: str

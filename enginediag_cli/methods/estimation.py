@@ -1,8 +1,4 @@
-"""Windows with their scores, computed once for all methods that ask for them.
-
-What the methods that read scores have in common: the GLR test of the score, eq. (11), and names by isolation.
-
-The local approach behind the common interface: GLR detection, eq. (11), and any of the isolation methods.
+"""Scores, residuals and estimates of many windows at once, shared by the methods.
 
 Residuals and sensitivities in units of independent noise, also where noise is correlated in time.
 
@@ -13,7 +9,7 @@ AR(1) noise, cov(e_k, e_l) = σ² ρ^|k−l|, becomes white by differencing with
 and the sensitivities likewise (generalised least squares; Bryson, A. E. and Henrikson, L. J. (1968) J.
 Spacecraft and Rockets 5, 662–665, for filters).
 
-What a window tells of the parameters, for many windows at once: z·z, s = Gᵀz and F = GᵀG.
+Sums of a window, for many windows at once: z·z, s = Gᵀz and F = GᵀG.
 
 z ~ N(G Δθ, 1) are whitened residuals. Everything uncertain about θ0 and the sensors, of covariance C = L Lᵀ,
 makes their covariance 1 + G C Gᵀ, whose inverse 1 − G L A⁻¹ Lᵀ Gᵀ, A = 1 + Lᵀ F L (Woodbury), needs only sums.
@@ -32,18 +28,6 @@ that the window hardly determines. Isolation names the parameters that
 Holm's step-down procedure rejects. This is the "blind" re-estimation of all parameters to which the paper
 compares (end of section 5): with as many parameters as here, single estimates are poor where the joint one is good.
 Wald, A. (1943) Trans. Amer. Math. Soc. 54, 426–482; Holm, S. (1979) Scand. J. Statistics 6, 65–70.
-
-Methods that name what has changed, each by a test or posterior of `isolation`.
-
-Parameter estimation: re-estimate all parameters, name those that a Wald test finds changed (end of section 5).
-
-The paper's incremental algorithm (section 5.1.2): its statistic at nominal, or re-linearised.
-
-Parameters whose change no other can imitate: min-max tests with Holm's multiple comparison.
-
-The set of changes with the largest posterior probability: the tool's own isolation.
-
-The best set of the right size by the sensitivity test: isolation when the number of faults is known.
 """
 
 from __future__ import annotations
@@ -78,7 +62,7 @@ health parameters the second order is below 1e-6, the noise of a mean of thousan
 class ScoredWindows(RecordWindows):
     """Windows of a monitor, and the scores of its monitored parameters.
 
-    faults (W,): number of changes in each, which only methods that are told it may read; None where nobody knows.
+    faults (W,): number of changes in each, which only methods that take it may read; None where nobody knows.
     cost: CPU seconds spent on what methods share; used: what the method at work has asked for.
     """
 

@@ -22,7 +22,7 @@ P_0 = C + initial²; over a window of n records its parameters may wander `walk`
 
     innovation  ν = y − ŷ,  S = H P Hᵀ + R,  K = P Hᵀ S⁻¹,  x ← x + K ν,  P ← (1 − K H) P (1 − K H)ᵀ + K R Kᵀ
 
-How H P Hᵀ and P Hᵀ are found is what tells the extended and the unscented filter apart. All windows advance
+How H P Hᵀ and P Hᵀ are found distinguishes the extended from the unscented filter. All windows advance
 together, one record at a time. Tests: see `innovation_tests`.
 Jazwinski, A. H. (1970) Stochastic Processes and Filtering Theory; Mehra, R. K. and Peschon, J. (1971)
 Automatica 7, 637–640 (innovations for fault detection).

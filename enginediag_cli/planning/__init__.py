@@ -1,1 +1,1 @@
-"""The next recording: flights that an engine may fly, and how soon each would tell rival explanations apart."""
+"""The next recording: flights that an engine may fly, and how soon each would separate alternative hypotheses."""

@@ -1,13 +1,13 @@
 """Flights that an engine's envelope allows: profiles, sweeps of power and of speed, days hotter and colder.
 
-Each is a whole flight, as a crew could be asked to fly it; what an engine cannot do of them is left out by whoever
+Each is a whole flight, as a crew could be asked to fly it; what an engine cannot do of them is dropped by whoever
 judges them. An engine that stays where it is runs through its load on days as cold and as hot as it is declared for.
 
 A flight that might be flown next: the corners of its course, as a mission file has them, and its conditions.
 
 A grid of operating conditions over an engine's envelope, without those in which nothing can fly.
 
-Steps, ramps and blips of power, for rivals that remember.
+Steps, ramps and blips of power, for dynamic effects (with memory).
 
 Effects with memory differ by how they answer: a rate limit takes longer for a larger step, a lag does not, a delay is
 late by as much on a ramp.
@@ -46,7 +46,7 @@ class Corner:
 
 @dataclass(frozen=True)
 class PlannedFlight:
-    """`kind` of flight, `words` that tell it from others, its corners, further inputs of the engine held at
+    """`kind` of flight, `words` that describe it, its corners, further inputs of the engine held at
     `constants`; records every `interval_s`."""
 
     kind: str

@@ -1,22 +1,22 @@
-"""How far further records set rivals apart, and how surely the right one then stands out.
+"""How far further records separate alternative hypotheses, and how probably the right one is then identified.
 
-A rival h foresees the readings y_h of a record, in standard deviations of their noise, and how they answer to whatever
-it may adapt: Y_h, the columns of everything that is identified, of its own coefficients and of a new recording's
-offsets, each per standard deviation that is known of it. If h is true, n records of which G is the mean Gram matrix,
-with d = y_h − y_g, leave the rival g with a χ² more, after it has adapted, by
+A hypothesis h predicts the readings y_h of a record, in standard deviations of their noise, and how they answer to
+whatever it may adapt: Y_h, the columns of everything that is identified, of its own coefficients and of a new
+recording's offsets, each per standard deviation that is known of it. If h is true, n records of which G is the mean
+Gram matrix, with d = y_h − y_g, leave the hypothesis g with a χ² more, after it has adapted, by
 
     λ_hg(n) = min_y n⟨|d − Y_g y|²⟩ + |y|² = n G_dd − n² G_dY (1 + n G_YY)⁻¹ G_Yd ,
 
 which is λ_sep(I + nG) − λ_sep(I) of the score test's information I where g is what h would be taken for: what records
 like those flown have taught is in the standard deviations of Y. What nobody has flown is as uncertain as its prior, and
 so is how g would err there. The log odds of h over g are normal, of mean ½λ + ln(p_h/p_g) and variance λ. The right one
-stands out where they are ln ODDS against every rival; of several rivals,
+is identified where they are ln ODDS against every other; of several,
 
     P(n) = Σ_h p_h Π_{g≠h} Φ( (½λ_hg + ln(p_h/p_g) − ln ODDS) / √λ_hg ) ,
 
-for two rivals exactly, for more as if their log odds were independent: less than the truth where those rise and fall
-together, as those of like rivals do (D. Slepian, "The one-sided barrier problem for Gaussian noise", Bell Syst. Tech.
-J. 41 (1962) 463–501). What h itself does is taken as fitted.
+for two exactly, for more as if their log odds were independent: less than the truth where those rise and fall
+together, as those of like hypotheses do (D. Slepian, "The one-sided barrier problem for Gaussian noise", Bell Syst.
+Tech. J. 41 (1962) 463–501). What h itself does is taken as fitted.
 
 A recording that was judged, and the best of each kind.
 """
@@ -32,11 +32,11 @@ import numpy as np
 from enginediag_cli.planning.flights import RECORDS, PlannedFlight
 
 ODDS = 19.0
-"""To one, at which the right explanation stands out: a probability of 95 %."""
+"""To one, at which the right explanation is identified: a probability of 95 %."""
 SURE = 0.9
 """Probability of standing out at which records are enough. Judgement: the tenth needs one flight more."""
 MOST_RECORDS = 10_000
-"""More than a recording to come would have: told as “never”. (A flight of three hours at one a second.)"""
+"""More than a recording to come would have: reported as “never”. (A flight of three hours at one a second.)"""
 
 
 TRIED = 16
@@ -45,8 +45,8 @@ TRIED = 16
 
 @dataclass(frozen=True)
 class Adaptation:
-    """What a rival may adapt to records of one kind: its columns Y (k, m, q), eigenvalues (q,) and vectors (q, q) of
-    G_YY."""
+    """What a hypothesis may adapt to records of one kind: its columns Y (k, m, q), eigenvalues (q,) and vectors (q,
+    q) of G_YY."""
 
     columns: np.ndarray
     values: np.ndarray
@@ -68,8 +68,8 @@ class Adaptation:
 
 @dataclass(frozen=True)
 class Separation:
-    """λ(n) of a rival if another is true, over records of one kind. `size`: G_dd; `values` (q,): eigenvalues of G_YY;
-    `pulls` (q,): squares of G_Yd along its vectors."""
+    """λ(n) of a hypothesis if another is true, over records of one kind. `size`: G_dd; `values` (q,): eigenvalues of
+    G_YY; `pulls` (q,): squares of G_Yd along its vectors."""
 
     size: float
     values: np.ndarray
@@ -102,18 +102,18 @@ def fewest(enough: Callable[[float], bool], most: int = MOST_RECORDS) -> float:
 
 @dataclass(frozen=True)
 class Outlook:
-    """What records of one kind promise: `probabilities` (K,) of the rivals as they stand; `separations`[h][g] of the
-    rival g if h is true, None where g need not be told from h: g = h, or a g that holds all of h."""
+    """What records of one kind promise: `probabilities` (K,) of the hypotheses now; `separations`[h][g] of the
+    hypothesis g if h is true, None where g need not be separated from h: g = h, or a g that holds all of h."""
 
     probabilities: np.ndarray
     separations: Sequence[Sequence[Separation | None]]
 
     def lambdas(self, n: float) -> np.ndarray:
-        """λ_hg (K, K) of n records, infinite where there is nothing to be told."""
+        """λ_hg (K, K) of n records, infinite where there is nothing to separate."""
         return np.array([[np.inf if s is None else s(n) for s in row] for row in self.separations])
 
     def chance_each(self, n: float) -> np.ndarray:
-        """(K,): the probability that each rival stands out after n records, if it is true."""
+        """(K,): the probability that each hypothesis is identified after n records, if it is true."""
         from scipy.special import ndtr
 
         p, lam = self.probabilities, self.lambdas(n)
@@ -123,14 +123,14 @@ class Outlook:
         return np.asarray(np.prod(ndtr(z), axis=1))
 
     def chance(self, n: float) -> float:
-        """P(n), over the rivals that there is something to tell from."""
+        """P(n), over the hypotheses that differ from another."""
         asked = [any(s is not None for s in row) for row in self.separations]
         weight = np.where(asked, self.probabilities, 0.0)
         return float(weight @ self.chance_each(n) / max(weight.sum(), 1e-300))
 
     @cached_property
     def records(self) -> float:
-        """The fewest after which the right one stands out with the probability SURE; inf beyond MOST_RECORDS."""
+        """The fewest after which the right one is identified with the probability SURE; inf beyond MOST_RECORDS."""
         return fewest(lambda n: self.chance(n) >= SURE)
 
 
@@ -138,14 +138,14 @@ SAME, SWITCH, SENSOR = "same", "switch", "sensor"
 """Of recordings that are no planned flight: more like those there are, the same with an effect switched off and on by
 turns, the same with a further sensor."""
 BEYOND = 0.2
-"""Share of a flight outside of what was flown from which it is told to go beyond that."""
+"""Share of a flight outside of what was flown from which it is marked as going beyond that."""
 
 
 @dataclass(frozen=True)
 class Suggestion:
     """One recording judged. `what`: the flight in words, the effect that is switched, or the column of the sensor;
-    `chance`: that the right rival stands out after RECORDS records; `records`: the fewest that are enough, inf where
-    none are; `known`: whether it keeps to conditions that were flown."""
+    `chance`: that the right hypothesis is identified after RECORDS records; `records`: the fewest that are enough,
+    inf where none are; `known`: whether it keeps to conditions that were flown."""
 
     kind: str
     what: str
