@@ -145,7 +145,7 @@ def _leave_no_half_written_file_when_terminated() -> None:
 
 
 class _ClosedOutput(io.TextIOBase):
-    """Standard output that the shell has closed (`>&-`): whoever writes to it is told so."""
+    """Standard output that the shell has closed (`>&-`): writing to it is an error."""
 
     def write(self, text: str) -> int:
         raise OSError(errno.EBADF, "standard output is closed")

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
 
 SAME = 0.95
-"""Correlation from which two drivers are one: these recordings cannot tell them apart."""
+"""Correlation from which two drivers are one: these recordings cannot separate them."""
 
 LOG_REYNOLDS, IN_STANDARD_AIR = "ln RNI", "1 in standard air at sea level"
 LEAST_PIVOT = 1e-6
@@ -238,7 +238,7 @@ DRIVERS = (
     COMPRESSOR_PRESSURE,
     RATE,
 )
-"""Those that terms name, as they are told."""
+"""Those that terms name, in the order of lists."""
 
 SEARCHED = (
     (MACH,),
@@ -253,7 +253,7 @@ SEARCHED = (
     (COMPRESSOR_PRESSURE,),
     (HUMIDITY,),
 )
-"""The order in which a map tries them, which of two that cannot be told apart is named first; together: shaft by
+"""The order in which a map tries them, and in which of two inseparable ones is named first; together: shaft by
 shaft."""
 
 
@@ -313,7 +313,7 @@ def conditions(
 
 
 def groups(found: Sequence[DriverValues]) -> list[list[DriverValues]]:
-    """Drivers that these records cannot tell apart, |correlation| > SAME, in the order of the drivers."""
+    """Drivers that these records cannot separate, |correlation| > SAME, in the order of the drivers."""
     values = np.array([np.nan_to_num(d.values, nan=float(np.nanmean(d.values))) for d in found])
     r = np.abs(np.atleast_2d(np.corrcoef(values))) if len(found) > 1 else np.ones((1, 1))
     left, result = list(range(len(found))), []

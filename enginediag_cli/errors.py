@@ -1,6 +1,6 @@
 """Every error that a user can cause, and the exit codes of the program.
 
-Exit codes: 0 done, 1 finding (only where a verdict is asked for), 2 bad usage, configuration or data,
+Exit codes: 0 done, 1 finding (only on request), 2 bad usage, configuration or data,
 3 no verdict (did not converge, or too little data to judge), 70 internal error, 75 another run holds the lock (the
 same command may succeed later), 130 interrupted.
 "No verdict" never looks like "healthy" (0) or "faulty" (1).
@@ -36,7 +36,7 @@ class Mark(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """One thing that is wrong: where, what, and how to mend it."""
+    """One problem: where it is, what it is, and how to fix it."""
 
     mark: Mark
     message: str
@@ -47,7 +47,7 @@ class Problem(NamedTuple):
 
 
 class EngineDiagError(Exception):
-    """Base of every error that is the user's to mend; shown in one line, without a traceback."""
+    """Base of every error that the user can fix; shown in one line, without a traceback."""
 
     exit_code = ExitCode.TROUBLE
 
@@ -61,11 +61,11 @@ class WorkerDiedError(EngineDiagError):
 
 
 MOST_PROBLEMS = 50
-"""Problems of a file that are told; more help nobody, and a hostile file could have a million."""
+"""Problems of a file that are reported; more help nobody, and a hostile file could have a million."""
 
 
 class ConfigError(EngineDiagError, ValueError):
-    """All problems of one configuration file at once; its text tells the first `MOST_PROBLEMS`."""
+    """All problems of one configuration file at once; its text has the first `MOST_PROBLEMS`."""
 
     def __init__(self, problems: Sequence[Problem]):
         self.problems = tuple(problems)
@@ -77,7 +77,7 @@ class ConfigError(EngineDiagError, ValueError):
 
     @property
     def rest(self) -> str:
-        """How many problems are not told, in words; empty when all are."""
+        """How many problems are not reported, in words; empty if all are."""
         more = len(self.problems) - MOST_PROBLEMS
         return f"and {more} more problem{'s' if more > 1 else ''}" if more > 0 else ""
 

@@ -7,7 +7,7 @@ valve or a vane does that it should not (`bleed.hpc.fraction`), of nominal 0; de
 parameters describe the engine type itself (`hpc.map.work_slope`) and are identified, not monitored;
 physics parameters are coefficients of effects, of nominal 0 where the effect is absent.
 
-What a parameter means stands in its fields. Its name is how files and commands call it, and is never read for more.
+The meaning of a parameter is in its fields. Files and commands use its name, which is never parsed for meaning.
 """
 
 from __future__ import annotations

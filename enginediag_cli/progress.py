@@ -1,6 +1,6 @@
-"""What long work says of itself while it runs: which stage, how far, which files it touches.
+"""Progress of long work: its stage, how far it is, and the files it reads and writes.
 
-Mathematics says it, and does not know who listens:
+Mathematics reports it, and does not know who listens:
 
     with stage("re-estimating", total=len(windows)) as step:
         for number, window in enumerate(windows, start=1):
@@ -100,7 +100,7 @@ def wipe() -> None:
 
 @contextmanager
 def listening(listener: Listener | None) -> Iterator[None]:
-    """Have `listener` told of all stages inside; None: nobody."""
+    """Report all stages inside to `listener`, if there is one."""
     before, _Current.listener = _Current.listener, listener
     try:
         yield

@@ -1,4 +1,4 @@
-"""YAML in and out: files read into nodes that remember their place, values written, and texts edited in place.
+"""YAML in and out: files read into nodes with their place, values written, and texts edited in place.
 
 Plain scalars follow YAML 1.2 (section 10.3.2, core schema) on top of PyYAML, which follows YAML 1.1. By the 1.1 rules
 `1e5` is a text, `12:30` is 750, `014` is 12 and `no` is false; editors with a YAML plug-in read a number, a text, 14
@@ -62,7 +62,7 @@ and overflows the stack near 30,000 levels."""
 MOST_VALUES = 1_000_000
 """Values of a document, each of which takes some 200 bytes when it is read; the largest files here have a tenth."""
 MOST_QUOTED = 500_000
-"""Characters of a document whose errors are told in the words of the Python parser, which reads 100,000 in a second."""
+"""Characters of a document whose errors are those of the Python parser, which reads 100,000 in a second."""
 
 _DEEP_LINE = re.compile(rf"^[-?: \t]{{{MOST_DEPTH}}}", re.MULTILINE)
 """Block levels take a column each: indentation, or a mark of an item or a key on the same line."""
@@ -158,7 +158,7 @@ class Node:
     """One value of a document and where it stands.
 
     `value` is the Python value of a scalar, the tuple of child nodes of a list, and the dict of child nodes
-    (in the order of the file) of a mapping, whose keys stand at `key_marks`. Keys are text as written.
+    (in the order of the file) of a mapping, whose keys are at `key_marks`. Keys are text as written.
     """
 
     value: Any
@@ -205,7 +205,7 @@ def load_document(path: str | Path) -> Node:
 
 
 def parse_document(text: str, name: str) -> Node:
-    """The root node of YAML text; `name` stands in the marks. Raises ConfigError as `load_document`."""
+    """The root node of YAML text; `name` is that of the marks. Raises ConfigError as `load_document`."""
     try:
         tree = compose(text)
         if tree is None:

@@ -64,7 +64,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Either:
-    """A mapping of which one key tells which section it is, by being there: `term:` or `law:`."""
+    """A mapping whose section is given by which key is there: `term:` or `law:`."""
 
     name: str
     help: str

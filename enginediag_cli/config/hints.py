@@ -1,7 +1,4 @@
-"""The second half of an error message: how to mend it.
-
-Shows a problem with the line of the file it stands in and a caret under the place.
-"""
+"""The second half of an error message: how to fix it, and the line of the file with a caret under the place."""
 
 from __future__ import annotations
 

@@ -1,12 +1,7 @@
 """Checks a document against the declared fields of its section and fills in the defaults.
 
-All problems of a file are found in one pass and raised together.
-
-Checks of the values that are not sections: numbers, texts, choices, lists and maps of them.
-
-Defaults in the form that a given value would have, so that nothing downstream tells the two apart.
-
-What validation hands over: the values, and where each of them stands.
+All problems of a file are found in one pass and raised together. Defaults have the form of a given value, so that
+nothing downstream distinguishes the two. The result has the values, and the place of each of them.
 """
 
 from __future__ import annotations
@@ -319,7 +314,7 @@ def validate(document: Node, section: AnySection) -> Checked:
 
 HINTS = 4 * MOST_PROBLEMS
 """Unknown keys for which a near name is sought; sections are not walked in the order of the file, hence more than are
-told."""
+reported."""
 
 
 @dataclass
@@ -343,8 +338,8 @@ class _Validator:
         if isinstance(section, Either):
             known = section.choose(node.value)
             if known is None:
-                told = f"one of {', '.join(section.options)} says what it is{_inside(where)}"
-                self.report(node.mark, told, f"there must be exactly one of them: {section.help}")
+                what = f"one of {', '.join(section.options)} says what it is{_inside(where)}"
+                self.report(node.mark, what, f"there must be exactly one of them: {section.help}")
                 return {}
             section = known
         if isinstance(section, Variants):
@@ -445,7 +440,7 @@ class _Validator:
             if key in names:
                 continue
             hint, meant = "", None
-            if self.hints:  # beyond what will be told, the search for near names would only cost time
+            if self.hints:  # beyond what will be reported, the search for near names would only cost time
                 self.hints -= 1
                 hint, meant = unknown_key(key, node.value[key].value, fields, free or names)
             self.report(node.key_marks[key], f"unknown key '{shortened(key)}'{_inside(where)}", hint)
