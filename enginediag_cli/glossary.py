@@ -124,7 +124,7 @@ identification; calibration; adaptation
     Fit of engine parameters, sensor offsets and noise to healthy recordings of one engine.
     Used in: identify
 isolability
-    Whether the data can tell a change of one parameter from changes of others.
+    Whether the data can separate a change of one parameter from changes of others.
     Used in: isolate --advise
 isolation; fault isolation; diagnosis
     Search for the parameters, sensors or components that changed, with sizes and probabilities.

@@ -78,7 +78,7 @@ def test_a_limit_of_lost_margin_serves_one_engine_as_it_serves_a_fleet(here, run
     told = run("trend", *JUDGED, "--what", "margin", "--consumed-limit", "25", "3", *ASKED[3:]).stderr
     assert "until as much is lost as when engines are taken off (90 %:" in told
     both = run("trend", *JUDGED, "--what", "margin", "--consumed-limit", "25", "3", *ASKED)
-    assert both.exit_code == 2 and "a limit is one of --limit, --consumed-limit and --taken-off" in both.stderr
+    assert both.exit_code == 2 and "--limit, --consumed-limit and --taken-off exclude each other" in both.stderr
 
 
 def test_engines_that_were_taken_off_tell_the_others_how_far_they_may_go(tmp_path, monkeypatch, run):

@@ -205,7 +205,7 @@ READERS: Mapping[str, Callable[[Any], Any]] = {
     "int": lambda value: int(value or 0),
     "bool": bool,
     "float": _number,
-    "IntervalEstimate": _estimate,
+    IntervalEstimate.__name__: _estimate,
 }
 """How a value of a document is read, by the type of the field."""
 
