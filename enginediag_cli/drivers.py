@@ -16,8 +16,8 @@ from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.nozzles import Nozzle
 from enginediag_cli.engine.components.passages import Ambient, Inlet
 from enginediag_cli.engine.dual import value
-from enginediag_cli.engine.evaluation import reynolds_index_of
-from enginediag_cli.engine.term import Conditions, Driver, DriverValues
+from enginediag_cli.engine.evaluation import reynolds_index_from_state
+from enginediag_cli.engine.term import Driver, DriverConditions, DriverValues
 from enginediag_cli.parameters import spelled
 from enginediag_cli.units import find_unit, split_column
 
@@ -54,36 +54,36 @@ def _nozzles(engine: Engine) -> dict[str, str]:
     return {f"{c.name}_pressure_ratio": c.name for c in engine.network.components if isinstance(c, Nozzle)}
 
 
-def _mach(at: Conditions) -> Iterable[DriverValues]:
+def _mach(at: DriverConditions) -> Iterable[DriverValues]:
     if "mach" in at.inputs:
         yield DriverValues(MACH, "mach", np.asarray(at.inputs["mach"], float), "Mach number")
 
 
-def _ambient_pressure(at: Conditions) -> Iterable[DriverValues]:
+def _ambient_pressure(at: DriverConditions) -> Iterable[DriverValues]:
     x = np.log(at.column["P0_Pa"] / P_ISA)
     yield DriverValues(AMBIENT_PRESSURE, "ambient_pressure", x, "ambient pressure")
 
 
-def _inlet_temperature(at: Conditions) -> Iterable[DriverValues]:
+def _inlet_temperature(at: DriverConditions) -> Iterable[DriverValues]:
     x = at.column[f"T{_inlet(at.engine)}_K"]
     yield DriverValues(INLET_TEMPERATURE, "inlet_temperature", x, "inlet temperature")
 
 
-def _power(at: Conditions) -> Iterable[DriverValues]:
+def _power(at: DriverConditions) -> Iterable[DriverValues]:
     x = at.column[f"T{_hot(at.engine)}_K"] / at.column[f"T{_inlet(at.engine)}_K"]
     yield DriverValues(POWER, "power", x, "power T4/T2")
 
 
-def _burner_temperature(at: Conditions) -> Iterable[DriverValues]:
+def _burner_temperature(at: DriverConditions) -> Iterable[DriverValues]:
     x = at.column[f"T{_hot(at.engine)}_K"]
     yield DriverValues(BURNER_TEMPERATURE, "burner_temperature", x, "burner temperature T4")
 
 
-def _reynolds_index(at: Conditions) -> Iterable[DriverValues]:
+def _reynolds_index(at: DriverConditions) -> Iterable[DriverValues]:
     named = (("reynolds_index", _inlet, "inlet"), ("turbine_reynolds_index", _hot, "turbine"))
     for name, station, where in named:
         s = station(at.engine)
-        x = np.log(value(reynolds_index_of(at.column[f"T{s}_K"], at.column[f"P{s}_Pa"])))
+        x = np.log(value(reynolds_index_from_state(at.column[f"T{s}_K"], at.column[f"P{s}_Pa"])))
         yield DriverValues(REYNOLDS_INDEX, name, x, f"{where} Reynolds index")
 
 
@@ -92,40 +92,40 @@ def _labels(engine: Engine) -> list[tuple[str, str]]:
     return [(column, split_column(column)[0]) for column in engine.network.speed_columns]
 
 
-def _corrected_speed(at: Conditions) -> Iterable[DriverValues]:
+def _corrected_speed(at: DriverConditions) -> Iterable[DriverValues]:
     root = np.sqrt(at.column[f"T{_inlet(at.engine)}_K"] / T_ISA)
     for column, label in _labels(at.engine):
         yield DriverValues(CORRECTED_SPEED, f"corrected_{label}", at.column[column] / root, f"corrected {label}")
 
 
-def _shaft_speed(at: Conditions) -> Iterable[DriverValues]:
+def _shaft_speed(at: DriverConditions) -> Iterable[DriverValues]:
     for column, label in _labels(at.engine):
         yield DriverValues(SHAFT_SPEED, label, at.column[column], label)
 
 
-def _nozzle_pressure_ratio(at: Conditions) -> Iterable[DriverValues]:
+def _nozzle_pressure_ratio(at: DriverConditions) -> Iterable[DriverValues]:
     for column, name in _nozzles(at.engine).items():
         yield DriverValues(NOZZLE_PRESSURE_RATIO, name, at.column[column], f"{spelled(name)} pressure ratio")
 
 
-def _bypass_ratio(at: Conditions) -> Iterable[DriverValues]:
+def _bypass_ratio(at: DriverConditions) -> Iterable[DriverValues]:
     if "BPR" in at.column:
         yield DriverValues(BYPASS_RATIO, "bypass_ratio", at.column["BPR"], "bypass ratio")
 
 
-def _compressor_pressure(at: Conditions) -> Iterable[DriverValues]:
+def _compressor_pressure(at: DriverConditions) -> Iterable[DriverValues]:
     column = _last_compressor(at.engine)
     if column:
         x = at.column[column]
         yield DriverValues(COMPRESSOR_PRESSURE, "compressor_pressure", x, "compressor exit pressure")
 
 
-def _humidity(at: Conditions) -> Iterable[DriverValues]:
+def _humidity(at: DriverConditions) -> Iterable[DriverValues]:
     if "humidity_kg_kg" in at.inputs:
         yield DriverValues(HUMIDITY, "humidity", np.asarray(at.inputs["humidity_kg_kg"], float), "humidity")
 
 
-def _saturation(at: Conditions) -> Iterable[DriverValues]:
+def _saturation(at: DriverConditions) -> Iterable[DriverValues]:
     """Water that the air of the altitude can hold, which follows humidity where that is not recorded."""
     if "altitude_m" in at.inputs and any(isinstance(c, Ambient) for c in at.engine.network.components):
         T, p = standard_atmosphere(at.inputs["altitude_m"])
@@ -303,13 +303,13 @@ def true_drivers(
 
 def conditions(
     engine: Engine, inputs: Mapping[str, np.ndarray], parameters: Mapping[str, float], along: Sequence[Driver]
-) -> Conditions:
+) -> DriverConditions:
     """The records as these drivers read them."""
     wanted = tuple(dict.fromkeys(c for d in along for c in d.columns(engine)))
     if not wanted:
-        return Conditions(engine, inputs, {})
+        return DriverConditions(engine, inputs, {})
     p = engine.predict(inputs, parameters, sensors=wanted)
-    return Conditions(engine, inputs, dict(zip(wanted, np.where(p.ok[:, None], p.y, np.nan).T, strict=True)))
+    return DriverConditions(engine, inputs, dict(zip(wanted, np.where(p.ok[:, None], p.y, np.nan).T, strict=True)))
 
 
 def groups(found: Sequence[DriverValues]) -> list[list[DriverValues]]:

@@ -347,7 +347,7 @@ class PerRecordResult(Result):
         from enginediag_cli.mismatch.unrecorded.control_law import find_stop, held_readings
         from enginediag_cli.mismatch.unrecorded.per_record import inlet_temperature
         from enginediag_cli.mismatch.unrecorded.per_record_effects import similar_effects
-        from enginediag_cli.physics.registry import candidates
+        from enginediag_cli.physics.registry import candidate_effects
         from enginediag_cli.report.tables.location import per_record_rows, per_record_sentences
 
         yield from per_record_rows(self.fits)
@@ -356,7 +356,7 @@ class PerRecordResult(Result):
             self.messages.error("no verdict: no place with an amplitude of its own in every record could be fitted")
             return
         stop = find_stop(best, inlet_temperature(evidence, best))
-        acting = similar_effects(evidence, best, list(candidates(evidence.engine)))
+        acting = similar_effects(evidence, best, list(candidate_effects(evidence.engine)))
         standing = held_readings(evidence, best, self._along, stop) if stop.bands else []
         for line in per_record_sentences(self.fits, stop, standing, acting):
             self.messages.note(line)
@@ -416,12 +416,12 @@ class ExplainResult(DocumentResult):
         from enginediag_cli.mismatch.explain.answer import NOT_CONVERGED
         from enginediag_cli.mismatch.explain.story import explain_mismatch
         from enginediag_cli.mismatch.fit.load import load_case
-        from enginediag_cli.physics.registry import candidates
+        from enginediag_cli.physics.registry import candidate_effects
         from enginediag_cli.report.tables.explanation import EXPLAIN
 
         loaded = load_case(inquiry.case, identified=True, controls=True)
         inquiry.tell(loaded)
-        effects = list(candidates(loaded.evidence.engine, tuple(without)))
+        effects = list(candidate_effects(loaded.evidence.engine, tuple(without)))
         story = explain_mismatch(loaded.evidence, effects, advise=advice, intake=loaded.intake)
         self.story: ExplanationResult = replace(story, control=loaded.control, planned=every_plan)
         asked = {"without": ", ".join(without)} if without else {}

@@ -537,10 +537,10 @@ def list_components() -> Listing:
     Listing
     """
     from enginediag_cli.engine.components import COMPONENTS
-    from enginediag_cli.engine.overview import shown
+    from enginediag_cli.engine.overview import component_example
     from enginediag_cli.report.reference import component_row
 
-    rows = [component_row(kind, shown(name)) for name, kind in COMPONENTS.items()]
+    rows = [component_row(kind, component_example(name)) for name, kind in COMPONENTS.items()]
     return Listing(rows, _head("components"))
 
 
@@ -562,14 +562,14 @@ def describe_component(name: str) -> Description:
         For a type that is not there; names the nearest.
     """
     from enginediag_cli.engine.components import COMPONENTS
-    from enginediag_cli.engine.overview import shown
+    from enginediag_cli.engine.overview import component_example
     from enginediag_cli.report.reference import component_row, key_rows, page, parameter_rows
 
     if name not in COMPONENTS:
         from enginediag_cli.config.hints import near
 
         raise UsageError(f"no component {name!r}; {near(name, COMPONENTS)}")
-    kind, found = COMPONENTS[name], shown(name)
+    kind, found = COMPONENTS[name], component_example(name)
     keys = list(key_rows(kind))
     parts = {"keys": keys, "parameters": list(parameter_rows(found)), "example": found.text}
     return Description(page(kind, found), {**component_row(kind, found), **parts}, keys, _head("components"))

@@ -296,7 +296,7 @@ def identify(
     model, source = resolve_engine(engine), resolve_recordings(recordings)
     for doubt in heating_value_doubts(model) if hasattr(model, "network") else ():
         messages.warning(f"{path}: {doubt}")
-    described = EngineDescription.of(path, model.declared)
+    described = EngineDescription.from_engine_file(path, model.declared)
     training, left_out = _training(model, source, choices, messages)
     training, held_out = choices.divided(training)
     fit = run(model, training, held_out=held_out, cross_validation=cross_validation, map_accuracy=model_error)

@@ -165,10 +165,10 @@ class RefineResult(DocumentResult):
         """Return the effects that `explain` names from the fitted flights, and its finding of a switch."""
         from enginediag_cli.mismatch.explain.answer import HIDDEN_STATE
         from enginediag_cli.mismatch.explain.story import explain_mismatch, named_effects
-        from enginediag_cli.physics.registry import candidates
+        from enginediag_cli.physics.registry import candidate_effects
         from enginediag_cli.report.tables.explanation_text import sentences
 
-        effects = list(candidates(training.engine, self._choices.without))
+        effects = list(candidate_effects(training.engine, self._choices.without))
         story = explain_mismatch(training, effects, advise=False, every_record=True)
         for line in sentences(story):
             self.messages.note(line)
@@ -225,7 +225,7 @@ class RefineResult(DocumentResult):
             return self._control.law.engine(described, engine.power_setting)
         assert self._refinement is not None
         engine = self.evidence.engine
-        return engine.with_effects((*engine.effects, *self._refinement.effects))
+        return engine.replace_effects((*engine.effects, *self._refinement.effects))
 
     def text(self, path: str | Path = "refined.yaml") -> str:
         """Return the refined engine file.
@@ -343,10 +343,10 @@ class RefineResult(DocumentResult):
 def _asked(evidence: Dataset, terms: Sequence[str]) -> list[Effect]:
     """Find the effects that the user names. Raises UsageError for unknown ones and for those carried already."""
     from enginediag_cli.config.hints import near
-    from enginediag_cli.physics.registry import candidates, effect
+    from enginediag_cli.physics.registry import candidate_effects, effect
 
     engine = evidence.engine
-    known = [e.label for e in candidates(engine)]
+    known = [e.label for e in candidate_effects(engine)]
     carried = {e.label for e in engine.effects}
     found = []
     for label in dict.fromkeys(terms):

@@ -21,12 +21,12 @@ from enginediag_cli.engine.controls import (
     Aim,
     Control,
     Governor,
-    Held,
     Pace,
-    Recorded,
+    RecordedPosition,
     Release,
     Schedule,
-    Scheduled,
+    ScheduledPosition,
+    SetPointControl,
     Stops,
 )
 from enginediag_cli.engine.dual import Dual, Value
@@ -139,7 +139,7 @@ CONTROL = Section(
 )
 
 
-def controls_of(values: Mapping[str, Any], components: Sequence[Component], checked: Checked) -> tuple[Control, ...]:
+def read_controls(values: Mapping[str, Any], components: Sequence[Component], checked: Checked) -> tuple[Control, ...]:
     """The controls that the file declares. Raises ConfigError."""
     problems: list[Problem] = []
     actuators = {a.name: a for c in components for a in c.actuators()}
@@ -181,11 +181,13 @@ def _control(
     if len(ways) != 1:
         raise ValueError(f"it needs exactly one of hold, schedule and recorded, this one has {len(ways)}")
     if entry["recorded"]:
-        return Recorded(name, actuator, entry["recorded"])
+        return RecordedPosition(name, actuator, entry["recorded"])
     stops = Stops(name, actuator, *_ends(entry, actuator))
     if entry["schedule"]:
-        return Scheduled(name, stops, Schedule.declared((name,), entry["schedule"], actuator.unit, inputs))
-    return Held(name, stops, _first(entry, "", inputs), tuple(_limits(entry, inputs)), _release(entry, stops))
+        return ScheduledPosition(name, stops, Schedule.declared((name,), entry["schedule"], actuator.unit, inputs))
+    return SetPointControl(
+        name, stops, _first(entry, "", inputs), tuple(_limits(entry, inputs)), _release(entry, stops)
+    )
 
 
 def _ends(entry: Mapping[str, Any], actuator: Actuator) -> tuple[float, float]:
@@ -271,7 +273,7 @@ def orient(network: Network, leaves: Mapping[str, Any]) -> None:
     with np.errstate(all="ignore"):
         network.open_loop(e)
     held = network.governor.aim.column if network.governor is not None else network.power_setting
-    asked = {} if network.given_leaf else {held: network.read(e, held)}
+    asked = {} if network.power_leaf else {held: network.read(e, held)}
     for control in network.controls:
         if control.release is not None:
             control.release.check(e, network)

@@ -83,11 +83,11 @@ class Release:
         """Values of the column (N,) that do not tell whether it acts."""
         return np.asarray(np.abs(x - self.value) < self.margin)
 
-    def off_rest(self, e: Evaluation) -> Value:
+    def rest_offset(self, e: Evaluation) -> Value:
         """What the actuator stands off its rest by (N,): nothing where it acts."""
         return e[self.wander] * np.where(self._beyond(e.leaves[self.column], e.size), 1.0, 0.0)
 
-    def of(self, surplus: Value, e: Evaluation, network: Network) -> Value:
+    def apply(self, surplus: Value, e: Evaluation, network: Network) -> Value:
         """The surplus that drives the actuator (N,): to its rest where the control is released."""
         return select(self.released(e, network), np.full(e.size, self.rest), surplus)
 
@@ -157,11 +157,11 @@ class Schedule:
             )
         return tuple(found)
 
-    def at(self, e: Evaluation, network: Network) -> Value:
+    def evaluate(self, e: Evaluation, network: Network) -> Value:
         """The value in this evaluation (N,)."""
-        return self.of(e, e[self.column] if self.is_input else network.read(e, self.column))
+        return self.interpolate(e, e[self.column] if self.is_input else network.read(e, self.column))
 
-    def of(self, e: Evaluation, x: Value) -> Value:
+    def interpolate(self, e: Evaluation, x: Value) -> Value:
         """The value at x, both (N,)."""
         v = [e[name] for name in self.names()]
         if not self.points:
@@ -268,7 +268,7 @@ class Aim:
         if self.demand:
             return e[network.power_setting]
         if self.schedule is not None:
-            return self.schedule.at(e, network)
+            return self.schedule.evaluate(e, network)
         return e[self.name]
 
     def surplus(self, e: Evaluation, network: Network) -> Value:
@@ -297,7 +297,7 @@ def selected(first: Aim, limits: tuple[Aim, ...], e: Evaluation, network: Networ
 AT_LIMIT = 1e-6
 """Distance from a stop, of the way between the stops, or from a limit, of its value, within which it acts."""
 
-Derived = Callable[[Evaluation], Value]
+DerivedPosition = Callable[[Evaluation], Value]
 
 
 @dataclass(frozen=True)
@@ -329,7 +329,7 @@ class Control(ABC):
         return ()
 
     @abstractmethod
-    def position(self) -> Mapping[str, Derived]:
+    def position(self) -> Mapping[str, DerivedPosition]:
         """The actuator's leaf and how it is found in an evaluation; nothing where it is an unknown already."""
 
     def close(self, e: Evaluation, network: Network) -> None:  # noqa: B027  most add one, what is given needs none
@@ -344,7 +344,7 @@ class Control(ABC):
         return {}
 
 
-def between_stops(above_low: Value, below_high: Value, surplus: Value) -> Value:
+def select_middle(above_low: Value, below_high: Value, surplus: Value) -> Value:
     """The middle one of a, −b and F: zero where F = 0 between the stops, F ≥ 0 at the low one (a = 0) and F ≤ 0 at the
     high one (b = 0); F rises with the position. All (N,).
 
@@ -402,7 +402,7 @@ class Stops:
         low = e[f"{self.owner}.low"]
         return low + (e[f"{self.owner}.high"] - low) * (e[self.unknown] - 1.0)
 
-    def unknown_at(self, e: Evaluation, position: Value) -> Value:
+    def unknown_from_position(self, e: Evaluation, position: Value) -> Value:
         """u of a position."""
         low = e[f"{self.owner}.low"]
         return 1.0 + (position - low) / (e[f"{self.owner}.high"] - low)
@@ -412,7 +412,7 @@ class Stops:
         return {f"{self.owner}.low": u - 1.0 < within, f"{self.owner}.high": 2.0 - u < within}
 
 
-class Held(Control):
+class SetPointControl(Control):
     """ψ(u − 1, 2 − u, F) = 0: the column stands at its set point, or the actuator at a stop; F as `selected` gives
     it."""
 
@@ -425,7 +425,7 @@ class Held(Control):
 
     def inputs(self) -> dict[str, float | None]:
         wander = {self.release.wander: 0.0} if self.release is not None and self.release.wander else {}
-        return inputs_of(self.aims()) | wander
+        return schedule_inputs(self.aims()) | wander
 
     def parameters(self) -> tuple[Parameter, ...]:
         return (*self.stops.parameters(), *(p for aim in self.aims() for p in aim.parameters()))
@@ -433,21 +433,21 @@ class Held(Control):
     def unknowns(self) -> tuple[Unknown, ...]:
         return self.stops.unknowns()
 
-    def position(self) -> Mapping[str, Derived]:
-        return {self.actuator.name: self._stands}
+    def position(self) -> Mapping[str, DerivedPosition]:
+        return {self.actuator.name: self._position}
 
-    def _stands(self, e: Evaluation) -> Value:
+    def _position(self, e: Evaluation) -> Value:
         """Between the stops, or, released, as far off its rest as the wander says."""
         position = self.stops.position(e)
         r = self.release
-        return position + r.off_rest(e) if r is not None and r.wander else position
+        return position + r.rest_offset(e) if r is not None and r.wander else position
 
     def close(self, e: Evaluation, network: Network) -> None:
         u = e[self.stops.unknown]
         F = selected(self.aim, self.limits, e, network)
         if self.release is not None:
-            F = self.release.of(F, e, network)
-        e.balances[f"{self.name} position"] = network.paced(self, e, between_stops(u - 1.0, 2.0 - u, F))
+            F = self.release.apply(F, e, network)
+        e.balances[f"{self.name} position"] = network.paced(self, e, select_middle(u - 1.0, 2.0 - u, F))
 
     def acting(self, e: Evaluation, network: Network) -> Mapping[str, Array]:
         found = dict(self.stops.acting(e, AT_LIMIT))
@@ -456,7 +456,7 @@ class Held(Control):
         return found | {name: mask & free for name, mask in limits.items()}
 
 
-def inputs_of(aims: tuple[Aim, ...]) -> dict[str, float | None]:
+def schedule_inputs(aims: tuple[Aim, ...]) -> dict[str, float | None]:
     """Columns that schedules of the recording's own read."""
     schedules = [aim.schedule for aim in aims if aim.schedule is not None]
     return {s.column: None for s in schedules if s.is_input}
@@ -481,12 +481,12 @@ class Governor(Control):
         return (self.aim, *self.limits)
 
     def inputs(self) -> dict[str, float | None]:
-        return inputs_of(self.aims())
+        return schedule_inputs(self.aims())
 
     def parameters(self) -> tuple[Parameter, ...]:
         return tuple(p for aim in self.aims() for p in aim.parameters())
 
-    def position(self) -> Mapping[str, Derived]:
+    def position(self) -> Mapping[str, DerivedPosition]:
         return {}
 
     def close(self, e: Evaluation, network: Network) -> None:
@@ -496,7 +496,7 @@ class Governor(Control):
         return limits_acting(self.limits, e, network)
 
 
-class Recorded(Control):
+class RecordedPosition(Control):
     """x = the input column, in the actuator's unit."""
 
     def __init__(self, name: str, actuator: Actuator, column: str):
@@ -506,11 +506,11 @@ class Recorded(Control):
     def inputs(self) -> dict[str, float | None]:
         return {self.column: None}
 
-    def position(self) -> Mapping[str, Derived]:
+    def position(self) -> Mapping[str, DerivedPosition]:
         return {self.actuator.name: lambda e: e[self.column]}
 
 
-class Scheduled(Control):
+class ScheduledPosition(Control):
     """x = v(…) between the stops. Of an input it is known at once; of a model column, which lies further down the gas
     path, the position is an unknown and u − u(v) = 0 its balance."""
 
@@ -527,20 +527,20 @@ class Scheduled(Control):
     def unknowns(self) -> tuple[Unknown, ...]:
         return () if self.schedule.is_input else self.stops.unknowns()
 
-    def position(self) -> Mapping[str, Derived]:
-        return {self.actuator.name: self._given if self.schedule.is_input else self.stops.position}
+    def position(self) -> Mapping[str, DerivedPosition]:
+        return {self.actuator.name: self._scheduled_position if self.schedule.is_input else self.stops.position}
 
     def close(self, e: Evaluation, network: Network) -> None:
         if not self.schedule.is_input:
-            wanted = self.stops.unknown_at(e, self._stopped(e, self.schedule.at(e, network)))
+            wanted = self.stops.unknown_from_position(e, self._stopped(e, self.schedule.evaluate(e, network)))
             e.balances[f"{self.name} position"] = network.paced(self, e, e[self.stops.unknown] - wanted)
 
     def acting(self, e: Evaluation, network: Network) -> Mapping[str, Array]:
-        u = np.asarray(value(self.stops.unknown_at(e, self.schedule.at(e, network))))
+        u = np.asarray(value(self.stops.unknown_from_position(e, self.schedule.evaluate(e, network))))
         return {f"{self.name}.low": u - 1.0 < -AT_LIMIT, f"{self.name}.high": 2.0 - u < -AT_LIMIT}
 
-    def _given(self, e: Evaluation) -> Value:
-        return self._stopped(e, self.schedule.of(e, e[self.schedule.column]))
+    def _scheduled_position(self, e: Evaluation) -> Value:
+        return self._stopped(e, self.schedule.interpolate(e, e[self.schedule.column]))
 
     def _stopped(self, e: Evaluation, position: Value) -> Value:
         low, high = e[f"{self.name}.low"], e[f"{self.name}.high"]

@@ -14,7 +14,7 @@ from enginediag_cli.engine import start as anchors
 from enginediag_cli.engine.dual import Array
 from enginediag_cli.engine.evaluation import Sensor
 from enginediag_cli.engine.network import Network
-from enginediag_cli.engine.recall import Known, Recall
+from enginediag_cli.engine.recall import KnownLeaf, Recall
 from enginediag_cli.engine.start import correction, total_ratios
 from enginediag_cli.engine.strategy import (
     INVALID_INPUT,
@@ -22,12 +22,12 @@ from enginediag_cli.engine.strategy import (
     OK,
     OUTSIDE_MAP,
     STATUS,
-    Batch,
     Outputs,
+    PointBatch,
     Prediction,
     Strategy,
     Tries,
-    through,
+    chain_known_leaves,
 )
 from enginediag_cli.engine.tape import Tape, Tapes
 from enginediag_cli.engine.term import Effect
@@ -106,17 +106,17 @@ class Engine:
         """Input columns that switch an effect: 1 where it is on, 0 where it is off, and nothing between."""
         return tuple(dict.fromkeys(e.switch for e in self.effects if e.switch))
 
-    def with_effects(self, effects: Sequence[Effect]) -> Engine:
+    def replace_effects(self, effects: Sequence[Effect]) -> Engine:
         """The same sized engine, carrying these effects and no others; the fitted start is shared."""
         if not effects and not self.effects:
             return self
-        other = Engine(self.network.with_effects(effects), self.declared, self.path)
+        other = Engine(self.network.replace_effects(effects), self.declared, self.path)
         other._strategy.fit, other._strategy.everywhere = self._strategy.fit, self._strategy.everywhere
         other.tapes = self.tapes
         other._recall = Recall(self.tapes)
-        return other.at({n: v for n, v in self._moved.items() if n in other.parameters})
+        return other.replace_nominals({n: v for n, v in self._moved.items() if n in other.parameters})
 
-    def at(self, values: Mapping[str, float]) -> Engine:
+    def replace_nominals(self, values: Mapping[str, float]) -> Engine:
         """The same engine with other nominal values of these parameters, as identified. Raises KeyError."""
         if not values:
             return self
@@ -132,18 +132,18 @@ class Engine:
         return dict(self._nominal)
 
     @property
-    def moved(self) -> Mapping[str, float]:
+    def changed_nominals(self) -> Mapping[str, float]:
         """Those that were given other nominal values than the file's."""
         return dict(self._moved)
 
     @property
     def recalled(self) -> Any:
         """What its effects remember of recordings, for another process (`recall_again`)."""
-        return self._recall.kept
+        return self._recall.memory
 
-    def recall_again(self, recalled: Any) -> None:
+    def restore_recall(self, recalled: Any) -> None:
         """Go on where another process has ended."""
-        self._recall.again(recalled)
+        self._recall.restore(recalled)
 
     def forget_start(self) -> None:
         """Forgets the fitted start, as if the engine had just been loaded."""
@@ -195,9 +195,9 @@ class Engine:
         points, theta, size, valid, reasons = self._checked(inputs, parameters or {}, (*columns, *also), wrt)
         if start is not None and np.shape(start) != (len(self.unknowns), size):
             raise ValueError(f"`start` must have shape ({len(self.unknowns)}, {size}), not {np.shape(start)}")
-        known: dict[str, Known] = {}
+        known: dict[str, KnownLeaf] = {}
         if self.network.demand is not None or self.network.memories:
-            known, unsettled = self._recall.known(self, points, theta, wrt, size)
+            known, unsettled = self._recall.known_leaves(self, points, theta, wrt, size)
             points = {c: v for c, v in points.items() if c in self._told} | {n: k.value for n, k in known.items()}
             wrong = [
                 np.isfinite(k.value) if n != self.network.power_setting else k.value > 0.0 for n, k in known.items()
@@ -210,10 +210,10 @@ class Engine:
                 reasons |= {k: f"{n} is {of.value[k]:g}" for k in np.flatnonzero(valid & ~good).tolist()}
                 valid &= good
         further = tuple(n for n, k in known.items() if n not in wrt and k.slopes)
-        found = self._answer(points, theta, (valid, reasons), _Asked(columns, (*wrt, *further), start, also, walk))
-        return through(found, known, wrt) if known else found
+        found = self._answer(points, theta, (valid, reasons), _Request(columns, (*wrt, *further), start, also, walk))
+        return chain_known_leaves(found, known, wrt) if known else found
 
-    def points_of(self, tape: Tape) -> dict[str, Any]:
+    def tape_points(self, tape: Tape) -> dict[str, Any]:
         """What the network is told at the records (N,) of a tape, as far as that stands in columns; neutral else."""
         points: dict[str, Any] = {}
         for c, default in self._told.items():
@@ -235,19 +235,23 @@ class Engine:
         stands in them; `walk` as of `predict`."""
         valid = np.logical_and.reduce([np.broadcast_to(np.isfinite(v), (size,)) for v in points.values()])
         valid = valid & (np.nan_to_num(points[self.network.power_setting]) > 0.0)
-        return self._answer(points, theta, (valid, {}), _Asked(tuple(columns), tuple(wrt), start, (), walk))
+        return self._answer(points, theta, (valid, {}), _Request(tuple(columns), tuple(wrt), start, (), walk))
 
     # inside
 
     def _answer(
-        self, points: Mapping[str, Any], theta: Mapping[str, Any], checked: tuple[Array, dict[int, str]], asked: _Asked
+        self,
+        points: Mapping[str, Any],
+        theta: Mapping[str, Any],
+        checked: tuple[Array, dict[int, str]],
+        asked: _Request,
     ) -> Prediction:
         """The prediction at points that the network is told, of which the valid ones are solved."""
         (valid, reasons), (columns, wrt, start, also, walk) = checked, asked
         size = len(valid)
         out = Outputs(self.network, self.sensors, columns, wrt, also, size)
         out.reasons.update(reasons)
-        batch = Batch(self._strategy, points, theta, out)
+        batch = PointBatch(self._strategy, points, theta, out)
         batch.solve(valid, start, Tries(by_differences=size <= solver.FEW_POINTS, every_way=walk))
         for k, balance in batch.unmet.items():
             out.reasons[k] = f"{self._balance_names[balance]} not met (residual {batch.residual[k]:.1e})"
@@ -261,7 +265,7 @@ class Engine:
         ranges = {**self.envelope, **({} if self.power_range is None else {power: (0.0, 1.0)})}
         if any(c not in ranges for c in needed):
             return {}
-        found = anchors.over(ranges, needed)
+        found = anchors.anchor_points(ranges, needed)
         if self.power_range is not None:
             low, high = self.power_range
             found[power] = (low + (high - low) * found[power]) * correction(power, *total_ratios(found))
@@ -343,7 +347,7 @@ class Engine:
         return tuple(e.balances), self.network.columns(e)
 
 
-class _Asked(NamedTuple):
+class _Request(NamedTuple):
     """What of a prediction is asked for, as of `Engine.predict`."""
 
     columns: tuple[str, ...]

@@ -54,7 +54,7 @@ class Flow:
     @property
     def T(self) -> Value:
         if self._T is None:
-            self._T, self._phi = self.gas.at_enthalpy(self._h, self.mixture)  # type: ignore[arg-type]
+            self._T, self._phi = self.gas.temperature_from_enthalpy(self._h, self.mixture)  # type: ignore[arg-type]
         return self._T
 
     @property
@@ -74,14 +74,14 @@ class Flow:
             if self._h is None:
                 self._h, self._phi = self.gas.enthalpy_and_entropy(self.T, self.mixture)
             else:
-                self._T, self._phi = self.gas.at_enthalpy(self._h, self.mixture)
+                self._T, self._phi = self.gas.temperature_from_enthalpy(self._h, self.mixture)
         return self._phi
 
     @property
     def R(self) -> Value:
         return self.gas.constant(self.mixture)
 
-    def with_(self, *, W: Value | None = None, P: Value | None = None) -> Flow:
+    def replace(self, *, W: Value | None = None, P: Value | None = None) -> Flow:
         """The same gas with another mass flow or total pressure."""
         return Flow(
             self.gas,
@@ -95,7 +95,7 @@ class Flow:
 
     def expanded_enthalpy(self, log_pressure_ratio: Value) -> Value:
         """Enthalpy after isentropic expansion through ln(P_in/P_out): φ_out = φ_in − R ln PR."""
-        return self.gas.at_entropy(self.phi - self.R * log_pressure_ratio, self.mixture)[1]
+        return self.gas.temperature_from_entropy(self.phi - self.R * log_pressure_ratio, self.mixture)[1]
 
 
 def mix(first: Flow, *others: Flow) -> Flow:
@@ -113,7 +113,7 @@ def mix(first: Flow, *others: Flow) -> Flow:
     h = H / W
     idle = np.asarray(sum(np.abs(value(f.W)) for f in others) == 0.0)
     if idle.any():
-        h = kept(idle, first.h, h)
+        h = keep_old_values(idle, first.h, h)
     mixture = DRY_AIR
     if any(f.mixture.kind > 1 for f in flows):
         dry = [f.W / f.mixture.per_dry_air() for f in flows]
@@ -123,19 +123,19 @@ def mix(first: Flow, *others: Flow) -> Flow:
         far = _share([f.mixture.far for f in flows], dry, total)
         war = _share([f.mixture.war for f in flows], dry, total)
         if idle.any():
-            far = _kept_share(idle, first.mixture.far, far)
-            war = _kept_share(idle, first.mixture.war, war)
+            far = _share_change(idle, first.mixture.far, far)
+            war = _share_change(idle, first.mixture.war, war)
         mixture = Mixture(far, war)
     return Flow(first.gas, mixture, W, first.P, h=h)
 
 
-def kept(rows: np.ndarray, old: Value, new: Value) -> Value:
+def keep_old_values(rows: np.ndarray, old: Value, new: Value) -> Value:
     """`new` with the values of `old` in the rows (N,) where both are one but for rounding; derivatives of `new`."""
     return chain(np.where(rows, value(old), value(new)), (np.asarray(1.0), new))
 
 
-def _kept_share(rows: np.ndarray, old: Value | None, new: Value | None) -> Value | None:
-    return None if new is None else kept(rows, 0.0 if old is None else old, new)
+def _share_change(rows: np.ndarray, old: Value | None, new: Value | None) -> Value | None:
+    return None if new is None else keep_old_values(rows, 0.0 if old is None else old, new)
 
 
 def _share(ratios: list[Value | None], dry: list[Value], total: Value) -> Value | None:
@@ -197,7 +197,7 @@ def static_pressure(flow: Flow, area_m2: Value, iterations: int = 30) -> tuple[V
     return exp(log_p), V_exact
 
 
-def at_mach(flow: Flow, mach: float) -> tuple[Value, Value]:
+def expand_to_mach(flow: Flow, mach: float) -> tuple[Value, Value]:
     """Static pressure [Pa] of a total state at a Mach number, with γ of its total temperature, and the area [m²] that
     its flow then takes; arrays (N,)."""
     cp, R = flow.gas.heat_capacity(flow.T, flow.mixture), flow.R
@@ -209,7 +209,7 @@ def at_mach(flow: Flow, mach: float) -> tuple[Value, Value]:
     return p, flow.W * R * T_s / (p * V)
 
 
-def at_impulse(flow: Flow, impulse: Value, area: float, iterations: int = 30) -> tuple[Flow, np.ndarray]:
+def solve_impulse(flow: Flow, impulse: Value, area: float, iterations: int = 30) -> tuple[Flow, np.ndarray]:
     """The flow at the total pressure that impulse I = W V + p A [N] leaves it in an area [m²], and where it is
     subsonic (N,): elsewhere it is choked, and means nothing.
 
@@ -220,7 +220,7 @@ def at_impulse(flow: Flow, impulse: Value, area: float, iterations: int = 30) ->
     plain = mixture.plain
 
     def state(V: Value, W: Value, h: Value, R: Value, total: Value, m: Mixture) -> tuple[Value, Value, Value, Value]:
-        T_s, phi_s = gas.at_enthalpy(h - 0.5 * (V * V), m)
+        T_s, phi_s = gas.temperature_from_enthalpy(h - 0.5 * (V * V), m)
         p = (total - W * V) * (1.0 / area)
         return p * V * area - W * R * T_s, T_s, p, phi_s  # zero: W = p V A / (R T)
 
@@ -241,7 +241,7 @@ def at_impulse(flow: Flow, impulse: Value, area: float, iterations: int = 30) ->
     V_exact = chain(V - value(f_exact) / slope, (-1.0 / slope, f_exact))
     _, _, p, phi_s = state(V_exact, flow.W, flow.h, flow.R, impulse, mixture)
     P = p * exp((flow.phi - phi_s) / flow.R)
-    return flow.with_(P=P), subsonic
+    return flow.replace(P=P), subsonic
 
 
 ValueHook = Callable[["Evaluation", Value], Value]
@@ -249,7 +249,7 @@ FlowHook = Callable[["Evaluation", "Flow"], "Flow"]
 
 
 @dataclass(frozen=True)
-class Solved:
+class SolvedLeaf:
     """An unknown `name` that stands for what `read` gives at the end of a pass, above 0: x / read = 1; `start`: of the
     iteration."""
 
@@ -267,7 +267,7 @@ class Hooks:
     stations: dict[str, list[FlowHook]] = field(default_factory=dict)
     readings: dict[str, list[ValueHook]] = field(default_factory=dict)
     memories: list[Memory] = field(default_factory=list)
-    solved: list[Solved] = field(default_factory=list)
+    solved: list[SolvedLeaf] = field(default_factory=list)
 
     def leaf(self, e: Evaluation, name: str, x: Value) -> Value:
         for hook in self.leaves.get(name, ()):
@@ -363,7 +363,7 @@ class Evaluation:
             self.shafts[name] = self.make_shaft(self, name)
         return self.shafts[name]
 
-    def has(self, name: str) -> bool:
+    def has_leaf(self, name: str) -> bool:
         return name in self.leaves
 
     def add_output(self, name: str, x: Value) -> None:
@@ -386,7 +386,7 @@ def viscosity_ratio(T_K: Value) -> Value:
 
 def reynolds_index(flow: Flow) -> Value:
     """RNI = (P/P_ISA)(μ_ISA/μ)√(T_ISA/T): Reynolds number at equal Mach numbers over that at ISA sea level."""
-    return reynolds_index_of(flow.T, flow.P)
+    return reynolds_index_from_state(flow.T, flow.P)
 
 
 def corrected_flow(flow: Flow) -> Value:
@@ -394,7 +394,7 @@ def corrected_flow(flow: Flow) -> Value:
     return flow.W * sqrt(flow.T * (1.0 / T_ISA)) / (flow.P * (1.0 / P_ISA))
 
 
-def reynolds_index_of(T_K: Value, P_Pa: Value) -> Value:
+def reynolds_index_from_state(T_K: Value, P_Pa: Value) -> Value:
     """RNI at total temperature [K] and pressure [Pa]."""
     return P_Pa * (1.0 / P_ISA) / (viscosity_ratio(T_K) * sqrt(T_K * (1.0 / T_ISA)))
 

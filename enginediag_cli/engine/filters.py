@@ -40,7 +40,7 @@ from enginediag_cli.engine.dual import Array, Value, maximum, minimum, value
 
 
 @dataclass(frozen=True)
-class Clock:
+class FilterClock:
     """Times (N,) s of the records of a tape, rising within each stretch; `first` (N,): where a stretch begins; `start`
     (N,): what the output is known to be there, NaN where it is not; None: nowhere."""
 
@@ -90,7 +90,7 @@ class Filter(ABC):
     STATES = 0
 
     @abstractmethod
-    def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
+    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
         """The deviation of the output from the signal, or a rate: 0 in equilibrium. `signal` (N,) finite; `along`
         (K, N) its derivatives."""
 
@@ -99,7 +99,7 @@ class Filter(ABC):
         return time
 
 
-class WithStates(Filter):
+class DynamicFilter(Filter):
     """In a simulation its `STATES` move with those of the engine."""
 
     @abstractmethod
@@ -114,7 +114,7 @@ class WithStates(Filter):
         return states[-1] - signal
 
 
-class Integrated(WithStates):
+class Integrated(DynamicFilter):
     """Its states are integrated."""
 
     @abstractmethod
@@ -122,7 +122,7 @@ class Integrated(WithStates):
         """dx/dt of the states."""
 
 
-class Following(WithStates):
+class Following(DynamicFilter):
     """Its state goes with the signal at once, as far as it can from where a step of the integration began: `step` of a
     stage is the time since then."""
 
@@ -155,7 +155,7 @@ class Backlash(Following):
 
     COEFFICIENTS = 1
 
-    def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
+    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
         h, N = max(float(coefficients[0]), 0.0), len(signal)
         record = np.arange(N)
         # what an end may be: u − h, u + h or, at a beginning, u of some record
@@ -191,7 +191,7 @@ class Delay(Filter):
 
     COEFFICIENTS = 1
 
-    def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
+    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
         d = float(coefficients[0])
         rows = np.concatenate([signal[None], along])
         rise = clock.rise(rows)
@@ -218,7 +218,7 @@ class Delay(Filter):
         return np.asarray(time + float(coefficients[0]))
 
 
-def came_from(clock: Clock, above: Array, below: Array) -> tuple[Array, Array]:
+def last_side(clock: FilterClock, above: Array, below: Array) -> tuple[Array, Array]:
     """Whether a signal was last above a band, not below it, and whether its stretch tells (…, N); `above` and `below`
     it is now, (…, N)."""
     record = np.arange(len(clock.first))
@@ -235,10 +235,10 @@ class Hysteresis(Filter):
 
     COEFFICIENTS = 2
 
-    def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
+    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
         low, band = (float(c) for c in coefficients)
         below, above = signal < low, signal >= low + max(band, 0.0)
-        from_above, known = came_from(clock, above, below)
+        from_above, known = last_side(clock, above, below)
         value = (known & ~from_above & ~below & ~above).astype(float)
         return Filtered(value, np.zeros_like(along), np.zeros((2, len(signal))))
 
@@ -256,7 +256,7 @@ class Lag(Integrated):
     COEFFICIENTS = 1
     STATES = 1
 
-    def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
+    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
         tau = max(float(coefficients[0]), 0.0)
         with np.errstate(divide="ignore", invalid="ignore"):
             periods = np.where(clock.step > 0.0, np.minimum(clock.step / tau if tau else np.inf, LONGEST), LONGEST)
@@ -288,7 +288,7 @@ class PerFull(Following):
         self.inner, self.full = inner, full
         self.COEFFICIENTS = inner.COEFFICIENTS
 
-    def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
+    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
         if clock.start is not None:
             clock = replace(clock, start=clock.start / self.full)
         one = self.inner(clock, signal / self.full, along / self.full, coefficients)
@@ -327,7 +327,7 @@ class RateLimit(Following):
 
     COEFFICIENTS = 2
 
-    def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
+    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
         slowness = [max(float(c), 0.0) for c in coefficients]
         rates = np.array([1.0 / s if s > 0.0 else np.inf for s in slowness]) * [1.0, -1.0]
         # dr/ds = −r²·sign, written into rows of their own behind the directions of the signal
@@ -441,7 +441,7 @@ class RateOfChange(Filter):
 
     COEFFICIENTS = 0
 
-    def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
+    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
         rows = np.concatenate([signal[None], along])
         rise, h = clock.rise(rows), clock.step
         found = np.zeros_like(rows)
@@ -466,7 +466,7 @@ class Scaled(Filter):
         self.inner = inner
         self.COEFFICIENTS = 1 + inner.COEFFICIENTS
 
-    def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
+    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
         size = float(coefficients[0])
         clock = replace(clock, start=None)  # a power or a heat flow is not what is read
         one = self.inner(clock, signal, along, coefficients[1:])
@@ -506,7 +506,7 @@ class SecondOrder(Integrated):
     COEFFICIENTS = 2
     STATES = 2
 
-    def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
+    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
         lag = Lag()
         total, share = (float(c) for c in coefficients)
         one = lag(clock, signal, along, (total * (1.0 - share),))

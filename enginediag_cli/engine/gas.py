@@ -202,7 +202,7 @@ COLUMNS = 4
 """Columns of a matrix product whose sums are those of longer ones; of one column they would differ."""
 
 
-def at_enthalpy(start: Array, rows: Array, limit: Limit, h: float, of: Composition) -> tuple[Array, Array]:
+def invert_enthalpy(start: Array, rows: Array, limit: Limit, h: float, of: Composition) -> tuple[Array, Array]:
     """T [K] and φ, each (1,), where the enthalpy is h [J/kg]. `start`: coefficients of the starting temperature, `rows`
     of h, φ, cp, dcp/dT of the pseudo-species; `limit` of the start."""
     T0 = _start(start, h * 1e-6, limit, of)
@@ -212,7 +212,7 @@ def at_enthalpy(start: Array, rows: Array, limit: Limit, h: float, of: Compositi
     return np.array([T0 + dT]), np.array([phi - f / (T0 + 0.5 * dT)])
 
 
-def at_entropy(start: Array, rows: Array, limit: Limit, phi: float, of: Composition) -> tuple[Array, Array]:
+def invert_entropy(start: Array, rows: Array, limit: Limit, phi: float, of: Composition) -> tuple[Array, Array]:
     """T [K] and h [J/kg], each (1,), where the entropy function is φ; `start` and `limit` of ln T."""
     T0 = float(np.exp(_start(start, phi * 1e-3, limit, of)))
     h, q, cp, dcp = _properties(rows, T0, of)
@@ -350,10 +350,10 @@ class Gas:
         cp, dcp = self._mixed(X, mixture)
         return self._chain(cp, X[0], dcp, T, mixture)
 
-    def at_enthalpy(self, h: Value, mixture: Mixture) -> tuple[Value, Value]:
+    def temperature_from_enthalpy(self, h: Value, mixture: Mixture) -> tuple[Value, Value]:
         """T [K] and φ where h(T) = h: polynomial start and one Halley step (1e-8 K; 4e-7 K in very humid air);
         dφ = dh/T, from the start at the temperature between."""
-        if (one := self._at_one_point(at_enthalpy, self._start_h, START_LIMIT[0], h, mixture)) is not None:
+        if (one := self._invert_scalar(invert_enthalpy, self._start_h, START_LIMIT[0], h, mixture)) is not None:
             return one
         target = value(h)
         T0 = self._start(self._start_h, target * 1e-6, mixture, START_LIMIT[0])
@@ -367,9 +367,9 @@ class Gas:
             return T, phi
         return self._inverted(T, phi, 1.0 / (cp + dcp * dT), 1.0 / T, h, self._shifted(X, dT, T0, mixture, H), mixture)
 
-    def at_entropy(self, phi: Value, mixture: Mixture) -> tuple[Value, Value]:
+    def temperature_from_entropy(self, phi: Value, mixture: Mixture) -> tuple[Value, Value]:
         """T [K] and h where φ(T) = phi, likewise; dh = T dφ."""
-        if (one := self._at_one_point(at_entropy, self._start_phi, START_LIMIT[1], phi, mixture)) is not None:
+        if (one := self._invert_scalar(invert_entropy, self._start_phi, START_LIMIT[1], phi, mixture)) is not None:
             return one
         target = value(phi)
         T0 = np.exp(self._start(self._start_phi, target * 1e-3, mixture, START_LIMIT[1]))
@@ -392,12 +392,12 @@ class Gas:
         T_NOZZLE, where no gas is before an afterburner burns, another one.
         """
         hot = np.asarray(value(T) > T_NOZZLE[1])
-        found = self._critical_from(self._critical, self._critical_slope, T, mixture)
+        found = self._critical_ratio(self._critical, self._critical_slope, T, mixture)
         if hot.any():
-            found = select(hot, self._critical_from(*self._critical_hot, T, mixture), found)
+            found = select(hot, self._critical_ratio(*self._critical_hot, T, mixture), found)
         return found
 
-    def _critical_from(self, coefficients: Array, derivative: Array, T: Value, mixture: Mixture) -> Value:
+    def _critical_ratio(self, coefficients: Array, derivative: Array, T: Value, mixture: Mixture) -> Value:
         t = value(T) * 1e-3
         P = _gas_powers(t, False)
         rows = coefficients[: TERMS[mixture.kind]].dot(P)[:, : t.size]
@@ -470,7 +470,7 @@ class Gas:
             chain(r, (dr_dq, q), *((gr - dr_dq * gq, part) for gq, gr, part in of)),
         )
 
-    def _at_one_point(
+    def _invert_scalar(
         self,
         invert: Callable[..., tuple[Array, Array]],
         start: Array,
@@ -533,7 +533,7 @@ class Gas:
 
 
 @lru_cache(maxsize=8)
-def gas_for(hydrogen_carbon_ratio: float) -> Gas:
+def shared_gas(hydrogen_carbon_ratio: float) -> Gas:
     """The gas data of a fuel, made once."""
     return Gas(hydrogen_carbon_ratio)
 

@@ -30,7 +30,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.engine.wrapped import MonitoredModel, Question, WrappedModel
+from enginediag_cli.engine.wrapped import MonitoredModel, PredictionRequest, WrappedModel
 from enginediag_cli.parameters import FARTHEST_READING, Parameter
 from enginediag_cli.units import UNITS, Unit, known_unit, split_column
 
@@ -87,7 +87,7 @@ class InputErrors(WrappedModel):
         super().__init__(engine, {name: error.parameter for name, error in self.errors.items()})
 
     @staticmethod
-    def of(
+    def wrap(
         engine: MonitoredModel, columns: Sequence[str] | None = None, readings: Mapping[str, float] | None = None
     ) -> MonitoredModel:
         """The engine with the errors of the input `columns` (default: of all that are instruments'), or as it is where
@@ -97,7 +97,7 @@ class InputErrors(WrappedModel):
         errors = [error for error in found if error.parameter.name not in engine.parameters]
         return InputErrors(engine, errors) if errors else engine
 
-    def _answer(self, asked: Question) -> Any:
+    def _predict(self, asked: PredictionRequest) -> Any:
         """Φ and ∂Φ/∂θ as the engine gives them, at the true inputs; those of the question are as they were read."""
         true, slopes = dict(asked.inputs), dict[str, Any]()
         for name, error in sorted(self.errors.items(), key=lambda item: item[1].multiplies):  # the bias comes off first
@@ -110,7 +110,9 @@ class InputErrors(WrappedModel):
                 slopes[name] = error.slope(read, value)
             if changed:
                 true[error.column] = error.corrected(read, value)
-        return self._ask_along(asked, {name: self.errors[name].column for name in slopes}, slopes, inputs=true)
+        return self._predict_inner_scaled(
+            asked, {name: self.errors[name].column for name in slopes}, slopes, inputs=true
+        )
 
 
 def forms(engine: MonitoredModel, column: str, largest: float = 0.0) -> tuple[InputError, ...]:
@@ -143,19 +145,19 @@ def suspected(engine: MonitoredModel, column: str) -> InputError | None:
     quantity, unit = split_column(column)
     kind = known_unit(unit)
     if quantity in AIR_DATA:
-        return _of_air_data(engine, column)
+        return _air_data_error(engine, column)
     if kind is None or (kind.dimension != "temperature" and kind.dimension not in SHARES):
         return None
     multiplies = kind.dimension != "temperature"
     stated = _stated(engine, column, multiplies)
-    usual = SHARES[kind.dimension] if multiplies else _of_probe(kind, _largest(engine, column))
+    usual = SHARES[kind.dimension] if multiplies else _probe_error(kind, _largest(engine, column))
     sigma = OF_NOISE * stated if stated else usual
     # a scale stays clear of zero
     reach = min(BOUND * sigma, 0.5) if multiplies else BOUND * max(sigma, usual)
     return _error(column, multiplies, sigma, reach)
 
 
-def _of_air_data(engine: MonitoredModel, column: str) -> InputError:
+def _air_data_error(engine: MonitoredModel, column: str) -> InputError:
     """The error of a height or a Mach number, a bias whatever its unit."""
     quantity, unit = split_column(column)
     size, of = AIR_DATA[quantity]
@@ -208,7 +210,7 @@ def _largest(engine: Any, column: str) -> float:
     return float(getattr(engine, "envelope", {}).get(column, (0.0, 0.0))[1])
 
 
-def _of_probe(unit: Unit, largest: float) -> float:
+def _probe_error(unit: Unit, largest: float) -> float:
     """What a temperature probe is plausibly wrong by, in its unit."""
     celsius = unit.factor * largest + unit.offset - ICE_K
     return max(PROBE_K, PROBE_SHARE * celsius) / unit.factor
@@ -237,10 +239,12 @@ class InstrumentDrifts(WrappedModel):
         """With a drift for each instrument of which the bias is known, by column: it may reach in an hour what is
         plausible of the bias."""
         return InstrumentDrifts(
-            model, {c: drift_of(p) for c, p in outputs.items()}, {c: drift_of(p) for c, p in inputs.items()}
+            model,
+            {c: drift_parameter(p) for c, p in outputs.items()},
+            {c: drift_parameter(p) for c, p in inputs.items()},
         )
 
-    def _answer(self, asked: Question) -> Any:
+    def _predict(self, asked: PredictionRequest) -> Any:
         true = dict(asked.inputs)
         hours = np.asarray(true.pop(ELAPSED, 0.0), float)
         rates = {name: np.asarray(value, float) for name, value in asked.own.items() if np.any(value)}
@@ -251,11 +255,11 @@ class InstrumentDrifts(WrappedModel):
         inner = tuple(name for name in asked.wrt if name not in self._outputs)
         like = {name: self._inputs[name] for name in slopes}
         plain = replace(asked, wrt=inner)
-        found = self._ask_along(plain, like, slopes, inputs=true)
+        found = self._predict_inner_scaled(plain, like, slopes, inputs=true)
         drifting = [name for name in (*asked.wrt, *rates) if name in self._outputs]
-        return self._with_drifts(found, asked.wrt, inner, hours, rates) if drifting else found
+        return self._add_drifts(found, asked.wrt, inner, hours, rates) if drifting else found
 
-    def _with_drifts(
+    def _add_drifts(
         self,
         found: Any,
         wrt: tuple[str, ...],
@@ -281,7 +285,7 @@ class InstrumentDrifts(WrappedModel):
         return result
 
 
-def drift_of(bias: Parameter) -> Parameter:
+def drift_parameter(bias: Parameter) -> Parameter:
     """The drift of the instrument whose bias this is."""
     per_hour = f"{bias.shown_unit or '1'}/h"
     return replace(

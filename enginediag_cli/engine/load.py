@@ -28,10 +28,10 @@ from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.heat_exchangers import ColdGasError
 from enginediag_cli.engine.components.passages import Mixer, PressureMismatchError, Splitter
 from enginediag_cli.engine.components.shaft_loads import SURPLUS, Propeller
-from enginediag_cli.engine.control_section import controls_of, orient
+from enginediag_cli.engine.control_section import orient, read_controls
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.evaluation import Evaluation
-from enginediag_cli.engine.gas import T_FIT, gas_for
+from enginediag_cli.engine.gas import T_FIT, shared_gas
 from enginediag_cli.engine.network import Demand, Network
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.engine.wiring import inlets, outlets, wiring_problems
@@ -47,7 +47,7 @@ class EngineDescription:
     tables: Mapping[str, str] = field(default_factory=dict)
 
     @staticmethod
-    def of(path: str | Path, declared: Mapping[str, Any]) -> EngineDescription:
+    def from_engine_file(path: str | Path, declared: Mapping[str, Any]) -> EngineDescription:
         """The files of an engine that was built from `path` and declares `declared`. Raises ConfigError."""
         names = [c["table"]["file"] for c in declared.get("components", ()) if c.get("table")]
         tables = {name: _text(file_inside(path, name), MOST_TABLE_BYTES) for name in dict.fromkeys(names)}
@@ -66,7 +66,7 @@ class EngineDescription:
             raise ConfigError([Problem(mark, f"the map table {name} does not travel with this engine")])
         return self.tables[name]
 
-    def differs_from(self, path: str | Path) -> bool:
+    def differs(self, path: str | Path) -> bool:
         """Whether the engine file, or a table that it reads, says something else than this. Raises ConfigError for an
         engine file that cannot be read; a table that is not there says nothing."""
         if _text(path) != self.text:
@@ -95,11 +95,11 @@ def missing_closure(network: Network, values: Mapping[str, Any]) -> str:
     return "; ".join(found) or "every flow must end in a nozzle, exhaust or mixer, every shaft have one power balance"
 
 
-def _given(network: Network, name: str) -> bool:
+def _has_given_speed(network: Network, name: str) -> bool:
     """Whether the speed of a shaft is known from outside, itself or through a gearbox."""
     return any(
         network.shafts[s]["speed"] != "balance" or network.power_setting == f"{network.shafts[s]['speed_label']}_rpm"
-        for s in network.coupling.turning_with(name)
+        for s in network.coupling.coupled_shafts(name)
     )
 
 
@@ -107,8 +107,8 @@ def _loads(network: Network) -> Iterator[str]:
     """A load takes what is left at a speed that is given, or a given law at a speed that follows."""
     for machine in network.coupling.machines:
         shaft, law = machine.values["shaft"], machine.values.get("law")
-        given = _given(network, shaft)
-        balanced = network.coupling.turning_with(shaft)[0] in network.coupling.balanced
+        given = _has_given_speed(network, shaft)
+        balanced = network.coupling.coupled_shafts(shaft)[0] in network.coupling.balanced
         if law == SURPLUS and not given:
             yield (
                 f"{machine.name} takes what shaft '{shaft}' has to spare, which leaves its speed open: give "
@@ -193,7 +193,7 @@ def _controls(network: Network, values: Mapping[str, Any], checked: Checked) -> 
 
 
 def _run(network: Network, values: Mapping[str, Any]) -> None:
-    own = {column: x for c in network.components for column, x in c.at_design().items()}
+    own = {column: x for c in network.components for column, x in c.design_inputs().items()}
     inputs = {c: np.array([values["design"].get(c, own.get(c, 0.0))]) for c in network.inputs()}
     x: dict[str, Any] = {u.name: np.array([u.start]) for c in network.components for u in c.unknowns()}
     x |= {f"{name}.corrected_speed": np.array([1.0]) for name in network.shafts}
@@ -201,11 +201,11 @@ def _run(network: Network, values: Mapping[str, Any]) -> None:
     for _ in range(SIZING_PASSES):
         with np.errstate(all="ignore"):
             network.size(Evaluation(network.gas, 1, leaves))
-        if all(c.settled() for c in network.components):
+        if all(c.converged() for c in network.components):
             assert network.design_point is not None
             network.coupling.check_design(network.design_point)
             return
-    open_still = ", ".join(c.name for c in network.components if not c.settled())
+    open_still = ", ".join(c.name for c in network.components if not c.converged())
     raise ValueError(f"{open_still}: no temperature behind it agrees with what follows from it")
 
 
@@ -222,7 +222,7 @@ def _equal_pressures(network: Network, values: Mapping[str, Any], error: Pressur
     for component, key, within in searched:
 
         def surplus(x: float, component: Component = component, key: str = key) -> float:
-            return _ratio_at(network, values, mixer, component, key, x) - 1.0
+            return _mixer_pressure_ratio(network, values, mixer, component, key, x) - 1.0
 
         value = _bisected(surplus, *within)
         if value is not None:
@@ -259,7 +259,7 @@ def _feeding(network: Network, splitter: Splitter) -> Compressor | None:
     return next((c for c in reversed(before) if isinstance(c, Compressor)), None)
 
 
-def _ratio_at(
+def _mixer_pressure_ratio(
     network: Network, values: Mapping[str, Any], mixer: Mixer, component: Component, key: str, x: float
 ) -> float:
     """Bypass over core total pressure at the mixer with another value of one key; NaN where nothing can be sized."""
@@ -326,13 +326,13 @@ def build_engine(source: str | Path | EngineDescription, carried: Carried, power
         except ValueError as error:
             raise ConfigError([Problem(checked.mark(("components", k)), str(error))]) from error
     network = Network(
-        gas_for(values["fuel_hydrogen_carbon_ratio"]),
+        shared_gas(values["fuel_hydrogen_carbon_ratio"]),
         components,
         values["shafts"],
         values["power_setting"],
         values["design"],
         values["start"],
-        controls_of(values, components, checked),
+        read_controls(values, components, checked),
     )
     size(network, values, checked)
     if values["power_demand"] is not None:
@@ -344,7 +344,7 @@ def build_engine(source: str | Path | EngineDescription, carried: Carried, power
     effects, problems = carried(values["physics"], network, checked)
     if problems:
         raise ConfigError(problems)
-    engine = engine.with_effects(effects)
+    engine = engine.replace_effects(effects)
     problems = list(_references(engine, values, checked))
     if problems:
         raise ConfigError(problems)

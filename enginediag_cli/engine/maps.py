@@ -308,7 +308,7 @@ class SurgeLine:
         if self.flow.size != self.ratio.size or self.flow.size < 2 or (np.diff(self.flow) <= 0.0).any():
             raise ValueError("corrected_flow of its surge_line must rise, with one pressure_ratio each, at least two")
 
-    def at(self, flow: Value) -> Value:
+    def pressure_ratio(self, flow: Value) -> Value:
         """Pressure ratio of surge (N,) at a corrected flow (N,)."""
         slope = np.diff(self.ratio) / np.diff(self.flow)
         w = np.asarray(value(flow))

@@ -24,7 +24,7 @@ from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.passages import Inlet
 from enginediag_cli.engine.components.shaft_loads import SURPLUS, Gearbox, Load, Propeller
 from enginediag_cli.engine.components.turbine import Turbine
-from enginediag_cli.engine.controls import Control, Derived, Governor
+from enginediag_cli.engine.controls import Control, DerivedPosition, Governor
 from enginediag_cli.engine.dual import Array, Value, sqrt
 from enginediag_cli.engine.evaluation import Evaluation, Flow, Hooks, Shaft
 from enginediag_cli.engine.gas import Gas
@@ -149,7 +149,7 @@ class Coupling:
         self._turning = {name: self._group(name) for name in shafts}
         self.balanced = [s for s in shafts if s not in took and s not in self.driving]
 
-    def turning_with(self, name: str) -> list[str]:
+    def coupled_shafts(self, name: str) -> list[str]:
         """The shafts that turn with this one at fixed ratios, that which drives the others first."""
         return self._turning[name]
 
@@ -217,7 +217,9 @@ class Network:
         self.controls = tuple(controls)
         # the fuel control, where one is declared, and positions that controls set, by the leaf of the actuator
         self.governor = next((c for c in self.controls if isinstance(c, Governor)), None)
-        self.derived: dict[str, Derived] = {leaf: at for c in self.controls for leaf, at in c.position().items()}
+        self.derived: dict[str, DerivedPosition] = {
+            leaf: at for c in self.controls for leaf, at in c.position().items()
+        }
         self.components = tuple(components)
         self.shafts = {s["name"]: s for s in shafts}
         self.power_setting = power_setting
@@ -244,7 +246,7 @@ class Network:
     # what is given and what is sought
 
     @property
-    def given_leaf(self) -> str | None:
+    def power_leaf(self) -> str | None:
         """The leaf that the power setting fixes; None when it fixes an output through a balance, or asks the fuel
         control for it."""
         if self.governor is not None:
@@ -260,7 +262,7 @@ class Network:
         """The recorded speed of the shaft that turns the first compressor, which air flow follows; None if none is."""
         for c in self.components:
             if isinstance(c, Compressor):
-                turning = self.coupling.turning_with(c.values["shaft"])
+                turning = self.coupling.coupled_shafts(c.values["shaft"])
                 found = [s for s in turning if self.shafts[s]["speed"] == "input"]
                 return f"{self.shafts[found[0]]['speed_label']}_rpm" if found else None
         return None
@@ -312,13 +314,13 @@ class Network:
         return [u.name for c in self.components for u in c.unknowns()] + [f"{s}.corrected_speed" for s in self.shafts]
 
     def _collected_unknowns(self) -> tuple[Unknown, ...]:
-        given = self.given_leaf
+        given = self.power_leaf
         found: list[Unknown] = []
         for c in self.components:
             if not (isinstance(c, Burner) and given == f"{c.name}.fuel_flow"):
                 found.extend(c.unknowns())
         for name in self.shafts:
-            turning = self.coupling.turning_with(name)
+            turning = self.coupling.coupled_shafts(name)
             if name == turning[0] and not any(
                 self.shafts[m]["speed"] != "balance" or given == f"{m}.speed_rpm" for m in turning
             ):
@@ -391,7 +393,7 @@ class Network:
         }
         return [port["name"] for port in component.values.get("ports", ()) if port["name"] in taken]
 
-    def with_effects(self, effects: Sequence[Effect]) -> Network:
+    def replace_effects(self, effects: Sequence[Effect]) -> Network:
         """The same sized components, carrying these effects and no others."""
         other = copy.copy(self)
         other.effects, other.hooks = tuple(effects), Hooks() if effects else None
@@ -410,8 +412,8 @@ class Network:
     ) -> dict[str, Value]:
         """All leaves of a pass: input columns under the names that the components read, parameters, unknowns."""
         found: dict[str, Value] = {**self.neutral, **dict.fromkeys(self.remembered, 0.0), **parameters, **x, **inputs}
-        if self.given_leaf:
-            found[self.given_leaf] = inputs[self.power_setting]
+        if self.power_leaf:
+            found[self.power_leaf] = inputs[self.power_setting]
         for column, name in self.speed_columns.items():
             if self.shafts[name]["speed"] == "input":
                 found[f"{name}.speed_rpm"] = inputs[column]
@@ -419,10 +421,10 @@ class Network:
                 found[f"{name}.speed_rpm"] = self.shafts[name]["design_speed_rpm"]
         return found
 
-    def leaf_of(self, column: str) -> str:
+    def input_leaf(self, column: str) -> str:
         """The leaf that an input column sets, for derivatives with respect to inputs."""
-        if column == self.power_setting and self.given_leaf:
-            return self.given_leaf
+        if column == self.power_setting and self.power_leaf:
+            return self.power_leaf
         if column in self.speed_columns and self.shafts[self.speed_columns[column]]["speed"] == "input":
             return f"{self.speed_columns[column]}.speed_rpm"
         return column
@@ -430,7 +432,7 @@ class Network:
     def evaluate(self, e: Evaluation) -> None:
         """All components in order, then the shafts' power balances, the control balance and net thrust."""
         self.open_loop(e)
-        if self.given_leaf is None and self.governor is None:
+        if self.power_leaf is None and self.governor is None:
             asked = e[self.power_setting]
             e.balances[f"power setting {self.power_setting}"] = self.read(e, self.power_setting) / asked - 1.0
         for control in self.controls:
@@ -465,10 +467,10 @@ class Network:
         self._close(e)
         self.neutral = {a.name: a.neutral for c in self.components for a in c.actuators()}
         theta, delta = total_ratios({c: e.leaves[c] for c in self.inputs() if c in e.leaves})
-        self.design_setting = self._setting_at(e) / scalar(correction(self.power_setting, theta, delta))
+        self.design_setting = self._design_setting(e) / scalar(correction(self.power_setting, theta, delta))
         self.design_point = e
 
-    def _setting_at(self, e: Evaluation) -> float:
+    def _design_setting(self, e: Evaluation) -> float:
         """The power setting of a sized design point: what a lever must ask for, or what the model has in its column."""
         asked = self.governor.aim.schedule if self.governor is not None else None
         if self.governor is not None and asked is not None and asked.column == self.power_setting:
@@ -477,13 +479,13 @@ class Network:
 
     def _shaft(self, e: Evaluation, name: str) -> Shaft:
         """Given speed, or design speed times the unknown times √(θ₂/θ₂,design)."""
-        if e.has(f"{name}.speed_rpm"):
+        if e.has_leaf(f"{name}.speed_rpm"):
             return Shaft(e[f"{name}.speed_rpm"])
-        for other in self.coupling.turning_with(name):
-            if e.has(f"{other}.speed_rpm"):
+        for other in self.coupling.coupled_shafts(name):
+            if e.has_leaf(f"{other}.speed_rpm"):
                 return Shaft(e[f"{other}.speed_rpm"] * self.coupling.ratio(name, other))
         root = sqrt(e.theta2 * (1.0 / self.design_theta2))
-        leading = self.coupling.turning_with(name)[0]
+        leading = self.coupling.coupled_shafts(name)[0]
         return Shaft(e[f"{leading}.corrected_speed"] * (root * self.shafts[name]["design_speed_rpm"]))
 
     def _close(self, e: Evaluation) -> None:

@@ -25,7 +25,7 @@ from enginediag_cli.config.validate import validate
 from enginediag_cli.engine.components import COMPONENTS, Component
 from enginediag_cli.engine.declaration import ENGINE_FILE
 from enginediag_cli.engine.evaluation import Evaluation
-from enginediag_cli.engine.gas import gas_for
+from enginediag_cli.engine.gas import shared_gas
 from enginediag_cli.engine.load import size
 from enginediag_cli.engine.network import Network
 from enginediag_cli.units import UNITS, known_unit, split_column
@@ -126,11 +126,11 @@ def _points(engine: Engine) -> tuple[list[str], list[dict[str, float]]]:
     names, rows = ["design, rating", "design, idle"], [{**base, "fraction": 1.0}, {**base, "fraction": 0.0}]
     for corner in product(*(engine.envelope[c] for c in varied)) if varied else ():
         rows.append({**base, **dict(zip(varied, corner, strict=True)), "fraction": 1.0})
-        names.append(", ".join(_said(c, v) for c, v in zip(varied, corner, strict=True)))
+        names.append(", ".join(_format_value(c, v) for c, v in zip(varied, corner, strict=True)))
     return (names, rows) if engine.power_range is not None else (names[:1], rows[:1])
 
 
-def _said(column: str, value: float) -> str:
+def _format_value(column: str, value: float) -> str:
     quantity, _, unit = column.rpartition("_")
     if column == "dT_isa_K":
         return f"ISA {value:+g} K"
@@ -265,7 +265,7 @@ ENGINES = tuple(
 
 
 @dataclass(frozen=True)
-class Shown:
+class ComponentExample:
     """A component at work: it, its lines of YAML, and the balances and output columns that it alone brings."""
 
     component: Component
@@ -274,14 +274,14 @@ class Shown:
     outputs: tuple[str, ...]
 
 
-def shown(type_name: str) -> Shown:
+def component_example(type_name: str) -> ComponentExample:
     """The last component of this type in the examples, which uses the most keys. Raises KeyError."""
-    return _all()[type_name]
+    return _component_examples()[type_name]
 
 
 @cache
-def _all() -> dict[str, Shown]:
-    found: dict[str, Shown] = {}
+def _component_examples() -> dict[str, ComponentExample]:
+    found: dict[str, ComponentExample] = {}
     for text in ENGINES:
         network = _sized(text)
         e = network.design_point
@@ -295,7 +295,7 @@ def _all() -> dict[str, Shown]:
             balances = tuple(b for b in again.balances if b not in before[0])
             outputs = tuple(o for o in again.outputs if o not in before[1])
             if c.TYPE not in found or len(lines) > len(found[c.TYPE].text):
-                found[c.TYPE] = Shown(c, lines, balances, outputs)
+                found[c.TYPE] = ComponentExample(c, lines, balances, outputs)
     return found
 
 
@@ -303,7 +303,7 @@ def _sized(text: str) -> Network:
     checked = validate(parse_document(text, "example"), ENGINE_FILE)
     values = checked.values
     components = [COMPONENTS[c["type"]](c) for c in values["components"]]
-    gas = gas_for(values["fuel_hydrogen_carbon_ratio"])
+    gas = shared_gas(values["fuel_hydrogen_carbon_ratio"])
     network = Network(gas, components, values["shafts"], values["power_setting"], values["design"], values["start"])
     size(network, values, checked)
     return network

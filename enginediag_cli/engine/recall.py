@@ -56,7 +56,7 @@ class Memory:
     column: str = ""
     recorded: str = ""
     sensor: str = ""
-    shown_by: str = ""
+    sensor_column: str = ""
     measured: Callable[[Array], Array] = np.asarray
     tried: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     turns: str = ""
@@ -76,7 +76,7 @@ KEPT = 20_000_000
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownLeaf:
     """Values (N,) of a leaf that is known before the network is solved, and their derivatives (N,) by name."""
 
     value: Array
@@ -90,7 +90,7 @@ class Recalled:
 
     values: dict[str, Array]
     slopes: dict[str, dict[str, Array]]
-    settled: bool = True
+    converged: bool = True
 
     @property
     def size(self) -> int:
@@ -112,7 +112,7 @@ class Recall:
         from there the answer is near."""
         if not self._starts or MOMENT not in points:
             return None
-        number, place = self.tapes.found(np.broadcast_to(points[MOMENT], (size,)))
+        number, place = self.tapes.locate(np.broadcast_to(points[MOMENT], (size,)))
         start = np.full((len(next(iter(self._starts.values()))), size), np.nan)
         for (k, _), x in self._starts.items():
             rows = np.flatnonzero((number == k) & (place < x.shape[1]))
@@ -120,11 +120,11 @@ class Recall:
         return start if np.isfinite(start).any() else None
 
     @property
-    def kept(self) -> tuple[OrderedDict[tuple[Any, ...], Recalled], dict[tuple[int, int], Array]]:
+    def memory(self) -> tuple[OrderedDict[tuple[Any, ...], Recalled], dict[tuple[int, int], Array]]:
         """All that is remembered, for another process."""
         return self._found, self._starts
 
-    def again(self, kept: tuple[OrderedDict[tuple[Any, ...], Recalled], dict[tuple[int, int], Array]]) -> None:
+    def restore(self, kept: tuple[OrderedDict[tuple[Any, ...], Recalled], dict[tuple[int, int], Array]]) -> None:
         """Go on where another process has ended."""
         self._found, self._starts = kept
 
@@ -132,41 +132,41 @@ class Recall:
         self._found.clear()
         self._starts.clear()
 
-    def known(
+    def known_leaves(
         self, engine: Engine, points: Mapping[str, Any], theta: Mapping[str, Any], wrt: Sequence[str], size: int
-    ) -> tuple[dict[str, Known], Array]:
+    ) -> tuple[dict[str, KnownLeaf], Array]:
         """Leaves that follow from set points and from the past of `size` records, and the records (N,) of a tape whose
         memories did not settle."""
         network = engine.network
-        found: dict[str, Known] = {}
+        found: dict[str, KnownLeaf] = {}
         unsettled = np.zeros(size, dtype=bool)
         if network.demand is not None:
-            found[network.power_setting] = asked_for(engine, points, theta, wrt, size)
-        memories = [m for m in network.memories if active(m, theta, wrt)]
+            found[network.power_setting] = demanded_power(engine, points, theta, wrt, size)
+        memories = [m for m in network.memories if is_active(m, theta, wrt)]
         if not memories:
             return found, unsettled
         # a reading error of an input is one of the records that are asked for: their past is what the tape shows
         tried = {n for m in memories for n in m.tried}
         wrt = tuple(n for n in wrt if n in theta or n in tried)
-        number, place = self.tapes.found(np.broadcast_to(points[MOMENT], (size,)))
+        number, place = self.tapes.locate(np.broadcast_to(points[MOMENT], (size,)))
         for m in memories:
             base = found.get(m.column) if m.column else None
             if base is None:
                 start = np.broadcast_to(np.asarray(points[m.column], float), (size,)) if m.column else np.zeros(size)
-                base = Known(start, {})
-            found[m.column or m.name] = Known(base.value.copy(), {n: s.copy() for n, s in base.slopes.items()})
+                base = KnownLeaf(start, {})
+            found[m.column or m.name] = KnownLeaf(base.value.copy(), {n: s.copy() for n, s in base.slopes.items()})
         for k in np.unique(number[number >= 0]).tolist():
             rows = np.flatnonzero(number == k)
             at = place[rows]
             recalled = self._recalled(engine, k, theta, wrt, memories, (rows, at))
-            unsettled[rows] = not recalled.settled
+            unsettled[rows] = not recalled.converged
             for m in memories:
                 leaf = found[m.column or m.name]
                 leaf.value[rows] += recalled.values[m.name][at]
                 slopes: dict[str, Array] = dict(leaf.slopes)
                 for n, s in recalled.slopes[m.name].items():
                     slopes.setdefault(n, np.zeros(size))[rows] += s[at]
-                found[m.column or m.name] = Known(leaf.value, slopes)
+                found[m.column or m.name] = KnownLeaf(leaf.value, slopes)
         return found, unsettled
 
     def _recalled(
@@ -188,8 +188,8 @@ class Recall:
         if key in self._found:
             self._found.move_to_end(key)
             return self._found[key]
-        along = {n: _on_tape(theta[n], asked, len(tape)) if np.ndim(theta[n]) else theta[n] for n in theta}
-        recalled = self._of_inputs(engine, tape, along, wrt, [m for m in memories if m.column])
+        along = {n: _tape_values(theta[n], asked, len(tape)) if np.ndim(theta[n]) else theta[n] for n in theta}
+        recalled = self._input_memories(engine, tape, along, wrt, [m for m in memories if m.column])
         if states:
             self._sweep(engine, (k, tape), along, wrt, states, recalled)
         self._found[key] = recalled
@@ -197,23 +197,23 @@ class Recall:
             self._found.popitem(last=False)
         return recalled
 
-    def _of_inputs(
+    def _input_memories(
         self, engine: Engine, tape: Tape, theta: Mapping[str, Any], wrt: Sequence[str], memories: Sequence[Memory]
     ) -> Recalled:
         """Memories of what the network is told, one behind the other where they are of one column."""
         found = Recalled({}, {})
-        told: dict[str, Known] = {}
+        told: dict[str, KnownLeaf] = {}
         if engine.network.demand is not None:
-            told[engine.network.power_setting] = asked_for(engine, tape.columns, theta, wrt, len(tape))
+            told[engine.network.power_setting] = demanded_power(engine, tape.columns, theta, wrt, len(tape))
         for m in memories:
             signal = told.get(m.column)
             if signal is None:
-                signal = Known(tape.columns.get(m.column, np.zeros(len(tape))), {})
+                signal = KnownLeaf(tape.columns.get(m.column, np.zeros(len(tape))), {})
             value, slopes = filtered(m, tape, signal, theta, wrt)
             found.values[m.name], found.slopes[m.name] = value, slopes
             every = dict.fromkeys((*signal.slopes, *slopes))
             zero = np.zeros(len(tape))
-            told[m.column] = Known(
+            told[m.column] = KnownLeaf(
                 signal.value + value, {n: signal.slopes.get(n, zero) + slopes.get(n, zero) for n in every}
             )
         return found
@@ -230,12 +230,12 @@ class Recall:
         """Memories of the solution into `recalled`."""
         k, tape = of
         N = len(tape)
-        points = engine.points_of(tape)
+        points = engine.tape_points(tape)
         if engine.network.demand is not None:
-            points[engine.network.power_setting] = asked_for(engine, tape.columns, theta, (), N).value
+            points[engine.network.power_setting] = demanded_power(engine, tape.columns, theta, (), N).value
         given: dict[str, dict[str, Array]] = {}  # derivatives of what the network is told
         if engine.network.demand is not None:
-            given[engine.network.power_setting] = dict(asked_for(engine, tape.columns, theta, wrt, N).slopes)
+            given[engine.network.power_setting] = dict(demanded_power(engine, tape.columns, theta, wrt, N).slopes)
         for m in engine.network.memories:
             if m.name in recalled.values:
                 points[m.column] = points[m.column] + recalled.values[m.name]
@@ -247,16 +247,16 @@ class Recall:
         m_now = {n: np.zeros(N) for n in names}
         start = self._starts.get((k, N))
         s = np.zeros((N, len(states)))
-        recalled.settled = False
-        measured = [bool(m.recorded and tape.tells(m.recorded)) for m in states]
+        recalled.converged = False
+        measured = [bool(m.recorded and tape.has_column(m.recorded)) for m in states]
         if all(measured):  # no signal comes from the solution: nothing has to be solved
             nothing = np.full(N, np.nan)
-            found = {m.name: filtered(m, tape, Known(_signal(m, tape, nothing), {}), theta, wrt) for m in states}
+            found = {m.name: filtered(m, tape, KnownLeaf(_signal(m, tape, nothing), {}), theta, wrt) for m in states}
             recalled.values |= {n: value for n, (value, _) in found.items()}
             recalled.slopes |= {n: slopes for n, (_, slopes) in found.items()}
-            recalled.settled = True
+            recalled.converged = True
             return
-        held = any(there(m, theta) for m in states)
+        held = any(is_present(m, theta) for m in states)
         changes: list[float] = []
         back = np.zeros((N, len(states), len(states)))  # how signals follow what is remembered, at the first sweep
         for sweep in range(SWEEPS):
@@ -266,7 +266,7 @@ class Recall:
             start = np.where(np.isfinite(p.x), p.x, np.nan)
             s = np.stack([_signal(m, tape, p.y[:, i]) for i, m in enumerate(states)], axis=1)
             if not held:  # nothing is passed on, whatever the signals are and follow
-                recalled.settled = True
+                recalled.converged = True
                 break
             if not sweep:
                 back = np.nan_to_num(p.jacobian) * ~np.array(measured)[:, None]
@@ -274,7 +274,7 @@ class Recall:
             changes.append(max(_change(new[n], m_now[n]) for n in names))
             m_now = new
             if changes[-1] < SETTLED:
-                recalled.settled = True
+                recalled.converged = True
                 break
             if sweep >= STUCK and changes[-1] > 0.5 * changes[-1 - STUCK]:
                 break
@@ -286,7 +286,7 @@ class Recall:
             return
         if not held:
             for i, m in enumerate(states):
-                recalled.slopes[m.name] = filtered(m, tape, Known(s[:, i], {}), theta, wrt)[1]
+                recalled.slopes[m.name] = filtered(m, tape, KnownLeaf(s[:, i], {}), theta, wrt)[1]
             return
         leaves = tuple(dict.fromkeys((*given, *names)))
         p = engine.solved(
@@ -311,7 +311,7 @@ class Recall:
             new_slopes = {}
             for i, m in enumerate(states):
                 own = {} if measured[i] else {n: _bridged(x[:, i]) for n, x in total.items()}
-                new_slopes[m.name] = filtered(m, tape, Known(s[:, i], own), theta, wrt)[1]
+                new_slopes[m.name] = filtered(m, tape, KnownLeaf(s[:, i], own), theta, wrt)[1]
             moved = [
                 _change(d, m_theta[name].get(n, np.zeros(N))) for name, of in new_slopes.items() for n, d in of.items()
             ]
@@ -335,7 +335,7 @@ def _consistent(
     for _ in range(SWEEPS):
         moved = np.stack([m_now[m.name] - at[m.name] for m in states], axis=1)
         here = s + np.einsum("nij,nj->ni", back, moved)
-        new = {m.name: filtered(m, tape, Known(here[:, i], {}), theta, ())[0] for i, m in enumerate(states)}
+        new = {m.name: filtered(m, tape, KnownLeaf(here[:, i], {}), theta, ())[0] for i, m in enumerate(states)}
         change = max(_change(new[m.name], m_now[m.name]) for m in states)
         m_now = new
         if change < SETTLED / 10.0:
@@ -343,20 +343,20 @@ def _consistent(
     return m_now
 
 
-def active(m: Memory, theta: Mapping[str, Any], wrt: Sequence[str]) -> bool:
+def is_active(m: Memory, theta: Mapping[str, Any], wrt: Sequence[str]) -> bool:
     """Whether anything is remembered, or sought."""
     sought = any(n in wrt for n in (*m.absent, *m.tried))
     return sought or any(bool(np.any(theta[n] != absent)) for n, absent in m.absent.items())
 
 
-def there(m: Memory, theta: Mapping[str, Any]) -> bool:
+def is_present(m: Memory, theta: Mapping[str, Any]) -> bool:
     """Whether it remembers anything: absent, it passes nothing on, unless its size multiplies what is remembered."""
     return m.multiplied or any(float(np.mean(theta[n])) != absent for n, absent in m.absent.items())
 
 
-def asked_for(
+def demanded_power(
     engine: Engine, points: Mapping[str, Any], theta: Mapping[str, Any], wrt: Sequence[str], size: int
-) -> Known:
+) -> KnownLeaf:
     """The power setting that set points ask for."""
     demand = engine.network.demand
     assert demand is not None
@@ -365,17 +365,17 @@ def asked_for(
     kept = {n: s for n, s in slopes.items() if n in wrt}
     if demand.column in wrt:
         kept[demand.column] = own
-    return Known(value, kept)
+    return KnownLeaf(value, kept)
 
 
 def filtered(
-    m: Memory, tape: Tape, signal: Known, theta: Mapping[str, Any], wrt: Sequence[str]
+    m: Memory, tape: Tape, signal: KnownLeaf, theta: Mapping[str, Any], wrt: Sequence[str]
 ) -> tuple[Array, dict[str, Array]]:
     """What a memory makes of its signal: values (N,) and derivatives (N,) by name, of its trials as well."""
-    names = list(signal.slopes) if there(m, theta) else []
+    names = list(signal.slopes) if is_present(m, theta) else []
     rows = np.stack([signal.slopes[n] for n in names]) if names else np.zeros((0, len(tape)))
     coefficients = [float(np.mean(theta[c])) for c in m.coefficients]
-    clock = tape.clock(m.shown_by)
+    clock = tape.clock(m.sensor_column)
     one = m.filter(clock, signal.value, rows, coefficients)
     slopes = {n: row for n, row in zip(names, one.along, strict=True) if row.any()}
     for c, row in zip(m.coefficients, one.own, strict=True):
@@ -391,7 +391,7 @@ def _asking(engine: Engine) -> tuple[str, ...]:
     return engine.network.demand.names if engine.network.demand is not None else ()
 
 
-def _on_tape(values: Array, asked: tuple[Array, Array], N: int) -> Array:
+def _tape_values(values: Array, asked: tuple[Array, Array], N: int) -> Array:
     """A parameter that varies from record to record, at all records of a tape: straight between those asked for."""
     rows, at = asked
     order = np.argsort(at, kind="stable")
@@ -399,7 +399,7 @@ def _on_tape(values: Array, asked: tuple[Array, Array], N: int) -> Array:
 
 
 def _signal(m: Memory, tape: Tape, solved: Array) -> Array:
-    if m.recorded and tape.tells(m.recorded):
+    if m.recorded and tape.has_column(m.recorded):
         return m.measured(tape.columns[m.recorded])
     return _bridged(solved)
 

@@ -115,7 +115,7 @@ class OpenPoints:
     waited: Array
 
     @staticmethod
-    def at(x: Array) -> OpenPoints:
+    def take(x: Array) -> OpenPoints:
         nx, n = x.shape
         return OpenPoints(
             index=np.arange(n),
@@ -133,7 +133,7 @@ class OpenPoints:
             waited=np.zeros(n, dtype=int),
         )
 
-    def step_on(self, R: Array, norm: Array, effort: Effort) -> Array:
+    def advance(self, R: Array, norm: Array, effort: Effort) -> Array:
         """The next step of every point from its balances R (nx, n) and the largest of them, norm (n,); which points
         stay open (n,)."""
         # a step that made things worse is halved, a few times in a row
@@ -204,7 +204,7 @@ class OpenPoints:
             self.LU[:, :, some] = J
         return -directly(J, R)
 
-    def kept(self, keep: Array) -> OpenPoints:
+    def keep_points(self, keep: Array) -> OpenPoints:
         if keep.all():
             return self
         return OpenPoints(*(getattr(self, f.name)[..., keep] for f in fields(self)))
@@ -231,7 +231,7 @@ class Reader(Protocol):
     """Takes what is wanted of a solution from the pass that confirms it: derivatives along the leaves `along`."""
 
     @property
-    def along(self) -> frozenset[str]: ...
+    def directions(self) -> frozenset[str]: ...
     def read(self, e: Evaluation, rows: Array, points: Array) -> None:
         """`rows` of the evaluation, which are these points of the batch."""
 
@@ -317,32 +317,34 @@ def newton(
         np.zeros(n, dtype=bool),
         max(TOLERANCE, effort.aim),
     )
-    p = OpenPoints.at(x)
+    p = OpenPoints.take(x)
     balances = _Balances(network, inputs, parameters, effort, reader, n)
     waiting = np.zeros(n, dtype=bool)
     for iteration in range(effort.max_iterations):
-        R = balances.at(p, best, effort.by_differences or iteration >= LATE)
+        R = balances.evaluate(p, best, effort.by_differences or iteration >= LATE)
         norm = np.abs(R).max(axis=0)
         norm[~np.isfinite(norm)] = np.inf
         best.note(p, R, norm, iteration + 1)
         left = norm > effort.aim
         if not left.any():
             break
-        keep = p.step_on(R, norm, effort) & p.hopeful(norm) & left
+        keep = p.advance(R, norm, effort) & p.hopeful(norm) & left
         if not keep.any():
             break
-        p = p.kept(keep)
+        p = p.keep_points(keep)
         p.x = np.clip(p.base + p.step, lower, upper)
         # what was cut short has not gone where its Jacobian leads
         p.fresh |= (p.x != p.base + p.step).any(axis=0)
         sure = (
-            ~p.fresh & (p.expected < SURE) if reader is not None and reader.along else np.zeros(len(norm), dtype=bool)
+            ~p.fresh & (p.expected < SURE)
+            if reader is not None and reader.directions
+            else np.zeros(len(norm), dtype=bool)
         )
         if sure.any():
             waiting[p.index[sure]], best.x[:, p.index[sure]] = True, p.x[:, sure]
             if sure.all():
                 break
-            p = p.kept(~sure)
+            p = p.keep_points(~sure)
     if waiting.any():
         _confirm(balances, best, np.flatnonzero(waiting))
     return best
@@ -352,10 +354,10 @@ def _confirm(balances: _Balances, best: Solution, waiting: Array) -> None:
     """One pass along all that is wanted at points that are expected to be solved; those that are not go on without."""
     assert balances.reader is not None
     best.residual[waiting] = np.inf
-    for some in blocks(waiting, balances.reader.along):
-        p = OpenPoints.at(best.x[:, some])
+    for some in blocks(waiting, balances.reader.directions):
+        p = OpenPoints.take(best.x[:, some])
         p.index = some
-        R = balances.wanted(p, best)
+        R = balances.evaluate_outputs(p, best)
         norm = np.abs(R).max(axis=0)
         best.note(p, R, np.where(np.isfinite(norm), norm, np.inf), best.passes[some] + 1)
     rest = waiting[~(best.residual[waiting] <= TOLERANCE)]
@@ -377,10 +379,10 @@ class _Balances:
     reader: Reader | None
     size: int
 
-    def at(self, p: OpenPoints, best: Solution, by_differences: bool) -> Array:
+    def evaluate(self, p: OpenPoints, best: Solution, by_differences: bool) -> Array:
         """Balances (nx, n) of the points, whose Jacobians are put where they belong."""
         if by_differences:
-            return self._by_differences(p, best)
+            return self._difference_quotients(p, best)
         R = np.empty_like(p.x)
         for rows in blocks(np.flatnonzero(p.fresh), range(len(p.x))):
             self._pass(p, _span(rows), R, True, best)
@@ -399,7 +401,7 @@ class _Balances:
             p.earlier[:, here] = 0.0
         self._read(e, R[:, here], np.arange(e.size), p.index[here], best)
 
-    def _by_differences(self, p: OpenPoints, best: Solution) -> Array:
+    def _difference_quotients(self, p: OpenPoints, best: Solution) -> Array:
         """One pass at all open points, and beside those that need a fresh Jacobian for forward differences."""
         nx, n = p.x.shape
         fresh, rest = np.flatnonzero(p.fresh), np.flatnonzero(~p.fresh)
@@ -430,12 +432,12 @@ class _Balances:
         self._read(e, R, rows, p.index, best)
         return R
 
-    def wanted(self, p: OpenPoints, best: Solution) -> Array:
+    def evaluate_outputs(self, p: OpenPoints, best: Solution) -> Array:
         """Balances (nx, n) of points from a pass along all that the reader wants, who has it where they are met."""
         assert self.reader is not None
-        e = evaluate(self.network, *self._leaves(p.index), p.x, self.reader.along)
+        e = evaluate(self.network, *self._leaves(p.index), p.x, self.reader.directions)
         R = balances(e)
-        self._hand_over(e, R, np.arange(e.size), p.index, TOLERANCE, best)
+        self._deliver(e, R, np.arange(e.size), p.index, TOLERANCE, best)
         return R
 
     def _leaves(self, index: Array) -> tuple[Mapping[str, Value], Mapping[str, Value]]:
@@ -445,10 +447,10 @@ class _Balances:
 
     def _read(self, e: Evaluation, R: Array, rows: Array, index: Array, best: Solution) -> None:
         """Lets the reader have what needs no derivatives."""
-        if self.reader is not None and not self.reader.along:
-            self._hand_over(e, R, rows, index, self.effort.aim, best)
+        if self.reader is not None and not self.reader.directions:
+            self._deliver(e, R, rows, index, self.effort.aim, best)
 
-    def _hand_over(self, e: Evaluation, R: Array, rows: Array, index: Array, tolerance: float, best: Solution) -> None:
+    def _deliver(self, e: Evaluation, R: Array, rows: Array, index: Array, tolerance: float, best: Solution) -> None:
         """Points `index`, which are these rows of the evaluation, where their balances R are met."""
         met = np.flatnonzero((np.abs(R) <= tolerance).all(axis=0))
         if met.size and self.reader is not None:

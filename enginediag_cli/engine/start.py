@@ -162,7 +162,7 @@ ANCHORS = 150
 """Points that are solved first for a fitted start to be learnt from: twice its terms."""
 
 
-def over(ranges: Mapping[str, tuple[float, float]], columns: Sequence[str]) -> dict[str, Array]:
+def anchor_points(ranges: Mapping[str, tuple[float, float]], columns: Sequence[str]) -> dict[str, Array]:
     """ANCHORS values of every column within its range, evenly spread together, denser towards the ends, as a polynomial
     needs them. The same ones always.
 

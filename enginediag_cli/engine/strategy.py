@@ -33,7 +33,7 @@ from enginediag_cli.engine.dual import Array, Value, value
 from enginediag_cli.engine.evaluation import Evaluation, Sensor
 from enginediag_cli.engine.gas import T_LIMIT
 from enginediag_cli.engine.network import Network
-from enginediag_cli.engine.recall import Known
+from enginediag_cli.engine.recall import KnownLeaf
 from enginediag_cli.engine.start import ANCHORS, StartFit, coordinates, correction, total_ratios
 from enginediag_cli.parallel import parallel_map, process_count, resident_MB
 
@@ -78,7 +78,7 @@ class Prediction:
         return self._reasons.get(k, "")
 
 
-def through(found: Prediction, known: Mapping[str, Known], wrt: tuple[str, ...]) -> Prediction:
+def chain_known_leaves(found: Prediction, known: Mapping[str, KnownLeaf], wrt: tuple[str, ...]) -> Prediction:
     """Derivatives along `wrt` through leaves that were known beforehand, which were directions of their own."""
     J = found.jacobian[:, :, : len(wrt)].copy()
     at = {n: j for j, n in enumerate(found.wrt)}
@@ -89,9 +89,9 @@ def through(found: Prediction, known: Mapping[str, Known], wrt: tuple[str, ...])
     return replace(found, jacobian=J, wrt=wrt)
 
 
-def marked(e: Evaluation) -> dict[str, Array]:
+def outside_marks(e: Evaluation) -> dict[str, Array]:
     """Components met outside their maps, and temperatures outside the gas data; masks (N,)."""
-    marked = {what: np.broadcast_to(mask, (e.size,)) for what, mask in e.outside.items() if np.any(mask)}
+    outside_marks = {what: np.broadcast_to(mask, (e.size,)) for what, mask in e.outside.items() if np.any(mask)}
     beyond = np.zeros(e.size, dtype=bool)
     for flow in e.flows.values():
         if flow.known_temperature is not None:
@@ -99,8 +99,8 @@ def marked(e: Evaluation) -> dict[str, Array]:
             if not (np.max(T) <= T_LIMIT[1] and np.min(T) >= T_LIMIT[0]):
                 beyond |= (T > T_LIMIT[1]) | (T < T_LIMIT[0])
     if beyond.any():
-        marked["the gas data"] = beyond
-    return marked
+        outside_marks["the gas data"] = beyond
+    return outside_marks
 
 
 @dataclass(frozen=True)
@@ -137,12 +137,12 @@ class Outputs:
         self.limits: dict[str, Array] = {}
         self._signals = {m.name: m.sensor for m in network.memories}
         self._unknowns = tuple(u.name for u in network.unknowns())
-        self._along = tuple(network.leaf_of(w) for w in wrt)
-        self.along = frozenset((*self._unknowns, *self._along)) if wrt else frozenset()
+        self._along = tuple(network.input_leaf(w) for w in wrt)
+        self.directions = frozenset((*self._unknowns, *self._along)) if wrt else frozenset()
 
-    def of(self, points: Array) -> OfPoints:
+    def subset(self, points: Array) -> SubsetReader:
         """A reader for a batch that is these points (n,) of all."""
-        return OfPoints(self, points)
+        return SubsetReader(self, points)
 
     def part(self, points: Array) -> Read:
         """What was read of these points (n,)."""
@@ -169,7 +169,7 @@ class Outputs:
         with np.errstate(all="ignore"):
             found = {c: self._read(e, c) for c in self.columns}
             for c, column in enumerate(self.columns_also):
-                self.also[points, c] = _values(e, self._of_model(e, column))[rows]
+                self.also[points, c] = _values(e, self._model_column(e, column))[rows]
         for c, x in enumerate(found.values()):
             self.y[points, c] = _values(e, x)[rows]
         if self.wrt and self.columns:
@@ -179,7 +179,7 @@ class Outputs:
         for name, mask in self.network.acting(e).items():
             acts = self.limits.setdefault(name, np.zeros(len(self.status), dtype=bool))
             acts[points] = np.broadcast_to(mask, (e.size,))[rows]
-        for name, mask in marked(e).items():
+        for name, mask in outside_marks(e).items():
             outside = points[mask[rows]]
             self.status[outside] = OUTSIDE_MAP
             for i in outside.tolist():
@@ -208,7 +208,7 @@ class Outputs:
             return self.sensors[column].read(self.network.read, e)
         return self.network.read(e, column)
 
-    def _of_model(self, e: Evaluation, column: str) -> Value:
+    def _model_column(self, e: Evaluation, column: str) -> Value:
         """What is there, whatever a sensor reads of it; of what only a sensor has, what that reads."""
         try:
             return self.network.read(e, column)
@@ -216,15 +216,15 @@ class Outputs:
             return self._read(e, column)
 
 
-class OfPoints:
+class SubsetReader:
     """The reader of a batch that is part of all points."""
 
     def __init__(self, outputs: Outputs, points: Array):
-        self.outputs, self.points, self.along = outputs, points, outputs.along
+        self.outputs, self.points, self.directions = outputs, points, outputs.directions
 
-    def of(self, some: Array) -> OfPoints:
+    def subset(self, some: Array) -> SubsetReader:
         """The reader of some of its points."""
-        return OfPoints(self.outputs, self.points[some])
+        return SubsetReader(self.outputs, self.points[some])
 
     def read(self, e: Evaluation, rows: Array, points: Array) -> None:
         self.outputs.read(e, rows, self.points[points])
@@ -323,7 +323,7 @@ class Strategy:
         points: Mapping[str, Any],
         theta: Mapping[str, Any],
         start: Array | None,
-        reader: OfPoints,
+        reader: SubsetReader,
         tries: Tries,
     ) -> solver.Solution:
         """Unknowns of all points of the reader, which takes what it wants of those that converge; start (nx, n) or
@@ -332,7 +332,7 @@ class Strategy:
         # few points, or they would not be worth the effort; in the same way in every batch
         again_effort = solver.Effort(max_iterations=RETRY_ITERATIONS, by_differences=True)
         # less air flow last: from there the way may lead to a solution that no engine runs at
-        ways = (self._from_design, self._by_walking, self._from_neighbours, self._from_less_flow)
+        ways = (self._from_design, self._walk_failed, self._from_neighbours, self._from_less_flow)
         for again in ways if tries.every_way else (self._from_neighbours,):
             failed = np.flatnonzero(~solved.converged)
             if not failed.size:
@@ -341,7 +341,7 @@ class Strategy:
             if x is None:
                 continue
             u, t = solver.take(points, failed), solver.take(theta, failed)
-            retried = solver.newton(self.network, u, t, x, again_effort, reader.of(failed))
+            retried = solver.newton(self.network, u, t, x, again_effort, reader.subset(failed))
             better = retried.residual < solved.residual[failed]
             at = failed[better]
             solved.x[:, at], solved.residual[at] = retried.x[:, better], retried.residual[better]
@@ -355,7 +355,7 @@ class Strategy:
         points: Mapping[str, Any],
         theta: Mapping[str, Any],
         start: Array | None,
-        reader: OfPoints,
+        reader: SubsetReader,
         tries: Tries,
     ) -> solver.Solution:
         """As `solve`, without another try for what does not converge."""
@@ -422,7 +422,7 @@ class Strategy:
     ) -> Array:
         return self._plain(solver.take(points, failed), failed.size)
 
-    def _by_walking(
+    def _walk_failed(
         self, points: Mapping[str, Any], theta: Mapping[str, Any], solved: solver.Solution, failed: Array
     ) -> Array:
         return self._walk(solver.take(points, failed), solver.take(theta, failed), failed.size)
@@ -475,7 +475,7 @@ class Shared:
     read: Read
 
 
-class Batch:
+class PointBatch:
     """Points (N,) with parameters `theta` of an engine, read by `out`; x (nx, N), residual (N,), passes (N,). unmet: of
     points that did not converge, the index of the balance that is met least."""
 
@@ -491,14 +491,14 @@ class Batch:
         if start is None:
             self.strategy.prepare(self.points, valid)
         for at in _chunks(np.flatnonzero(valid), CHUNK):
-            if not self._by_several(at, start, tries):
-                self._by_one(at, start, tries)
+            if not self._solve_shared(at, start, tries):
+                self._solve_alone(at, start, tries)
 
-    def _by_one(self, at: Array, start: Array | None, tries: Tries) -> None:
-        u, t, first = self._from(at, start)
-        self._finish(at, self.strategy.solve(u, t, first, self.out.of(at), tries))
+    def _solve_alone(self, at: Array, start: Array | None, tries: Tries) -> None:
+        u, t, first = self._start_from(at, start)
+        self._finish(at, self.strategy.solve(u, t, first, self.out.subset(at), tries))
 
-    def _by_several(self, at: Array, start: Array | None, tries: Tries) -> bool:
+    def _solve_shared(self, at: Array, start: Array | None, tries: Tries) -> bool:
         """Whether several processes solved these points."""
         n = process_count(len(at) // SHARE)
         if n > 1:  # seldom so, and to ask for the memory takes time
@@ -518,14 +518,14 @@ class Batch:
 
     def _share(self, at: Array, start: Array | None, tries: Tries) -> Shared | None:
         """None where not all of the points converge at once."""
-        u, t, first = self._from(at, start)
-        solved = self.strategy.first(u, t, first, self.out.of(at), tries)
+        u, t, first = self._start_from(at, start)
+        solved = self.strategy.first(u, t, first, self.out.subset(at), tries)
         if not solved.converged.all():
             return None
         self._finish(at, solved)
         return Shared(self.x[:, at], self.residual[at], self.passes[at], self.out.part(at))
 
-    def _from(self, at: Array, start: Array | None) -> tuple[Mapping[str, Any], Mapping[str, Any], Array | None]:
+    def _start_from(self, at: Array, start: Array | None) -> tuple[Mapping[str, Any], Mapping[str, Any], Array | None]:
         return solver.take(self.points, at), solver.take(self.theta, at), None if start is None else start[:, at]
 
     def _finish(self, at: Array, solved: solver.Solution) -> None:
@@ -535,11 +535,11 @@ class Batch:
         failed = ~solved.converged
         out.status[at[failed]] = NOT_CONVERGED
         self.unmet |= {int(at[k]): solved.worst(k) for k in np.flatnonzero(failed).tolist()}
-        reader = out.of(at)
+        reader = out.subset(at)
         rest = np.flatnonzero(solved.converged & ~solved.read)
-        for some in solver.blocks(rest, out.along):
-            u, t, _ = self._from(at[some], None)
-            e = solver.evaluate(self.strategy.network, u, t, solved.x[:, some], out.along)
+        for some in solver.blocks(rest, out.directions):
+            u, t, _ = self._start_from(at[some], None)
+            e = solver.evaluate(self.strategy.network, u, t, solved.x[:, some], out.directions)
             reader.read(e, np.arange(some.size), some)
 
 

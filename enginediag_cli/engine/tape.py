@@ -15,7 +15,7 @@ from types import MappingProxyType
 import numpy as np
 
 from enginediag_cli.engine.dual import Array
-from enginediag_cli.engine.filters import Clock
+from enginediag_cli.engine.filters import FilterClock
 
 MOMENT = "moment"
 """Input column that says which record of which tape a record is; −1: its past is not known, it is taken as steady."""
@@ -49,23 +49,23 @@ class Tape:
     def __len__(self) -> int:
         return len(self.time)
 
-    def clock(self, shown_by: str = "") -> Clock:
+    def clock(self, shown_by: str = "") -> FilterClock:
         """The clock of filters; `shown_by`: column that shows their output, from which it is known at the beginnings of
         stretches: the median of the first START readings of each that has as many."""
         if shown_by not in self.columns:
-            return Clock(self.time, self.first)
+            return FilterClock(self.time, self.first)
         start, x = np.full(len(self), np.nan), self.columns[shown_by]
         for k, stop in pairwise([*np.flatnonzero(self.first).tolist(), len(self)]):
             if stop - k >= START:
                 start[k] = np.median(x[k : k + START])
-        return Clock(self.time, self.first, start)
+        return FilterClock(self.time, self.first, start)
 
-    def tells(self, column: str) -> bool:
+    def has_column(self, column: str) -> bool:
         """Whether the recording has readings of a column."""
         return column in self.columns
 
 
-def tape_of(columns: Mapping[str, Array], names: Sequence[str]) -> Tape | None:
+def make_tape(columns: Mapping[str, Array], names: Sequence[str]) -> Tape | None:
     """The tape of a recording with `time_s` and those columns of `names` that it has; None where it has no time.
 
     A recording that was written backwards is turned round. Where time goes back once, or stands still for lack of a
@@ -123,7 +123,7 @@ class Tapes:
         return self._moments(whole, number, before)
 
     def _moments(self, columns: Mapping[str, Array], number: int | None, since: int) -> Array:
-        tape = tape_of(columns, self.names)
+        tape = make_tape(columns, self.names)
         N = len(np.asarray(next(iter(columns.values()), ())))
         if tape is None:
             return np.full(N - since, NO_MOMENT)
@@ -134,7 +134,7 @@ class Tapes:
             self.tapes[number] = tape
         return number * float(RECORDS) + tape.place[since:]
 
-    def found(self, moment: Array) -> tuple[Array, Array]:
+    def locate(self, moment: Array) -> tuple[Array, Array]:
         """Number of the tape of each record (N,), −1 where it is on none, and its place there (N,)."""
         moment = np.asarray(moment, float)
         known = np.isfinite(moment) & (moment >= 0.0) & (moment < len(self.tapes) * float(RECORDS))

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from enginediag_cli.engine.dual import Array, Value
-from enginediag_cli.engine.evaluation import Evaluation, FlowHook, Hooks, Solved, ValueHook
+from enginediag_cli.engine.evaluation import Evaluation, FlowHook, Hooks, SolvedLeaf, ValueHook
 from enginediag_cli.engine.filters import Filter
 from enginediag_cli.engine.recall import Memory
 from enginediag_cli.parameters import Parameter, spelled
@@ -36,7 +36,7 @@ STILL = 1e-6
 
 
 @dataclass(frozen=True)
-class Conditions:
+class DriverConditions:
     """N records of an engine: its inputs, and `column`, the model columns that drivers asked for, (N,) each; NaN
     where the engine has no prediction."""
 
@@ -50,7 +50,7 @@ def no_columns(engine: Engine) -> tuple[str, ...]:
     return ()
 
 
-def no_values(at: Conditions) -> Iterable[DriverValues]:
+def no_values(at: DriverConditions) -> Iterable[DriverValues]:
     """A driver of which no engine gives values: it is recorded, or it is none."""
     return ()
 
@@ -69,10 +69,10 @@ class Driver:
     word: str
     words: str
     unit: str = "1"
-    counted_in: str = ""
+    quantity_unit: str = ""
     columns: Callable[[Engine], tuple[str, ...]] = no_columns
-    values: Callable[[Conditions], Iterable[DriverValues]] = no_values
-    true_values: Callable[[Conditions], Iterable[DriverValues]] = no_values
+    values: Callable[[DriverConditions], Iterable[DriverValues]] = no_values
+    true_values: Callable[[DriverConditions], Iterable[DriverValues]] = no_values
 
 
 @dataclass(frozen=True)
@@ -176,7 +176,7 @@ class Site:
 
     name: str
     component: str
-    acts_on: tuple[str, ...]
+    targets: tuple[str, ...]
     everywhere: bool = False
     full: tuple[float, str] | None = None
 
@@ -209,7 +209,7 @@ class Term(ABC):
     INPUTS: Mapping[str, float] = MappingProxyType({})
     TRIALS: tuple[Mapping[str, float], ...] = ()
     SWITCHES: bool = False
-    OF_A_FILE: bool = False
+    FROM_FILE: bool = False
     SOUGHT: bool = True
     MEASURED: bool = False
 
@@ -233,7 +233,7 @@ class Term(ABC):
         """Coefficients of which records may tell one end only: any larger, or any smaller, explains as well."""
         return ()
 
-    def varies_with(self) -> str:
+    def driver_words(self) -> str:
         """In words."""
         return self.DRIVER.words
 
@@ -259,7 +259,7 @@ class Effect:
     limits: Mapping[str, float] = field(default_factory=dict)
 
     @property
-    def tried(self) -> tuple[str, ...]:
+    def trial_names(self) -> tuple[str, ...]:
         """Names of the directions along which the term's trials lie."""
         return tuple(self.parameter_name(f"trial_{k}") for k in range(1, len(self.term.TRIALS) + 1))
 
@@ -271,7 +271,7 @@ class Effect:
     def parameter_name(self, coefficient: str) -> str:
         return f"{self.term.NAME}.{self.site.name}.{coefficient}"
 
-    def with_values(self, known: Mapping[str, float]) -> Effect:
+    def replace_values(self, known: Mapping[str, float]) -> Effect:
         """The effect with those of its coefficients that are among `known`, by parameter name; the others as they
         are."""
         own = {c.name: self.parameter_name(c.name) for c in self.term.COEFFICIENTS}
@@ -341,18 +341,18 @@ class Place:
         # what is remembered is known, or its signal is asked for
         return any(not isinstance(e.leaves[n], float) for n in self._states)
 
-    def on_input(self, column: str, filter: Filter, coefficients: Sequence[str]) -> None:
+    def filter_input(self, column: str, filter: Filter, coefficients: Sequence[str]) -> None:
         """The network is told what `filter` makes of an input column, or of what sets the power."""
         self._hooks.memories.append(
-            replace(self._memory(filter, coefficients), column=column, shown_by=self._shown(column))
+            replace(self._memory(filter, coefficients), column=column, sensor_column=self._sensor_column(column))
         )
 
-    def _shown(self, column: str) -> str:
+    def _sensor_column(self, column: str) -> str:
         """The sensor that reads a model column and nothing else."""
         sensors = self.network.sensors.values()
         return next((s.column for s in sensors if dict(s.reads) == {column: 1.0} and not s.over), "")
 
-    def remember(
+    def add_memory(
         self,
         filter: Filter,
         coefficients: Sequence[str] = (),
@@ -367,7 +367,9 @@ class Place:
         memory = self._memory(filter, coefficients)
         return self._remembered(replace(memory, recorded=recorded, measured=measured, sensor=sensor, turns=turns))
 
-    def follow(self, filter: Filter, coefficients: Sequence[str], leaf: str) -> Callable[[Evaluation, Value], Value]:
+    def add_formula_memory(
+        self, filter: Filter, coefficients: Sequence[str], leaf: str
+    ) -> Callable[[Evaluation, Value], Value]:
         """The same where the effect, at a leaf or a sensor's column, multiplies by its size what is remembered."""
         shown = (s for s in self.network.sensors.values() if leaf in (s.column, *(p.name for p in s.parameters())))
         sensor = next((s.column for s in shown), "")
@@ -388,14 +390,14 @@ class Place:
         absent = {c.name: c.absent for c in effect.term.COEFFICIENTS}
         tried = {
             name: tuple(float({**absent, **trial}[c]) for c in coefficients)
-            for name, trial in zip(effect.tried, effect.term.TRIALS, strict=True)
+            for name, trial in zip(effect.trial_names, effect.term.TRIALS, strict=True)
         }
         names = tuple(map(effect.parameter_name, coefficients))
         name = effect.parameter_name("memory")
         further = sum(m.name.startswith(name) for m in self._hooks.memories)
         return Memory(f"{name}_{further + 1}" if further else name, filter, names, self._absent, tried=tried)
 
-    def not_yet(self, leaf: str, reads: Mapping[str, Callable[[Evaluation], Value]]) -> tuple[str, ...]:
+    def unknown_at_leaf(self, leaf: str, reads: Mapping[str, Callable[[Evaluation], Value]]) -> tuple[str, ...]:
         """Names of what cannot be read yet when the gas path comes to a leaf: reads raise KeyError."""
         late: list[str] = []
 
@@ -406,7 +408,7 @@ class Place:
         self._passed(Hooks({leaf: [look]}))
         return tuple(late)
 
-    def not_yet_of(self, effect: Effect, reads: Mapping[str, Callable[[Evaluation], Value]]) -> tuple[str, ...]:
+    def unknown_at_effect(self, effect: Effect, reads: Mapping[str, Callable[[Evaluation], Value]]) -> tuple[str, ...]:
         """The same when the gas path first comes to where another effect takes hold."""
         late: list[str] = []
 
@@ -415,7 +417,7 @@ class Place:
             return 0.0
 
         hooks = Hooks()
-        effect.term.install(_Sized(self.network, effect, hooks, look, lambda e: True))
+        effect.term.install(_SizedPlace(self.network, effect, hooks, look, lambda e: True))
         self._passed(hooks)
         return tuple(late)
 
@@ -424,25 +426,25 @@ class Place:
         with np.errstate(all="ignore"):
             self.network.open_loop(passing)
 
-    def sized(self, effect: Effect, size: Callable[[Evaluation], Value]) -> None:
+    def install_sized(self, effect: Effect, size: Callable[[Evaluation], Value]) -> None:
         """Another effect, without memory, acts with this one: what `size(e)` adds to its absent value is its size."""
-        effect.term.install(_Sized(self.network, effect, self._hooks, size, self.active))
+        effect.term.install(_SizedPlace(self.network, effect, self._hooks, size, self.active))
 
-    def solved_for(self, name: str, read: Callable[[Evaluation], Value], start: float) -> str:
+    def add_unknown(self, name: str, read: Callable[[Evaluation], Value], start: float) -> str:
         """Leaf of an unknown of the network that stands for what can be read further down the gas path, above 0."""
         leaf = self.effect.parameter_name(name)
-        self._hooks.solved.append(Solved(leaf, read, start))
+        self._hooks.solved.append(SolvedLeaf(leaf, read, start))
         return leaf
 
-    def on_leaf(self, leaf: str, change: ValueHook) -> None:
+    def change_leaf(self, leaf: str, change: ValueHook) -> None:
         """`change(e, x)` gives the leaf's new value from its old one."""
         self._hooks.leaves.setdefault(leaf, []).append(self._guarded(change))
 
-    def on_station(self, station: str, change: FlowHook) -> None:
+    def change_flow(self, station: str, change: FlowHook) -> None:
         """`change(e, flow)` gives the flow that the station delivers."""
         self._hooks.stations.setdefault(station, []).append(self._guarded(change))
 
-    def on_reading(self, column: str, change: ValueHook) -> None:
+    def change_reading(self, column: str, change: ValueHook) -> None:
         """`change(e, x)` gives what the sensor of the column reads, before its scale and bias."""
         self._hooks.readings.setdefault(column, []).append(self._guarded(change))
 
@@ -463,7 +465,7 @@ def _unreadable(e: Evaluation, reads: Mapping[str, Callable[[Evaluation], Value]
     return late
 
 
-class _Sized(Place):
+class _SizedPlace(Place):
     """A site of an effect whose size is no parameter but what `size` gives; other coefficients are as absent."""
 
     def __init__(

@@ -29,7 +29,7 @@ from enginediag_cli.parameters import Parameter
 
 
 @dataclass(frozen=True)
-class Question:
+class PredictionRequest:
     """What a wrapper is asked, in the words of `Engine.predict`: `parameters` of the inner model, values of the
     wrapper's `own` as far as they were given, all directions `wrt`, and the `options` of the model innermost."""
 
@@ -40,7 +40,7 @@ class Question:
     wrt: tuple[str, ...]
     options: Mapping[str, Any] = field(default_factory=dict)
 
-    def same(self, other: Question) -> bool:
+    def is_same(self, other: PredictionRequest) -> bool:
         """Whether it is the same question, so that the answer is."""
         mine, theirs = (None if q.sensors is None else tuple(q.sensors) for q in (self, other))
         return (mine, self.wrt) == (theirs, other.wrt) and all(
@@ -86,23 +86,25 @@ class WrappedModel(ABC):
         """As `Engine.predict`, with the wrapper's own among the parameters and directions."""
         given = dict(parameters or {})
         own = {name: given.pop(name) for name in tuple(given) if name in self.own}
-        return self._answer(Question(inputs, given, own, sensors, tuple(wrt), options))
+        return self._predict(PredictionRequest(inputs, given, own, sensors, tuple(wrt), options))
 
     @abstractmethod
-    def _answer(self, asked: Question) -> Any:
+    def _predict(self, asked: PredictionRequest) -> Any:
         """The prediction, with what the wrapper adds."""
 
-    def _ask(self, asked: Question, **other: Any) -> Any:
+    def _predict_inner(self, asked: PredictionRequest, **other: Any) -> Any:
         """The answer of the inner model, which knows nothing of `own`; `other`: fields that it is asked otherwise."""
         q = replace(asked, **other)
         return self.model.predict(q.inputs, q.parameters, sensors=q.sensors, wrt=q.wrt, **q.options)
 
-    def _ask_along(self, asked: Question, like: Mapping[str, str], slopes: Mapping[str, Any], **other: Any) -> Any:
+    def _predict_inner_scaled(
+        self, asked: PredictionRequest, like: Mapping[str, str], slopes: Mapping[str, Any], **other: Any
+    ) -> Any:
         """The same where own directions are directions of the inner model: `like` gives its name, `slopes` what its
         column (N, m) is multiplied by, a number or (N,)."""
         along = [like.get(name, name) for name in asked.wrt]
         inner = tuple(dict.fromkeys(along))
-        found = self._ask(asked, wrt=inner, **other)
+        found = self._predict_inner(asked, wrt=inner, **other)
         if inner == asked.wrt:
             return found
         J = np.asarray(found.jacobian)[:, :, [inner.index(name) for name in along]]
@@ -228,23 +230,23 @@ class WarmEngine(WrappedModel):
         super().__init__(engine, {})
         self._walk, self._remembered = walk, remembered
         self._last: Memory = OrderedDict()
-        self._found: OrderedDict[int, _Found] = OrderedDict()
+        self._found: OrderedDict[int, _KnownPrediction] = OrderedDict()
         if like is not None and like.model.unknowns == engine.unknowns:
             self._last = like._last
 
-    def _answer(self, asked: Question) -> Prediction:
+    def _predict(self, asked: PredictionRequest) -> Prediction:
         """From the remembered start, on which the answer does not depend beyond the solver's tolerance."""
         points = self._points(asked.inputs)
         key = hash(points.tobytes())
         known = self._last.get(key)
         met = known is not None and np.array_equal(known[0], points)
         before = self._found.get(key)
-        if before is not None and before.asked.same(asked):
+        if before is not None and before.asked.is_same(asked):
             return before.prediction
-        start = known[1] if known is not None and met else self._moved(points)
-        start = self._nearest(points) if start is None else start
+        start = known[1] if known is not None and met else self._moved_start(points)
+        start = self._nearest_start(points) if start is None else start
         ways = {} if self._walk or not met else {"walk": False}
-        found: Prediction = self._ask(asked, options={**asked.options, "start": start, **ways})
+        found: Prediction = self._predict_inner(asked, options={**asked.options, "start": start, **ways})
         # a point that failed keeps the start that it had: the next parameters may suit it again
         x = np.where(found.ok, found.x, np.nan if start is None else start)
         if len(points) == found.y.shape[0] and np.isfinite(x).any():
@@ -253,13 +255,13 @@ class WarmEngine(WrappedModel):
             while len(self._last) > 1 and sum(len(p) for p, _ in self._last.values()) > self._remembered:
                 self._last.popitem(last=False)
         self._found.pop(key, None)
-        self._found[key] = _Found(replace(asked, inputs=dict(asked.inputs)), found)
+        self._found[key] = _KnownPrediction(replace(asked, inputs=dict(asked.inputs)), found)
         while sum(f.size for f in self._found.values()) > KEPT:
             self._found.popitem(last=False)
         return found
 
     @contextmanager
-    def apart(self) -> Iterator[None]:
+    def preserve_memory(self) -> Iterator[None]:
         """What is solved inside is forgotten: whatever comes next begins where it would have begun without it."""
         last, found = self._last.copy(), self._found.copy()
         try:
@@ -275,12 +277,12 @@ class WarmEngine(WrappedModel):
         """Where records had their solutions, and what effects remember of recordings, for another process."""
         return self._last, self.model.recalled
 
-    def remember(self, memory: tuple[Memory, Any]) -> None:
+    def restore_memory(self, memory: tuple[Memory, Any]) -> None:
         """Begin where another process has ended."""
         self._last, recalled = memory
-        self.model.recall_again(recalled)
+        self.model.restore_recall(recalled)
 
-    def rest(self) -> None:
+    def forget_predictions(self) -> None:
         """Forget what was predicted last: the fit is over."""
         self._found.clear()
 
@@ -288,7 +290,7 @@ class WarmEngine(WrappedModel):
         """Operating points (N, d): all inputs that the engine must have."""
         return np.column_stack(np.broadcast_arrays(*(np.atleast_1d(np.asarray(inputs[c], float)) for c in self.inputs)))
 
-    def _moved(self, points: np.ndarray) -> np.ndarray | None:
+    def _moved_start(self, points: np.ndarray) -> np.ndarray | None:
         """Unknowns (nx, N) of the remembered batch of which these are the same records, read a little otherwise: as a
         fit reads its inputs when it seeks their errors. None where there is no such batch."""
         size = np.maximum(np.abs(points).max(axis=0, initial=0.0), 1e-9)
@@ -299,7 +301,7 @@ class WarmEngine(WrappedModel):
                 best, found = far, x
         return found
 
-    def _nearest(self, points: np.ndarray) -> np.ndarray | None:
+    def _nearest_start(self, points: np.ndarray) -> np.ndarray | None:
         """Unknowns (nx, N) of the nearest remembered operating points; None when there are none."""
         from scipy.spatial import cKDTree
 
@@ -316,10 +318,10 @@ class WarmEngine(WrappedModel):
 
 
 @dataclass(frozen=True)
-class _Found:
+class _KnownPrediction:
     """A prediction, and what it was asked for."""
 
-    asked: Question
+    asked: PredictionRequest
     prediction: Prediction
 
     @property
@@ -328,12 +330,12 @@ class _Found:
         return self.prediction.jacobian.size
 
 
-def warm(model: AnyModel) -> AnyModel | WarmEngine:
+def warm_start(model: AnyModel) -> AnyModel | WarmEngine:
     """The model with a memory, if it is an engine; any other model as it is."""
     return WarmEngine(model) if isinstance(model, Engine) else model
 
 
-def apart(model: Any) -> AbstractContextManager[None]:
+def preserve_memory(model: Any) -> AbstractContextManager[None]:
     """`WarmEngine.apart` of the engine with a memory that a model wraps, if it does."""
     own = getattr(model, "apart", None)
     return nullcontext() if own is None else own()
@@ -346,7 +348,7 @@ TAPES_KEPT = 4
 """Tapes whose deviations are kept: windows of one recording come one after the other."""
 
 
-class Lagging(WrappedModel):
+class LagModel(WrappedModel):
     """How far readings of an engine are ahead of what follows them with a lag, record by record.
 
     Whatever a model of a moving engine lacks (heat that metal takes up, a probe's lag, an actuator's) shows in a
@@ -366,14 +368,14 @@ class Lagging(WrappedModel):
     def deviations(self, inputs: Mapping[str, Any], sensors: Sequence[str], size: int) -> np.ndarray:
         """m_τ − y (size, m, T) of the readings `sensors` in records with these inputs; 0 where no past is known."""
         moment = np.broadcast_to(inputs.get(MOMENT, PAST[MOMENT]), (size,))
-        number, place = self.model.tapes.found(moment)
+        number, place = self.model.tapes.locate(moment)
         found = np.zeros((size, len(sensors), len(self.lags_s)))
         for k in np.unique(number[number >= 0]).tolist():
             rows = number == k
-            found[rows] = self._of_tape(k, tuple(sensors))[place[rows]]
+            found[rows] = self._tape_deviations(k, tuple(sensors))[place[rows]]
         return found
 
-    def _of_tape(self, k: int, sensors: tuple[str, ...]) -> np.ndarray:
+    def _tape_deviations(self, k: int, sensors: tuple[str, ...]) -> np.ndarray:
         """(n, m, T) at all records of a tape."""
         tape = self.model.tapes.tapes[k]
         key = (k, len(tape), sensors)
@@ -381,7 +383,7 @@ class Lagging(WrappedModel):
             return self._known[key]
         # at once: without the past that the engine itself may remember
         every = (*self.model.inputs, *self.model.optional_inputs)
-        points = {c: tape.columns[c] for c in every if tape.tells(c) and c != MOMENT}
+        points = {c: tape.columns[c] for c in every if tape.has_column(c) and c != MOMENT}
         if any(c not in points for c in self.model.inputs):
             return np.zeros((len(tape), len(sensors), len(self.lags_s)))
         p = self.model.predict(points, self._at, sensors=sensors)
@@ -398,5 +400,5 @@ class Lagging(WrappedModel):
             self._known.popitem(last=False)
         return found
 
-    def _answer(self, asked: Question) -> Any:
-        return self._ask(asked)
+    def _predict(self, asked: PredictionRequest) -> Any:
+        return self._predict_inner(asked)

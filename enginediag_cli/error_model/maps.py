@@ -62,7 +62,7 @@ from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.turbine import Turbine
 from enginediag_cli.engine.declaration import MISMATCH
 from enginediag_cli.engine.engine import Prediction
-from enginediag_cli.engine.wrapped import Question, WrappedModel
+from enginediag_cli.engine.wrapped import PredictionRequest, WrappedModel
 from enginediag_cli.parameters import Parameter
 
 SPEED_DEGREE, POSITION_DEGREE = 3, 2
@@ -285,11 +285,11 @@ class PointErrorModel(WrappedModel):
             name, POINT_FAMILY, 0.0, -np.inf, np.inf, self.sizes[sensor], "", words, sensor, "error", words, where
         )
 
-    def _answer(self, asked: Question) -> Any:
+    def _predict(self, asked: PredictionRequest) -> Any:
         """Each reading moved by what the model misses of it at the record's operating point."""
         amounts, wrt = {name: float(value) for name, value in asked.own.items()}, asked.wrt
         along = tuple(n for n in wrt if n not in self._place)
-        p = self._ask(asked, wrt=along)
+        p = self._predict_inner(asked, wrt=along)
         if len(along) == len(wrt) and not any(amounts.values()):
             return p
         at, y = self.points.of(asked.inputs), p.y.copy()
@@ -371,12 +371,12 @@ class MapErrorModel(WrappedModel):
         """Target → names of its amounts."""
         return {g.target: g.names for g in self._groups}
 
-    def _answer(self, asked: Question) -> Any:
+    def _predict(self, asked: PredictionRequest) -> Any:
         """Readings moved by the errors of the maps, which the inputs bring along frozen or which are taken here."""
         amounts = {g.target: np.array([float(asked.own.get(n, 0.0)) for n in g.names]) for g in self._groups}
         along = tuple(n for n in asked.wrt if n not in self.own)
         if len(along) == len(asked.wrt) and not any(a.any() for a in amounts.values()):
-            return self._ask(asked)
+            return self._predict_inner(asked)
         inputs = asked.inputs
         columns = tuple(self.model.sensors) if asked.sensors is None else tuple(asked.sensors)
         taken = self._taken(columns)
@@ -389,7 +389,7 @@ class MapErrorModel(WrappedModel):
             frozen, x = self._frozen(plain, columns)
             if x is not None:  # the machines run near to where they do without errors
                 options.setdefault("start", x)
-        p = self._ask(asked, inputs=plain, sensors=columns, wrt=along, options=options)
+        p = self._predict_inner(asked, inputs=plain, sensors=columns, wrt=along, options=options)
         return _with_errors(p, self._groups, amounts, asked.wrt, frozen)
 
     def brought(self, inputs: Mapping[str, Any], sensors: Sequence[str]) -> bool:

@@ -75,7 +75,7 @@ def identify_common(fleet: Fleet, build: Build, recordings: Sequence[FleetRecord
 
     assert build.engine is not None
     engine = load_engine(build.engine)
-    described = EngineDescription.of(str(build.engine), engine.declared)
+    described = EngineDescription.from_engine_file(str(build.engine), engine.declared)
     wanted, agreement = columns_of(engine, past=True), agreement_with_engine(engine)
     early = _choose_lives(_early_lives(fleet, build, recordings, wanted, agreement), fleet.identify)
     training = [recording for life in early for recording in life.training()]

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from enginediag_cli.engine.wrapped import apart, warm
+from enginediag_cli.engine.wrapped import preserve_memory, warm_start
 from enginediag_cli.error_model.maps import (
     FAMILY,
     POINT_FAMILY,
@@ -117,7 +117,7 @@ def cross_validate(problem: Problem, fit: Fit, block: int, max_iterations: int =
         # left out are the readings, not the records: their derivatives are those of the full fit, where these were kept
         rest = with_range_of(problem, ~out & fit.equations.ok)
         without = replace(rest, measured=np.where(out[:, None], np.nan, problem.measured))
-        with apart(problem.model):  # folds know nothing of each other, whoever fits them
+        with preserve_memory(problem.model):  # folds know nothing of each other, whoever fits them
             part = solve(
                 without,
                 (fit.x, fit.z),
@@ -286,7 +286,7 @@ def identify(
     """
     if settings is None:
         settings = settings_from_mapping(getattr(engine, "declared", {}).get("identification"))
-    problem = build_problem(warm(engine), with_regimes(engine, recordings), settings)
+    problem = build_problem(warm_start(engine), with_regimes(engine, recordings), settings)
     stated = map_accuracy_of(engine) if map_accuracy is None else map_accuracy
     problem = with_offsets(problem, recordings) if offsets else problem
     attempt, behind = _fit_without_lags(problem, settings, stated)

@@ -50,7 +50,7 @@ import numpy as np
 
 from enginediag_cli.engine.instrument_errors import suspected
 from enginediag_cli.engine.tape import MOMENT, Tapes
-from enginediag_cli.engine.wrapped import LAGS_S, Lagging
+from enginediag_cli.engine.wrapped import LAGS_S, LagModel
 from enginediag_cli.identification.gauss_newton import Fit
 from enginediag_cli.identification.normal_equations import NormalEquations
 from enginediag_cli.identification.problem import OffsetPrior, Problem, TrainingRecording
@@ -315,7 +315,7 @@ def lagging_readings(problem: Problem, fit: Fit) -> tuple[LaggingReading, ...]:
 
 def deviations(problem: Problem, fit: Fit) -> np.ndarray:
     """By how much lags of each reading are behind it, (N, m, T)."""
-    at = Lagging(problem.model, problem.physical(fit.x))
+    at = LagModel(problem.model, problem.physical(fit.x))
     return at.deviations(problem.inputs, problem.sensors, len(problem.measured))
 
 
@@ -337,7 +337,7 @@ def together(first: tuple[LaggingReading, ...], more: tuple[LaggingReading, ...]
 def stretches(tapes: Tapes, moment: np.ndarray) -> np.ndarray:
     """Number of the stretch of each record (N,), −1 on tapes that do not show how an engine moves, too coarse
     ones or gated."""
-    number, place = tapes.found(moment)
+    number, place = tapes.locate(moment)
     stretch, first = np.full(len(moment), -1), 0
     for k in np.unique(number[number >= 0]).tolist():
         tape, rows = tapes.tapes[k], number == k

@@ -224,7 +224,7 @@ def changed_beside(described: EngineDescription, nominal_path: str | Path) -> st
     file that is gone, cannot be read or is none of an engine is nobody's concern: it is not needed."""
     try:
         refuse_other_kind(described.file, "engine", Mark(str(nominal_path)))
-        return described.file if described.differs_from(described.file) else ""
+        return described.file if described.differs(described.file) else ""
     except ConfigError:
         return ""
 

@@ -208,9 +208,9 @@ def _rise(
         """Temperature before, and behind a compressor of the design efficiency, (N,) K each."""
         T, P = (y[v] if isinstance(v, str) else v for v in (T2, P2))
         flow = Flow(gas, Mixture(), 1.0, P, T=T)
-        h = value(gas.at_entropy(flow.phi + flow.R * np.log(y[P3] / P), Mixture())[1])
+        h = value(gas.temperature_from_entropy(flow.phi + flow.R * np.log(y[P3] / P), Mixture())[1])
         h = flow.h + (h - flow.h) / c.values["isentropic_efficiency"]
-        return T, np.asarray(value(gas.at_enthalpy(h, Mixture())[0]))
+        return T, np.asarray(value(gas.temperature_from_enthalpy(h, Mixture())[0]))
 
     def allowed(y: Readings) -> np.ndarray:
         before, behind = ideal(y)

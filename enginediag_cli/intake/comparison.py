@@ -325,7 +325,7 @@ def yardstick_of_engine(engine: Engine) -> Yardstick:
     from enginediag_cli.identification.problem import match_names, settings_from_mapping
 
     stated = settings_from_mapping(engine.declared.get("identification"))
-    model = InputErrors.of(engine)
+    model = InputErrors.wrap(engine)
     own = list(engine.parameters)
     chosen = match_names(stated.parameters, own, "parameter") if stated.parameters else own
     fixed = set(match_names(stated.fixed, own, "parameter"))
@@ -356,7 +356,7 @@ def yardstick_of_nominal(
 ) -> Yardstick:
     """Of an engine that has been identified: it differs from its nominal state in health and instruments. `values`:
     identified parameters of the engine itself; `noise`: of a reading of each sensor, in its unit."""
-    model = InputErrors.of(engine)
+    model = InputErrors.wrap(engine)
     known = {n: v for n, v in values.items() if n in model.parameters}
     names = _differing(model, ())
     known_by = [model.parameters[n] for n in names]

@@ -22,8 +22,23 @@ from enginediag_cli.engine.dual import value
 from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.errors import Problem
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.physics.expression import FOLLOWERS, FUNCTIONS, Expression, ExpressionError, unit_of, words_of
-from enginediag_cli.physics.law import Acts, Law, Variable, at_lever, levers, variables_of, varies_itself
+from enginediag_cli.physics.expression import (
+    FUNCTIONS,
+    MEMORY_FUNCTIONS,
+    Expression,
+    ExpressionError,
+    format_unit,
+    parse_unit,
+)
+from enginediag_cli.physics.law import (
+    Law,
+    LawPlace,
+    Variable,
+    adjustable_effects,
+    changes_variable,
+    effect_place,
+    formula_variables,
+)
 from enginediag_cli.physics.registry import term, term_names
 from enginediag_cli.units import split_column
 
@@ -53,7 +68,7 @@ class _Entry:
         return Problem(self.checked.mark((*self.at, *key)), told, hint)
 
 
-def law_effect(
+def read_law(
     block: Mapping[str, Any], at: tuple[str | int, ...], checked: Checked, network: Network
 ) -> tuple[Effect | None, list[Problem]]:
     """The law of an entry at its place of the engine; None, and everything that is wrong with it."""
@@ -61,20 +76,22 @@ def law_effect(
     acts, problems = _acts(entry)
     coefficients = _coefficients(block["coefficients"])
     problems += _coefficient_problems(entry)
-    variables = variables_of(network)
+    variables = formula_variables(network)
     try:
-        expression = Expression.parsed(block["expression"])
+        expression = Expression.parse(block["expression"])
         problems += _name_problems(entry, expression, variables)
         if acts is None or problems:
             return None, problems
-        units = {n: unit_of("1") for n in variables} | {n: unit_of(c["unit"]) for n, c in block["coefficients"].items()}
-        unit, wanted = expression.unit(units), unit_of("1" if acts.factor else acts.unit)
+        units = {n: parse_unit("1") for n in variables} | {
+            n: parse_unit(c["unit"]) for n, c in block["coefficients"].items()
+        }
+        unit, wanted = expression.unit(units), parse_unit("1" if acts.factor else acts.unit)
     except ExpressionError as error:
         return None, [*problems, entry.problem(f"{error} (letter {error.column + 1})", "", "expression")]
     if unit != wanted:
-        told = f"the formula is in {words_of(unit)}, and what is added at {acts.leaf} in {words_of(wanted)}"
+        told = f"the formula is in {format_unit(unit)}, and what is added at {acts.leaf} in {format_unit(wanted)}"
         return None, [entry.problem(told, "give its coefficients such units", "expression")]
-    changed = [n for n in sorted(expression.names) if n in variables and varies_itself(acts, variables[n])]
+    changed = [n for n in sorted(expression.names) if n in variables and changes_variable(acts, variables[n])]
     if changed:
         return None, [entry.problem(f"'{changed[0]}' is what a law at {acts.leaf} changes", "", "expression")]
     law = Law(block["law"], acts, expression, variables, coefficients, block["statement"], block["source"])
@@ -84,7 +101,7 @@ def law_effect(
     return (None if problems else effect), problems
 
 
-def _acts(entry: _Entry) -> tuple[Acts | None, list[Problem]]:
+def _acts(entry: _Entry) -> tuple[LawPlace | None, list[Problem]]:
     """Where it acts: a parameter of the engine, the reading of a sensor, or the size of an effect."""
     place, network = entry.block["at"], entry.network
     known: dict[str, Parameter] = {p.name: p for p in network.parameters() if p.family != "physics"}
@@ -92,14 +109,14 @@ def _acts(entry: _Entry) -> tuple[Acts | None, list[Problem]]:
     if place in known:
         p = known[place]
         factor = p.nominal == 1.0 and p.unit in ("", "1")
-        return Acts(place, p.component, p.unit, factor), []
+        return LawPlace(place, p.component, p.unit, factor), []
     if place in network.sensors:
         sensor = network.sensors[place]
         unit = split_column(place)[1] or "1"
-        return Acts(place, f"sensor.{sensor.quantity}", unit, False, reading=True), []
-    sizes = levers(network)
+        return LawPlace(place, f"sensor.{sensor.quantity}", unit, False, reading=True), []
+    sizes = adjustable_effects(network)
     if place in sizes:
-        return at_lever(sizes[place]), []
+        return effect_place(sizes[place]), []
     told = (
         f"a law acts at a parameter or a recorded reading of the engine, or at the size of an effect; '{place}' is none"
     )
@@ -162,16 +179,16 @@ def _name_problems(entry: _Entry, expression: Expression, variables: Mapping[str
         if name not in variables and name not in declared:
             told = f"'{name}' is no variable of this engine and no coefficient of the law"
             yield entry.problem(told, near(name, [*variables, *declared]), "expression")
-    for follower in expression.followed:
-        at = f"(letter {follower.at + 1})"
-        if not follower.of & set(variables):
+    for follower in expression.memory_calls:
+        at = f"(letter {follower.column + 1})"
+        if not follower.variables & set(variables):
             yield entry.problem(f"{follower.name} follows no variable {at}", "", "expression")
-        for name in follower.by:
+        for name in follower.coefficients:
             if name in variables:
                 told = f"{follower.name} goes by coefficients, and '{name}' is a variable {at}"
                 yield entry.problem(told, "", "expression")
     for name in declared:
-        if name in variables or name in FUNCTIONS or name in FOLLOWERS:
+        if name in variables or name in FUNCTIONS or name in MEMORY_FUNCTIONS:
             yield entry.problem(f"'{name}' is the name of something else in formulas", "", "coefficients", name)
         elif name not in expression.names:
             yield entry.problem(f"the formula does not have '{name}'", "", "coefficients", name)
@@ -182,12 +199,12 @@ def _nothing_problems(entry: _Entry, law: Law, values: Mapping[str, float]) -> I
     f = law.expression
     reference = {n: v.reference for n, v in law.variables.items()}
     with np.errstate(all="ignore"):
-        there = float(value(f.at({**reference, **values})))
+        there = float(value(f.evaluate({**reference, **values})))
         draws = np.random.default_rng(0).uniform(FROM, TO, (len(reference), TRIED))
         at = {n: draws[k] if law.variables[n].recorded else draws[k] * r for k, (n, r) in enumerate(reference.items())}
         absent = {c.name: c.absent for c in law.COEFFICIENTS}
-        left = np.broadcast_to(np.asarray(value(f.at({**at, **absent}))), (TRIED,))
-        sizes = np.abs(np.asarray(value(f.at({**at, **values}))))
+        left = np.broadcast_to(np.asarray(value(f.evaluate({**at, **absent}))), (TRIED,))
+        sizes = np.abs(np.asarray(value(f.evaluate({**at, **values}))))
         size = float(np.max(sizes, where=np.isfinite(sizes), initial=0.0))
     if not np.isfinite(there):
         told = "the law has no finite value at the design point, where it must be 0: a pole, 0/0, or a root of less"
@@ -205,7 +222,7 @@ DIGITS, ERROR_DIGITS = 6, 3
 """Significant digits of values, and of standard errors."""
 
 
-def entry_of(effect: Effect, errors: Mapping[str, float] | None = None, source: str = "") -> dict[str, Any]:
+def law_entry(effect: Effect, errors: Mapping[str, float] | None = None, source: str = "") -> dict[str, Any]:
     """The entry of an effect whose term is a law, with its values; `errors`: standard errors by parameter name.
 
     Raises TypeError for any other effect.
@@ -255,10 +272,10 @@ def load_engine(path: str | Path | EngineDescription, power_setting: str | None 
     replaces the file's. Raises ConfigError."""
     from enginediag_cli.engine.load import build_engine
 
-    return build_engine(path, carried_effects, power_setting)
+    return build_engine(path, read_effects, power_setting)
 
 
-def carried_effects(
+def read_effects(
     blocks: Sequence[Mapping[str, Any]], network: Network, checked: Checked
 ) -> tuple[list[Effect], list[Problem]]:
     """The effects of the blocks, and everything that is wrong with them at its place in the file."""
@@ -267,10 +284,10 @@ def carried_effects(
     for k, block in enumerate(blocks):
         at = ("physics", k)
         if "law" in block:
-            effect, told = law_effect(block, at, checked, network)
+            effect, told = read_law(block, at, checked, network)
             problems += told
             if effect is not None:
-                problems += _twice(effect, effects, at, checked)
+                problems += _duplicates(effect, effects, at, checked)
                 effects.append(effect)
             continue
         if block["term"] not in term_names():
@@ -293,12 +310,12 @@ def carried_effects(
             continue
         problems += _term_problems(found.COEFFICIENTS, block, at, checked)
         effect = Effect(found, sites[block["at"]], dict(block["coefficients"]), block["switch"])
-        problems += _twice(effect, effects, at, checked)
+        problems += _duplicates(effect, effects, at, checked)
         effects.append(effect)
     return ([] if problems else effects), problems
 
 
-def _twice(effect: Effect, before: Sequence[Effect], at: tuple[str | int, ...], checked: Checked) -> list[Problem]:
+def _duplicates(effect: Effect, before: Sequence[Effect], at: tuple[str | int, ...], checked: Checked) -> list[Problem]:
     return [Problem(checked.mark(at), f"{effect.label} is listed twice") for e in before if e.label == effect.label]
 
 

@@ -26,33 +26,33 @@ from enginediag_cli.engine.filters import Backlash, Filter, Lag, RateLimit
 
 
 @dataclass(frozen=True)
-class Follower:
+class MemoryFunction:
     """`filter`: what it lies from its signal; `units` of its coefficients, "1" where that is a number without one."""
 
     filter: Filter
     units: tuple[str, ...]
 
 
-FOLLOWERS: Mapping[str, Follower] = {
-    "lagged": Follower(Lag(), ("s",)),
-    "limited": Follower(RateLimit(), ("s", "s")),
-    "backlash": Follower(Backlash(), ("1",)),
+MEMORY_FUNCTIONS: Mapping[str, MemoryFunction] = {
+    "lagged": MemoryFunction(Lag(), ("s",)),
+    "limited": MemoryFunction(RateLimit(), ("s", "s")),
+    "backlash": MemoryFunction(Backlash(), ("1",)),
 }
 
 
 @dataclass(frozen=True)
-class Followed:
+class MemoryCall:
     """A follower in a formula: `name`, the names `of` what it follows, the coefficients that it goes `by`, and the
     letter `at` which it stands."""
 
     name: str
-    of: frozenset[str]
-    by: tuple[str, ...]
-    at: int
+    variables: frozenset[str]
+    coefficients: tuple[str, ...]
+    column: int
 
     @property
     def filter(self) -> Filter:
-        return FOLLOWERS[self.name].filter
+        return MEMORY_FUNCTIONS[self.name].filter
 
 
 LONGEST = 2000
@@ -93,7 +93,7 @@ FUNCTIONS: Mapping[str, tuple[Callable[..., Value], int]] = {
 }
 """Function and how many arguments it takes."""
 
-Past = Callable[[Followed, Value, Mapping[str, Value]], Value]
+Past = Callable[[MemoryCall, Value, Mapping[str, Value]], Value]
 """How far a follower lies from its signal, where names have these values."""
 Follow = Callable[[ast.Call, Value], Value]
 """The same of a call in a formula."""
@@ -106,15 +106,15 @@ class Expression:
     text: str
     names: frozenset[str]
     _root: ast.expr
-    _calls: Mapping[ast.Call, Followed] = field(compare=False)
+    _calls: Mapping[ast.Call, MemoryCall] = field(compare=False)
 
     @property
-    def followed(self) -> tuple[Followed, ...]:
+    def memory_calls(self) -> tuple[MemoryCall, ...]:
         """What of it remembers."""
         return tuple(self._calls.values())
 
     @staticmethod
-    def parsed(text: str) -> Expression:
+    def parse(text: str) -> Expression:
         """Raises ExpressionError for what is no formula."""
         if len(text) > LONGEST:
             raise ExpressionError(f"the formula has {len(text)} letters, more than {LONGEST}")
@@ -127,9 +127,11 @@ class Expression:
         _check(root, names, 0)
         _check_numbers(root)
         calls = (n for n in ast.walk(root) if isinstance(n, ast.Call))
-        return Expression(text, frozenset(names), root, {n: _followed(n) for n in calls if _called(n) in FOLLOWERS})
+        return Expression(
+            text, frozenset(names), root, {n: _memory_call(n) for n in calls if _called(n) in MEMORY_FUNCTIONS}
+        )
 
-    def at(self, values: Mapping[str, Value], past: Past | None = None) -> Value:
+    def evaluate(self, values: Mapping[str, Value], past: Past | None = None) -> Value:
         """Its value (N,) or scalar where its names have these; in equilibrium without a `past`."""
         follow = None if past is None else lambda call, x: past(self._calls[call], x, values)
         return _value(self._root, values, follow)
@@ -139,12 +141,12 @@ class Expression:
         return _unit(self._root, units)
 
 
-def unit_of(text: str) -> Unit:
+def parse_unit(text: str) -> Unit:
     """Of a unit's name, "1" for none."""
     return {} if text in ("", "1") else {text: 1}
 
 
-def words_of(unit: Unit) -> str:
+def format_unit(unit: Unit) -> str:
     """As a reader sees it."""
     return " ".join(name if n == 1 else f"{name}^{n}" for name, n in unit.items()) or "1"
 
@@ -170,15 +172,15 @@ def _check(node: ast.expr, names: set[str], depth: int) -> None:
                 raise ExpressionError(f"{name} takes {FUNCTIONS[name][1]}, not {len(arguments)}", node.col_offset)
             for a in arguments:
                 _check(a, names, depth + 1)
-        case ast.Call(func=ast.Name(id=name), args=[signal, *by], keywords=[]) if name in FOLLOWERS:
-            wanted = len(FOLLOWERS[name].units)
+        case ast.Call(func=ast.Name(id=name), args=[signal, *by], keywords=[]) if name in MEMORY_FUNCTIONS:
+            wanted = len(MEMORY_FUNCTIONS[name].units)
             if len(by) != wanted or not all(isinstance(b, ast.Name) for b in by):
                 told = f"{name} takes what it follows and {wanted} name{'s' * (wanted > 1)} of coefficients behind it"
                 raise ExpressionError(told, node.col_offset)
             for a in (signal, *by):
                 _check(a, names, depth + 1)
         case _:
-            allowed = f"numbers, names, + - * / **, parentheses and {', '.join((*FUNCTIONS, *FOLLOWERS))}"
+            allowed = f"numbers, names, + - * / **, parentheses and {', '.join((*FUNCTIONS, *MEMORY_FUNCTIONS))}"
             raise ExpressionError(f"a formula has {allowed}, nothing else", node.col_offset)
 
 
@@ -190,7 +192,7 @@ def _check_numbers(node: ast.expr) -> bool:
     if not all(parts):
         return False
     with np.errstate(all="ignore"):
-        finite = (isinstance(node, ast.Call) and _called(node) in FOLLOWERS) or np.isfinite(
+        finite = (isinstance(node, ast.Call) and _called(node) in MEMORY_FUNCTIONS) or np.isfinite(
             value(_value(node, {}, None))
         )
     if not finite:
@@ -212,10 +214,10 @@ def _called(node: ast.Call) -> str:
     return node.func.id if isinstance(node.func, ast.Name) else ""
 
 
-def _followed(node: ast.Call) -> Followed:
+def _memory_call(node: ast.Call) -> MemoryCall:
     signal, *by = node.args
     of = frozenset(n.id for n in ast.walk(signal) if isinstance(n, ast.Name))
-    return Followed(_called(node), of, tuple(a.id for a in by if isinstance(a, ast.Name)), node.col_offset)
+    return MemoryCall(_called(node), of, tuple(a.id for a in by if isinstance(a, ast.Name)), node.col_offset)
 
 
 def _value(node: ast.expr, values: Mapping[str, Value], follow: Follow | None) -> Value:
@@ -239,7 +241,7 @@ def _value(node: ast.expr, values: Mapping[str, Value], follow: Follow | None) -
                 case ast.Mult():
                     return x * y
             return x / y
-        case ast.Call(func=ast.Name(id=name), args=[signal, *_]) if name in FOLLOWERS:
+        case ast.Call(func=ast.Name(id=name), args=[signal, *_]) if name in MEMORY_FUNCTIONS:
             x = _value(signal, values, follow)
             return x if follow is None else x + follow(node, x)
         case ast.Call(func=ast.Name(id=name), args=arguments):
@@ -267,7 +269,7 @@ def _unit(node: ast.expr, units: Mapping[str, Unit]) -> Unit:
             return _combined(node, op, _unit(a, units), _unit(b, units))
         case ast.Call(func=ast.Name(id=name), args=arguments):
             found = [_unit(a, units) for a in arguments]
-            if name in FOLLOWERS:
+            if name in MEMORY_FUNCTIONS:
                 _check_units(node, name, found)
                 return {}
             if FUNCTIONS[name][0] in (minimum, maximum):
@@ -275,15 +277,15 @@ def _unit(node: ast.expr, units: Mapping[str, Unit]) -> Unit:
                     raise ExpressionError(_unlike(found[0], found[1]), node.col_offset)
                 return found[0]
             if found[0]:
-                raise ExpressionError(f"{name} takes a number, not {words_of(found[0])}", node.col_offset)
+                raise ExpressionError(f"{name} takes a number, not {format_unit(found[0])}", node.col_offset)
     return {}
 
 
 def _check_units(node: ast.Call, name: str, found: Sequence[Unit]) -> None:
     """Of what a follower takes: it follows a number without a unit."""
-    for own, wanted in zip(found, (unit_of("1"), *map(unit_of, FOLLOWERS[name].units)), strict=True):
+    for own, wanted in zip(found, (parse_unit("1"), *map(parse_unit, MEMORY_FUNCTIONS[name].units)), strict=True):
         if own != wanted:
-            raise ExpressionError(f"{name} takes {words_of(wanted)}, not {words_of(own)}", node.col_offset)
+            raise ExpressionError(f"{name} takes {format_unit(wanted)}, not {format_unit(own)}", node.col_offset)
 
 
 def _combined(node: ast.BinOp, op: ast.operator, a: Unit, b: Unit) -> Unit:
@@ -293,17 +295,17 @@ def _combined(node: ast.BinOp, op: ast.operator, a: Unit, b: Unit) -> Unit:
         return a
     if isinstance(op, ast.Pow):
         if b:
-            raise ExpressionError(f"an exponent is a number, not {words_of(b)}", node.col_offset)
+            raise ExpressionError(f"an exponent is a number, not {format_unit(b)}", node.col_offset)
         if not a:
             return a
         match node.right:
             case ast.Constant(value=int() as n):
                 return {name: k * n for name, k in a.items()}
-        raise ExpressionError(f"{words_of(a)} can be raised to a whole number only", node.col_offset)
+        raise ExpressionError(f"{format_unit(a)} can be raised to a whole number only", node.col_offset)
     sign = 1 if isinstance(op, ast.Mult) else -1
     found = {name: a.get(name, 0) + sign * b.get(name, 0) for name in {**a, **b}}
     return {name: n for name, n in found.items() if n}
 
 
 def _unlike(a: Unit, b: Unit) -> str:
-    return f"{words_of(a)} and {words_of(b)} do not go together"
+    return f"{format_unit(a)} and {format_unit(b)} do not go together"

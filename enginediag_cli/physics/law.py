@@ -48,10 +48,10 @@ from enginediag_cli.engine.components.combustion import Burner
 from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.nozzles import Nozzle
 from enginediag_cli.engine.dual import Value, sqrt
-from enginediag_cli.engine.evaluation import Evaluation, reynolds_index_of
+from enginediag_cli.engine.evaluation import Evaluation, reynolds_index_from_state
 from enginediag_cli.engine.tape import MOMENT, PAST
 from enginediag_cli.engine.term import Coefficient, Driver, Effect, Place, Site, Term
-from enginediag_cli.physics.expression import Expression, Followed
+from enginediag_cli.physics.expression import Expression, MemoryCall
 from enginediag_cli.physics.registry import term, term_names
 from enginediag_cli.units import split_column
 
@@ -71,7 +71,7 @@ class Variable:
     words: str
     driver: Driver
     columns: tuple[str, ...]
-    of: Formula
+    formula: Formula
     design: float = 1.0
     recorded: bool = False
 
@@ -80,37 +80,37 @@ class Variable:
         """What a formula takes at the design point."""
         return self.design if self.recorded else 1.0
 
-    def at(self, e: Evaluation, network: Network) -> Value:
+    def evaluate(self, e: Evaluation, network: Network) -> Value:
         """What a formula takes (N,). Raises KeyError as long as the gas path has not come so far."""
-        return self._taken(self._read(e, network))
+        return self._scaled(self._read(e, network))
 
     def values(self, columns: Mapping[str, np.ndarray]) -> np.ndarray:
         """The same of columns (N,) that are known."""
         with np.errstate(all="ignore"):
-            return np.asarray(self._taken([columns[c] for c in self.columns]))
+            return np.asarray(self._scaled([columns[c] for c in self.columns]))
 
-    def _taken(self, columns: Sequence[Value]) -> Value:
-        x = self.of(*columns)
+    def _scaled(self, columns: Sequence[Value]) -> Value:
+        x = self.formula(*columns)
         return x if self.recorded else x * (1.0 / self.design)
 
     def _read(self, e: Evaluation, network: Network) -> list[Value]:
         return [e[c] if self.recorded else _column(e, network, c) for c in self.columns]
 
-    def at_design(self, network: Network) -> Variable:
+    def add_design_value(self, network: Network) -> Variable:
         """The same with its design value. Raises KeyError where the engine has no such columns."""
         assert network.design_point is not None
         with np.errstate(all="ignore"):
-            return replace(self, design=scalar(self.of(*self._read(network.design_point, network))))
+            return replace(self, design=scalar(self.formula(*self._read(network.design_point, network))))
 
 
-def variables_of(network: Network) -> dict[str, Variable]:
+def formula_variables(network: Network) -> dict[str, Variable]:
     """By the name in formulas, those that the engine has and that are something at its design point."""
     point = network.design_point
     assert point is not None
     found: dict[str, Variable] = {}
     for v in _declared(network, tuple(point.flows)):
         try:
-            known = v.at_design(network)
+            known = v.add_design_value(network)
         except KeyError:
             continue
         if known.recorded or (np.isfinite(known.design) and known.design != 0.0):
@@ -149,7 +149,7 @@ def _declared(network: Network, stations: tuple[str, ...]) -> Iterator[Variable]
 
 def _reynolds(name: str, where: str, station: str) -> Variable:
     columns = (f"T{station}_K", f"P{station}_Pa")
-    return Variable(name, f"Reynolds number index {where}", REYNOLDS_INDEX, columns, reynolds_index_of)
+    return Variable(name, f"Reynolds number index {where}", REYNOLDS_INDEX, columns, reynolds_index_from_state)
 
 
 def _itself(x: Value) -> Value:
@@ -169,7 +169,7 @@ def _column(e: Evaluation, network: Network, column: str) -> Value:
 
 
 @dataclass(frozen=True)
-class Acts:
+class LawPlace:
     """Where a law acts: on the leaf of a parameter or, with `reading`, on what the sensor of that column reads;
     `factor`: whether it is a share of what is there, else it is added in `unit`. `through`: the effect that acts with
     the size that the law gives, where the leaf is this size."""
@@ -184,19 +184,19 @@ class Acts:
     @property
     def site(self) -> Site:
         if self.through is not None:
-            return Site(self.leaf, self.component, self.through.site.acts_on)
+            return Site(self.leaf, self.component, self.through.site.targets)
         return Site(self.leaf, self.component, (f"reading {self.leaf}" if self.reading else self.leaf,))
 
 
 class Law(Term):
     """`expression` f of `variables` and `coefficients`, at `acts`; `changed`: what the place is with f."""
 
-    OF_A_FILE = True
+    FROM_FILE = True
 
     def __init__(
         self,
         name: str,
-        acts: Acts,
+        acts: LawPlace,
         expression: Expression,
         variables: Mapping[str, Variable],
         coefficients: tuple[Coefficient, ...],
@@ -207,11 +207,11 @@ class Law(Term):
         self.variables = {n: v for n, v in variables.items() if n in expression.names}
         self.NAME, self.COEFFICIENTS = name, coefficients
         self.TITLE = "Law"
-        self.STATEMENT = statement or f"Law at {acts.leaf} that varies with {self.varies_with()}."
+        self.STATEMENT = statement or f"Law at {acts.leaf} that varies with {self.driver_words()}."
         self.changed = f"{acts.leaf} (1 + f)" if acts.factor else f"{acts.leaf} + f"
         if acts.through is not None:
             self.INPUTS = acts.through.term.INPUTS
-        if expression.followed:
+        if expression.memory_calls:
             self.INPUTS = {**self.INPUTS, **PAST}
         self.EQUATION = f"{self.changed},  f = {expression.text}"
         self.DRIVER = next((v.driver for v in self.variables.values()), CONSTANT)
@@ -219,9 +219,9 @@ class Law(Term):
 
     @property
     def one_sided(self) -> tuple[str, ...]:
-        return tuple(dict.fromkeys(n for k in self.expression.followed for n in k.by))
+        return tuple(dict.fromkeys(n for k in self.expression.memory_calls for n in k.coefficients))
 
-    def varies_with(self) -> str:
+    def driver_words(self) -> str:
         """All that its formula has."""
         return ", ".join(v.words for v in self.variables.values()) or CONSTANT.words
 
@@ -235,36 +235,40 @@ class Law(Term):
             return x * (1.0 + f(e)) if self.acts.factor else x + f(e)
 
         if self.acts.through is not None:
-            at.sized(self.acts.through, f)
+            at.install_sized(self.acts.through, f)
         elif self.acts.reading:
-            at.on_reading(self.acts.leaf, change)
+            at.change_reading(self.acts.leaf, change)
         else:
-            at.on_leaf(self.acts.leaf, change)
+            at.change_leaf(self.acts.leaf, change)
 
     def _reads(self, at: Place) -> dict[str, str]:
         """Leaf of the unknown by the name of each variable that is not known yet where the law acts."""
         if self.acts.reading or not self.variables:
             return {}
-        reads = {n: partial(v.at, network=at.network) for n, v in self.variables.items()}
+        reads = {n: partial(v.evaluate, network=at.network) for n, v in self.variables.items()}
         through = self.acts.through
-        late = at.not_yet(self.acts.leaf, reads) if through is None else at.not_yet_of(through, reads)
-        return {n: at.solved_for(n, reads[n], self.variables[n].reference) for n in late}
+        late = at.unknown_at_leaf(self.acts.leaf, reads) if through is None else at.unknown_at_effect(through, reads)
+        return {n: at.add_unknown(n, reads[n], self.variables[n].reference) for n in late}
 
     def _formula(self, at: Place, unknown: Mapping[str, str]) -> Callable[[Evaluation], Value]:
         names = tuple(c.name for c in self.COEFFICIENTS if c.name in self.expression.names)
-        remembered = {k: at.follow(k.filter, k.by, self.acts.leaf) for k in self.expression.followed}
+        remembered = {
+            k: at.add_formula_memory(k.filter, k.coefficients, self.acts.leaf) for k in self.expression.memory_calls
+        }
 
         def f(e: Evaluation) -> Value:
-            def past(of: Followed, signal: Value, values: Mapping[str, Value]) -> Value:
+            def past(of: MemoryCall, signal: Value, values: Mapping[str, Value]) -> Value:
                 return remembered[of](e, signal)
 
-            values = {n: e[unknown[n]] if n in unknown else v.at(e, at.network) for n, v in self.variables.items()}
-            return self.expression.at(values | {n: at.c(e, n) for n in names}, past)
+            values = {
+                n: e[unknown[n]] if n in unknown else v.evaluate(e, at.network) for n, v in self.variables.items()
+            }
+            return self.expression.evaluate(values | {n: at.c(e, n) for n in names}, past)
 
         return f
 
 
-def levers(network: Network) -> dict[str, Effect]:
+def adjustable_effects(network: Network) -> dict[str, Effect]:
     """By the name of their size, all that can act on the engine, absent."""
     found = {}
     for known in map(term, term_names()):
@@ -277,16 +281,16 @@ def levers(network: Network) -> dict[str, Effect]:
     return found
 
 
-def at_lever(effect: Effect) -> Acts:
+def effect_place(effect: Effect) -> LawPlace:
     """Where a law acts that gives the size of this effect."""
-    return Acts(effect.sizes[0], effect.site.component, size_of(effect).unit, False, through=effect)
+    return LawPlace(effect.sizes[0], effect.site.component, size_coefficient(effect).unit, False, through=effect)
 
 
-def size_of(effect: Effect) -> Coefficient:
+def size_coefficient(effect: Effect) -> Coefficient:
     """The one coefficient without which the effect is absent."""
     return next(c for c in effect.term.amplitudes() if not c.free)
 
 
-def varies_itself(acts: Acts, variable: Variable) -> bool:
+def changes_variable(acts: LawPlace, variable: Variable) -> bool:
     """Whether a law there would vary with the very input that it changes."""
-    return variable.recorded and acts.through is not None and any(c in acts.site.acts_on for c in variable.columns)
+    return variable.recorded and acts.through is not None and any(c in acts.site.targets for c in variable.columns)

@@ -51,7 +51,7 @@ def term(name: str) -> Term:
     return _library()[name]
 
 
-def own_drivers() -> tuple[Driver, ...]:
+def library_drivers() -> tuple[Driver, ...]:
     """Drivers that terms bring beside those that are listed."""
     named = (term(name).DRIVER for name in term_names())
     return tuple(dict.fromkeys(d for d in named if d not in DRIVERS))
@@ -63,10 +63,10 @@ def effect(engine: Engine, name: str, site: str, values: Mapping[str, float] | N
     sites = {s.name: s for s in found.sites(engine.network)}
     if site not in sites:
         raise KeyError(f"{name}@{site}")
-    return Effect(found, sites[site], dict(values or {}), limits=limits(engine))
+    return Effect(found, sites[site], dict(values or {}), limits=coefficient_limits(engine))
 
 
-def candidates(engine: Engine, without: Sequence[str] = ()) -> Iterator[Effect]:
+def candidate_effects(engine: Engine, without: Sequence[str] = ()) -> Iterator[Effect]:
     """Every term that is sought, at every site of the engine that its model does not carry, absent.
 
     `without`: terms, or labels `term@site`, that are left out.
@@ -77,21 +77,21 @@ def candidates(engine: Engine, without: Sequence[str] = ()) -> Iterator[Effect]:
             continue
         found = term(name)
         for site in found.sites(engine.network) if found.SOUGHT else ():
-            e = Effect(found, site, {}, limits=limits(engine))
+            e = Effect(found, site, {}, limits=coefficient_limits(engine))
             if e.label not in carried and e.label not in without:
                 yield e
 
 
-def limits(engine: Engine) -> Mapping[str, float]:
+def coefficient_limits(engine: Engine) -> Mapping[str, float]:
     """Upper bounds of coefficients that the engine's installation sets (`mismatch: limits:` of its file)."""
     block: Mapping[str, Any] = engine.declared.get("mismatch") or {}
     return dict(block.get("limits") or {})
 
 
-class Together(Term):
+class SharedTerm(Term):
     """The same term at the sites of `effects`, of one size, its only coefficient that is sought."""
 
-    OF_A_FILE = True
+    FROM_FILE = True
 
     def __init__(self, effects: Sequence[Effect]):
         term = effects[0].term
@@ -100,13 +100,13 @@ class Together(Term):
         self.STATEMENT, self.EQUATION, self.REFERENCE = term.STATEMENT, term.EQUATION, term.REFERENCE
         self.COEFFICIENTS, self.INPUTS = (self.size,), term.INPUTS
 
-    def varies_with(self) -> str:
-        return self.effects[0].term.varies_with()
+    def driver_words(self) -> str:
+        return self.effects[0].term.driver_words()
 
     def sites(self, network: Network) -> Iterable[Site]:
         """One that stands for all of them."""
         own = [e.site for e in self.effects]
-        acts_on = tuple(dict.fromkeys(leaf for s in own for leaf in s.acts_on))
+        acts_on = tuple(dict.fromkeys(leaf for s in own for leaf in s.targets))
         yield Site("+".join(s.name for s in own), own[0].component, acts_on)
 
     def install(self, at: Place) -> None:
@@ -114,28 +114,28 @@ class Together(Term):
             return at.c(e, self.size.name) - self.size.absent
 
         for effect in self.effects:
-            at.sized(effect, size)
+            at.install_sized(effect, size)
 
 
-def kinds_of_places(effects: Iterable[Effect], network: Network) -> Mapping[str, Effect]:
+def shared_effects(effects: Iterable[Effect], network: Network) -> Mapping[str, Effect]:
     """Label of each effect that may act by one size at all places of its kind → the effect that does, absent."""
     parts = {c.name: type(c).__name__ for c in network.components}
     alike: dict[tuple[str, ...], list[Effect]] = {}
     for e in effects:
-        if len(e.term.amplitudes()) == 1 and not e.tried and not e.term.INPUTS and not e.site.everywhere:
+        if len(e.term.amplitudes()) == 1 and not e.trial_names and not e.term.INPUTS and not e.site.everywhere:
             # instruments and shafts are no parts of the gas path: those of one term are of one kind
             alike.setdefault((e.term.NAME, parts.get(e.site.component, "")), []).append(e)
     found: dict[str, Effect] = {}
     for own in alike.values():
         if len(own) > 1:
-            term = Together(own)
+            term = SharedTerm(own)
             (site,) = term.sites(network)
             found |= dict.fromkeys((e.label for e in own), replace(own[0], term=term, site=site, values={}))
     return found
 
 
-def each(effect: Effect) -> tuple[Effect, ...]:
+def separate_effects(effect: Effect) -> tuple[Effect, ...]:
     """An effect as an engine file states it: at each of its places, with its coefficients."""
-    if not isinstance(effect.term, Together):
+    if not isinstance(effect.term, SharedTerm):
         return (effect,)
     return tuple(replace(e, values={**e.values, **effect.values}) for e in effect.term.effects)

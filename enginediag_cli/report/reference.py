@@ -21,14 +21,14 @@ import numpy as np
 from enginediag_cli import __version__
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.tape import MOMENT
-from enginediag_cli.physics.law import variables_of
+from enginediag_cli.physics.law import formula_variables
 from enginediag_cli.report.sentences import with_unit
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.components import Actuator, Component
     from enginediag_cli.engine.engine import Engine
     from enginediag_cli.engine.network import Network
-    from enginediag_cli.engine.overview import Shown
+    from enginediag_cli.engine.overview import ComponentExample
     from enginediag_cli.engine.term import Coefficient, Site, Term
     from enginediag_cli.parameters import Parameter
 
@@ -50,7 +50,7 @@ PARAMETER_FAMILIES = (
 """Families of parameters in the order in which a page shows them, with their titles."""
 
 
-def component_row(kind: type[Component], shown: Shown) -> dict[str, Any]:
+def component_row(kind: type[Component], shown: ComponentExample) -> dict[str, Any]:
     """One type of the list."""
     c = shown.component
     return {
@@ -85,7 +85,7 @@ def key_rows(kind: type[Component]) -> Iterator[dict[str, Any]]:
         }
 
 
-def parameter_rows(shown: Shown) -> Iterator[dict[str, Any]]:
+def parameter_rows(shown: ComponentExample) -> Iterator[dict[str, Any]]:
     """One row for each parameter of the example."""
     for p in shown.component.parameters():
         yield {
@@ -105,7 +105,7 @@ def description(kind: type[Component]) -> str:
     return inspect.cleandoc(kind.__doc__ or "")
 
 
-def page(kind: type[Component], shown: Shown) -> str:
+def page(kind: type[Component], shown: ComponentExample) -> str:
     """The type for a reader; names of parameters, balances and columns are those of the example."""
     c = shown.component
     lines = [f"{kind.TYPE}: {kind.SECTION.help}", ""]
@@ -214,7 +214,7 @@ def term_row(term: Term) -> dict[str, Any]:
         "term": term.NAME,
         "title": term.TITLE,
         "driver": term.DRIVER.word,
-        "varies_with": term.varies_with(),
+        "varies_with": term.driver_words(),
         "coefficients": [c.name for c in term.COEFFICIENTS],
         "assumed": [c.name for c in term.COEFFICIENTS if not c.cited],
         "columns": list(term.INPUTS),
@@ -250,7 +250,7 @@ def site_row(term: Term, site: Site, carried: Carried) -> dict[str, Any]:
         "term": term.NAME,
         "at": site.name,
         "component": site.component,
-        "acts_on": list(site.acts_on),
+        "acts_on": list(site.targets),
         "driver": term.DRIVER.word,
         "carried": block is not None,
         "coefficients": dict(block["coefficients"]) if block else {},
@@ -276,7 +276,7 @@ def carried_blocks(engine: Engine) -> dict[str, Mapping[str, Any]]:
 
 def variable_rows(network: Network) -> Iterator[dict[str, Any]]:
     """What a law of an engine may vary with, and what that is at the engine's design point."""
-    for v in variables_of(network).values():
+    for v in formula_variables(network).values():
         unit = v.driver.unit if v.recorded else "ratio to the design point"
         yield {"variable": v.name, "at_design": v.reference, "unit": unit, "words": v.words}
 
@@ -285,7 +285,7 @@ def physics_page(term: Term, places: Mapping[str, Sequence[Site]], carried: Mapp
     """The term for a reader; `places` are its sites by the name of the engine, `carried` what each engine carries."""
     lines = [f"{term.NAME}: {term.TITLE}", "", *textwrap.wrap(term.STATEMENT, WIDTH), ""]
     lines += _physics_terms_labelled("equation", term.EQUATION)
-    lines += _physics_terms_labelled("varies with", term.varies_with())
+    lines += _physics_terms_labelled("varies with", term.driver_words())
     if term.SWITCHES:
         lines += _physics_terms_labelled("switch", SWITCH)
     for column, default in term.INPUTS.items():
@@ -300,7 +300,7 @@ def physics_page(term: Term, places: Mapping[str, Sequence[Site]], carried: Mapp
     lines += ["", "places"]
     for engine, sites in places.items():
         lines += _sites(engine, sites, term, carried[engine])
-    example = next((s.name for sites in places.values() for s in sites if not term.OF_A_FILE), None)
+    example = next((s.name for sites in places.values() for s in sites if not term.FROM_FILE), None)
     if example:
         values = ", ".join(f"{c.name}: {c.typical:g}" for c in term.amplitudes())
         lines += [
@@ -345,7 +345,7 @@ def _sites(engine: str, sites: Sequence[Site], term: Term, carried: Carried) -> 
 
 def _site(site: Site, block: Mapping[str, Any] | None) -> str:
     """ "hpc (hpc.efficiency)", with the coefficients that the engine carries there."""
-    text = f"{site.name} ({' and '.join(site.acts_on)})"
+    text = f"{site.name} ({' and '.join(site.targets)})"
     if block is None:
         return text
     errors = block["standard_errors"]

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from enginediag_cli.engine.instrument_errors import DRIFT, InputErrors, InstrumentDrifts
-from enginediag_cli.engine.wrapped import Lagging, MonitoredModel
+from enginediag_cli.engine.wrapped import LagModel, MonitoredModel
 from enginediag_cli.error_model.sizes import MapSlopes, map_slopes
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.instruments import LaggingReading
@@ -224,7 +224,7 @@ def monitor_from_nominal(
     if absent:
         raise DataError(f"no noise was identified for {', '.join(absent)}; nominal has {', '.join(nominal.sensors)}")
     if nominal.lagging:
-        engine = Lagging(engine, nominal.theta0, nominal.lagging[0].lags_s)
+        engine = LagModel(engine, nominal.theta0, nominal.lagging[0].lags_s)
     plain = engine
     if nominal.error_model is not None:
         engine = nominal.error_model.of(engine)
@@ -387,7 +387,7 @@ def monitor_of(
     if sensors or patterns:
         seen = nominal.envelope
         largest = dict(zip(seen.inputs, np.abs(np.asarray(seen.points)).max(axis=0).tolist(), strict=True))
-        engine = InputErrors.of(engine, readings=largest)
+        engine = InputErrors.wrap(engine, readings=largest)
     if sensors and drifts:
         engine = _with_drifts(engine, nominal.sensors)
     monitor = monitor_from_nominal(engine, nominal, patterns)

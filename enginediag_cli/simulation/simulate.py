@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from enginediag_cli.engine.engine import Engine, Prediction
-from enginediag_cli.engine.transient.moving_engine import Flown, MovingEngine
-from enginediag_cli.engine.transient.states import Flight, remembered, states_of
+from enginediag_cli.engine.transient.moving_engine import FlightSolution, MovingEngine
+from enginediag_cli.engine.transient.states import TransientInputs, remembered, transient_states
 from enginediag_cli.engine.wrapped import EngineLike, PredictionLike
 from enginediag_cli.errors import DataError
 from enginediag_cli.faults.catalogue import (
@@ -37,13 +37,13 @@ def moves(engine: object, conditions: Conditions, varied: Sequence[str] = ()) ->
     """Whether an engine has states, or remembers anything, and the records follow each other in time."""
     if not (isinstance(engine, Engine) and conditions.series and "time_s" in conditions.columns):
         return False
-    return bool(remembered(engine, varied)) or bool(states_of(engine))
+    return bool(remembered(engine, varied)) or bool(transient_states(engine))
 
 
 def told_states(engine: Engine) -> str:
     """Names of an engine's states, and of what readings remember."""
-    states = states_of(engine)
-    further = [m for m in remembered(engine) if not any(s.stands_for(m) for s in states)]
+    states = transient_states(engine)
+    further = [m for m in remembered(engine) if not any(s.represents(m) for s in states)]
     return ", ".join(dict.fromkeys([*(s.words for s in states), *(spelled(m.name) for m in further)]))
 
 
@@ -52,7 +52,7 @@ class DynamicFlight:
     """An engine with states at the records of its flights."""
 
     engine: MovingEngine
-    known: Flown
+    known: FlightSolution
 
     def loose(self, piece: slice) -> int:
         """Of the records `piece`, how many are of runs that are only as exact as error-controlled steps are."""
@@ -61,7 +61,7 @@ class DynamicFlight:
     def predict(self, inputs: Columns, parameters: Columns, piece: slice) -> Prediction:
         """Of the records `piece`."""
         sensors = tuple(self.engine.engine.sensors)
-        return self.engine.predict(inputs, parameters, self.known.at(piece), sensors=sensors)
+        return self.engine.predict(inputs, parameters, self.known.select(piece), sensors=sensors)
 
 
 def fly_dynamically(engine: Engine, conditions: Conditions, inputs: Columns, values: Columns) -> DynamicFlight:
@@ -81,14 +81,14 @@ def fly_dynamically(engine: Engine, conditions: Conditions, inputs: Columns, val
         on_way = on_way[_time(way)[on_way] <= time[-1]]
         t = _time(way)[on_way]
         given = {c: v[on_way] for c, v in at_way.items()} | {n: np.interp(t, time, v[index]) for n, v in values.items()}
-        flights.append(Flight(t, given, time))
+        flights.append(TransientInputs(t, given, time))
     found = moving.fly(flights)
     states = np.full((len(moving.states) + 2, len(conditions)), np.nan)
     unknowns = np.full((len(moving.network.unknowns()), len(conditions)), np.nan)
     lost, loose = np.full(len(conditions), "", dtype=object), np.zeros(len(conditions), dtype=bool)
     for index, of in zip(records.values(), found, strict=True):
         states[:, index], unknowns[:, index], lost[index], loose[index] = of
-    return DynamicFlight(moving, Flown(states, unknowns, lost, loose))
+    return Flying(moving, FlightSolution(states, unknowns, lost, loose))
 
 
 def _time(conditions: Conditions) -> NDArray[np.float64]:

@@ -41,7 +41,7 @@ from enginediag_cli.mismatch.fit.load import MismatchQuery, build_dataset
 from enginediag_cli.mismatch.fit.options import Option, effect_option, option_scores
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.physics.registry import candidates, each, effect
+from enginediag_cli.physics.registry import candidate_effects, effect, separate_effects
 from enginediag_cli.physics.terms.control import (
     FuelControlLag,
     FuelRateLimit,
@@ -94,7 +94,7 @@ def key(causes: Sequence[Cause]) -> Key:
 
 def causes_of(options: Sequence[Option]) -> tuple[Cause, ...]:
     """The causes that an explanation's options stand for."""
-    found = [Cause(own.label) for o in options for e in o.hypothesis.effects for own in each(e)]
+    found = [Cause(own.label) for o in options for e in o.hypothesis.effects for own in separate_effects(e)]
     for o in options:
         for d in o.hypothesis.discrepancies:
             found.append(Cause(d.target, int(np.argmax(o.hypothesis.curves[d.curve] > 0))))
@@ -120,7 +120,7 @@ def hypothesis(
 
 
 def _begun(effect: Effect, values: Mapping[str, float]) -> Effect:
-    if not effect.tried:
+    if not effect.trial_names:
         return effect
     known = {c.name: effect.parameter_name(c.name) for c in effect.term.amplitudes()}
     return replace(effect, values={**effect.values, **{c: values[n] for c, n in known.items() if n in values}})
@@ -132,7 +132,7 @@ def components(engine: Engine, cause: Cause) -> frozenset[str]:
     if cause.is_step:
         return frozenset({engine.parameters[cause.name].component})
     site = effect_of(engine, cause).site
-    leaves = {engine.parameters[leaf].component for leaf in site.acts_on if leaf in engine.parameters}
+    leaves = {engine.parameters[leaf].component for leaf in site.targets if leaf in engine.parameters}
     return frozenset({site.component} | leaves)
 
 
@@ -160,7 +160,7 @@ EITHER_SIGN = (ClockShift.NAME,)
 def drawable_memories(engine: Engine) -> list[Effect]:
     """Every effect with memory that can be concealed here: of inertias only that of the rotor whose speed sets the
     power. Another's speed is held, or follows from its inertia record by record: a simulation in time, not a tape."""
-    found = [e for e in candidates(engine) if MOMENT in e.term.INPUTS]
+    found = [e for e in candidate_effects(engine) if MOMENT in e.term.INPUTS]
     driven = engine.network.speed_columns.get(engine.power_setting)
     return [e for e in found if not isinstance(e.term, RotorInertia) or e.site.name == driven]
 
@@ -206,7 +206,7 @@ VISIBLE = 25.0
 def drawable(engine: Engine) -> list[Effect]:
     """Every term at every site that can act on this engine with what its recordings hold."""
     known = {*engine.inputs, *engine.optional_inputs, *hour_columns()}
-    return [e for e in candidates(engine) if set(e.term.INPUTS) <= known]
+    return [e for e in candidate_effects(engine) if set(e.term.INPUTS) <= known]
 
 
 @lru_cache(maxsize=4)

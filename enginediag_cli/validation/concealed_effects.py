@@ -201,7 +201,7 @@ def _given(
         return None
     engine, n = ground.engine, ground.found.evidence.records
     several = Several.of(parts)
-    truth = engine.with_effects((*engine.effects, *several.effects))
+    truth = engine.replace_effects((*engine.effects, *several.effects))
     theta: dict[str, float | np.ndarray] = dict(several.values)
     for cause in several.causes:
         if cause.is_step:
@@ -478,7 +478,7 @@ def readings(engine: Engine, sealed: Sealed, *, exact_model: bool) -> np.ndarray
     n = len(u["time_s"])
     errors = None if exact_model else sealed.map_errors
     base = engine if exact_model or sealed.realistic is None else realistic_engine(engine, sealed.realistic, u)
-    truth = base.with_effects((*engine.effects, *sealed.effects, *(errors.effects if errors else ())))
+    truth = base.replace_effects((*engine.effects, *sealed.effects, *(errors.effects if errors else ())))
     theta: dict[str, float | np.ndarray] = {**sealed.health, **sealed.values}
     for cause in sealed.causes:
         if cause.is_step:

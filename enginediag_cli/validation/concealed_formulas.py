@@ -43,7 +43,7 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.laws.grammar import FORMS, Form, span
 from enginediag_cli.mismatch.laws.scan import KnownVariable, known_variables
 from enginediag_cli.physics.expression import Expression, ExpressionError
-from enginediag_cli.physics.law import Acts, Law, Variable
+from enginediag_cli.physics.law import Law, LawPlace, Variable
 from enginediag_cli.validation.causes import VISIBLE, drawable, noise_free_fit, true_readings
 from enginediag_cli.validation.trial_flights import draw_higher
 
@@ -99,7 +99,7 @@ def curve(effect: Effect, values: Mapping[str, np.ndarray]) -> np.ndarray:
     numbers = {c.name: effect.values.get(c.name, c.absent) for c in law.COEFFICIENTS}
     n = len(next(iter(values.values()))) if values else 1
     with np.errstate(all="ignore"):
-        f = np.asarray(value(law.expression.at({**{k: values[k] for k in law.variables}, **numbers})), float)
+        f = np.asarray(value(law.expression.evaluate({**{k: values[k] for k in law.variables}, **numbers})), float)
     return np.broadcast_to(f, (n,))
 
 
@@ -178,7 +178,7 @@ def of_none(of: Sequence[KnownVariable], rng: np.random.Generator) -> Shaped:
         text = re.sub(rf"\b{letter}\b", f"(({along} - {place:.{DIGITS}g}) / {width:.{DIGITS}g})", text)
     text = _written(text, of, letters)
     names = {k.variable.name: k.variable.reference for k in of}
-    there = float(np.asarray(Expression.parsed(text).at(names)))
+    there = float(np.asarray(Expression.parse(text).evaluate(names)))
     return Shaped(name, True, f"a * ({text} - ({there!r}))")
 
 
@@ -394,9 +394,9 @@ def _law(
     coefficient = Coefficient(
         SIZE, unit, "size", lower=-np.inf, upper=np.inf, sigma=place.scale / max(spread, 1e-300), typical=size
     )
-    acts = Acts(p.name, p.component, unit, factor)
+    acts = LawPlace(p.name, p.component, unit, factor)
     variables = {k.variable.name: k.variable for k in of}
-    law = Law(NAME, acts, Expression.parsed(shaped.text), variables, (coefficient,))
+    law = Law(NAME, acts, Expression.parse(shaped.text), variables, (coefficient,))
     return LawTruth(Effect(law, acts.site, {SIZE: size}), place, shaped.name, shaped.outside)
 
 
@@ -428,7 +428,7 @@ def _corrected(
 ) -> LawTruth | None:
     """The law with the size that leaves that λ; None where it cannot be flown, or where the library says the same."""
     engine = ground.engine
-    truth = engine.with_effects((*engine.effects, drawn.effect))
+    truth = engine.replace_effects((*engine.effects, drawn.effect))
     found = noise_free_fit(engine, flights, model_error, true_readings(truth, flights, {}))
     if not found.converged:
         return None

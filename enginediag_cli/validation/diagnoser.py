@@ -45,7 +45,7 @@ from enginediag_cli.mismatch.unrecorded.finding import HiddenFinding
 from enginediag_cli.parallel import answer_questions
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.physics.registry import candidates
+from enginediag_cli.physics.registry import candidate_effects
 from enginediag_cli.recordings.provenance import sha256_of
 from enginediag_cli.residuals.files import JudgedFiles
 from enginediag_cli.residuals.long_windows import KeptRecords
@@ -98,7 +98,7 @@ def explain(question: Mapping[str, Any]) -> dict[str, Any]:
     else:
         if question["noise"] is None:
             evidence = refit_noise_without_switches(evidence)
-        effects = list(candidates(evidence.engine, question["without"]))
+        effects = list(candidate_effects(evidence.engine, question["without"]))
         search = Search(evidence, effects, hidden_search(evidence))
         said = search.run()
         found = _as_json(said)

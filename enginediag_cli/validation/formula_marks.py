@@ -81,8 +81,8 @@ from enginediag_cli.mismatch.fit.identified import (
     stack_column,
 )
 from enginediag_cli.mismatch.fit.options import Option
-from enginediag_cli.physics.engine_file import entry_of, load_engine
-from enginediag_cli.physics.law import Law, variables_of
+from enginediag_cli.physics.engine_file import law_entry, load_engine
+from enginediag_cli.physics.law import Law, formula_variables
 from enginediag_cli.validation.causes import VISIBLE
 from enginediag_cli.validation.concealed_effects import Recorded, Sealed, readings
 from enginediag_cli.validation.concealed_formulas import LawTruth, along, curve, law_of, spline
@@ -105,7 +105,7 @@ Entry = Mapping[str, Any]
 def entries(x: Explanation) -> list[Entry]:
     """The laws among an explanation's options, as entries of an engine file, with the coefficients that were fitted."""
     known = {c.name: c.value for c in x.coefficients}
-    return [entry_of(e.with_values(known)) for e in _laws(x.options)]
+    return [law_entry(e.replace_values(known)) for e in _laws(x.options)]
 
 
 def law_told(a: Answer) -> dict[str, Any]:
@@ -128,7 +128,7 @@ def law_told(a: Answer) -> dict[str, Any]:
             ],
             "laws": [
                 {
-                    "entry": entry_of(e.with_values(known)),
+                    "entry": law_entry(e.replace_values(known)),
                     "probability": float(law.probability),
                     "label": law.option.label,
                 }
@@ -191,7 +191,7 @@ def built(engine: Engine, entry: Entry) -> Effect | None:
     text = dump(entry, width=100).splitlines()
     lines = [("  - " if k == 0 else "    ") + line for k, line in enumerate(text)]
     try:
-        described = EngineDescription.of(engine.path, engine.declared)
+        described = EngineDescription.from_engine_file(engine.path, engine.declared)
         with_law = replace(described, text=appended(described.text, engine.path, "physics", [lines]))
         return load_engine(with_law).effects[-1]
     except EngineDiagError:
@@ -395,7 +395,7 @@ def centred(evidence: Dataset, health: Mapping[str, float]) -> Dataset:
 def described(law: LawTruth) -> dict[str, Any]:
     """What the record keeps of a concealed law."""
     return {
-        "entry": entry_of(law.effect),
+        "entry": law_entry(law.effect),
         "place": law.place.name,
         "variables": list(law.law.variables),
         "form": law.form,
@@ -424,9 +424,9 @@ class Opened:
         assert sealed.law is not None
         beside = nuisance(clean)
         base = identify_with(clean, NULL_HYPOTHESIS, beside)
-        truth = engine.with_effects((*engine.effects, *sealed.effects))
+        truth = engine.replace_effects((*engine.effects, *sealed.effects))
         theta = {**sealed.health, **sealed.values}
-        values = along(truth, input_values(clean), theta, tuple(variables_of(engine.network).values()))
+        values = along(truth, input_values(clean), theta, tuple(formula_variables(engine.network).values()))
         places = tuple(list_locations(engine, list(clean.noise.sigma)))
         return Opened(engine, sealed, sealed.law, base, beside, places, values, curve(sealed.law.effect, values))
 
@@ -480,7 +480,7 @@ class Opened:
         evidence, free = self.base.evidence, Hypothesis(tuple(laws))
         if not sought:
             engine = evidence.engine
-            evidence, free = replace(evidence, engine=engine.with_effects((*engine.effects, *laws))), NULL_HYPOTHESIS
+            evidence, free = replace(evidence, engine=engine.replace_effects((*engine.effects, *laws))), NULL_HYPOTHESIS
         return left_by(lowest(evidence, free, self.nuisance, self.base, ALIAS))
 
     def ahead(
@@ -499,7 +499,7 @@ class Opened:
         models = {NONE: ahead.squares(), TRUE: ahead.squares(Hypothesis((self.truth.effect,)))}
         models[FOUND] = models[NONE]
         if laws is not None:
-            carrying = searched.engine.with_effects((*searched.engine.effects, *laws))
+            carrying = searched.engine.replace_effects((*searched.engine.effects, *laws))
             models[FOUND] = ahead.squares(engine=carrying)
         if place is not None:
             free = self._free(ahead, place, told.drivers[0][0], searched.records)
@@ -509,7 +509,7 @@ class Opened:
 
     def _free(self, ahead: Ahead, place: Location, groups: Sequence[Sequence[str]], fitted: int) -> Hypothesis | None:
         """A spline of each variable told, and the product of two, at a place; None where nothing is known of one."""
-        known = variables_of(self.engine.network)
+        known = formula_variables(self.engine.network)
         of = [known[g[0]] for g in groups if g and g[0] in known]
         if len(of) < len(groups) or not of:
             return None

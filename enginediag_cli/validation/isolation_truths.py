@@ -272,7 +272,7 @@ def _true_columns(truth: Engine, sealed: Sealed, k: int) -> dict[str, np.ndarray
     """Time, inputs and true outputs (N,) of flight k, the last one changed."""
     flight, theta = sealed.flights[k], dict(sealed.health)
     if k == len(sealed.flights) - 1:
-        truth = truth.with_effects((*truth.effects, *sealed.effects))
+        truth = truth.replace_effects((*truth.effects, *sealed.effects))
         theta |= sealed.values
         for c in sealed.changes:
             if c.place in truth.parameters:

@@ -62,7 +62,7 @@ from enginediag_cli.mismatch.fit.options import (
     option_scores,
 )
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.physics.registry import candidates
+from enginediag_cli.physics.registry import candidate_effects
 from enginediag_cli.validation.causes import Begun, Cause, Key, causes_of, hypothesis, key
 
 
@@ -144,7 +144,7 @@ def separability(
     if not truth or not base.converged:
         return Separability(total, tuple(given), np.nan, "", frozenset(), ok)
     moving = all(MOMENT in f.columns for f in evidence.flights)
-    library = list(candidates(evidence.engine, without))
+    library = list(candidate_effects(evidence.engine, without))
     effects = effect_options(library) if moving else [effect_option(e) for e in library]
     scores = option_scores(base, projection, [*effects, *fault_options(base)])
     rivals = sorted(_rivals(scores, total, len(truth), key(truth)), key=lambda r: r[0])

@@ -45,8 +45,8 @@ from enginediag_cli.mismatch.fit.identified import (
 )
 from enginediag_cli.mismatch.fit.options import effect_option, fault_options, option_scores
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.physics.law import variables_of
-from enginediag_cli.physics.registry import candidates
+from enginediag_cli.physics.law import formula_variables
+from enginediag_cli.physics.registry import candidate_effects
 from enginediag_cli.validation.causes import Cause, causes_of, hypothesis
 from enginediag_cli.validation.concealed_effects import SHOWS, Recorded, Sealed
 from enginediag_cli.validation.concealed_formulas import LawTruth, along, curve, law_of
@@ -235,7 +235,7 @@ class Opened:
     def _aliases(self, cause: Cause, fit: IdentifiedHypothesis) -> frozenset[str]:
         """Effects and steps of the library that cannot be told from a cause, given the others (`fit`)."""
         projection = Projection(fit)
-        options = [*map(effect_option, candidates(self.engine)), *fault_options(fit)]
+        options = [*map(effect_option, candidate_effects(self.engine)), *fault_options(fit)]
         best: dict[str, tuple[float, Hypothesis]] = {}
         for s in option_scores(fit, projection, options):
             (own,) = causes_of((s.option,))
@@ -255,9 +255,9 @@ class Opened:
     def _known(self, law: LawTruth, fit: IdentifiedHypothesis) -> KnownLaw:
         """The true law beside the other causes."""
         clean = self.base.evidence
-        truth = self.engine.with_effects((*self.engine.effects, *self.sealed.effects))
+        truth = self.engine.replace_effects((*self.engine.effects, *self.sealed.effects))
         theta = {**self.sealed.health, **self.sealed.values}
-        values = along(truth, input_values(clean), theta, tuple(variables_of(self.engine.network).values()))
+        values = along(truth, input_values(clean), theta, tuple(formula_variables(self.engine.network).values()))
         far = place_separability(fit, self.nuisance, curve(law.effect, values), law.place)
         at = {p.parameter: p.name for p in list_locations(self.engine, list(clean.noise.sigma))}
         return KnownLaw(list(law.law.variables), frozenset({law.place.name, *inseparable(far)}), at, values)

@@ -175,7 +175,7 @@ class MapError(Term):
             position = flow(e) * (1.0 / w_design) - n if compressor else n - 1.0
             return x * (1.0 + self.shape.of(n, position))
 
-        at.on_leaf(f"{c.name}.{self.quantity}", factor)
+        at.change_leaf(f"{c.name}.{self.quantity}", factor)
 
 
 WAVES = 3
@@ -417,5 +417,5 @@ def _at_the_same_work(c: Compressor, e: Evaluation) -> None:
     e.balances[f"{c.name} flow"] = corrected_flow / (wc * c.flow_scale * e[f"{c.name}.flow_capacity"]) - 1.0
     ideal = inlet.expanded_enthalpy(-log(1.0 + (pr - 1.0) * c.ratio_scale)) - inlet.h
     rise = ideal / (eta * c.efficiency_scale)
-    phi = e.gas.at_enthalpy(inlet.h + ideal * e[f"{c.name}.efficiency"], inlet.mixture)[1]
+    phi = e.gas.temperature_from_enthalpy(inlet.h + ideal * e[f"{c.name}.efficiency"], inlet.mixture)[1]
     c._deliver(e, inlet, rise, exp((phi - inlet.phi) / inlet.R))

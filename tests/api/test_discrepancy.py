@@ -27,7 +27,7 @@ def flown(tmp_path_factory):
     folder = tmp_path_factory.mktemp("discrepancy")
     (folder / "engine.yaml").write_text(Path(api.load_engine("turbojet.yaml").path).read_text(encoding="utf-8"))
     engine = load_engine(folder / "engine.yaml")
-    losing = engine.with_effects([effect(engine, "reynolds_efficiency", "compressor", {"exponent": 0.3})])
+    losing = engine.replace_effects([effect(engine, "reynolds_efficiency", "compressor", {"exponent": 0.3})])
     for name, truth in (("flown", losing), ("healthy", engine)):
         rng = np.random.default_rng(1)
         flights = np.repeat(np.arange(FLIGHTS), RECORDS)
@@ -139,6 +139,6 @@ def test_every_name_of_an_effect_can_be_left_out():
 
 def test_an_engine_with_effects_that_its_file_does_not_have_is_refused(flown):
     engine = load_engine(flown / "engine.yaml")
-    changed = engine.with_effects([effect(engine, "reynolds_efficiency", "compressor", {"exponent": 0.3})])
+    changed = engine.replace_effects([effect(engine, "reynolds_efficiency", "compressor", {"exponent": 0.3})])
     with pytest.raises(DataError, match="does not carry"):
         api.locate(changed, flown / "flown.csv")

@@ -106,7 +106,7 @@ class Sizes:
         self.sensors = [c for c in monitor.sensors if c in table.names]
         self.inputs = [c for c in monitor.engine.inputs if c in table.names]
         self._sigma = dict(zip(monitor.sensors, monitor.noise.sigma.tolist(), strict=True))
-        self._errors = {e.column: e for e in getattr(InputErrors.of(monitor.engine), "errors", {}).values()}
+        self._errors = {e.column: e for e in getattr(InputErrors.wrap(monitor.engine), "errors", {}).values()}
 
     def of(self, table: Table, row: int, column: str) -> float:
         if column in self._sigma:

@@ -59,7 +59,7 @@ def faults_of(name: str, forms: Sequence[str], flown: tuple[int, float], rng: np
     """A fault of each form of every instrument of an engine; flown: records and hours of a flight."""
     engine = load_engine(CONFIGS / f"{name}.yaml")
     records, hours = flown
-    wrapped = InputErrors.of(engine)
+    wrapped = InputErrors.wrap(engine)
     known = [(c, p) for c, s in engine.sensors.items() for p in s.parameters() if p.quantity in ("bias", "scale")]
     known += [(e.column, e.parameter) for e in getattr(wrapped, "errors", {}).values()]
 

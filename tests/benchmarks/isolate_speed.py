@@ -33,7 +33,7 @@ RECORDS = 20
 
 
 def suspects() -> Monitor:
-    engine = InputErrors.of(load_engine(ENGINE))
+    engine = InputErrors.wrap(load_engine(ENGINE))
     noise = {c: ColumnNoise("gaussian", sigma=s.noise_sigma) for c, s in engine.sensors.items()}
     return known_nominal(engine, (*engine.monitored, "sensor.*.bias", "input.*"), noise)
 

@@ -73,7 +73,7 @@ def nominal_judges(folder: Path, name: str, knows: str, seed: int, *, worn: bool
     file = ROOT / "configs" / f"{name}.yaml"
     plain = load_engine(file)
     effects = [effect(plain, *label, values) for *label, values in ENGINES[name]] if knows != "none" else []
-    truth = plain.with_effects(effects)
+    truth = plain.replace_effects(effects)
     described = yaml.safe_load(file.read_text(encoding="utf-8"))
     if knows == "known":
         described["physics"] = [{"term": t, "at": at, "coefficients": dict(c)} for t, at, c in ENGINES[name]]

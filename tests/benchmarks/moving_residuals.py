@@ -78,7 +78,7 @@ def table(options: argparse.Namespace) -> Iterator[str]:
         steady = cpu_s(lambda plain=plain, columns=columns: residuals(plain, columns))
         cells = [f"{1e6 * steady / options.records:.1f}"]
         for k in range(1, len(terms) + 1):
-            moving = plain.with_effects([effect(plain, *label, values) for *label, values in terms[:k]])
+            moving = plain.replace_effects([effect(plain, *label, values) for *label, values in terms[:k]])
             residuals(moving, columns)
             ratio = cpu_s(lambda moving=moving, columns=columns: residuals(moving, columns)) / steady
             cells.append(f"{ratio:.2f}")

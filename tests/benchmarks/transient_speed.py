@@ -18,7 +18,7 @@ import numpy as np
 
 from enginediag_cli.engine import solver
 from enginediag_cli.engine.transient.moving_engine import MovingEngine
-from enginediag_cli.engine.transient.states import Flight
+from enginediag_cli.engine.transient.states import TransientInputs
 from enginediag_cli.physics.engine_file import load_engine
 
 FILE = Path(__file__).parents[2] / "configs" / "turbofan_governed.yaml"
@@ -40,16 +40,16 @@ def cpu_s(action: Callable[[], Any]) -> tuple[float, Any]:
     return time.process_time() - begin, found
 
 
-def hour(m: MovingEngine) -> Flight:
+def hour(m: MovingEngine) -> TransientInputs:
     """An hour's flight whose power never stands still: every second is a corner."""
     t = np.arange(3601.0)
     inputs = {c: np.interp(t, HOUR["time"], HOUR[c]) for c in ("altitude_m", "mach")} | {"dT_isa_K": np.full(3601, 5.0)}
     power = np.interp(t, POWER["time"], POWER["power"]) + 0.002 * np.sin(t / 3.0)
     inputs[m.engine.power_setting] = m.engine.power_from_fraction(power, inputs)
-    return Flight(t, inputs, t)
+    return TransientInputs(t, inputs, t)
 
 
-def bodie(m: MovingEngine, engines: int) -> list[Flight]:
+def bodie(m: MovingEngine, engines: int) -> list[TransientInputs]:
     rng = np.random.default_rng(0)
     t, still = np.array(BODIE["time"]), np.zeros(len(BODIE["time"]))
     flights = []
@@ -58,7 +58,7 @@ def bodie(m: MovingEngine, engines: int) -> list[Flight]:
         power = np.array(BODIE["power"]) * rng.uniform(0.7, 1.0)
         inputs[m.engine.power_setting] = m.engine.power_from_fraction(power, inputs)
         columns = {**inputs, "hpc.efficiency": still + rng.uniform(0.97, 1.0)}
-        flights.append(Flight(t, columns, np.arange(0.0, 40.5, 0.5)))
+        flights.append(TransientInputs(t, columns, np.arange(0.0, 40.5, 0.5)))
     return flights
 
 

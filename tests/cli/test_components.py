@@ -8,7 +8,7 @@ import json
 import pytest
 
 from enginediag_cli.engine.components import COMPONENTS
-from enginediag_cli.engine.overview import ENGINES, shown
+from enginediag_cli.engine.overview import ENGINES, component_example
 from enginediag_cli.physics.engine_file import load_engine
 
 
@@ -37,7 +37,7 @@ def test_a_type_is_shown_in_full(run, name):
     words = " ".join(ended.stdout.split())
     for field in COMPONENTS[name].SECTION.fields:
         assert " ".join(field.help.split()) in words
-    found = shown(name)
+    found = component_example(name)
     for text in (*found.balances, *found.outputs, *(p.name for p in found.component.parameters())):
         assert text in words
     assert found.text in ended.stdout

@@ -21,7 +21,7 @@ COUNT, RECORDS = 3, 40
 def write(path, exponent, seed=3, first=None):
     """Flights of one engine whose HPC efficiency falls with Reynolds number; `first` changes the first reading."""
     engine, rng = load_engine(ENGINE), np.random.default_rng(seed)
-    truth = engine.with_effects([effect(engine, "reynolds_efficiency", "hpc", {"exponent": exponent})])
+    truth = engine.replace_effects([effect(engine, "reynolds_efficiency", "hpc", {"exponent": exponent})])
     with path.open("w", newline="", encoding="utf-8") as stream:
         out = csv.writer(stream)
         for k in range(COUNT):

@@ -36,7 +36,7 @@ def folder(tmp_path_factory):
     ]
     (path / MAP).write_text("\n".join(rows) + "\n", encoding="utf-8")
     engine = load_engine(path / "engine.yaml")
-    described = EngineDescription.of(path / "engine.yaml", engine.declared)
+    described = EngineDescription.from_engine_file(path / "engine.yaml", engine.declared)
     nominal = replace(read_nominal(path / "nominal.yaml"), description=described, engine_path="engine.yaml")
     write_nominal(nominal, path / "nominal.yaml")
     return path
@@ -112,7 +112,7 @@ def test_map_tables_travel_and_their_faults_are_told_in_the_nominal_file(here, m
     table = f"table: {{file: {MAP}, design_speed: 0.8, design_pressure_ratio: 2.4}}"
     Path("engine.yaml").write_text(re.sub(r"map: \{choking_exponent: 3.*\}", table, engine), encoding="utf-8")
     built = load_engine("engine.yaml")
-    described = EngineDescription.of("engine.yaml", built.declared)
+    described = EngineDescription.from_engine_file("engine.yaml", built.declared)
     assert described.tables == {MAP: Path(MAP).read_text(encoding="utf-8")}
     Path(MAP).unlink()
     Path("engine.yaml").unlink()

@@ -8,7 +8,7 @@ from engine_makers import GAS, component, evaluation, flow, fourth_order, gradie
 from mixed_flow import MIXED_FLOW
 from standing import standing
 
-from enginediag_cli.engine.components.combustion import burnt, fuel_for
+from enginediag_cli.engine.components.combustion import burnt, find_fuel
 from enginediag_cli.engine.dual import value
 from enginediag_cli.engine.evaluation import static_pressure
 from enginediag_cli.errors import ConfigError
@@ -95,7 +95,7 @@ def test_more_fuel_than_the_air_can_burn_is_marked():
 
 def test_heating_in_a_constant_area_conserves_momentum():
     part, e = burning(setting=1.6, inlet_mach=0.25, pressure_loss=0.02)
-    cold = e.flows["6"].with_(P=e.flows["6"].P * 0.98)
+    cold = e.flows["6"].replace(P=e.flows["6"].P * 0.98)
     p1, V1 = static_pressure(cold, part.area_m2)
     p2, V2 = static_pressure(e.flows["7"], part.area_m2)
     W2 = e.flows["7"].W
@@ -307,7 +307,7 @@ def test_the_fuel_of_a_row_does_not_depend_on_how_long_others_take():
     wanted, T = np.linspace(800.0, 2200.0, 40), np.linspace(1100.0, 700.0, 40)
 
     def needed(wanted, T):
-        return fuel_for(flow(T, 3e5, np.full(40, 50.0), far=np.full(40, 0.02)), wanted, LHV)
+        return find_fuel(flow(T, 3e5, np.full(40, 50.0), far=np.full(40, 0.02)), wanted, LHV)
 
     whole = needed(wanted, T)
     for k in range(0, 40, 7):

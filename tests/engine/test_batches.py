@@ -18,7 +18,7 @@ WRT = ("hpc.efficiency", "lpt.flow_capacity")
 
 @pytest.fixture(scope="module")
 def engine() -> Engine:
-    return turbofan().at({"hpc.efficiency": 0.985})
+    return turbofan().replace_nominals({"hpc.efficiency": 0.985})
 
 
 @pytest.fixture(scope="module")
@@ -133,10 +133,10 @@ def test_a_point_that_is_asked_from_its_solution_stays_there(engine, points):
 
 def test_anchors_fill_the_ranges_and_are_always_the_same():
     ranges = {"a": (0.0, 1.0), "b": (-3.0, 5.0), "c": (10.0, 11.0)}
-    found = anchors.over(ranges, ("a", "b", "c"))
+    found = anchors.anchor_points(ranges, ("a", "b", "c"))
     for column, (low, high) in ranges.items():
         share = (found[column] - low) / (high - low)
         assert 0.0 <= share.min() < 0.02 and 0.98 < share.max() <= 1.0
         assert abs(np.mean(share) - 0.5) < 0.02
-        assert np.array_equal(found[column], anchors.over(ranges, ("a", "b", "c"))[column])
+        assert np.array_equal(found[column], anchors.anchor_points(ranges, ("a", "b", "c"))[column])
     assert abs(np.corrcoef(np.stack(list(found.values())))[np.triu_indices(3, 1)]).max() < 0.1

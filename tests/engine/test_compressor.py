@@ -34,7 +34,7 @@ def run(part, T=288.15, P=101325.0, W=20.0, rpm=10000.0, wrt=(), **parameters):
 
 
 def isentropic_efficiency(inlet, outlet):
-    _, h_s = GAS.at_entropy(inlet.phi + inlet.R * np.log(value(outlet.P) / value(inlet.P)), inlet.mixture)
+    _, h_s = GAS.temperature_from_entropy(inlet.phi + inlet.R * np.log(value(outlet.P) / value(inlet.P)), inlet.mixture)
     return (h_s - inlet.h) / (value(outlet.h) - inlet.h)
 
 

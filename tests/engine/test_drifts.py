@@ -29,7 +29,7 @@ def plain():
 
 @pytest.fixture(scope="module")
 def model(plain):
-    errors = InputErrors.of(plain, readings={"Wf_kg_s": 2.5})
+    errors = InputErrors.wrap(plain, readings={"Wf_kg_s": 2.5})
     known = {p.component: p for p in errors.parameters.values() if p.quantity == "bias"}
     outputs = {c: known[f"sensor.{s.quantity}"] for c, s in plain.sensors.items()}
     return InstrumentDrifts.from_biases(errors, outputs, {"Wf_kg_s": known["input.Wf"]})

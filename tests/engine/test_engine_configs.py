@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine import solver
-from enginediag_cli.engine.controls import Held
+from enginediag_cli.engine.controls import SetPointControl
 from enginediag_cli.engine.dual import value
 from enginediag_cli.physics.engine_file import load_engine
 
@@ -111,7 +111,7 @@ def test_the_design_point_is_reproduced_exactly(path):
     U["T4_K"] = np.array([burner_of(engine).values["exit_temperature_K"]])
     p = engine.predict(U, start=np.full((len(engine.unknowns), 1), 1.02))
     sized = {u.name: u.start for c in engine.network.components for u in c.unknowns()}
-    for stops in (c.stops for c in engine.network.controls if isinstance(c, Held)):
+    for stops in (c.stops for c in engine.network.controls if isinstance(c, SetPointControl)):
         at = engine.network.neutral[stops.actuator.name]
         sized[stops.unknown] = 1.0 + (at - stops.low) / (stops.high - stops.low)
     assert p.status[0] == 0

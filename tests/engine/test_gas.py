@@ -42,11 +42,11 @@ def heat_capacity(temperature, m):
 
 
 def temperature_from_enthalpy(h, m):
-    return GAS.at_enthalpy(h, m)[0]
+    return GAS.temperature_from_enthalpy(h, m)[0]
 
 
 def temperature_from_entropy(phi, m):
-    return GAS.at_entropy(phi, m)[0]
+    return GAS.temperature_from_entropy(phi, m)[0]
 
 
 def mixture(far, war, n=T.size):
@@ -105,8 +105,8 @@ def test_heat_capacity_is_the_derivative_of_enthalpy_and_T_times_that_of_entropy
 FUNCTIONS = {
     f.__name__: f for f in (enthalpy, entropy, heat_capacity, temperature_from_enthalpy, temperature_from_entropy)
 }
-FUNCTIONS["entropy at an enthalpy"] = lambda h, m: GAS.at_enthalpy(h, m)[1]
-FUNCTIONS["enthalpy at an entropy"] = lambda phi, m: GAS.at_entropy(phi, m)[1]
+FUNCTIONS["entropy at an enthalpy"] = lambda h, m: GAS.temperature_from_enthalpy(h, m)[1]
+FUNCTIONS["enthalpy at an entropy"] = lambda phi, m: GAS.temperature_from_entropy(phi, m)[1]
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
@@ -166,8 +166,8 @@ def test_hydrogen_fuel_makes_more_water_and_a_larger_R_than_kerosene():
 
 def test_entropy_at_an_enthalpy_and_enthalpy_at_an_entropy_agree_with_the_direct_functions():
     m = mixture(0.03, 0.01)
-    assert np.abs(GAS.at_enthalpy(enthalpy(T, m), m)[1] - entropy(T, m)).max() < 1e-8
-    assert np.abs(GAS.at_entropy(entropy(T, m), m)[1] - enthalpy(T, m)).max() < 1e-5
+    assert np.abs(GAS.temperature_from_enthalpy(enthalpy(T, m), m)[1] - entropy(T, m)).max() < 1e-8
+    assert np.abs(GAS.temperature_from_entropy(entropy(T, m), m)[1] - enthalpy(T, m)).max() < 1e-5
 
 
 def test_the_critical_pressure_ratio_of_cold_air_is_that_of_gamma_1_4():
@@ -181,7 +181,7 @@ def test_the_critical_pressure_ratio_meets_the_sonic_condition():
         m = mixture(far, war, 50)
         h, phi = GAS.enthalpy_and_entropy(total, m)
         R = value(GAS.constant(m))
-        T_star, h_star = GAS.at_entropy(phi - R * GAS.critical_log_pressure_ratio(total, m), m)
+        T_star, h_star = GAS.temperature_from_entropy(phi - R * GAS.critical_log_pressure_ratio(total, m), m)
         cp = heat_capacity(T_star, m)
         mach = np.sqrt(2.0 * (h - h_star) / (cp / (cp - R) * R * T_star))
         assert np.abs(mach - 1.0).max() < 5e-5
@@ -212,15 +212,15 @@ def test_a_gas_turbine_combustor_from_800_K_to_1500_K_needs_a_fifth_of_stoichiom
 def test_one_point_in_plain_floats_is_one_of_many_to_the_last_digit(name):
     m = mixture(*MIXTURES[name])
     h, phi = GAS.enthalpy_and_entropy(T, m)
-    many = *GAS.at_enthalpy(h, m), *GAS.at_entropy(phi, m)
+    many = *GAS.temperature_from_enthalpy(h, m), *GAS.temperature_from_entropy(phi, m)
     for k in range(0, T.size, 20):
         one = Mixture(*(None if x is None else x[k : k + 1] for x in (m.far, m.war)))
-        found = *GAS.at_enthalpy(h[k : k + 1], one), *GAS.at_entropy(phi[k : k + 1], one)
+        found = *GAS.temperature_from_enthalpy(h[k : k + 1], one), *GAS.temperature_from_entropy(phi[k : k + 1], one)
         assert all(a.shape == (1,) and a[0] == b[k] for a, b in zip(found, many, strict=True))
 
 
 def test_one_point_that_is_no_number_stays_none():
-    found = GAS.at_enthalpy(np.array([np.nan]), DRY_AIR)
+    found = GAS.temperature_from_enthalpy(np.array([np.nan]), DRY_AIR)
     assert np.isnan(found[0]).all() and np.isnan(found[1]).all()
     with np.errstate(all="ignore"):
-        assert GAS.at_enthalpy(np.array([np.inf]), DRY_AIR)[0].shape == (1,)
+        assert GAS.temperature_from_enthalpy(np.array([np.inf]), DRY_AIR)[0].shape == (1,)

@@ -38,7 +38,7 @@ def run(part, W=20.0, T=288.15, wrt=(), **leaves):
 
 def efficiency_of(e):
     inlet, outlet = e.flows["2"], e.flows["3"]
-    _, h_s = GAS.at_entropy(inlet.phi + inlet.R * np.log(value(outlet.P) / value(inlet.P)), inlet.mixture)
+    _, h_s = GAS.temperature_from_entropy(inlet.phi + inlet.R * np.log(value(outlet.P) / value(inlet.P)), inlet.mixture)
     return (h_s - inlet.h) / (value(outlet.h) - inlet.h)
 
 

@@ -28,7 +28,7 @@ def turbofan():
 
 @pytest.fixture(scope="module")
 def model(turbofan):
-    return InputErrors.of(turbofan)
+    return InputErrors.wrap(turbofan)
 
 
 def test_instruments_of_engine_and_aircraft_are_suspects(model):
@@ -36,13 +36,13 @@ def test_instruments_of_engine_and_aircraft_are_suspects(model):
         *("input.altitude.bias", "input.altitude.scale", "input.mach.bias", "input.mach.scale"),
         *("input.dT_isa.bias", "input.Wf.scale", "input.Wf.bias"),
     ]
-    seen = InputErrors.of(model.model, readings={"Wf_kg_s": 2.5, "dT_isa_K": 20.0})
+    seen = InputErrors.wrap(model.model, readings={"Wf_kg_s": 2.5, "dT_isa_K": 20.0})
     assert seen.parameters["input.Wf.bias"].prior_sigma == pytest.approx(0.025)
     assert "input.dT_isa.scale" not in seen.parameters
 
 
 def test_bias_and_scale_of_one_input_act_together_and_have_the_derivatives_of_differences(turbofan):
-    both = InputErrors.of(turbofan, ["Wf_kg_s"], {"Wf_kg_s": 2.5})
+    both = InputErrors.wrap(turbofan, ["Wf_kg_s"], {"Wf_kg_s": 2.5})
     at = {"input.Wf.bias": 0.05, "input.Wf.scale": 1.02}
     true = turbofan.predict({**INPUTS, "Wf_kg_s": (INPUTS["Wf_kg_s"] - 0.05) / 1.02}, {})
     found = both.predict(INPUTS, at, wrt=tuple(at))
@@ -56,18 +56,18 @@ def test_air_data_are_plausibly_wrong_by_the_same_in_any_unit():
     class Imperial:
         inputs, parameters = ("altitude_ft", "mach"), {}
 
-    errors = InputErrors.of(Imperial()).parameters
+    errors = InputErrors.wrap(Imperial()).parameters
     assert errors["input.altitude.bias"].prior_sigma == pytest.approx(75.0 / 0.3048)
     assert errors["input.mach.bias"].prior_sigma == 0.01 and errors["input.mach.bias"].nominal == 0.0
 
 
 def test_a_torque_meter_that_sets_the_power_is_a_suspect():
-    errors = InputErrors.of(load_engine(str(shipped("turboprop.yaml")))).parameters
+    errors = InputErrors.wrap(load_engine(str(shipped("turboprop.yaml")))).parameters
     assert errors["input.reduction_gear_torque.scale"].prior_sigma == pytest.approx(0.01)
 
 
 def test_power_plant_suspects_the_reading_that_sets_its_power():
-    plant = InputErrors.of(load_engine(str(shipped("power_plant.yaml"))))
+    plant = InputErrors.wrap(load_engine(str(shipped("power_plant.yaml"))))
     error = plant.parameters["input.T4.bias"]
     assert error.of_instrument and not error.of_sensor and error.family == "input"
     assert error.component == "input.T4" and error.part == "T4 reading" and error.unit == "K"
@@ -113,7 +113,7 @@ def test_stated_noise_of_an_input_says_how_far_it_is_plausibly_wrong(turbofan):
         inputs, parameters, envelope = ("N1_rpm", "T4_K"), {}, {"N1_rpm": (0.0, 4000.0)}
         declared: ClassVar = {"mismatch": {"input_noise": {"T4_K": 2.0}}, "sensors": {"N1_rpm": {"noise_sigma": 8.0}}}
 
-    errors = InputErrors.of(Stated()).parameters
+    errors = InputErrors.wrap(Stated()).parameters
     assert errors["input.T4.bias"].prior_sigma == pytest.approx(6.0)
     assert errors["input.N1.scale"].prior_sigma == pytest.approx(3 * 8.0 / 4000.0)
 
@@ -123,7 +123,7 @@ def test_an_engine_without_such_instruments_is_left_as_it_is():
         inputs, parameters = ("humidity", "guide_vanes_deg"), {}
 
     bare = Bare()
-    assert InputErrors.of(bare) is bare
+    assert InputErrors.wrap(bare) is bare
 
 
 def test_all_else_is_the_engines(turbofan, model):
@@ -133,7 +133,7 @@ def test_all_else_is_the_engines(turbofan, model):
 
 
 def test_it_travels_to_another_process_with_its_engine():
-    copied = pickle.loads(pickle.dumps(InputErrors(_Engine(), InputErrors.of(_Engine()).errors.values())))
+    copied = pickle.loads(pickle.dumps(InputErrors(_Engine(), InputErrors.wrap(_Engine()).errors.values())))
     assert list(copied.errors) == ["input.N1.scale"]
 
 

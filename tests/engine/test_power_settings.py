@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from engine_makers import CONFIGS
 
-from enginediag_cli.engine.controls import Held
+from enginediag_cli.engine.controls import SetPointControl
 from enginediag_cli.engine.wiring import power_settings
 from enginediag_cli.errors import ConfigError
 from enginediag_cli.physics.engine_file import load_engine
@@ -52,7 +52,7 @@ def test_of_many_points_of_every_shipped_engine_all_but_a_few_at_a_fold_come_bac
 def comes_back(name, n, share):
     engine = engine_of(name)
     points = whole_envelope(engine, n)
-    held = {c.aim.column for c in engine.network.controls if isinstance(c, Held)}
+    held = {c.aim.column for c in engine.network.controls if isinstance(c, SetPointControl)}
     turning = {s for c in held & set(engine.network.speed_columns) for s in turning_with(engine, c)}
     settings = [s for s in power_settings(engine.declared) if s not in {engine.power_setting, *held, *turning}]
     jet = any(c.TYPE in ("nozzle", "condi_nozzle") for c in engine.network.components)
@@ -74,7 +74,7 @@ def comes_back(name, n, share):
 def turning_with(engine, column):
     """Speed columns of the shafts that turn with the one of this column."""
     shafts = engine.network.shafts
-    found = engine.network.coupling.turning_with(engine.network.speed_columns[column])
+    found = engine.network.coupling.coupled_shafts(engine.network.speed_columns[column])
     return {f"{shafts[s]['speed_label']}_rpm" for s in found}
 
 

@@ -72,7 +72,7 @@ def test_a_line_of_a_table_is_in_the_units_of_the_table():
 
 def test_beyond_its_ends_the_line_goes_on_straight():
     line = SurgeLine(LINE)
-    assert line.at(np.array([5.0, 26.0])) == pytest.approx([1.5, 15.0])
+    assert line.pressure_ratio(np.array([5.0, 26.0])) == pytest.approx([1.5, 15.0])
 
 
 def test_closed_vanes_move_the_line_with_the_map():

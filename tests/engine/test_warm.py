@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from enginediag_cli.engine.wrapped import WarmEngine, warm
+from enginediag_cli.engine.wrapped import WarmEngine, warm_start
 from enginediag_cli.physics.engine_file import load_engine
 
 CONFIG = Path(__file__).resolve().parents[2] / "configs" / "citation_jt15d.yaml"
@@ -82,8 +82,8 @@ def test_only_engines_get_a_memory(engine):
         inputs = ("x",)
 
     toy = Toy()
-    assert warm(toy) is toy
-    assert warm(engine).inputs == engine.inputs
+    assert warm_start(toy) is toy
+    assert warm_start(engine).inputs == engine.inputs
 
 
 def test_what_was_predicted_last_is_known_and_nothing_else_is(engine, flight):

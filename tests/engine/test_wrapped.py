@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from enginediag_cli.engine.wrapped import Question, WrappedModel
+from enginediag_cli.engine.wrapped import PredictionRequest, WrappedModel
 from enginediag_cli.parameters import Parameter
 
 
@@ -47,10 +47,10 @@ class Scaled(WrappedModel):
         super().__init__(model, {name: parameter(name, 1.0)})
         self._name = name
 
-    def _answer(self, asked: Question) -> Any:
+    def _predict(self, asked: PredictionRequest) -> Any:
         u = np.asarray(asked.inputs["u"], float)
         true = {"u": u * asked.own.get(self._name, 1.0)}
-        return self._ask_along(asked, {self._name: "u"}, {self._name: u}, inputs=true)
+        return self._predict_inner_scaled(asked, {self._name: "u"}, {self._name: u}, inputs=true)
 
 
 U = {"u": np.array([1.0, 2.0, 5.0])}

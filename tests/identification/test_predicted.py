@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from identification_toy import ToyEngine, fly
 
-from enginediag_cli.engine.wrapped import warm
+from enginediag_cli.engine.wrapped import warm_start
 from enginediag_cli.identification.gauss_newton import Fit
 from enginediag_cli.identification.identify import _without
 from enginediag_cli.identification.map_error import with_map_error, with_range_of
@@ -97,7 +97,7 @@ def turbojet():
     columns[engine.power_setting] = engine.power_from_fraction(np.linspace(0.3, 1, n), columns)
     readings = engine.predict(columns, {}, sensors=list(engine.sensors)).y
     columns |= dict(zip(engine.sensors, readings.T, strict=True))
-    plain = build_problem(warm(engine), [TrainingRecording("flight", columns)], IdentificationSettings())
+    plain = build_problem(warm_start(engine), [TrainingRecording("flight", columns)], IdentificationSettings())
     return plain, with_map_error(plain, 0.01)
 
 

@@ -98,7 +98,7 @@ def test_where_all_described_sensors_are_recorded_another_place_may_tell():
 
 def test_a_reading_of_an_input_and_one_of_an_output_that_read_alike_are_a_class_not_a_name():
     """Fuel flow sets the power: N1 alone is recorded, and one of the two is wrong."""
-    engine = InputErrors.of(load_engine(ENGINE))
+    engine = InputErrors.wrap(load_engine(ENGINE))
     noise = {c: ColumnNoise("gaussian", sigma=s.noise_sigma) for c, s in engine.sensors.items()}
     monitor = known_nominal(engine, ("sensor.N1.bias", "input.Wf.scale"), noise)
     monitor = replace(monitor, sensors=("N1_rpm",), noise=white_noise(monitor.noise.sigma[:1]))

@@ -36,7 +36,7 @@ def flights(
 ) -> tuple[Flight, ...]:
     """Climbs and cruises with health N(1, 0.5 %) and scale errors N(1, 0.1 %), the same in all flights."""
     engine = turbofan()
-    truth = engine.with_effects(list(effects))
+    truth = engine.replace_effects(list(effects))
     theta = {n: 1 + 0.005 * rng.standard_normal() for n in engine.monitored}
     theta |= {f"sensor.{s.quantity}.scale": 1 + 0.001 * rng.standard_normal() for s in engine.sensors.values()}
     found = []

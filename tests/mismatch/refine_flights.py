@@ -27,7 +27,7 @@ def flights(
     """Flights flown by an engine with an effect (`term@site`, "" for none), and its state (records,) in each record:
     always on, or changing with the probability `switch`."""
     e, rng = engine(), np.random.default_rng(seed)
-    truth = e if not label else e.with_effects([effect(e, *label.split("@"))])
+    truth = e if not label else e.replace_effects([effect(e, *label.split("@"))])
     worn = {n: 1.0 + 0.005 * rng.standard_normal() for n in e.monitored}
     found, states = [], []
     for k in range(count):

@@ -21,7 +21,7 @@ from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_wit
 from enginediag_cli.mismatch.fit.options import effect_option, fault_options, option_scores
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.unexplained import unexplained
-from enginediag_cli.physics.registry import candidates
+from enginediag_cli.physics.registry import candidate_effects
 
 RHO = 0.6
 OFFSETS = {"T3_K": 1.5, "N1_rpm": 5.0}
@@ -96,7 +96,7 @@ def test_scores_from_sums_are_those_of_all_rows(found):
 
 def test_products_of_all_candidates_are_those_of_their_rows(found):
     projection = Projection(found)
-    options = [*map(effect_option, list(candidates(turbofan()))[:12]), *fault_options(found)[:40]]
+    options = [*map(effect_option, list(candidate_effects(turbofan()))[:12]), *fault_options(found)[:40]]
     scores = [s for s in option_scores(found, projection, options) if not s.score.absorbed]
     curves = np.column_stack(
         [next(iter(s.option.hypothesis.curves.values()), np.ones(len(found.number)))[found.number] for s in scores]

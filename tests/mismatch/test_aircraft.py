@@ -23,7 +23,7 @@ def flown(fraction, *, dropped=(), apart=0.0, seed=1):
     """Two recordings of an aircraft with two engines at powers of their own. `fraction`: of the bleed; `dropped`:
     records that the second engine lacks; `apart`: by how much its altitude is another, a share."""
     e, rng = turbofan(), np.random.default_rng(seed)
-    truth = e.with_effects([effect(e, "customer_bleed", "hpc")])
+    truth = e.replace_effects([effect(e, "customer_bleed", "hpc")])
     health = [{n: 1 + 0.005 * rng.standard_normal() for n in e.monitored} for _ in range(2)]
     flights, states = [], []
     for f in range(2):

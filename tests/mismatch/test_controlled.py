@@ -28,7 +28,7 @@ SET_POINT_K, FULL_K = 811.0, 1373.2
 @cache
 def plant() -> tuple[EngineDescription, Engine]:
     engine = load_engine(PLANT)
-    return EngineDescription.of(PLANT, engine.declared), engine
+    return EngineDescription.from_engine_file(PLANT, engine.declared), engine
 
 
 def truth(control: str) -> Engine:
@@ -131,7 +131,7 @@ def test_the_file_says_what_was_fitted() -> None:
 
 def test_text_is_put_into_both_styles_of_yaml() -> None:
     turbojet = load_engine(CONFIGS / "turbojet.yaml")
-    described = EngineDescription.of(turbojet.path, turbojet.declared)
+    described = EngineDescription.from_engine_file(turbojet.path, turbojet.declared)
     [nozzle] = [f for f in free_actuators(turbojet) if f.component == "nozzle"]
     from enginediag_cli.mismatch.controlled.law import ControlLaw
 

@@ -24,7 +24,7 @@ from enginediag_cli.mismatch.fit.projection import Score
 from enginediag_cli.mismatch.locate.locate import Place
 from enginediag_cli.mismatch.locate.verdict_kind import EFFECT, SENSOR_ERROR, _kind
 from enginediag_cli.mismatch.locate.verdict_kind import SWITCH as SWITCHES
-from enginediag_cli.physics.registry import candidates
+from enginediag_cli.physics.registry import candidate_effects
 
 FUEL = np.linspace(300.0, 430.0, 40)
 
@@ -100,15 +100,15 @@ def test_what_a_term_changes_is_carried_by_the_driver_that_it_states():
     along = drivers(engine, inputs, {})
     X = {d.name: np.column_stack([np.ones(len(d.values)), polynomials(d.values, 2)]) for d in along}
     behind = {}
-    for e in candidates(engine):
-        acts_on = e.site.acts_on[0]
+    for e in candidate_effects(engine):
+        acts_on = e.site.targets[0]
         own = [d.name for d in along if d.driver == e.term.DRIVER]
         reading = engine.sensors.get(acts_on.removeprefix("reading "))
         # a reading roams by a parameter of its own: an offset, or a factor
         leaf = acts_on if reading is None else next((p.name for p in reading.parameters() if p.roams), "")
         if e.term.DRIVER in (CONSTANT, SWITCH) or not own or leaf not in engine.parameters:
             continue
-        with_it = engine.with_effects((*engine.effects, e))
+        with_it = engine.replace_effects((*engine.effects, e))
         J = with_it.predict(inputs, {}, sensors=tuple(engine.sensors), wrt=(e.amplitudes[0], leaf)).jacobian
         J = J / np.array([s.noise_sigma for s in engine.sensors.values()])[:, None]
         if not J[:, :, 1].any(axis=1).all():

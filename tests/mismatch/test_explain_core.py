@@ -7,12 +7,12 @@ from concealed import carried, evidence, flights, turbofan
 from enginediag_cli.mismatch.explain.answer import FORMULA, IDENTIFIED, NO_DISCREPANCY, NOT_CONVERGED
 from enginediag_cli.mismatch.explain.explain import Search, explain
 from enginediag_cli.mismatch.fit.evidence import Flight
-from enginediag_cli.physics.registry import candidates
+from enginediag_cli.physics.registry import candidate_effects
 
 
 def _answer(*effects, seed=1, without=(), **settings):
     recorded = flights(carried(*effects), np.random.default_rng(seed))
-    library = [e for e in candidates(turbofan()) if e.term.NAME not in without]
+    library = [e for e in candidate_effects(turbofan()) if e.term.NAME not in without]
     return explain(evidence(recorded, **settings), library)
 
 

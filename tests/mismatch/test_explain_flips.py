@@ -18,7 +18,7 @@ from enginediag_cli.mismatch.fit.options import effect_options
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.remainder import Gates
 from enginediag_cli.mismatch.fit.trial import HypothesisFit
-from enginediag_cli.physics.registry import candidates
+from enginediag_cli.physics.registry import candidate_effects
 from enginediag_cli.report.tables.isolation import flips_sentence
 
 LIBRARY = ("reynolds_efficiency", "reynolds_turbine_efficiency", "power_offtake")
@@ -53,7 +53,7 @@ def test_where_nothing_pulls_along_the_softest_direction_the_rest_of_the_way_is_
 def told():
     """A concealed effect and rivals, fitted; the best of them as an answer; what would flip it."""
     recorded = flights(carried(("reynolds_efficiency", "hpc", {"exponent": 0.1})), np.random.default_rng(5), count=3)
-    library = [e for e in candidates(turbofan()) if e.term.NAME in LIBRARY]
+    library = [e for e in candidate_effects(turbofan()) if e.term.NAME in LIBRARY]
     search = Search(evidence(recorded, map_accuracy=0.003), library)
     base = identify_with(search.evidence, NULL_HYPOTHESIS, search.along)
     search.look_from(HypothesisFit((), base, Projection(base)))

@@ -46,7 +46,7 @@ def voltage(rng):
 def recorded(folder, truth, seed):
     """Three runs of an engine with these effects, as files."""
     rng = np.random.default_rng(seed)
-    true = engine().with_effects([effect(engine(), *label.split("@"), values) for label, values in truth.items()])
+    true = engine().replace_effects([effect(engine(), *label.split("@"), values) for label, values in truth.items()])
     files = []
     for run in range(3):
         columns = {

@@ -24,7 +24,7 @@ from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, Hypothesis, identify_with, nuisance
 from enginediag_cli.mismatch.fit.options import FORMULA_OPTION, Option, effect_option
 from enginediag_cli.physics.expression import Expression
-from enginediag_cli.physics.law import Acts, Law, variables_of
+from enginediag_cli.physics.law import Law, LawPlace, formula_variables
 from enginediag_cli.physics.registry import effect, term_names
 from enginediag_cli.planning.flights import SWEEP
 from enginediag_cli.planning.separation import SENSOR
@@ -36,7 +36,7 @@ TRUE = {"bearing_loss.hp.fraction": 0.006}
 def recorded(label, inputs, rng):
     """A flight of the engine with friction in a bearing, as its sensors read it."""
     e = engine()
-    truth = e.with_effects([effect(e, *RIVALS[0].split("@"))])
+    truth = e.replace_effects([effect(e, *RIVALS[0].split("@"))])
     p = truth.predict(inputs, TRUE)
     assert p.ok.all()
     noise = {c: e.sensors[c].noise_sigma * rng.standard_normal(len(p.y)) for c in p.columns}
@@ -117,8 +117,8 @@ def test_an_explanation_alone_needs_no_plan(ambiguous):
 def _law(form: str, variable: str, probability: float) -> Explanation:
     """A law of this form at the HPC's efficiency."""
     sizes = (Declared("a", "1", "size", 0.0, -1.0, 1.0, 0.05, 0.01),)
-    acts, own = Acts("hpc.efficiency", "hpc", "", True), variables_of(engine().network)[variable]
-    law = Law(f"{form}_{variable}", acts, Expression.parsed(f"a * ({variable} - 1)"), {variable: own}, sizes)
+    acts, own = LawPlace("hpc.efficiency", "hpc", "", True), formula_variables(engine().network)[variable]
+    law = Law(f"{form}_{variable}", acts, Expression.parse(f"a * ({variable} - 1)"), {variable: own}, sizes)
     found = Effect(law, acts.site, {"a": 0.01})
     return Explanation(
         (Option(FORMULA_OPTION, found.label, "hpc", own.driver, Hypothesis((found,))),),

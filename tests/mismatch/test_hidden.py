@@ -68,7 +68,7 @@ def trial(seed, pattern=telegraph, bleed=0.0, flights=5, rho=0.0, map_accuracy=0
     scales = {f"sensor.{s.quantity}.scale": 0.002 for s in e.sensors.values()}
     theta = {n: 1 + 0.005 * rng.standard_normal() for n in e.monitored}
     theta |= {n: 1 + 0.001 * rng.standard_normal() for n in scales}
-    truth = e.with_effects([effect(e, "customer_bleed", "hpc")])
+    truth = e.replace_effects([effect(e, "customer_bleed", "hpc")])
     recorded, amplitudes = [], []
     for k in range(flights):
         t = np.linspace(0, 1, RECORDS)

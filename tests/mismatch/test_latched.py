@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.engine.filters import Clock
+from enginediag_cli.engine.filters import FilterClock
 from enginediag_cli.mismatch.unrecorded.latched import Latched, States, SwitchingDirection, latched
 
 RECORDS, STRETCH, OTHERS = 600, 200, 12
@@ -37,7 +37,7 @@ def states_of(x: np.ndarray, way: SwitchingDirection) -> np.ndarray:
 def found(on: np.ndarray, x: np.ndarray, rng: np.random.Generator, unsure: float = 0.03) -> list[Latched]:
     """With some states that nobody can tell, among other variables that have nothing to do with it, `x` the last."""
     probability = np.where(rng.random(RECORDS) < unsure, 0.5, np.where(on, 0.99, 0.01))
-    states = States.of(probability, Clock(20.0 * np.arange(RECORDS), FIRST))
+    states = States.of(probability, FilterClock(20.0 * np.arange(RECORDS), FIRST))
     return latched(states, [*(course(rng) for _ in range(OTHERS)), x])
 
 

@@ -24,7 +24,7 @@ from enginediag_cli.mismatch.laws.search import LawSearch
 from enginediag_cli.mismatch.laws.shortlist import Proposal, proposal
 from enginediag_cli.mismatch.laws.summary import summary
 from enginediag_cli.physics.expression import Expression
-from enginediag_cli.physics.law import Acts, Law, variables_of
+from enginediag_cli.physics.law import Law, LawPlace, formula_variables
 
 WAVE = "a * ((mach - 0.5) / 0.15) * exp(-((mach - 0.5) / 0.15) ** 2)"
 STEP, SINCE, RECORDS = 0.004, 3, 40
@@ -35,8 +35,8 @@ def sets() -> FittedSets:
     """Of flights with a wave over Mach number at the HPC's efficiency, and a T45 that reads 0.4 % more since one."""
     engine = concealed.turbofan()
     size = Coefficient("a", "1", "size", lower=-1.0, upper=1.0, sigma=0.05, typical=0.03)
-    at = Acts("hpc.efficiency", "hpc", "", True)
-    law = Law("truth", at, Expression.parsed(WAVE), {"mach": variables_of(engine.network)["mach"]}, (size,))
+    at = LawPlace("hpc.efficiency", "hpc", "", True)
+    law = Law("truth", at, Expression.parse(WAVE), {"mach": formula_variables(engine.network)["mach"]}, (size,))
     flown = concealed.flights((Effect(law, at.site, {"a": 0.03}),), np.random.default_rng(31), count=6, records=RECORDS)
     recorded = [
         Flight(f.label, f.engine, {**f.columns, "T45_K": f.columns["T45_K"] * (1.0 + STEP * (k >= SINCE))})

@@ -172,7 +172,7 @@ def test_a_nominal_state_is_where_priors_are_centred_and_what_is_not_nuisance_is
     # and an effect that is added later leaves it so
     from enginediag_cli.physics.registry import effect
 
-    other = evidence.engine.with_effects([effect(engine, "reynolds_efficiency", "hpc")])
+    other = evidence.engine.replace_effects([effect(engine, "reynolds_efficiency", "hpc")])
     assert np.array_equal(other.predict(u).y, engine.predict(u, held).y)
     assert evidence.noise.sigma["T3_K"] == nominal.sigma["T3_K"]
     assert evidence.settings.noise == "estimate"  # what that fit left holds the mismatch too

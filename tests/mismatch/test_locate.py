@@ -42,7 +42,7 @@ def changed(flights, column, factor):
 def flown(theta_of, seed=5, count=5, records=60):
     """Flights of the turbofan with parameters that may change from record to record: theta_of(flight, number)."""
     engine, rng = turbofan(), np.random.default_rng(seed)
-    carrying = engine.with_effects([effect(engine, "customer_bleed", "hpc")])
+    carrying = engine.replace_effects([effect(engine, "customer_bleed", "hpc")])
     found = []
     for k, f in enumerate(recorded(seed=seed, count=count, records=records)):
         u = {c: f.columns[c] for c in ("altitude_m", "mach", "dT_isa_K", "Wf_kg_s")}

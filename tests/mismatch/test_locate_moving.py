@@ -52,7 +52,7 @@ def flights(engine, truth, *, seed, interval=1.0, past=True):
 )
 def test_what_remembers_is_located_by_how_power_has_changed(term, site, values, place):
     engine = load_engine(shipped("turbojet.yaml"))
-    truth = engine.with_effects([effect(engine, term, site, values)])
+    truth = engine.replace_effects([effect(engine, term, site, values)])
     found = locate(build_dataset(engine, flights(engine, truth, seed=1)))
     assert found.mismatch
     first = found.places[0]

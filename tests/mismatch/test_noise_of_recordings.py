@@ -12,7 +12,7 @@ from enginediag_cli.mismatch.explain.answer import NO_DISCREPANCY
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search
 from enginediag_cli.mismatch.fit.load import RecordedCase, load_case
-from enginediag_cli.physics.registry import candidates
+from enginediag_cli.physics.registry import candidate_effects
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 WITHIN = 0.12
@@ -27,7 +27,7 @@ def test_noise_of_a_speed_is_not_explained_by_metal_that_follows_the_speed_as_it
     flown = ["simulate", engine, "--flight", str(tmp_path / "flights.yaml"), "--flights", "3", "--seed", "5", "-q"]
     assert main([*flown, "-o", recorded]) == 0
     evidence = load_case(RecordedCase(engine, Source((recorded,))), identified=True).evidence
-    search = Search(evidence, list(candidates(evidence.engine)), hidden_search(evidence))
+    search = Search(evidence, list(candidate_effects(evidence.engine)), hidden_search(evidence))
     assert search.run().status == NO_DISCREPANCY
     for column, sensor in evidence.engine.sensors.items():
         share = search.evidence.noise.sigma[column] / sensor.noise_sigma

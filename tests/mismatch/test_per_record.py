@@ -23,7 +23,7 @@ from enginediag_cli.mismatch.unrecorded.per_record import (
 )
 from enginediag_cli.mismatch.unrecorded.per_record_effects import effects_beside, similar_effects
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.physics.registry import candidates, effect
+from enginediag_cli.physics.registry import candidate_effects, effect
 from enginediag_cli.report.tables.location import per_record_rows, per_record_sentences
 
 POWER_PLANT = Path(__file__).resolve().parents[2] / "configs" / "power_plant.yaml"
@@ -44,7 +44,7 @@ def simulated(seed: int, held: bool) -> tuple[Dataset, np.ndarray]:
         "T4_K": np.where(full, 1373.0, rng.uniform(1330, 1360, N)),
     }
     a = np.where(full, STOP, rng.uniform(-0.2, 0.0, N))
-    carried = WarmEngine(engine.with_effects([effect(engine, "computed_reading", "T4")]))
+    carried = WarmEngine(engine.replace_effects([effect(engine, "computed_reading", "T4")]))
     theta = {"turbine.efficiency": 1.01, "compressor.efficiency": 0.99, "computed_reading.T4.ignored": 0.9}
     if held:
         low, high = np.full(N, -0.25), np.full(N, STOP)
@@ -145,7 +145,7 @@ def test_the_answer_is_told_in_rows_and_sentences(random_flow, scanned):
     assert rows[0]["location"] == PLACE and rows[0]["times_best"] == 1.0
     assert {r["location"] for r in rows} >= {"nothing", "sensor.P3"}
     stop = find_stop(best, inlet_temperature(evidence, best), count=3)
-    acting = similar_effects(evidence, best, list(candidates(evidence.engine)))
+    acting = similar_effects(evidence, best, list(candidate_effects(evidence.engine)))
     told = " ".join(per_record_sentences(scanned, stop, (), acting))
     assert "compressor flow capacity" in told
     assert "guide_vanes_load@compressor" in told

@@ -105,8 +105,8 @@ def test_a_switched_effect_is_absent_where_it_is_off():
 
     e = engine()
     (bleed,) = library("customer_bleed@hpc")
-    switched = e.with_effects([replace(bleed, values={"fraction": 0.02}, switch="valve")])
-    always = e.with_effects([replace(bleed, values={"fraction": 0.02})])
+    switched = e.replace_effects([replace(bleed, values={"fraction": 0.02}, switch="valve")])
+    always = e.replace_effects([replace(bleed, values={"fraction": 0.02})])
     u = {
         "altitude_m": np.array([0.0, 5000.0]),
         "mach": np.array([0.2, 0.5]),

@@ -22,7 +22,7 @@ def test_the_text_of_the_file_stays_as_it_is_and_the_effect_follows(tmp_path):
     old = ENGINE.read_text(encoding="utf-8")
     text = refined_text(str(ENGINE), thin_air(), ERRORS, "fitted: to flights # 1 to 5", str(tmp_path / "new.yaml"))
     assert text.startswith(old)
-    write_refined(text, str(tmp_path / "new.yaml"), engine().with_effects(thin_air()))
+    write_refined(text, str(tmp_path / "new.yaml"), engine().replace_effects(thin_air()))
     found = load_engine(tmp_path / "new.yaml")
     assert found.parameters["reynolds_efficiency.hpc.exponent"].nominal == 0.1
     (block,) = found.declared["physics"]
@@ -40,7 +40,7 @@ def test_a_block_that_is_there_is_added_to_with_its_comments_and_what_follows_it
     effects = load_engine(tmp_path / "old.yaml").effects
     text = refined_text(str(tmp_path / "old.yaml"), thin_air(), ERRORS, "here", str(tmp_path / "new.yaml"))
     assert "# by judgement" in text and text.index("reynolds_efficiency") < text.index("# largest ranges")
-    write_refined(text, str(tmp_path / "new.yaml"), engine().with_effects([*effects, *thin_air()]))
+    write_refined(text, str(tmp_path / "new.yaml"), engine().replace_effects([*effects, *thin_air()]))
     found = load_engine(tmp_path / "new.yaml").effects
     assert [e.label for e in found] == ["humidity@ambient", "reynolds_efficiency@hpc"]
 
@@ -66,5 +66,5 @@ def test_a_map_table_is_found_from_the_new_folder(tmp_path):
 def test_nothing_is_written_when_the_text_gives_another_engine(tmp_path):
     text = ENGINE.read_text(encoding="utf-8")
     with pytest.raises(DataError, match="not written"):
-        write_refined(text, str(tmp_path / "new.yaml"), engine().with_effects(thin_air()))
+        write_refined(text, str(tmp_path / "new.yaml"), engine().replace_effects(thin_air()))
     assert list(tmp_path.iterdir()) == []

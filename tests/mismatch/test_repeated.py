@@ -14,7 +14,7 @@ from enginediag_cli.mismatch.fit.options import effect_option
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.remainder import Gates, remainder
 from enginediag_cli.mismatch.fit.trial import HypothesisFit
-from enginediag_cli.physics.registry import candidates
+from enginediag_cli.physics.registry import candidate_effects
 
 ANY = Gates(5.0, 5.0, 5.0)
 
@@ -24,7 +24,7 @@ def scored(recorded):
     along = nuisance(known)
     found = identify_with(known, NULL_HYPOTHESIS, along)
     base = HypothesisFit((), found, Projection(found))
-    library = [effect_option(e) for e in candidates(known.engine)]
+    library = [effect_option(e) for e in candidate_effects(known.engine)]
     left = remainder(base, library, driver_values(known, found.theta))
     return left, repeated(left, base.projection, ANY)
 

@@ -24,7 +24,7 @@ from enginediag_cli.mismatch.fit.options import FORMULA_OPTION as OF_A_LAW
 from enginediag_cli.mismatch.fit.options import effect_option, fault_options, onset, option_scores
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial import HypothesisFit
-from enginediag_cli.physics.registry import candidates
+from enginediag_cli.physics.registry import candidate_effects
 from enginediag_cli.report.tables.explanation_text import rest_sentences, share_left
 
 REYNOLDS = ("reynolds_efficiency", "hpc", {"exponent": 0.1})
@@ -42,7 +42,7 @@ def stepped(recorded, column, share, since):
 
 
 def library(*without):
-    return [e for e in candidates(turbofan()) if e.term.NAME in OTHERS | {CLEARANCE[0]} - set(without)]
+    return [e for e in candidate_effects(turbofan()) if e.term.NAME in OTHERS | {CLEARANCE[0]} - set(without)]
 
 
 @cache
@@ -90,7 +90,7 @@ def base():
 
 
 def option(name):
-    return next(effect_option(e) for e in candidates(turbofan()) if e.label == name)
+    return next(effect_option(e) for e in candidate_effects(turbofan()) if e.label == name)
 
 
 def test_the_evidence_of_one_more_member_is_what_its_columns_promise(base):

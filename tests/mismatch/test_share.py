@@ -108,7 +108,7 @@ def test_nothing_missing_is_nothing_on_all_records_and_says_what_only_a_share_wa
 
 def with_bleed(flight, on, fraction=0.01):
     """The flight with air taken from the compressor in the records that are `on`."""
-    engine = turbofan().with_effects(carried(("customer_bleed", "hpc", {})))
+    engine = turbofan().replace_effects(carried(("customer_bleed", "hpc", {})))
     inputs = {c: flight.columns[c] for c in engine.inputs}
     before = engine.predict(inputs)
     after = engine.predict(inputs, {"customer_bleed.hpc.fraction": fraction * on})

@@ -17,7 +17,7 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.unrecorded.hidden import hidden_amplitudes
 from enginediag_cli.mismatch.unrecorded.switched import STATE, effects_that_switch, with_state_column
-from enginediag_cli.physics.registry import candidates, effect, limits
+from enginediag_cli.physics.registry import candidate_effects, coefficient_limits, effect
 
 SIZE = 0.02
 
@@ -28,7 +28,7 @@ def flight(label, bleed, state, rng):
     altitude = np.interp(np.arange(n), [0, 15, 45, n], [2000, 10000, 11000, 3000]) + rng.normal(0, 100, n)
     columns = {"altitude_m": altitude, "mach": 0.35 + 0.45 * altitude / 11500, "dT_isa_K": np.full(n, rng.normal(0, 8))}
     columns["Wf_kg_s"] = engine.power_from_fraction(rng.uniform(0.4, 0.9, n), columns)
-    p = engine.with_effects([bleed]).predict({**columns, STATE: state})
+    p = engine.replace_effects([bleed]).predict({**columns, STATE: state})
     assert p.ok.all()
     noise = [engine.sensors[c].noise_sigma for c in p.columns]
     readings = p.y + rng.standard_normal(p.y.shape) * noise
@@ -52,7 +52,7 @@ def case():
 
 def test_the_bleed_that_was_switched_fits_best_of_those_at_the_same_place():
     base, along, findings, state = case()
-    told = effects_that_switch(findings, list(candidates(turbofan())), base, along)
+    told = effects_that_switch(findings, list(candidate_effects(turbofan())), base, along)
     assert told is not None
     finding, trials = told
     assert finding.location.name == trials[0].label == "anti_ice_bleed@hpc"
@@ -84,7 +84,7 @@ def with_limits(values):
 
 def test_a_limit_of_the_installation_is_the_upper_bound_of_the_coefficient():
     engine = with_limits({"power_offtake.hp.fraction": 0.006})
-    assert limits(engine) == {"power_offtake.hp.fraction": 0.006}
+    assert coefficient_limits(engine) == {"power_offtake.hp.fraction": 0.006}
     (p,) = effect(engine, "power_offtake", "hp").parameters()
     assert p.upper == 0.006
     (p,) = effect(turbofan(), "power_offtake", "hp").parameters()

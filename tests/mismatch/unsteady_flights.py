@@ -87,7 +87,8 @@ def one_flight(
     power = lever(rng)
     columns["Wf_kg_s"] = engine.power_from_fraction(power, columns)
     off, on = (
-        (engine.with_effects(carried((*BLEED, {"fraction": amount}))) if x else engine).predict(columns) for x in (0, 1)
+        (engine.replace_effects(carried((*BLEED, {"fraction": amount}))) if x else engine).predict(columns)
+        for x in (0, 1)
     )
     assert off.ok.all() and on.ok.all()
     open_ = valve(times, rng)[:, None]

@@ -17,7 +17,7 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 
 def carrying(name, *labels):
     engine = load_engine(CONFIGS / f"{name}.yaml")
-    return engine.with_effects([effect(engine, *label.split("@")) for label in labels])
+    return engine.replace_effects([effect(engine, *label.split("@")) for label in labels])
 
 
 def sites(name, term_name):
@@ -172,7 +172,7 @@ def test_a_stack_behind_the_nozzle_of_a_ground_engine_takes_the_flow_that_the_ra
     path.write_text(yaml.safe_dump(declared))
     engine = load_engine(path)
     assert {s.name for s in term("inlet_ram_recovery").sites(engine.network)} == set()
-    engine = engine.with_effects([effect(engine, "exhaust_back_pressure", "nozzle")])
+    engine = engine.replace_effects([effect(engine, "exhaust_back_pressure", "nozzle")])
     U = {
         "ambient_pressure_Pa": np.full(2, 101325.0),
         "ambient_temperature_K": np.full(2, 288.15),

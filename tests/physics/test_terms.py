@@ -17,7 +17,7 @@ from enginediag_cli.drivers import DRIVERS
 from enginediag_cli.engine import solver
 from enginediag_cli.engine.tape import MOMENT
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.physics.registry import candidates, effect, term, term_names
+from enginediag_cli.physics.registry import candidate_effects, effect, term, term_names
 
 STEADY = tuple(n for n in term_names() if MOMENT not in term(n).INPUTS)
 ENGINES = (
@@ -128,14 +128,14 @@ def tightly_solved(monkeypatch):
 
 
 def at_site(engine, name, site):
-    return engine.with_effects([effect(engine, name, site)])
+    return engine.replace_effects([effect(engine, name, site)])
 
 
 @cache
 def records(name):
     """Records of a shipped engine that it solves, away from choking nozzles, with their unknowns."""
     engine = shipped(name)
-    everything = engine.with_effects([*engine.effects, *candidates(engine)])
+    everything = engine.replace_effects([*engine.effects, *candidate_effects(engine)])
     U = drawn(everything, 5 * RECORDS, seed=7)
     nozzles = [c for c in engine.model_columns if c.endswith("nozzle_pressure_ratio")]
     own = {c: v for c, v in U.items() if c in (*engine.inputs, *engine.optional_inputs)}
@@ -176,7 +176,7 @@ def stencil(at, c, h):
 def test_effects_that_are_absent_leave_the_model_unchanged_to_the_last_digit(name):
     engine = shipped(name)
     U, x = records(name)
-    carrying = engine.with_effects([*engine.effects, *candidates(engine)])
+    carrying = engine.replace_effects([*engine.effects, *candidate_effects(engine)])
     assert carrying.effects
     plain = engine.predict(own_inputs(engine, U), sensors=columns_of(engine), wrt=engine.monitored, start=x)
     absent = carrying.predict(U, sensors=columns_of(engine), wrt=engine.monitored, start=x)
@@ -197,7 +197,7 @@ def test_derivatives_match_differences_of_full_solves(name, size):
 
 def derivatives_match(engine_name, effects, size):
     plain = shipped(engine_name)
-    engine = plain.with_effects([*plain.effects, *effects])
+    engine = plain.replace_effects([*plain.effects, *effects])
     U, x = records(engine_name)
     U = own_inputs(engine, U)
     columns = columns_of(engine)
@@ -275,7 +275,7 @@ def drawn_extra(engine, own):
 @pytest.mark.parametrize("engine_name", ENGINES)
 def test_effects_of_typical_size_solve_over_the_envelope(engine_name):
     plain = shipped(engine_name)
-    engine = plain.with_effects([*plain.effects, *candidates(plain)])
+    engine = plain.replace_effects([*plain.effects, *candidate_effects(plain)])
     U = drawn(engine, RECORDS, 17)
     own = plain.predict(own_inputs(plain, U))
     U = {c: v[own.ok] for c, v in U.items()}
@@ -320,7 +320,7 @@ def test_a_term_acts_where_it_says_it_does(name):
         engine = shipped(engine_name)
         for e in effects_of(engine, name):
             sites += 1
-            hooks = engine.network.with_effects([e]).hooks
+            hooks = engine.network.replace_effects([e]).hooks
             unknowns = {u.name for u in engine.unknowns}  # a term may seek one in another scale: no change of the model
             acts_on = {*hooks.leaves} - unknowns | {
                 *(f"station {s}" for s in hooks.stations),

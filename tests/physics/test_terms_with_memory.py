@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from term_makers import shipped
 
-from enginediag_cli.engine.controls import Recorded
+from enginediag_cli.engine.controls import RecordedPosition
 from enginediag_cli.engine.tape import MOMENT
 from enginediag_cli.physics.registry import effect, term, term_names
 
@@ -99,7 +99,7 @@ def step(engine, ramp=0.0):
     columns = {c: np.full(RECORDS, 0.5 * sum(engine.envelope[c])) for c in engine.inputs if c in engine.envelope}
     if "mach" in columns:
         columns |= {"altitude_m": np.zeros(RECORDS), "mach": np.full(RECORDS, 0.1), "dT_isa_K": np.zeros(RECORDS)}
-    for position in (c.column for c in engine.network.controls if isinstance(c, Recorded)):
+    for position in (c.column for c in engine.network.controls if isinstance(c, RecordedPosition)):
         low, high = engine.envelope[position]
         columns[position] = low + (high - low) * fraction
     columns[engine.power_setting] = engine.power_from_fraction(fraction, columns)
@@ -110,7 +110,7 @@ def step(engine, ramp=0.0):
 def test_after_a_step_the_effect_has_the_direction_that_physics_gives_it_and_fades(name):
     fact = TERMS[name]
     plain = shipped(fact.engine)
-    engine = plain.with_effects([*plain.effects, effect(plain, name, fact.site, fact.values)])
+    engine = plain.replace_effects([*plain.effects, effect(plain, name, fact.site, fact.values)])
     columns = step(engine, ramp=10.0 if name in ON_A_RAMP else 0.0)
     inputs = {c: v for c, v in columns.items() if c in engine.inputs}
     steady = engine.predict(inputs, sensors=(fact.column,)).y[:, 0]

@@ -17,7 +17,7 @@ SUTHERLAND = 110.4
 
 
 def carrying(engine, name, site, **values):
-    return engine.with_effects([effect(engine, name, site, values)])
+    return engine.replace_effects([effect(engine, name, site, values)])
 
 
 def design_point(engine):

@@ -44,7 +44,7 @@ from enginediag_cli.mismatch.unrecorded.switched import (
     switched_parameters,
     switched_trials,
 )
-from enginediag_cli.physics.registry import candidates, effect
+from enginediag_cli.physics.registry import candidate_effects, effect
 from enginediag_cli.recordings.read import read_all
 from enginediag_cli.recordings.recorder_file import load_recorder
 
@@ -122,14 +122,14 @@ def search(evidence: Dataset, side: str) -> Found:
     rng = np.random.default_rng(evidence.settings.seed)
     trial = HypothesisFit((), base, Projection(base))
     findings = hidden_amplitudes(base, trial.projection, level=0.01, rng=rng, along=along)
-    listed = effects_that_switch(findings, list(candidates(evidence.engine)), trial, along)
+    listed = effects_that_switch(findings, list(candidate_effects(evidence.engine)), trial, along)
     return Found(side, evidence, along, base, tuple(findings), listed[0] if listed else findings[0])
 
 
 def options(found: Found) -> dict[str, Option]:
     """Listed effects that may be on or off without a column showing it, and rivals that may not."""
     engine = found.evidence.engine
-    result = {e.label: switched_effect(e) for e in candidates(engine) if e.term.SWITCHES}
+    result = {e.label: switched_effect(e) for e in candidate_effects(engine) if e.term.SWITCHES}
     own = {name: switched_parameters(name, place, targets, found.base) for name, (place, targets) in RIVALS.items()}
     return {**result, **own}
 

@@ -20,7 +20,7 @@ WITHHELD = ("relative_humidity", "humidity_kg_kg")
 @pytest.fixture(scope="module")
 def plant() -> tuple[EngineDescription, Engine]:
     engine = load_engine(CONFIGS / "power_plant.yaml")
-    return EngineDescription.of(engine.path, engine.declared), engine
+    return EngineDescription.from_engine_file(engine.path, engine.declared), engine
 
 
 def year(number: int) -> TrainingRecording:

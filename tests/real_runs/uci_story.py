@@ -19,7 +19,7 @@ from enginediag_cli.mismatch.unrecorded.control_law import HeldReading, Stop, by
 from enginediag_cli.mismatch.unrecorded.per_record import PerRecord, amplitudes_at, fit_per_record, scan
 from enginediag_cli.mismatch.unrecorded.per_record_effects import BLOCK, Beside, Rows, effects_beside, inflation
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.physics.registry import candidates, effect
+from enginediag_cli.physics.registry import candidate_effects, effect
 from enginediag_cli.recordings.recorder_file import load_recorder
 
 ENGINE, RECORDER = CONFIGS / "power_plant.yaml", CONFIGS / "recorders" / "uci_gas_turbine.yaml"
@@ -164,7 +164,7 @@ class Second:
 
 def second_effect(year: Year, fit: PerRecord, thin: int, most: int = 5) -> Second:
     """The `most` best effects that can be ranked, by the fall of χ² that their score promises, are fitted."""
-    scores = effects_beside(year.evidence, fit, list(candidates(year.evidence.engine)), max(1, BLOCK // thin))
+    scores = effects_beside(year.evidence, fit, list(candidate_effects(year.evidence.engine)), max(1, BLOCK // thin))
     short = sorted((b for b in scores if b.rankable), key=lambda b: -b.fall)[:most]
     divisor = inflation(fit)
     fits, removed = {}, {}
@@ -220,7 +220,7 @@ def _coefficient(regime: str, thin: int) -> float:
 
 def _at(year: Year, fit: PerRecord) -> np.ndarray:
     """Readings that the model gives (N, m), in σ, at the fit and the inputs that it carries."""
-    engine = year.evidence.engine.with_effects((*year.evidence.engine.effects, *fit.hypothesis.effects))
+    engine = year.evidence.engine.replace_effects((*year.evidence.engine.effects, *fit.hypothesis.effects))
     theta: dict = {n: v for n, v in fit.theta.items() if n in engine.parameters}
     assert fit.location is not None
     theta[fit.location.parameter] = fit.theta[fit.location.parameter] + fit.amplitude

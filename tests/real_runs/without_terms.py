@@ -24,7 +24,7 @@ from enginediag_cli.intake.selection import Source
 from enginediag_cli.mismatch.explain.answer import Answer
 from enginediag_cli.mismatch.explain.story import explain_mismatch
 from enginediag_cli.mismatch.fit.load import RecordedCase, load_case
-from enginediag_cli.physics.registry import candidates
+from enginediag_cli.physics.registry import candidate_effects
 
 VANES = ("guide_vanes", "guide_vanes_load")
 RATE, LOAD = (
@@ -39,7 +39,7 @@ def searched(engine: Path, files: list[Path], recorder: Path, without: tuple[str
     """The answer of `explain` with a library that lacks these terms."""
     case = RecordedCase(str(engine), Source(tuple(map(str, files)), recorder=str(recorder)))
     evidence = load_case(case, identified=True).evidence
-    left: list[Effect] = [e for e in candidates(evidence.engine) if e.term.NAME not in without]
+    left: list[Effect] = [e for e in candidate_effects(evidence.engine) if e.term.NAME not in without]
     return explain_mismatch(evidence, left, advise=False).answer
 
 

@@ -9,7 +9,7 @@ import pytest
 from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.mismatch.laws.finding import LawFinding, Share
 from enginediag_cli.physics.expression import Expression
-from enginediag_cli.physics.law import Acts, Law
+from enginediag_cli.physics.law import Law, LawPlace
 from enginediag_cli.report.tables.formulas import LONG, equation, law_sentences, law_statement, of_many
 
 EFFECT = SimpleNamespace(term=SimpleNamespace(STATEMENT="Efficiency changes with Mach number.", EQUATION="eta (1 + f)"))
@@ -40,8 +40,8 @@ def _law(count: int) -> Effect:
     sizes = tuple(
         Coefficient(f"a{k}", "1", "size", lower=-1.0, upper=1.0, sigma=0.1, typical=0.0) for k in range(count)
     )
-    acts = Acts("hpc.efficiency", "hpc", "", True)
-    text = Expression.parsed(" + ".join(f"a{k}" for k in range(count)))
+    acts = LawPlace("hpc.efficiency", "hpc", "", True)
+    text = Expression.parse(" + ".join(f"a{k}" for k in range(count)))
     return Effect(Law("truth", acts, text, {}, sizes, "Efficiency changes."), acts.site, {})
 
 
@@ -77,8 +77,8 @@ def test_of_an_average_the_forms_are_told_and_the_likeliest_formula():
 
 
 def test_a_formula_that_is_long_is_not_written_out():
-    acts = Acts("hpc.efficiency", "hpc", "", True)
+    acts = LawPlace("hpc.efficiency", "hpc", "", True)
     size = Coefficient("a", "1", "size", lower=-1.0, upper=1.0, sigma=0.1, typical=0.0)
     text = "a * (" + " + ".join(["0.123456"] * (LONG // 10)) + ")"
-    law = Law("long", acts, Expression.parsed(text), {}, (size,), "Efficiency changes.")
+    law = Law("long", acts, Expression.parse(text), {}, (size,), "Efficiency changes.")
     assert of_many(law) and "long formula" in equation(law) and "0.123456" not in equation(law)

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from enginediag_cli.detection.verdict import judge
-from enginediag_cli.engine.filters import Clock, Lag
+from enginediag_cli.engine.filters import FilterClock, Lag
 from enginediag_cli.engine.tape import MOMENT
-from enginediag_cli.engine.wrapped import LAGS_S, Lagging
+from enginediag_cli.engine.wrapped import LAGS_S, LagModel
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.nominal_file import read_nominal, write_nominal
 from enginediag_cli.identification.problem import TrainingRecording
@@ -36,7 +36,7 @@ def engine_of():
 def flown(lag_s, seed, count):
     """An engine that knows of no lag, and flights of one whose exhaust probe lags, on the tapes of the first."""
     engine, rng = engine_of(), np.random.default_rng(seed)
-    truth = engine.with_effects([effect(engine, "probe_lag", "T6", {"time_constant": lag_s})] if lag_s else [])
+    truth = engine.replace_effects([effect(engine, "probe_lag", "T6", {"time_constant": lag_s})] if lag_s else [])
     flights = []
     while len(flights) < count:
         flights += draw_moving_flights(engine, rng)[0]
@@ -69,7 +69,7 @@ def test_a_reading_at_rest_is_not_ahead_of_its_lags():
     engine = engine_of()
     columns = {c: np.full(50, 0.5 * sum(engine.envelope[c])) for c in engine.inputs}
     moment = engine.tapes.add({"time_s": np.arange(50.0), **columns})
-    at = Lagging(engine, {})
+    at = LagModel(engine, {})
     assert not at.deviations({MOMENT: moment}, tuple(engine.sensors), 50).any()
     assert not at.deviations({}, tuple(engine.sensors), 50).any()  # of records without a past nothing is known
 
@@ -81,8 +81,8 @@ def test_a_probe_that_lags_is_behind_by_the_deviation_of_its_lag():
     lag = Lag()
     true = engine.predict(at, {}).y[:, i]
     first = np.arange(len(true)) == 0
-    expected = lag(Clock(flight["time_s"], first), true, np.zeros((0, len(true))), (LAGS_S[1],)).value
-    found = Lagging(engine, {}).deviations(flight, tuple(engine.sensors), len(true))
+    expected = lag(FilterClock(flight["time_s"], first), true, np.zeros((0, len(true))), (LAGS_S[1],)).value
+    found = LagModel(engine, {}).deviations(flight, tuple(engine.sensors), len(true))
     assert found[:, i, 1] == pytest.approx(expected, abs=1e-6)
 
 

@@ -26,9 +26,9 @@ from enginediag_cli.mismatch.fit.options import FORMULA_OPTION as OPTION_LAW
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.laws.finding import FittedLaw, LawFinding
 from enginediag_cli.mismatch.laws.scan import KnownVariable
-from enginediag_cli.physics.engine_file import entry_of, load_engine
+from enginediag_cli.physics.engine_file import law_entry, load_engine
 from enginediag_cli.physics.expression import Expression
-from enginediag_cli.physics.law import variables_of
+from enginediag_cli.physics.law import formula_variables
 from enginediag_cli.validation import concealed_formulas as forms
 from enginediag_cli.validation import diagnoser as explainer
 from enginediag_cli.validation import kinds
@@ -116,7 +116,7 @@ def law_answer(place, component, variables, entry, probability=0.9):
 
 
 def truthful(law):
-    return law_answer(law.place.name, law.place.component, law.law.variables, entry_of(law.effect))
+    return law_answer(law.place.name, law.place.component, law.law.variables, law_entry(law.effect))
 
 
 def run(answer, kind=SINGLE_LAW, trial=0, truth=kinds.SAME_MODEL):
@@ -176,7 +176,7 @@ def test_every_form_outside_the_grammar_makes_a_formula_that_is_nothing_at_the_d
     turbojet, monkeypatch, name
 ):
     monkeypatch.setattr(forms, "OUTSIDE", {name: OUTSIDE[name]})
-    known = variables_of(turbojet.network)
+    known = formula_variables(turbojet.network)
     rng = np.random.default_rng(3)
     names = ("turbine_reynolds_index", "nozzle_pressure_ratio")
     of = [
@@ -184,9 +184,9 @@ def test_every_form_outside_the_grammar_makes_a_formula_that_is_nothing_at_the_d
         for k, n in enumerate(names)
     ]
     shaped = of_none(of[: 1 + any(letter in OUTSIDE[name].replace("exp", "") for letter in "yv")], rng)
-    f = Expression.parsed(shaped.text)
-    assert abs(f.at({"a": 1.0, **dict.fromkeys(names, 1.0)})) < 1e-12
-    values = np.asarray(f.at({"a": 1.0, **{k.variable.name: k.values for k in of}}))
+    f = Expression.parse(shaped.text)
+    assert abs(f.evaluate({"a": 1.0, **dict.fromkeys(names, 1.0)})) < 1e-12
+    values = np.asarray(f.evaluate({"a": 1.0, **{k.variable.name: k.values for k in of}}))
     assert np.isfinite(values).all() and np.ptp(values) > 1e-6
     assert set(RATIOS) <= set(OUTSIDE)
 
@@ -223,11 +223,11 @@ def test_flights_four_kilometres_higher_stay_within_the_envelope(turbojet):
 
 def test_a_law_that_is_said_is_the_law_that_an_engine_carries(turbojet):
     s = drawn(turbojet)
-    said = built(turbojet, entry_of(s.law.effect))
-    one, other = (turbojet.with_effects((e,)) for e in (s.law.effect, said))
+    said = built(turbojet, law_entry(s.law.effect))
+    one, other = (turbojet.replace_effects((e,)) for e in (s.law.effect, said))
     u = {c: s.flights[0][c] for c in turbojet.inputs}
     assert np.allclose(one.predict(u).y, other.predict(u).y, rtol=1e-6)
-    assert built(turbojet, {**entry_of(s.law.effect), "at": "nowhere"}) is None
+    assert built(turbojet, {**law_entry(s.law.effect), "at": "nowhere"}) is None
 
 
 def test_what_is_found_of_a_law_is_told_with_the_coefficients_that_were_fitted(turbojet):
@@ -326,7 +326,7 @@ def test_a_law_at_a_wrong_place_along_a_wrong_variable_is_wrong_and_predicts_wor
     law = drawn(turbojet).law
     place = next(p for p in list_locations(turbojet, list(turbojet.sensors)) if p.name == "compressor.flow_capacity")
     assert place.name != law.place.name
-    entry = entry_of(law.effect) | {
+    entry = law_entry(law.effect) | {
         "at": place.parameter,
         "expression": "a * (mach - 0)",
         "coefficients": {"a": {"value": 0.06, "absent": 0.0, "prior_sigma": 0.05}},

@@ -126,7 +126,7 @@ def test_map_errors_vanish_at_the_design_point(turbofan):
     u = {c: np.array([float(turbofan.network.design.get(c, 0.0))]) for c in turbofan.inputs}
     u[turbofan.power_setting] = turbofan.power_from_fraction(1.0, u)
     low = {**u, turbofan.power_setting: 0.6 * u[turbofan.power_setting]}
-    at, away = (turbofan.with_effects(effects).predict(x).y / turbofan.predict(x).y - 1.0 for x in (u, low))
+    at, away = (turbofan.replace_effects(effects).predict(x).y / turbofan.predict(x).y - 1.0 for x in (u, low))
     assert np.abs(at).max() < 0.3 * np.abs(away).max()
 
 

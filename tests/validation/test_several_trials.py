@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.mismatch.explain.answer import IDENTIFIED, NO_DISCREPANCY, NOT_CONVERGED
-from enginediag_cli.physics.engine_file import entry_of, load_engine
+from enginediag_cli.physics.engine_file import law_entry, load_engine
 from enginediag_cli.physics.law import Law
 from enginediag_cli.validation import concealed_effects as sealing
 from enginediag_cli.validation import explain_trials as trials
@@ -81,7 +81,7 @@ def true_causes(engine, s):
 
 
 def entries(s):
-    return [entry_of(s.law.effect)] if s.law else []
+    return [law_entry(s.law.effect)] if s.law else []
 
 
 # what is drawn

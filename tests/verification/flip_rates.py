@@ -86,7 +86,7 @@ class Drawn:
 def drawn_truth(engine: Engine, rng: np.random.Generator) -> Truth:
     errors = draw_map_errors(engine, rng)
     health = {n: 1 + 0.003 * rng.standard_normal() for n in engine.monitored}
-    return Truth(engine.with_effects(list(errors.effects)), health, {})
+    return Truth(engine.replace_effects(list(errors.effects)), health, {})
 
 
 def course(engine: Engine, rng: np.random.Generator) -> dict[str, np.ndarray]:

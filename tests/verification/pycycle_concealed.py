@@ -120,7 +120,7 @@ def _sensors_left_out(given: Dataset, s: Search, place: str) -> tuple[float, flo
     found = hidden_amplitudes(base, Projection(base), level=0.05, rng=np.random.default_rng(0))
     first = next(f for f in found if f.location.name == place)
     where = first.location
-    model = given.engine.with_effects([where.through] if where.through else [])
+    model = given.engine.replace_effects([where.through] if where.through else [])
     u = base.problem.inputs
     theta = {k: v for k, v in base.theta.items() if k in model.parameters}
     at = theta.get(where.parameter, model.parameters[where.parameter].nominal)

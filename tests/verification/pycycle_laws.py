@@ -25,7 +25,7 @@ from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search
 from enginediag_cli.mismatch.laws.scan import KnownVariable, known_variables
 from enginediag_cli.physics.law import Law
-from enginediag_cli.physics.registry import candidates
+from enginediag_cli.physics.registry import candidate_effects
 
 RECORDINGS = ("concealed_3", "concealed_1", "concealed_2", "concealed_4", "nominal")
 TRUE_PER_DECADE = {"fan": 0.015, "hpc": 0.03, "lpt": 0.03}
@@ -35,7 +35,7 @@ TRUE_PER_DECADE = {"fan": 0.015, "hpc": 0.03, "lpt": 0.03}
 def searched(engine: Engine, name: str) -> tuple[Search, Answer]:
     """The search of a recording, without effects that vary with Reynolds number."""
     given = concealed.evidence(engine, name)
-    left = [e for e in candidates(engine) if e.term.DRIVER != REYNOLDS_INDEX]
+    left = [e for e in candidate_effects(engine) if e.term.DRIVER != REYNOLDS_INDEX]
     search = Search(given, left, hidden_search(given))
     return search, search.run()
 
@@ -49,7 +49,7 @@ def slopes(explanation: Explanation, known: list[KnownVariable]) -> dict[str, fl
         if isinstance(law, Law) and len(law.variables) == 1:
             x = next(k.values for k in known if k.variable.name in law.variables)
             at = {c.name: fitted[effect.parameter_name(c.name)] for c in law.COEFFICIENTS}
-            f = np.asarray(value(law.expression.at({next(iter(law.variables)): x, **at})))
+            f = np.asarray(value(law.expression.evaluate({next(iter(law.variables)): x, **at})))
             found[law.acts.leaf] = float(np.polyfit(np.log10(x), f, 1)[0])
     return found
 

@@ -90,7 +90,7 @@ class Component(ABC):
         words: the quantity as an engineer says it ("isentropic efficiency"), default its name with spaces; wear:
         the sign of `Parameter`.
         """
-        name, told = f"{self.name}.{quantity}", self._told(quantity, words)
+        name, told = f"{self.name}.{quantity}", self._words(quantity, words)
         return Parameter(
             name,
             "health",
@@ -134,7 +134,7 @@ class Component(ABC):
             description,
             self.name,
             quantity,
-            self._told(whole, words),
+            self._words(whole, words),
             spelled(self.name),
             wear,
             PART_ROAMS * abs(nominal or sigma) if part else roams,
@@ -142,7 +142,7 @@ class Component(ABC):
             switches,
         )
 
-    def _told(self, quantity: str, words: str) -> str:
+    def _words(self, quantity: str, words: str) -> str:
         return f"{spelled(self.name)} {words or spelled(quantity)}"
 
     def inputs(self) -> dict[str, float | None]:
@@ -163,7 +163,7 @@ class Component(ABC):
     def evaluate(self, e: Evaluation) -> None:
         """Reads its inlet flows from `e`, writes its outlet flows, powers and balances."""
 
-    def at_design(self) -> dict[str, float]:
+    def design_inputs(self) -> dict[str, float]:
         """Its own input columns at the design point."""
         return {}
 
@@ -171,7 +171,7 @@ class Component(ABC):
         """Sets its design references (areas, map scales) at the design point, then evaluates itself there."""
         self.evaluate(e)
 
-    def settled(self) -> bool:
+    def converged(self) -> bool:
         """Whether what it assumed in sizing has come out; otherwise all are sized once more."""
         return True
 
@@ -197,7 +197,7 @@ class Valves(Component):
                 0.0 if port["valve"] == "closed" else 1.0,
                 0.0,
                 1.0 if port["valve"] == "closed" else WIDEST_OPENING,
-                self._told(f"{port['name']}.opening", f"{spelled(port['name'])} valve, opening"),
+                self._words(f"{port['name']}.opening", f"{spelled(port['name'])} valve, opening"),
             )
             for port in self.values["ports"]
             if port["valve"] != "none"

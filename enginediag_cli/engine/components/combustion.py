@@ -18,7 +18,14 @@ from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.atmosphere import T_ISA, saturated_water
 from enginediag_cli.engine.components.base import FROM, NAME, TO, Actuator, Component, Design, Unknown, scalar
 from enginediag_cli.engine.dual import Dual, Value, chain, select, sqrt, value
-from enginediag_cli.engine.evaluation import Evaluation, Flow, at_impulse, at_mach, kept, static_pressure
+from enginediag_cli.engine.evaluation import (
+    Evaluation,
+    Flow,
+    expand_to_mach,
+    keep_old_values,
+    solve_impulse,
+    static_pressure,
+)
 from enginediag_cli.engine.gas import DRY_AIR, T_FIT, T_REFERENCE, Gas, Mixture
 from enginediag_cli.parameters import Parameter, spelled
 
@@ -101,7 +108,7 @@ class Burner(Combustor):
         return (Unknown(f"{self.name}.corrected_fuel", lower=0.01, upper=5.0),)
 
     def evaluate(self, e: Evaluation) -> None:
-        if e.has(f"{self.name}.fuel_flow"):
+        if e.has_leaf(f"{self.name}.fuel_flow"):
             fuel = e[f"{self.name}.fuel_flow"]
         else:
             fuel = e[f"{self.name}.corrected_fuel"] * (e.delta2 * sqrt(e.theta2) * self.corrected_fuel_kg_s)
@@ -126,7 +133,7 @@ class Burner(Combustor):
         self.evaluate(e)
 
 
-def with_fuel(inlet: Flow, fuel: Value) -> Mixture:
+def burn(inlet: Flow, fuel: Value) -> Mixture:
     """Composition of air, or of gas that is burnt already, with this fuel [kg/s] burnt in it."""
     dry = inlet.W / inlet.mixture.per_dry_air()
     far = fuel / dry if inlet.mixture.far is None else inlet.mixture.far + fuel / dry
@@ -137,13 +144,13 @@ def burnt(inlet: Flow, fuel: Value, released: Value, P: Value) -> Flow:
     """A flow with fuel [kg/s] burnt in it that releases `released` [J/kg] above 298.15 K, at pressure P [Pa]."""
     W = inlet.W + fuel
     h = (inlet.W * inlet.h + fuel * released) / W
-    return Flow(inlet.gas, with_fuel(inlet, fuel), W, P, h=h)
+    return Flow(inlet.gas, burn(inlet, fuel), W, P, h=h)
 
 
 def heating_fuel(inlet: Flow, exit_temperature_K: Value, released: Value, fuel: Value) -> Value:
     """Fuel [kg/s] that heats a flow to a temperature, its gas of the composition that another fuel makes: a fixed point
     of it is the fuel that does."""
-    h4 = inlet.gas.enthalpy(inlet.W * 0.0 + exit_temperature_K, with_fuel(inlet, fuel))
+    h4 = inlet.gas.enthalpy(inlet.W * 0.0 + exit_temperature_K, burn(inlet, fuel))
     return inlet.W * (h4 - inlet.h) / (released - h4)
 
 
@@ -247,15 +254,15 @@ class Afterburner(Combustor):
         elif self.quantity == "fuel_air_ratio":
             fuel = setting * (inlet.W / inlet.mixture.per_dry_air())
         else:
-            fuel = fuel_for(inlet, setting, self.released(e))
+            fuel = find_fuel(inlet, setting, self.released(e))
         self._deliver(e, inlet, fuel)
 
     def _deliver(self, e: Evaluation, inlet: Flow, fuel: Value) -> None:
-        cold = inlet.with_(P=inlet.P * (1.0 - e[f"{self.name}.pressure_loss"]))
+        cold = inlet.replace(P=inlet.P * (1.0 - e[f"{self.name}.pressure_loss"]))
         hot = burnt(inlet, fuel, self.released(e), cold.P)
         off = np.broadcast_to(np.asarray(value(fuel) == 0.0), (e.size,))
         if off.any():
-            hot = Flow(hot.gas, hot.mixture, hot.W, hot.P, h=kept(off, cold.h, hot.h))
+            hot = Flow(hot.gas, hot.mixture, hot.W, hot.P, h=keep_old_values(off, cold.h, hot.h))
         if self.values["inlet_mach"] is not None:
             hot = self._heated(cold, hot, off)
         far = hot.mixture.far
@@ -269,14 +276,16 @@ class Afterburner(Combustor):
     def _heated(self, cold: Flow, hot: Flow, off: np.ndarray) -> Flow:
         """The flow behind heating in a constant area; NaN where the heat chokes it."""
         p, V = static_pressure(cold, self.area_m2)
-        behind, subsonic = at_impulse(hot, cold.W * V + p * self.area_m2, self.area_m2)
-        return behind.with_(P=kept(off, cold.P, select(subsonic, behind.P, behind.P * np.nan)))
+        behind, subsonic = solve_impulse(hot, cold.W * V + p * self.area_m2, self.area_m2)
+        return behind.replace(P=keep_old_values(off, cold.P, select(subsonic, behind.P, behind.P * np.nan)))
 
     def size(self, e: Evaluation) -> None:
         v = self.values
         inlet = e.flows[v["from"]]
         if v["inlet_mach"] is not None:
-            self.area_m2 = scalar(at_mach(inlet.with_(P=inlet.P * (1.0 - v["pressure_loss"])), v["inlet_mach"])[1])
+            self.area_m2 = scalar(
+                expand_to_mach(inlet.replace(P=inlet.P * (1.0 - v["pressure_loss"])), v["inlet_mach"])[1]
+            )
         if v["exit_temperature_K"] is None:
             self.evaluate(e)
             return
@@ -286,7 +295,7 @@ class Afterburner(Combustor):
                 f"exit_temperature_K, {v['exit_temperature_K']:.0f} K; leave that out for an afterburner that is not "
                 "lit there"
             )
-        fuel = fuel_for(inlet, inlet.T * 0.0 + v["exit_temperature_K"], self.released(e))
+        fuel = find_fuel(inlet, inlet.T * 0.0 + v["exit_temperature_K"], self.released(e))
         far = scalar(fuel / (inlet.W / inlet.mixture.per_dry_air()))
         there = 0.0 if inlet.mixture.far is None else scalar(inlet.mixture.far)
         if not far + there <= e.gas.stoichiometric_far:
@@ -298,7 +307,7 @@ class Afterburner(Combustor):
         self._deliver(e, inlet, fuel)
 
 
-def fuel_for(inlet: Flow, exit_temperature_K: Value, released: Value) -> Value:
+def find_fuel(inlet: Flow, exit_temperature_K: Value, released: Value) -> Value:
     """Fuel [kg/s] (N,) that heats a flow to a temperature; none where it is as hot already. The fixed point on values,
     and one step in derivative arithmetic for the exact derivatives. NaN where there is none."""
     wanted = value(exit_temperature_K)
@@ -356,7 +365,7 @@ class WaterInjection(Component):
         inlet = e.flows[self.values["from"]]
         water = e[f"{self.name}.flow_kg_s"]
         e.outputs[f"{self.name}_flow_kg_s"] = water
-        e.flows[self.values["to"]] = self._moist(e, inlet, water) if _any(water) else inlet.with_()
+        e.flows[self.values["to"]] = self._moist(e, inlet, water) if _has_water(water) else inlet.replace()
 
     def _moist(self, e: Evaluation, inlet: Flow, water: Value) -> Flow:
         dry = inlet.W / inlet.mixture.per_dry_air()
@@ -365,7 +374,7 @@ class WaterInjection(Component):
         h = (inlet.W * inlet.h + water * self._enthalpy(e.gas)) / W
         off = np.broadcast_to(np.asarray(value(water) == 0.0), (e.size,))
         if off.any():
-            h = kept(off, inlet.h, h)
+            h = keep_old_values(off, inlet.h, h)
         war = already + water / dry
         moist = Flow(inlet.gas, Mixture(inlet.mixture.far, war), W, inlet.P, h=h)
         if self.values["phase"] == "water":
@@ -384,6 +393,6 @@ class WaterInjection(Component):
         return float(2.0 * both - air)  # averages by mass: one part of vapour to one of air
 
 
-def _any(water: Value) -> bool:
+def _has_water(water: Value) -> bool:
     """Whether there is anything to reckon with: not where nothing sets it."""
     return isinstance(water, Dual) or np.ndim(water) > 0 or water != 0.0

@@ -239,7 +239,7 @@ class Compressor(Valves):
             scale = theta * self.work_scale
             rise = work * scale
             ideal = efficiency * ((work - loss) * scale)
-            phi_s = e.gas.at_enthalpy(inlet.h + ideal, inlet.mixture)[1]
+            phi_s = e.gas.temperature_from_enthalpy(inlet.h + ideal, inlet.mixture)[1]
             log_ratio = (phi_s - inlet.phi) / inlet.R
         else:
             n = corrected_speed * (1.0 / self.speed_scale)
@@ -258,8 +258,8 @@ class Compressor(Valves):
         """Pressure ratio of surge at a corrected flow [kg/s] of the map: vanes and wear move the line with the map."""
         assert self.surge_line is not None
         if self.table is None:
-            return self.surge_line.at(flow)
-        return 1.0 + (self.surge_line.at(flow * (1.0 / self.flow_scale)) - 1.0) * self.ratio_scale
+            return self.surge_line.pressure_ratio(flow)
+        return 1.0 + (self.surge_line.pressure_ratio(flow * (1.0 / self.flow_scale)) - 1.0) * self.ratio_scale
 
     def _work_and_loss(self, n: Value, w: Value, *shape: Value) -> tuple[Value, Value]:
         return maps.work_and_loss(n, w, self.design_loss, dict(zip(maps.COMPRESSOR_COEFFICIENTS, shape, strict=True)))

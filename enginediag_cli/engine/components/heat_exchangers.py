@@ -17,7 +17,7 @@ import numpy as np
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.atmosphere import T_ISA
 from enginediag_cli.engine.components.base import FROM, NAME, TO, Unknown, scalar
-from enginediag_cli.engine.components.passages import LAW, Lossy
+from enginediag_cli.engine.components.passages import LAW, LossyPassage
 from enginediag_cli.engine.dual import Value, exp, power, select, value
 from enginediag_cli.engine.evaluation import Evaluation, Flow
 from enginediag_cli.parameters import Parameter
@@ -68,7 +68,7 @@ def transfer_units(effectiveness: float, capacity_ratio: float) -> float:
     return float(np.log(ratio)) / (1.0 - capacity_ratio)
 
 
-class Intercooler(Lossy):
+class Intercooler(LossyPassage):
     """h_out = h_in − ε [h_in − h(T_coolant)], P_out = P_in (1 − loss).
 
     There is as much coolant as it takes; it is the ambient air, or an input column. The effectiveness is constant, or
@@ -112,7 +112,7 @@ class Intercooler(Lossy):
     def inputs(self) -> dict[str, float | None]:
         return {self._column: None} if self.values["coolant"] == "column" else {}
 
-    def at_design(self) -> dict[str, float]:
+    def design_inputs(self) -> dict[str, float]:
         return {self._column: self.values["design_coolant_K"]} if self.values["coolant"] == "column" else {}
 
     def parameters(self) -> tuple[Parameter, ...]:
@@ -123,7 +123,7 @@ class Intercooler(Lossy):
         coolant = e.outputs["T0_K"] if self.values["coolant"] == "ambient" else e[self._column]
         effectiveness = e[f"{self.name}.effectiveness"] * self._effectiveness(inlet)
         h = inlet.h - effectiveness * (inlet.h - inlet.gas.enthalpy(coolant, inlet.mixture))
-        e.flows[self.values["to"]] = Flow(inlet.gas, inlet.mixture, inlet.W, self.lost(e, inlet), h=h)
+        e.flows[self.values["to"]] = Flow(inlet.gas, inlet.mixture, inlet.W, self.exit_pressure(e, inlet), h=h)
         e.outputs[f"{self.name}_heat_W"] = inlet.W * (inlet.h - h)
 
     def _effectiveness(self, inlet: Flow) -> Value:
@@ -152,7 +152,7 @@ class ColdGasError(ValueError):
         self.surplus_K = surplus_K
 
 
-class Recuperator(Lossy):
+class Recuperator(LossyPassage):
     """Cold side: T_out is unknown, and W_c (h_out − h_in) = ε Q_max its balance, which the hot side closes.
 
     Q_max is what the smaller of the two heat capacities can take between the inlet temperatures, by enthalpies:
@@ -196,7 +196,7 @@ class Recuperator(Lossy):
     def evaluate(self, e: Evaluation) -> None:
         inlet = e.flows[self.values["from"]]
         T = e[f"{self.name}.temperature"] * self.design_exit_K  # type: ignore[operator]
-        outlet = Flow(inlet.gas, inlet.mixture, inlet.W, self.lost(e, inlet), T=T)
+        outlet = Flow(inlet.gas, inlet.mixture, inlet.W, self.exit_pressure(e, inlet), T=T)
 
         def cooled(e: Evaluation, hot: Flow) -> Flow:
             heat = inlet.W * (outlet.h - inlet.h)
@@ -244,7 +244,7 @@ class Recuperator(Lossy):
                 self.design_flow = scalar(inlet.W)
                 self.design_capacity = low / scalar(hot.T - inlet.T)
                 self.design_ntu = transfer_units(self.values["effectiveness"], low / high)
-            there = scalar(inlet.gas.at_enthalpy(inlet.h + wanted / inlet.W, inlet.mixture)[0])
+            there = scalar(inlet.gas.temperature_from_enthalpy(inlet.h + wanted / inlet.W, inlet.mixture)[0])
             self._settled = abs(there / scalar(outlet.T) - 1.0) <= SETTLED
             self.design_exit_K = there
             heat = inlet.W * (outlet.h - inlet.h)
@@ -253,11 +253,11 @@ class Recuperator(Lossy):
 
         e.exchanges[self.name] = sized
 
-    def settled(self) -> bool:
+    def converged(self) -> bool:
         return self._settled
 
 
-class RecuperatorHotSide(Lossy):
+class RecuperatorHotSide(LossyPassage):
     """W_h (h_in − h_out) is what the cold side takes; P_out = P_in (1 − loss)."""
 
     TYPE = "recuperator_hot"
@@ -280,7 +280,7 @@ class RecuperatorHotSide(Lossy):
     def evaluate(self, e: Evaluation) -> None:
         inlet = e.flows[self.values["from"]]
         cooled = e.exchanges.pop(self.values["recuperator"])(e, inlet)
-        e.flows[self.values["to"]] = cooled.with_(P=self.lost(e, inlet))
+        e.flows[self.values["to"]] = cooled.replace(P=self.exit_pressure(e, inlet))
 
     def size(self, e: Evaluation) -> None:
         self.size_loss(e.flows[self.values["from"]])

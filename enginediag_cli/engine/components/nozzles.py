@@ -30,7 +30,7 @@ OPENING = Field(
 )
 
 
-class Expansion(NamedTuple):
+class NozzleExpansion(NamedTuple):
     """What a nozzle makes of a flow, arrays (N,): mass flux at the throat [kg/(s m²)], velocity at the exit [m/s], the
     force of the exit's pressure above ambient per throat area [Pa], and exit over throat area where they differ."""
 
@@ -98,9 +98,9 @@ class Nozzle(Component):
         if found.area_ratio is not None:
             e.outputs[f"{self.name}_area_ratio"] = found.area_ratio
 
-    def _expanded(self, flow: Flow, log_ratio: Value, p0: Value) -> Expansion:
+    def _expanded(self, flow: Flow, log_ratio: Value, p0: Value) -> NozzleExpansion:
         flux, V, p_throat = throat(flow, log_ratio, p0)
-        return Expansion(flux, V, p_throat - p0)
+        return NozzleExpansion(flux, V, p_throat - p0)
 
     def _thrust(self, gross: Value) -> Value:
         return gross
@@ -135,7 +135,7 @@ def throat(flow: Flow, log_ratio: Value, p0: Value) -> tuple[Value, Value, Value
     if backward.any():  # met on the way to a solution only: flow out of ambient, the mirror image of flow into it
         expansion = select(backward, maximum(-1.0 * log_ratio, SMALLEST_LOG_RATIO), expansion)
         expansion = select(np.asarray(value(expansion) > value(critical)), critical, expansion)
-    T, h = flow.gas.at_entropy(flow.phi - flow.R * expansion, flow.mixture)
+    T, h = flow.gas.temperature_from_entropy(flow.phi - flow.R * expansion, flow.mixture)
     V = sqrt(2.0 * (flow.h - h))
     p = select(choked, flow.P * exp(-critical), p0)
     flux = p * V / (flow.R * T)
@@ -208,21 +208,21 @@ class CondiNozzle(Nozzle):
         if self.values["area_ratio"] and self.values["largest_area_ratio"]:
             raise ValueError(f"{self.name}: area_ratio is fixed, so that largest_area_ratio has no meaning; give one")
 
-    def _expanded(self, flow: Flow, log_ratio: Value, p0: Value) -> Expansion:
+    def _expanded(self, flow: Flow, log_ratio: Value, p0: Value) -> NozzleExpansion:
         choking, _, _ = throat(flow, log_ratio * 0.0 + ALWAYS_CHOKED, p0)
         flux, V, p = throat(flow, log_ratio, p0)
         choked = np.asarray(value(p) > value(p0))
         if self.values["area_ratio"]:
             return _fixed(flow, p0, choking, select(choked, choking, flux), self.values["area_ratio"])
-        return self._ideal(flow, log_ratio, p0, Expansion(flux, V, p))
+        return self._ideal(flow, log_ratio, p0, NozzleExpansion(flux, V, p))
 
     def _thrust(self, gross: Value) -> Value:
         return gross * self.values["thrust_coefficient"]
 
-    def _ideal(self, flow: Flow, log_ratio: Value, p0: Value, at_throat: Expansion) -> Expansion:
+    def _ideal(self, flow: Flow, log_ratio: Value, p0: Value, at_throat: NozzleExpansion) -> NozzleExpansion:
         """The exit at ambient pressure; as far as it opens."""
         choked = np.asarray(value(at_throat.excess_Pa) > value(p0))
-        T, h = flow.gas.at_entropy(flow.phi - flow.R * log_ratio, flow.mixture)
+        T, h = flow.gas.temperature_from_entropy(flow.phi - flow.R * log_ratio, flow.mixture)
         drop = select(choked, flow.h - h, 0.5 * (at_throat.V * at_throat.V))
         V = select(choked, sqrt(2.0 * drop), at_throat.V)
         ratio = select(choked, at_throat.flux * flow.R * T / (p0 * V), 1.0)
@@ -233,25 +233,25 @@ class CondiNozzle(Nozzle):
             V_e, p_e = _supersonic(flow, at_throat.flux * (1.0 / limit), limit)
             V, excess = select(beyond, V_e, V), select(beyond, (p_e - p0) * limit, 0.0)
             ratio = select(beyond, limit, ratio)
-        return Expansion(at_throat.flux, V, excess, ratio)
+        return NozzleExpansion(at_throat.flux, V, excess, ratio)
 
 
-def _fixed(flow: Flow, p0: Value, choking: Value, flux: Value, ratio: float) -> Expansion:
+def _fixed(flow: Flow, p0: Value, choking: Value, flux: Value, ratio: float) -> NozzleExpansion:
     """Exit over throat area `ratio`; `choking`: the flux of a choked throat, `flux`: that of a convergent nozzle."""
     venturi = np.asarray(value(flux) * ratio < value(choking))  # subsonic to the exit, at ambient pressure there
     flux = select(venturi, flux * ratio, choking)
     out = flux * (1.0 / ratio)
-    T_2, V_2 = _at_pressure(flow, out, p0)
+    T_2, V_2 = _expand_to_pressure(flow, out, p0)
     V_1, p_1 = _supersonic(flow, choking * (1.0 / ratio), ratio)
     cp, R = value(flow.gas.heat_capacity(value(T_2), flow.mixture.plain)), value(flow.R)
     subsonic = value(V_2) ** 2 < cp / (cp - R) * R * value(T_2)
     shock = subsonic & np.asarray(value(out * V_2 + p0) > value(out * V_1 + p_1))
     at_ambient = venturi | shock
     V, excess = select(at_ambient, V_2, V_1), select(at_ambient, 0.0 * p_1, (p_1 - p0) * ratio)
-    return Expansion(flux, V, excess, ratio)
+    return NozzleExpansion(flux, V, excess, ratio)
 
 
-def _at_pressure(flow: Flow, flux: Value, p: Value) -> tuple[Value, Value]:
+def _expand_to_pressure(flow: Flow, flux: Value, p: Value) -> tuple[Value, Value]:
     """Static temperature and velocity where a flow of total enthalpy h has this flux and static pressure, whatever its
     losses before: h_s + V²/2 = h with V = flux R T/p."""
     k = flux * flow.R / p
@@ -281,7 +281,7 @@ def _supersonic(flow: Flow, flux: Value, ratio: float) -> tuple[Value, Value]:
     x = start + 1.05 * (1.25 * np.sqrt(far) + 1.35 * far)
     open_still = np.ones(np.shape(x), dtype=bool)
     for _ in range(ITERATIONS):
-        T, h = gas.at_entropy(value(flow.phi) - R * x, plain)
+        T, h = gas.temperature_from_entropy(value(flow.phi) - R * x, plain)
         V = np.sqrt(2.0 * (value(flow.h) - h))
         slope = R * T / V**2 - 1.0 + R / value(gas.heat_capacity(T, plain))
         step = np.log(value(flow.P) * np.exp(-x) * V / (R * T * target)) / slope
@@ -291,7 +291,7 @@ def _supersonic(flow: Flow, flux: Value, ratio: float) -> tuple[Value, Value]:
             break
 
     def state(x: Value) -> tuple[Value, Value, Value]:
-        T, h = gas.at_entropy(flow.phi - flow.R * x, flow.mixture)
+        T, h = gas.temperature_from_entropy(flow.phi - flow.R * x, flow.mixture)
         return T, sqrt(2.0 * (flow.h - h)), flow.P * exp(-1.0 * x)
 
     T_e, V_e, p_e = state(x)

@@ -39,14 +39,14 @@ from enginediag_cli.engine.components.base import (
     scalar,
 )
 from enginediag_cli.engine.dual import Dual, Value, chain, exp, log, sqrt, value
-from enginediag_cli.engine.evaluation import Evaluation, Flow, at_impulse, at_mach, mix, static_pressure
+from enginediag_cli.engine.evaluation import Evaluation, Flow, expand_to_mach, mix, solve_impulse, static_pressure
 from enginediag_cli.engine.gas import DRY_AIR, Mixture
 from enginediag_cli.parameters import Parameter
 
 LAW = Field("law", "choice", "how the loss varies", "constant", choices=("constant", "corrected_flow_squared"))
 
 
-class Lossy(Component):
+class LossyPassage(Component):
     """P_out = P_in (1 − loss), the loss `pressure_loss` constant or ∝ (W√T/P)², the dynamic pressure at low Mach
     number; `law` says which."""
 
@@ -60,7 +60,7 @@ class Lossy(Component):
             "ΔP/P at design",
         )
 
-    def lost(self, e: Evaluation, inlet: Flow) -> Value:
+    def exit_pressure(self, e: Evaluation, inlet: Flow) -> Value:
         """Total pressure behind the passage, Pa."""
         loss = e[f"{self.name}.pressure_loss"]
         if self.values["law"] == "corrected_flow_squared":
@@ -72,7 +72,7 @@ class Lossy(Component):
         self.flow_parameter = scalar(inlet.W * sqrt(inlet.T) / inlet.P)
 
 
-class Duct(Lossy):
+class Duct(LossyPassage):
     """P_out = P_in (1 − loss); the loss is constant or ∝ (W√T/P)², the dynamic pressure at low Mach number."""
 
     TYPE = "duct"
@@ -94,7 +94,7 @@ class Duct(Lossy):
 
     def evaluate(self, e: Evaluation) -> None:
         inlet = mix(e.flows[self.values["from"]], *(e.bleeds.pop(b) for b in self.values["receives"]))
-        e.flows[self.values["to"]] = inlet.with_(P=self.lost(e, inlet))
+        e.flows[self.values["to"]] = inlet.replace(P=self.exit_pressure(e, inlet))
 
     def size(self, e: Evaluation) -> None:
         self.size_loss(mix(e.flows[self.values["from"]], *(e.bleeds[b] for b in self.values["receives"])))
@@ -147,9 +147,9 @@ class Bleed(Valves):
         W = inlet.W
         for port in self.values["ports"]:
             taken = inlet.W * self.bled(e, port)
-            e.bleeds[port["name"]] = inlet.with_(W=taken)
+            e.bleeds[port["name"]] = inlet.replace(W=taken)
             W = W - taken
-        e.flows[self.values["to"]] = inlet.with_(W=W)
+        e.flows[self.values["to"]] = inlet.replace(W=W)
 
 
 class Splitter(Component):
@@ -176,8 +176,8 @@ class Splitter(Component):
         inlet.phi  # noqa: B018  computed once here for both branches
         ratio = e[f"{self.name}.bypass_ratio"] * self.values["bypass_ratio"]
         core = inlet.W / (1.0 + ratio)
-        e.flows[self.values["core"]] = inlet.with_(W=core)
-        e.flows[self.values["bypass"]] = inlet.with_(W=inlet.W - core)
+        e.flows[self.values["core"]] = inlet.replace(W=core)
+        e.flows[self.values["bypass"]] = inlet.replace(W=inlet.W - core)
         e.outputs["BPR"] = ratio
 
 
@@ -220,12 +220,12 @@ class Mixer(Component):
         p_bypass, V_bypass = static_pressure(bypass, self.bypass_area)
         e.balances[f"{self.name} static pressure"] = p_bypass / p_core - 1.0
         impulse = core.W * V_core + p_core * self.core_area + bypass.W * V_bypass + p_bypass * self.bypass_area
-        e.flows[self.values["to"]] = at_impulse(mix(core, bypass), impulse, self.core_area + self.bypass_area)[0]
+        e.flows[self.values["to"]] = solve_impulse(mix(core, bypass), impulse, self.core_area + self.bypass_area)[0]
 
     def size(self, e: Evaluation) -> None:
         """Core area from the core Mach number; bypass area so that the static pressures agree."""
         core, bypass = e.flows[self.values["core"]], e.flows[self.values["bypass"]]
-        p, area = at_mach(core, self.values["core_mach"])
+        p, area = expand_to_mach(core, self.values["core_mach"])
         self.design_ratio = scalar(bypass.P / core.P)
         pressures = f"{scalar(bypass.P):.0f} Pa against {scalar(core.P):.0f} Pa"
         self.core_area = self.values["core_area_m2"] or scalar(area)
@@ -243,7 +243,7 @@ class Mixer(Component):
                 self.name,
                 self.design_ratio,
             )
-        T_s, h_s = bypass.gas.at_entropy(bypass.phi - bypass.R * log_ratio, bypass.mixture)
+        T_s, h_s = bypass.gas.temperature_from_entropy(bypass.phi - bypass.R * log_ratio, bypass.mixture)
         V = sqrt(2.0 * (bypass.h - h_s))
         self.bypass_area = self.values["bypass_area_m2"] or scalar(bypass.W * bypass.R * T_s / (p * V))
         self.evaluate(e)
@@ -306,7 +306,7 @@ class Inlet(Component):
         P: Value = upstream.P * recovery
         if self.values["measured_loss"]:
             P = P - e["dP_inlet_Pa"]
-        flow = upstream.with_(P=P)
+        flow = upstream.replace(P=P)
         e.theta2, e.delta2 = flow.T * (1.0 / T_ISA), P * (1.0 / P_ISA)
         flow.W = e[f"{self.name}.corrected_flow"] * (self.values["corrected_flow_kg_s"] * e.delta2 / sqrt(e.theta2))
         e.flows[self.values["to"]] = flow

@@ -33,7 +33,7 @@ def spare(e: Evaluation, shaft: str) -> Value:
     return s.supply_W * e[f"{shaft}.mechanical_efficiency"] - s.demand_W - e[f"{shaft}.power_offtake_W"] - s.load_W
 
 
-def tell(e: Evaluation, name: str, shaft: Shaft, taken_W: Value, delivered_W: Value) -> None:
+def report_power(e: Evaluation, name: str, shaft: Shaft, taken_W: Value, delivered_W: Value) -> None:
     """Columns <name>_power_W, delivered, and <name>_torque_N_m on the shaft; power_W is the sum of all powers."""
     e.outputs[f"{name}_torque_N_m"] = taken_W / (shaft.speed_rpm * RAD_S_PER_RPM)
     e.outputs[f"{name}_power_W"] = delivered_W
@@ -116,7 +116,7 @@ class Load(Component):
     def inputs(self) -> dict[str, float | None]:
         return {self.demand_column: None} if self.demand_column else {}
 
-    def at_design(self) -> dict[str, float]:
+    def design_inputs(self) -> dict[str, float]:
         stated = self.values["design_power_W"]
         return {self.demand_column: stated} if self.demand_column and stated is not None else {}
 
@@ -135,9 +135,9 @@ class Load(Component):
         if self.values["law"] == SURPLUS:
             self._take(e, spare(e, self.values["shaft"]))
         else:
-            self._take(e, self._by_law(e))
+            self._take(e, self._law_power(e))
 
-    def _by_law(self, e: Evaluation) -> Value:
+    def _law_power(self, e: Evaluation) -> Value:
         """Power that the law takes from the shaft, W."""
         if self.values["law"] == "given":
             demanded = e[self.demand_column] / e[f"{self.name}.efficiency"] if self.demand_column else None
@@ -161,14 +161,14 @@ class Load(Component):
         shaft = e.shaft(self.values["shaft"])
         if self.values["law"] != SURPLUS:
             shaft.load_W = shaft.load_W + taken
-        tell(e, self.name, shaft, taken, taken * e[f"{self.name}.efficiency"])
+        report_power(e, self.name, shaft, taken, taken * e[f"{self.name}.efficiency"])
 
     def size(self, e: Evaluation) -> None:
         shaft = e.shaft(self.values["shaft"])
         self.design_speed_rpm = scalar(shaft.speed_rpm)
         stated = self.values["design_power_W"]
         if self.speeds.size:
-            self.design_power_W = scalar(self._by_law(e))
+            self.design_power_W = scalar(self._law_power(e))
         elif stated is not None:
             self.design_power_W = stated / self.values["efficiency"]
         else:
@@ -342,7 +342,7 @@ class Propeller(Component):
         shaft.load_W = shaft.load_W + taken
         e.outputs[f"{self.name}_thrust_N"] = thrust
         e.add_output("Fn_N", thrust)
-        tell(e, self.name, shaft, taken, taken)
+        report_power(e, self.name, shaft, taken, taken)
 
     def _density(self, e: Evaluation) -> Value:
         """Of the air around, kg/m³."""

@@ -197,7 +197,7 @@ class Turbine(Component):
         if not wanted > NO_DEMAND * scalar(inlet.W * inlet.h):
             raise ValueError(self._no_demand(e, inlet, scalar(self._to_ambient(e, inlet))))
         if surplus(LARGEST_LOG_RATIO) < 0.0:
-            raise ValueError(self._too_little(inlet, scalar(self._to_ambient(e, inlet)), wanted, surplus))
+            raise ValueError(self._report_deficit(inlet, scalar(self._to_ambient(e, inlet)), wanted, surplus))
         x0, x1 = 0.8, 1.2
         f0, f1 = surplus(x0), surplus(x1)
         while abs(f1) > 1e-13 and x1 != x0:
@@ -226,7 +226,7 @@ class Turbine(Component):
         power = self.values["isentropic_efficiency"] * ideal
         return f"{told}; {np.exp(log_ratio):.3f} expands the gas to about ambient pressure and gives {_power(power)}"
 
-    def _too_little(self, inlet: Flow, log_ratio: float, wanted: float, surplus: Callable[[float], float]) -> str:
+    def _report_deficit(self, inlet: Flow, log_ratio: float, wanted: float, surplus: Callable[[float], float]) -> str:
         """The shaft's compressors need more than the gas has."""
         told = f"{self.name}: the gas cannot give the {_power(wanted)} that its shaft needs"
         if not log_ratio > 0.0:

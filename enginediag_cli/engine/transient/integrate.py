@@ -35,7 +35,7 @@ from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.network import Network
 from enginediag_cli.engine.solver import LARGEST_STEP, SMALL
 from enginediag_cli.engine.solver import TOLERANCE as EFFORT_TOLERANCE
-from enginediag_cli.engine.transient.states import ELAPSED, STEP, Course, MovingNetwork
+from enginediag_cli.engine.transient.states import ELAPSED, STEP, InputCourse, MovingNetwork
 
 GAMMA = 0.4358665215084589994160194
 """Weight of a stage's own derivative: the root of γ³ − 3γ² + 3γ/2 − 1/6 at which the method is L-stable."""
@@ -126,7 +126,7 @@ PASSES = 20
 
 
 @dataclass
-class Solved:
+class StageSolution:
     """Unknowns (nx, n), states (ns, n) and whether the stage was solved (n,)."""
 
     x: Array
@@ -154,7 +154,7 @@ class Stages:
 
     def solve(
         self, rows: Array, inputs: Mapping[str, Value], theta: Mapping[str, Value], x: Array, *, fresh: bool
-    ) -> Solved:
+    ) -> StageSolution:
         """Of engines `rows` (n,), from unknowns x (nx, n); `inputs` hold base and step of the stage too. `fresh`: with
         new Jacobians from the start, as every step begins, so that an engine goes its way whatever its batch is."""
         n = len(rows)
@@ -162,7 +162,7 @@ class Stages:
         with np.errstate(invalid="ignore"):
             ratio = step / self._step[rows]
         stale = ~((ratio < STEP_CHANGE) & (ratio > 1.0 / STEP_CHANGE)) | fresh
-        found = Solved(x.copy(), np.zeros((len(self.network.states), n)), np.zeros(n, dtype=bool))
+        found = StageSolution(x.copy(), np.zeros((len(self.network.states), n)), np.zeros(n, dtype=bool))
         at, now = np.arange(n), x.copy()
         residual, length = np.full(n, np.inf), np.full(n, np.inf)
         came: tuple[Array, Array] | None = None  # how far the last pass moved (nx, n), and from which residuals
@@ -201,14 +201,14 @@ class Stages:
                 found.x[:, k], found.good[k] = then[:, done], True
                 for i, state in enumerate(self.network.states):
                     reached = np.broadcast_to(value(state.value(e)), (e.size,))[: len(at)]
-                    found.states[i, k] = state.moved(reached, self._names, now, then)[done]
+                    found.states[i, k] = state.extrapolate(reached, self._names, now, then)[done]
             length[at] = far
             going = usable & ~done
             came = then[:, going] - now[:, going], R[:, going]
             at, now = at[going], then[:, going]
             if not at.size:
                 break
-        self._again(rows, inputs, theta, x, found)
+        self._solve_damped(rows, inputs, theta, x, found)
         return found
 
     def _pass(
@@ -256,13 +256,13 @@ class Stages:
         gain = (s - Hy)[good] / size[good, None]
         self._inverse[rows[k[good]]] = H[good] + gain[:, :, None] * sH[good][:, None, :]
 
-    def _again(
+    def _solve_damped(
         self,
         rows: Array,
         inputs: Mapping[str, Value],
         theta: Mapping[str, Value],
         x: Array,
-        found: Solved,
+        found: StageSolution,
     ) -> None:
         """What did not converge, by damped Newton iteration with all its Jacobians."""
         bad = np.flatnonzero(~found.good)
@@ -361,7 +361,7 @@ class _Now:
 
 def integrate(
     network: MovingNetwork,
-    course: Course,
+    course: InputCourse,
     theta: Mapping[str, Value],
     x: Array,
     states: Array,
@@ -439,7 +439,7 @@ class _Step:
 
 def _step(
     network: MovingNetwork,
-    course: Course,
+    course: InputCourse,
     theta: Mapping[str, Value],
     stages: Stages,
     now: _Now,
@@ -458,7 +458,7 @@ def _step(
     on = [begun]
     for i in range(1, len(NODES)):
         base = np.where(follows, begun, begun + h * sum(a * d for a, d in zip(STAGES[i], f, strict=False)))
-        inputs: dict[str, Value] = dict(course.at(now.corner[at], now.time[at] + NODES[i] * h))
+        inputs: dict[str, Value] = dict(course.evaluate(now.corner[at], now.time[at] + NODES[i] * h))
         inputs[STEP], inputs[ELAPSED] = GAMMA * h, NODES[i] * h
         for state, b in zip(network.states, base, strict=True):
             inputs[state.base] = b
@@ -504,7 +504,7 @@ def _note(track: Track, now: _Now, r: int) -> None:
     track.unknowns.append(now.x[:, r].copy())
 
 
-def between(track: Track, time: Array, follows: Array) -> tuple[Array, Array]:
+def interpolate(track: Track, time: Array, follows: Array) -> tuple[Array, Array]:
     """States and unknowns (nx, n) of a run at `time` (n,). States (ns + 1, n): between the ends of steps with their
     derivatives; what `follows` (ns,) as it was at the beginning of the step; last, the time since then. Straight
     for the unknowns, which are only a start. NaN where the run does not reach."""
@@ -529,7 +529,7 @@ def between(track: Track, time: Array, follows: Array) -> tuple[Array, Array]:
     return states, unknowns
 
 
-def slopes_at(track: Track, time: Array) -> Array:
+def state_slopes(track: Track, time: Array) -> Array:
     """How fast states change (ns, n) at `time` (n,) of a run that has derivatives within its steps."""
     T, F = np.asarray(track.time), np.stack(track.slopes, axis=1)
     k = np.clip(np.searchsorted(T, time, side="left") - 1, 0, len(T) - 2)

@@ -31,25 +31,25 @@ from enginediag_cli.engine.transient.integrate import (
     RADAU,
     TOLERANCE,
     Track,
-    between,
     integrate,
+    interpolate,
     linear_solve,
     quartic,
     slope,
-    slopes_at,
+    state_slopes,
 )
 from enginediag_cli.engine.transient.states import (
     ELAPSED,
-    Course,
-    Flight,
-    GivenNetwork,
+    FixedStateNetwork,
+    InputCourse,
     MovingNetwork,
-    Rotor,
-    State,
-    course_of,
+    RotorState,
+    TransientInputs,
+    TransientState,
+    make_course,
+    network_inputs,
     remembered,
-    states_of,
-    told,
+    transient_states,
 )
 
 WEIGHTS = (RADAU[:, None] ** np.arange(1, 4) / np.arange(1, 4)) @ np.linalg.inv(RADAU[:, None] ** np.arange(3))
@@ -93,7 +93,7 @@ class _Steps:
 
 
 @dataclass
-class _Found:
+class _StepSolution:
     """Of M steps: states where they begin (M, ns) and at their nodes (M, s, ns), those that follow last, as they stood
     where the step began; `now` (M, s, ns): how fast states change there, or, of those that follow, what they are, and
     its derivatives `J` (M, s, ns, ns); `new` (M,): steps of which these are not known yet."""
@@ -104,13 +104,13 @@ class _Found:
     J: Array
     new: Array
 
-    def of(self, rows: Array) -> _Found:
+    def select(self, rows: Array) -> _StepSolution:
         """The same of some steps."""
-        return _Found(self.begin[rows], self.x[rows], self.now[rows], self.J[rows], self.new[rows])
+        return _StepSolution(self.begin[rows], self.x[rows], self.now[rows], self.J[rows], self.new[rows])
 
 
 def made_exact(
-    given: Engine, network: MovingNetwork, course: Course, theta: Mapping[str, Any], tracks: Sequence[Track]
+    given: Engine, network: MovingNetwork, course: InputCourse, theta: Mapping[str, Any], tracks: Sequence[Track]
 ) -> None:
     """Moves the states of tracks onto the solution, with their slopes and energies, and adds those within the steps;
     steps that do not keep the balance of a state are divided. `given`: the engine with its states given. A run that
@@ -122,11 +122,11 @@ def made_exact(
     names = [u.name for u in network.unknowns()]
     kept = [names.index(u.name) for u in given.unknowns]
     before: dict[int, Track] = {}
-    known: dict[int, tuple[_Found, Array]] = {}
+    known: dict[int, tuple[_StepSolution, Array]] = {}
     for number in range(ROUNDS if nf else 0):
         if not going:
             return
-        steps, at = _steps_of(kept, course, tracks, going), _begun(tracks, going, order, nf, known)
+        steps, at = _make_steps(kept, course, tracks, going), _initial_solution(tracks, going, order, nf, known)
         of = _Run(given, states, steps, theta, nf)
         new = at.new.copy()
         settled = _collocate(of, at, len(tracks))
@@ -142,12 +142,12 @@ def made_exact(
         looked_at = np.flatnonzero(new & settled[steps.run])
         parts = np.ones(len(steps.h), dtype=int)
         parts[looked_at] = _parts(of, at, looked_at, KINK if number else SMOOTH)
-        stood = _within(of, at, parts)
+        stood = _divided_states(of, at, parts)
         going = [r for r in going if (parts[steps.run == r] > 1).any()]
         for r in going:
             before[r] = copy(tracks[r])
             rows = np.flatnonzero(steps.run == r)
-            known[r] = at.of(rows), parts[rows]
+            known[r] = at.select(rows), parts[rows]
             _divide(tracks[r], parts[rows], [stood.get(k) for k in rows.tolist()], order[nf:])
 
 
@@ -156,13 +156,13 @@ class _Run:
     """What stays as it is while states move."""
 
     given: Engine
-    states: Sequence[State]
+    states: Sequence[TransientState]
     steps: _Steps
     theta: Mapping[str, Any]
     nf: int
 
 
-def _collocate(of: _Run, at: _Found, runs: int) -> Array:
+def _collocate(of: _Run, at: _StepSolution, runs: int) -> Array:
     """Moves states onto the solution of the method on these steps; which of so many runs are there."""
     steps, nf = of.steps, of.nf
     size = np.maximum(np.abs(at.x).max(axis=1), 1e-12)
@@ -194,13 +194,13 @@ def _collocate(of: _Run, at: _Found, runs: int) -> Array:
     return settled & ~lost
 
 
-def _parts(of: _Run, at: _Found, rows: Array, order: float) -> Array:
+def _parts(of: _Run, at: _StepSolution, rows: Array, order: float) -> Array:
     """Into how many each of some steps (n,) is to be divided, so that none of its states moves otherwise than its rate
     adds up to by more than BALANCE: by rates at two more points."""
     steps, nf = of.steps, of.nf
     h, run = steps.h[rows], steps.run[rows]
     shares = np.tile(BESIDE, (len(rows), 1))
-    x, slopes = _on_curve(of, at, rows, shares)
+    x, slopes = _curve_states(of, at, rows, shares)
     found, _ = _rates(of, x, rows, shares, wrt=False)
     curve = np.stack([slope(one, slopes).T for one in shares.T], axis=1)
     off = np.abs(h[:, None] * np.einsum("i,mik->mk", SHARE_OF_BESIDE, found[:, :, :nf] - curve))
@@ -211,7 +211,7 @@ def _parts(of: _Run, at: _Found, rows: Array, order: float) -> Array:
     return np.where(h / parts > SHORTEST_S, parts, 1)
 
 
-def _on_curve(of: _Run, at: _Found, rows: Array, shares: Array) -> tuple[Array, Array]:
+def _curve_states(of: _Run, at: _StepSolution, rows: Array, shares: Array) -> tuple[Array, Array]:
     """States (n, s, ns) at shares (n, s) of some steps, and slopes (4, nf, n) of their curves."""
     slopes = np.concatenate([_first_slopes(of.steps, at, of.nf)[None], at.now[:, :, : of.nf].transpose(1, 0, 2)])
     slopes = slopes.transpose(0, 2, 1)[:, :, rows]
@@ -221,7 +221,7 @@ def _on_curve(of: _Run, at: _Found, rows: Array, shares: Array) -> tuple[Array, 
     return x, slopes
 
 
-def _within(of: _Run, at: _Found, parts: Array) -> dict[int, Array]:
+def _divided_states(of: _Run, at: _StepSolution, parts: Array) -> dict[int, Array]:
     """What follows (parts - 1, ns - nf), where steps that are to be divided will begin anew."""
     divided = np.flatnonzero(parts > 1)
     if not divided.size or of.nf == len(of.states):
@@ -229,12 +229,12 @@ def _within(of: _Run, at: _Found, parts: Array) -> dict[int, Array]:
     rows = np.repeat(divided, parts[divided] - 1)
     first = np.cumsum(parts[divided] - 1) - (parts[divided] - 1)
     shares = (np.arange(len(rows)) - np.repeat(first, parts[divided] - 1) + 1.0) / parts[rows]
-    x, _ = _on_curve(of, at, rows, shares[:, None])
+    x, _ = _curve_states(of, at, rows, shares[:, None])
     now, _ = _rates(of, x, rows, shares[:, None], wrt=False)
     return dict(zip(divided.tolist(), np.split(now[:, 0, of.nf :], first[1:]), strict=True))
 
 
-def _first_slopes(steps: _Steps, at: _Found, nf: int) -> Array:
+def _first_slopes(steps: _Steps, at: _StepSolution, nf: int) -> Array:
     """Slopes (M, nf) at the beginning of steps: those at the end of the one before, or of an engine that stood
     still."""
     before = np.concatenate([np.zeros((1, nf)), at.now[:-1, -1, :nf]])
@@ -248,20 +248,20 @@ def _divide(track: Track, parts: Array, stood: Sequence[Array | None], follows: 
     fine = [k + np.arange(n) / n for k, n in enumerate(parts.tolist())]
     time = np.interp(np.append(np.concatenate(fine), len(T) - 1), np.arange(len(T)), T)
     nodes = (time[:-1, None] + np.diff(time)[:, None] * RADAU[:-1]).ravel()
-    known, unknowns = between(track, time, np.zeros(len(track.states[0]), dtype=bool))
+    known, unknowns = interpolate(track, time, np.zeros(len(track.states[0]), dtype=bool))
     states, at = known[:-1], np.append(0, np.cumsum(parts))
     states[:, at] = np.array(track.states).T
     for k, values in enumerate(stood):
         if values is not None:
             states[follows, at[k] + 1 : at[k + 1]] = values.T
-    inner = slopes_at(track, nodes).reshape(len(states), -1, 2)
-    slopes = slopes_at(track, time)
+    inner = state_slopes(track, nodes).reshape(len(states), -1, 2)
+    slopes = state_slopes(track, time)
     track.time, track.states, track.unknowns = time.tolist(), list(states.T), list(unknowns.T)
     track.slopes, track.within = list(slopes.T), list(inner.transpose(1, 2, 0))
     track.work = [np.zeros(len(states)) for _ in time]
 
 
-def _newton(at: _Found, steps: _Steps, rows: Array, nf: int) -> Array:
+def _newton(at: _StepSolution, steps: _Steps, rows: Array, nf: int) -> Array:
     """Corrections (n, 1 + s, ns) of some steps' begin and nodes: x_i - x_0 - h A f = 0 in each step, and each begins
     where the last one ended."""
     n, s, ns = at.x[rows].shape
@@ -294,13 +294,13 @@ def _newton(at: _Found, steps: _Steps, rows: Array, nf: int) -> Array:
     return change
 
 
-def _begun(
+def _initial_solution(
     tracks: Sequence[Track],
     going: Sequence[int],
     order: Sequence[int],
     nf: int,
-    known: Mapping[int, tuple[_Found, Array]],
-) -> _Found:
+    known: Mapping[int, tuple[_StepSolution, Array]],
+) -> _StepSolution:
     """States as the tracks have them; `known`: what was found of runs before so many parts were made of their steps."""
     s, ns = len(RADAU), len(order)
     everything = np.zeros(ns, dtype=bool)
@@ -308,21 +308,21 @@ def _begun(
     for r in going:
         own = np.array(tracks[r].states)[:, order]
         M = len(own) - 1
-        nodes = between(tracks[r], _nodes(tracks[r]), everything)[0][order].T.reshape(-1, s, ns)
+        nodes = interpolate(tracks[r], _nodes(tracks[r]), everything)[0][order].T.reshape(-1, s, ns)
         nodes[:, -1] = own[1:]
         nodes[:, :, nf:] = own[:-1, None, nf:]
-        at = _Found(own[:-1], nodes, np.zeros((M, s, ns)), np.zeros((M, s, ns, ns)), np.ones(M, dtype=bool))
+        at = _StepSolution(own[:-1], nodes, np.zeros((M, s, ns)), np.zeros((M, s, ns, ns)), np.ones(M, dtype=bool))
         if r in known:
             old, parts = known[r]
             whole = parts == 1
             to = (np.cumsum(parts) - parts)[whole]
-            at.begin[to], at.x[to], at.now[to], at.J[to], at.new[to] = vars(old.of(whole)).values()
+            at.begin[to], at.x[to], at.now[to], at.J[to], at.new[to] = vars(old.select(whole)).values()
             at.new[to] = False
         found.append(at)
-    return _Found(*(np.concatenate(of) for of in zip(*(vars(at).values() for at in found), strict=True)))
+    return _StepSolution(*(np.concatenate(of) for of in zip(*(vars(at).values() for at in found), strict=True)))
 
 
-def _write(track: Track, network: MovingNetwork, order: Sequence[int], nf: int, at: _Found, rows: Array) -> None:
+def _write(track: Track, network: MovingNetwork, order: Sequence[int], nf: int, at: _StepSolution, rows: Array) -> None:
     """What was found into a track."""
     back, x, now = np.argsort(order), at.x[rows], at.now[rows]
     ends = np.concatenate([x[:, -1, :nf], now[:, -1, nf:]], axis=1)
@@ -341,7 +341,7 @@ def _nodes(track: Track) -> Array:
     return (T[:-1, None] + np.diff(T)[:, None] * RADAU).ravel()
 
 
-def _steps_of(kept: Sequence[int], course: Course, tracks: Sequence[Track], going: Sequence[int]) -> _Steps:
+def _make_steps(kept: Sequence[int], course: InputCourse, tracks: Sequence[Track], going: Sequence[int]) -> _Steps:
     """Between corners a step has straight inputs, so that those of its ends will do."""
     run, h, columns, start = [], [], [], []
     for r in going:
@@ -363,11 +363,14 @@ def _rates(of: _Run, x: Array, rows: Array, shares: Array, wrt: bool = True) -> 
     given, states, steps = of.given, of.states, of.steps
     n, s, ns = x.shape
     told = {c: (v[rows, :1] + (v[rows, 1:] - v[rows, :1]) * shares).ravel() for c, v in steps.inputs.items()}
-    told |= dict(zip((state.given for state in states), x.reshape(-1, ns).T, strict=True))
+    told |= dict(zip((state.fixed_leaf for state in states), x.reshape(-1, ns).T, strict=True))
     told[ELAPSED] = (steps.h[rows, None] * shares).ravel()
     parameters = {**of.theta, **{c: v for c, v in told.items() if c in given.parameters}}
     points = {c: v for c, v in {**of.theta, **told}.items() if c not in given.parameters}
-    columns, along = tuple(state.known for state in states), tuple(state.given for state in states) if wrt else ()
+    columns, along = (
+        tuple(state.model_column for state in states),
+        tuple(state.fixed_leaf for state in states) if wrt else (),
+    )
     start = steps.start[:, rows, :1] + (steps.start[:, rows, 1:] - steps.start[:, rows, :1]) * shares
     p = given.solved(points, parameters, n * s, columns, along, start.reshape(len(start), -1))
     if not wrt:
@@ -381,7 +384,7 @@ BETWEEN = 8
 hundredth of what the gas bends within a step."""
 
 
-class Flown(NamedTuple):
+class FlightSolution(NamedTuple):
     """What is known of an engine at N records: states (ns, N), the time since the beginning of the step and the moment
     on the tape of the run, (ns + 2, N) in all, and unknowns (nx, N), NaN where it did not get; `lost`: why it did
     not; `loose`: states of its run are only as exact as error-controlled steps are."""
@@ -391,10 +394,10 @@ class Flown(NamedTuple):
     lost: Any = ""
     loose: Any = False
 
-    def at(self, piece: slice) -> Flown:
+    def select(self, piece: slice) -> FlightSolution:
         """Of the records `piece`."""
         lost, loose = (np.asarray(x)[piece] for x in (self.lost, self.loose))
-        return Flown(self.states[:, piece], self.unknowns[:, piece], lost, loose)
+        return FlightSolution(self.states[:, piece], self.unknowns[:, piece], lost, loose)
 
 
 class MovingEngine:
@@ -404,15 +407,15 @@ class MovingEngine:
     def __init__(self, engine: Engine, tolerance: float = TOLERANCE, varied: Sequence[str] = ()):
         self.engine, self.tolerance = engine, tolerance
         network = engine.network
-        self.states = states_of(engine, varied)
+        self.states = transient_states(engine, varied)
         self._follows = np.array([s.follows for s in self.states], dtype=bool)
         # an inertia that a term gives is the rotor's now
-        turning = [s for s in self.states if isinstance(s, Rotor)]
+        turning = [s for s in self.states if isinstance(s, RotorState)]
         self._theirs = {
             n: absent
             for m in remembered(engine, varied)
             for s in turning
-            if s.stands_for(m)
+            if s.represents(m)
             for n, absent in m.absent.items()
         }
         self.network = MovingNetwork(network, self.states)
@@ -423,7 +426,7 @@ class MovingEngine:
                 f"{engine.name}: {held.owner} is to hold {held.column} at once, which no fuel can with an inertia; "
                 "give it lead_s, in seconds, for its time constant"
             )
-        given = network.given_leaf or ""
+        given = network.power_leaf or ""
         for rotor in self.network.rotors.values():
             if given == f"{rotor.shaft}.speed_rpm":
                 raise ValueError(
@@ -431,28 +434,28 @@ class MovingEngine:
                     "that its inertia has nothing to move; let a fuel control meet it (`controls:` with actuator fuel "
                     "and lead_s)"
                 )
-        at_records = Engine(GivenNetwork(network, self.states), engine.declared, engine.path)
-        known = {**engine.moved, **self._theirs}
-        self._given = at_records.at({n: v for n, v in known.items() if n in at_records.parameters})
+        at_records = Engine(FixedStateNetwork(network, self.states), engine.declared, engine.path)
+        known = {**engine.changed_nominals, **self._theirs}
+        self._given = at_records.replace_nominals({n: v for n, v in known.items() if n in at_records.parameters})
 
-    def fly(self, flights: Sequence[Flight]) -> list[Flown]:
+    def fly(self, flights: Sequence[TransientInputs]) -> list[FlightSolution]:
         """What is known at the records of each flight; each begins in its steady state. All flights have the same
         columns."""
         found = []
         for track, flight in zip(self.tracks(flights), flights, strict=True):
-            states, unknowns = between(track, flight.records, self._follows)
+            states, unknowns = interpolate(track, flight.records, self._follows)
             moment = self._moments(track, flight)
             loose = bool(self.network.states) and len(track.time) > 1 and not track.exact
-            found.append(Flown(np.vstack([states, moment]), unknowns, _lost(track), loose))
+            found.append(FlightSolution(np.vstack([states, moment]), unknowns, _failure(track), loose))
         return found
 
-    def tracks(self, flights: Sequence[Flight]) -> list[Track]:
+    def tracks(self, flights: Sequence[TransientInputs]) -> list[Track]:
         """The same step by step."""
         found, course, theta = self.integrated(flights)
         made_exact(self._given, self.network, course, theta, found)
         return found
 
-    def integrated(self, flights: Sequence[Flight]) -> tuple[list[Track], Course, dict[str, Any]]:
+    def integrated(self, flights: Sequence[TransientInputs]) -> tuple[list[Track], InputCourse, dict[str, Any]]:
         """Runs as error-controlled steps leave them, what they were asked for, and parameters that hold throughout."""
         engine = self.engine
         inputs = (*engine.inputs, *engine.optional_inputs)
@@ -462,7 +465,7 @@ class MovingEngine:
             {c: v for c, v in first.items() if c not in inputs},
             sensors=(),
         )
-        course = course_of([told(engine, f) for f in flights])
+        course = make_course([network_inputs(engine, f) for f in flights])
         points = {c: v[course.first] for c, v in course.columns.items()}
         defaults = {**engine.nominal, **engine.optional_inputs, **self._theirs}
         theta = {n: v for n, v in defaults.items() if n not in points}
@@ -476,7 +479,7 @@ class MovingEngine:
         self,
         inputs: Mapping[str, Any],
         parameters: Mapping[str, Any],
-        flown: Flown,
+        flown: FlightSolution,
         *,
         sensors: Sequence[str],
         also: Sequence[str] = (),
@@ -485,7 +488,7 @@ class MovingEngine:
         states, unknowns, lost = flown.states, flown.unknowns, flown.lost
         names = [u.name for u in self.network.unknowns()]
         start = unknowns[[names.index(u.name) for u in self._given.unknowns]]
-        given = dict(zip((*(s.given for s in self.states), ELAPSED, MOMENT), states, strict=True))
+        given = dict(zip((*(s.fixed_leaf for s in self.states), ELAPSED, MOMENT), states, strict=True))
         if MOMENT not in self._given.optional_inputs:
             del given[MOMENT]
         found = self._given.predict({**inputs, **given}, parameters, sensors=sensors, start=start, also=also)
@@ -498,7 +501,7 @@ class MovingEngine:
         reasons = {k: found.reason(k) for k in np.flatnonzero(status).tolist()}
         return replace(found, status=status, _reasons=reasons | {k: str(why[k]) for k in away.tolist()})
 
-    def _moments(self, track: Track, flight: Flight) -> Array:
+    def _moments(self, track: Track, flight: TransientInputs) -> Array:
         """Where the records of a flight (N,) stand on the tape of its run, whose past readings remember; NO_MOMENT
         where nothing is remembered, or the run did not get."""
         moment = np.full(len(flight.records), NO_MOMENT)
@@ -508,9 +511,9 @@ class MovingEngine:
         reached = flight.records <= ends[-1]
         within = np.interp(np.arange(BETWEEN * (len(ends) - 1) + 1) / BETWEEN, np.arange(len(ends)), ends)
         time = np.union1d(within, np.concatenate([flight.time[flight.time <= ends[-1]], flight.records[reached]]))
-        states, _ = between(track, time, self._follows)
+        states, _ = interpolate(track, time, self._follows)
         columns = {c: np.interp(time, flight.time, v) for c, v in flight.columns.items()}
-        columns |= dict(zip((*(s.given for s in self.states), ELAPSED), states, strict=True))
+        columns |= dict(zip((*(s.fixed_leaf for s in self.states), ELAPSED), states, strict=True))
         on_tape = self._given.tapes.add({**columns, "time_s": time})
         moment[reached] = on_tape[np.searchsorted(time, flight.records[reached])]
         return moment
@@ -521,7 +524,7 @@ class MovingEngine:
         return np.reshape([np.broadcast_to(value(s.value(e)), (x.shape[1],)) for s in self.states], (-1, x.shape[1]))
 
 
-def _lost(track: Track) -> str:
+def _failure(track: Track) -> str:
     if track.stopped == np.inf:
         return ""
     if track.stopped == -np.inf:

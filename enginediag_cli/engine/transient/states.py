@@ -31,13 +31,22 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.engine.controls import AT_LIMIT, Control, Governor, Held, Pace, between_stops, minimum, selected
+from enginediag_cli.engine.controls import (
+    AT_LIMIT,
+    Control,
+    Governor,
+    Pace,
+    SetPointControl,
+    minimum,
+    select_middle,
+    selected,
+)
 from enginediag_cli.engine.dual import Array, Value, maximum, value
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.evaluation import Evaluation, Hooks
-from enginediag_cli.engine.filters import Clock, Following, Integrated, WithStates
+from enginediag_cli.engine.filters import DynamicFilter, FilterClock, Following, Integrated
 from enginediag_cli.engine.network import Network
-from enginediag_cli.engine.recall import Memory, asked_for
+from enginediag_cli.engine.recall import Memory, demanded_power
 from enginediag_cli.parameters import spelled
 from enginediag_cli.units import RAD_S_PER_RPM
 
@@ -47,7 +56,7 @@ ELAPSED = "elapsed_s"
 """Leaf with the time since the beginning of the step, s."""
 
 
-class State(ABC):
+class TransientState(ABC):
     """One state, called `name`, in `unit`."""
 
     name: str
@@ -65,7 +74,7 @@ class State(ABC):
         return f"{self.name}.base"
 
     @property
-    def given(self) -> str:
+    def fixed_leaf(self) -> str:
         """The leaf with what is known of it at a record."""
         return self.base if self.follows else self.name
 
@@ -78,7 +87,7 @@ class State(ABC):
         """x (N,) at the solution of a stage, or of a steady engine."""
 
     @property
-    def known(self) -> str:
+    def model_column(self) -> str:
         """Model column, where the state is given, with how fast it changes; of what follows, with what it is."""
         return f"{self.name}.known"
 
@@ -89,7 +98,7 @@ class State(ABC):
     def slope(self, e: Evaluation) -> Value:
         """dx/dt (N,) at a solution where it is given."""
 
-    def stands_for(self, memory: Memory) -> bool:
+    def represents(self, memory: Memory) -> bool:
         """Whether it is what a term remembers."""
         return False
 
@@ -102,12 +111,12 @@ class State(ABC):
         `leaves`: inputs and parameters of the step."""
         return np.zeros(x.shape[1])
 
-    def moved(self, x: Array, names: Sequence[str], before: Array, after: Array) -> Array:
+    def extrapolate(self, x: Array, names: Sequence[str], before: Array, after: Array) -> Array:
         """x (N,) behind a last small move of the unknowns `names`, from `before` (nx, N) to `after`."""
         return x
 
 
-class Rotor(State):
+class RotorState(TransientState):
     """P_turbine η_m = P_compressor + P_offtake + I ω dω/dt; the state is ω, rad/s.
 
     Source: Walsh and Fletcher, Gas Turbine Performance, 2nd ed. 2004, ch. 8.
@@ -121,9 +130,9 @@ class Rotor(State):
         self.name, self.words = f"{shaft}.omega", f"{shaft} speed"
 
     def install(self, hooks: Hooks, network: Network) -> None:
-        hooks.leaves.setdefault(f"{self.shaft}.power_offtake_W", []).append(self._taken)
+        hooks.leaves.setdefault(f"{self.shaft}.power_offtake_W", []).append(self._offtake)
 
-    def stands_for(self, memory: Memory) -> bool:
+    def represents(self, memory: Memory) -> bool:
         return memory.turns == self.shaft
 
     def value(self, e: Evaluation) -> Value:
@@ -132,22 +141,22 @@ class Rotor(State):
     def power(self, x: Array, slope: Array) -> Array:
         return self.inertia_kg_m2 * x * slope
 
-    def moved(self, x: Array, names: Sequence[str], before: Array, after: Array) -> Array:
+    def extrapolate(self, x: Array, names: Sequence[str], before: Array, after: Array) -> Array:
         k = names.index(f"{self.shaft}.corrected_speed")
         return x * (after[k] / before[k])
 
     def acceleration(self, e: Evaluation) -> Value:
         """dω/dt (N,) in rad/s²: of a stage, or, where the speed is given, from the power that is left over."""
         omega = self.value(e)
-        if e.has(self.base):
+        if e.has_leaf(self.base):
             return (omega - e[self.base]) / e[STEP]
         return e.outputs[surplus_column(self.shaft)] / (omega * self.inertia_kg_m2)
 
     def slope(self, e: Evaluation) -> Value:
         return self.acceleration(e)
 
-    def _taken(self, e: Evaluation, load_W: Value) -> Value:
-        if not e.has(self.base):
+    def _offtake(self, e: Evaluation, load_W: Value) -> Value:
+        if not e.has_leaf(self.base):
             return load_W
         omega = self.value(e)
         return load_W + omega * ((omega - e[self.base]) / e[STEP]) * self.inertia_kg_m2
@@ -158,7 +167,7 @@ def surplus_column(shaft: str) -> str:
     return f"{shaft}_surplus_W"
 
 
-class Actuator(State):
+class ActuatorState(TransientState):
     """τ d ln x/dt = −F of fuel, τ du/dt = −F of a position u between stops, and |dx/dt| at most the rate; F, which the
     control brings to zero, rises with the position. With a rate alone F = 0 holds wherever it can be reached from where
     the actuator stood at the beginning of the step. Where neither is given there is no state."""
@@ -192,11 +201,13 @@ class Actuator(State):
     def hurried(self, e: Evaluation, network: Network) -> Array:
         """Where the actuator is on its way as fast as it can (N,); unknown where the control has a time constant."""
         pace, control = self.control.pace, self.control
-        if not pace.rate_per_s or pace.time_constant_s or not isinstance(control, (Governor, Held)):
+        if not pace.rate_per_s or pace.time_constant_s or not isinstance(control, (Governor, SetPointControl)):
             return np.zeros(e.size, dtype=bool)
         surplus = value(selected(control.aim, control.limits, e, network))
         stopped = (
-            np.any(list(control.stops.acting(e, AT_LIMIT).values()), axis=0) if isinstance(control, Held) else False
+            np.any(list(control.stops.acting(e, AT_LIMIT).values()), axis=0)
+            if isinstance(control, SetPointControl)
+            else False
         )
         return (np.abs(surplus) > AT_LIMIT) & ~np.asarray(stopped)
 
@@ -207,8 +218,8 @@ class Actuator(State):
         pace = self.control.pace
         if self.follows:
             moved, reach = (x - e[self.base]) / size, e[ELAPSED] * self._rate / size
-            return between_stops(moved + reach, reach - moved, surplus)
-        if not e.has(self.base):
+            return select_middle(moved + reach, reach - moved, surplus)
+        if not e.has_leaf(self.base):
             e.signals[self.name] = surplus
             return (x - e[self.name]) / size
         moved = (x - e[self.base]) / size
@@ -216,7 +227,7 @@ class Actuator(State):
         if not pace.rate_per_s:
             return total
         reach = e[STEP] * self._rate / size
-        return between_stops(moved + reach, reach - moved, total)
+        return select_middle(moved + reach, reach - moved, total)
 
     def slope(self, e: Evaluation) -> Value:
         size = self.value(e) if self.governs else 1.0
@@ -230,29 +241,29 @@ class Actuator(State):
         return np.asarray(np.maximum(moved.max(axis=0), 0.0))
 
 
-class Remembered(State):
+class MemoryState(TransientState):
     """State `number` of a memory's filter, in the unit of its signal, which it is equal to in equilibrium."""
 
     def __init__(self, memory: Memory, number: int, network: Network):
         filter = memory.filter
-        if not isinstance(filter, WithStates):
+        if not isinstance(filter, DynamicFilter):
             raise TypeError(f"what {memory.name} remembers has no states")
         self.memory, self.number, self.filter = memory, number, filter
         self.follows = isinstance(filter, Following)
         self.beside = tuple(f"{memory.name}.state_{k + 1}" for k in range(filter.STATES))
         self.name = self.beside[number]
         self.words, self.unit = spelled(memory.name), ""
-        self.leaf = network.leaf_of(memory.column) if memory.column else memory.name
+        self.leaf = network.input_leaf(memory.column) if memory.column else memory.name
 
     def install(self, hooks: Hooks, network: Network) -> None:
         if self.number:
             return  # the first one speaks for all
         held = hooks.leaves.setdefault(self.leaf, [])
-        filtered = Filtering([Remembered(self.memory, k, network) for k in range(self.filter.STATES)])
+        filtered = Filtering([MemoryState(self.memory, k, network) for k in range(self.filter.STATES)])
         # what the network is told comes before effects on it, one memory behind the other
         held.insert(sum(isinstance(hook, Filtering) for hook in held), filtered)
 
-    def stands_for(self, memory: Memory) -> bool:
+    def represents(self, memory: Memory) -> bool:
         return memory is self.memory
 
     def value(self, e: Evaluation) -> Value:
@@ -276,14 +287,14 @@ class Filtering:
 
     `states`: all of one filter."""
 
-    def __init__(self, states: Sequence[Remembered]):
+    def __init__(self, states: Sequence[MemoryState]):
         self.states, self.memory = tuple(states), states[0].memory
 
     def __call__(self, e: Evaluation, x: Value) -> Value:
         m, filter = self.memory, self.states[0].filter
         signal = x if m.column else e.signals[m.name]
         coefficients = [e[c] for c in m.coefficients]
-        if e.has(self.states[0].base):
+        if e.has_leaf(self.states[0].base):
             step = e[ELAPSED] if self.states[0].follows else e[STEP]
             states = filter.stage(signal, [e[s.base] for s in self.states], step, coefficients)
         else:
@@ -302,11 +313,11 @@ def remembered(engine: Engine, varied: Sequence[str] = ()) -> tuple[Memory, ...]
     )
 
 
-def states_of(engine: Engine, varied: Sequence[str] = ()) -> tuple[State, ...]:
+def transient_states(engine: Engine, varied: Sequence[str] = ()) -> tuple[TransientState, ...]:
     """Rotors whose speed follows from a balance of power, actuators that do not follow at once, and filters of terms.
     What the reading of one sensor remembers is no state: it is filtered along the run. Raises ValueError for an inertia
     that is given twice, and for a term that needs a state and has none."""
-    network, found = engine.network, list[State]()
+    network, found = engine.network, list[TransientState]()
     memories = remembered(engine, varied)
     inertias = {n: s["inertia_kg_m2"] for n, s in network.shafts.items() if s["inertia_kg_m2"] > 0.0}
     for m in memories:
@@ -320,17 +331,17 @@ def states_of(engine: Engine, varied: Sequence[str] = ()) -> tuple[State, ...]:
     inertias |= {m.turns: engine.nominal[m.coefficients[0]] for m in memories if m.turns}
     for name, shaft in network.shafts.items():
         if name in inertias and shaft["speed"] == "balance":
-            found.append(Rotor(name, inertias[name]))
-    found += [Actuator(c, network) for c in network.controls if c.pace != Pace()]
+            found.append(RotorState(name, inertias[name]))
+    found += [ActuatorState(c, network) for c in network.controls if c.pace != Pace()]
     for m in memories:
-        if m.sensor or any(s.stands_for(m) for s in found):
+        if m.sensor or any(s.represents(m) for s in found):
             continue
         if not m.filter.STATES and not m.column and not m.recorded:
             raise ValueError(
                 f"{engine.name}: what {m.name} remembers acts back on the engine, and its filter has no states to be "
                 "integrated; take every record as steady with --steady, or leave the term out"
             )
-        found += [Remembered(m, k, network) for k in range(m.filter.STATES)]
+        found += [MemoryState(m, k, network) for k in range(m.filter.STATES)]
     return tuple(found)
 
 
@@ -339,7 +350,7 @@ STRAIGHT = 1e-6
 
 
 @dataclass(frozen=True)
-class Course:
+class InputCourse:
     """Corners of all runs one after the other: `time` (C,) s, columns (C,) by name; run r has corners `first[r]` to
     `last[r]`, both included."""
 
@@ -348,14 +359,14 @@ class Course:
     first: Array
     last: Array
 
-    def at(self, corner: Array, time: Array) -> dict[str, Array]:
+    def evaluate(self, corner: Array, time: Array) -> dict[str, Array]:
         """Columns (n,) at `time` (n,), each between its `corner` (n,) and the next one."""
         span = self.time[corner + 1] - self.time[corner]
         share = (time - self.time[corner]) / span
         return {c: v[corner] + (v[corner + 1] - v[corner]) * share for c, v in self.columns.items()}
 
 
-def course_of(runs: Sequence[tuple[Array, Mapping[str, Array]]]) -> Course:
+def make_course(runs: Sequence[tuple[Array, Mapping[str, Array]]]) -> InputCourse:
     """From rising times (C,) and columns (C,) of each run; every run has two corners at least."""
     names = list(runs[0][1])
     scale = {c: max(max(float(np.abs(of[c]).max(initial=0.0)) for _, of in runs), 1e-300) for c in names}
@@ -372,7 +383,7 @@ def course_of(runs: Sequence[tuple[Array, Mapping[str, Array]]]) -> Course:
         total += len(kept)
         last.append(total - 1)
     table = {c: np.concatenate([of[c] for of in columns]) for c in names}
-    return Course(np.concatenate(times), table, np.array(first), np.array(last))
+    return InputCourse(np.concatenate(times), table, np.array(first), np.array(last))
 
 
 def corners(time: Array, table: Array) -> Array:
@@ -401,21 +412,21 @@ class MovingNetwork(Network):
     """A network in a stage of the integration: its unknowns and balances are those of the steady engine, the balances
     with what the states take up."""
 
-    def __init__(self, network: Network, states: Sequence[State]):
+    def __init__(self, network: Network, states: Sequence[TransientState]):
         self.__dict__.update(vars(network))
         self.states = tuple(states)
-        self.paces = {s.control: s for s in states if isinstance(s, Actuator)}
-        self.rotors = {s.shaft: s for s in states if isinstance(s, Rotor)}
+        self.paces = {s.control: s for s in states if isinstance(s, ActuatorState)}
+        self.rotors = {s.shaft: s for s in states if isinstance(s, RotorState)}
         carried = network.hooks or Hooks()
         self.hooks = Hooks(
             {k: list(v) for k, v in carried.leaves.items()},
             {k: list(v) for k, v in carried.stations.items()},
             {k: list(v) for k, v in carried.readings.items()},
-            [m for m in carried.memories if not any(s.stands_for(m) for s in states)],
+            [m for m in carried.memories if not any(s.represents(m) for s in states)],
             list(carried.solved),
         )
         # an effect whose memory is a state is there, whatever it remembers
-        self._own = {s.memory.name for s in states if isinstance(s, Remembered)}
+        self._own = {s.memory.name for s in states if isinstance(s, MemoryState)}
         for state in states:
             state.install(self.hooks, self)
 
@@ -437,17 +448,17 @@ class MovingNetwork(Network):
         return np.reshape([s.power(x, d) for s, x, d in zip(self.states, states, slopes, strict=True)], states.shape)
 
 
-class GivenNetwork(MovingNetwork):
+class FixedStateNetwork(MovingNetwork):
     """The same where all states are given: speeds are no unknowns, and what their balances leave is a column."""
 
-    def __init__(self, network: Network, states: Sequence[State]):
+    def __init__(self, network: Network, states: Sequence[TransientState]):
         super().__init__(network, states)
         self.shafts = {n: {**s, "speed": "given"} if n in self.rotors else s for n, s in self.shafts.items()}
         self._unknowns = None
-        self.known = {s.known: s for s in self.states}
+        self.known = {s.model_column: s for s in self.states}
 
     def inputs(self) -> dict[str, float | None]:
-        return super().inputs() | {s.given: None for s in self.states} | {ELAPSED: None}
+        return super().inputs() | {s.fixed_leaf: None for s in self.states} | {ELAPSED: None}
 
     def leaves(
         self, inputs: Mapping[str, Value], parameters: Mapping[str, Value], x: Mapping[str, Value]
@@ -457,10 +468,10 @@ class GivenNetwork(MovingNetwork):
             found[f"{name}.speed_rpm"] = inputs[rotor.name] * (1.0 / RAD_S_PER_RPM)
         return found
 
-    def leaf_of(self, column: str) -> str:
+    def input_leaf(self, column: str) -> str:
         """A rotor that is given sets its shaft's speed."""
         found = next((name for name, rotor in self.rotors.items() if rotor.name == column), None)
-        return super().leaf_of(column) if found is None else f"{found}.speed_rpm"
+        return super().input_leaf(column) if found is None else f"{found}.speed_rpm"
 
     def read(self, e: Evaluation, column: str) -> Value:
         state = self.known.get(column)
@@ -483,7 +494,7 @@ BEND = 16
 
 
 @dataclass(frozen=True)
-class Flight:
+class TransientInputs:
     """What one engine is asked for: columns (C,) of inputs and, where they are not nominal, parameters at rising
     `time` (C,) s, straight between; `records` (N,): times at which its states are wanted."""
 
@@ -496,7 +507,7 @@ def _numbers(values: Mapping[str, Any], names: Sequence[str]) -> list[float]:
     return [float(np.mean(values[n])) for n in names]
 
 
-def told(engine: Engine, flight: Flight) -> tuple[Array, dict[str, Array]]:
+def network_inputs(engine: Engine, flight: TransientInputs) -> tuple[Array, dict[str, Array]]:
     """Times and columns of a flight as the network reads them: the power that a set point asks for, and columns that
     come through a filter without states (a delay)."""
     network, time = engine.network, flight.time
@@ -505,21 +516,23 @@ def told(engine: Engine, flight: Flight) -> tuple[Array, dict[str, Array]]:
         time, columns = _at(np.interp(np.arange((len(time) - 1) * BEND + 1) / BEND, np.arange(len(time)), time), flight)
         theta = {**engine.nominal, **columns}
         asked = dict(zip(network.demand.names, _numbers(theta, network.demand.names), strict=True))
-        columns[network.power_setting] = asked_for(engine, columns, {**theta, **asked}, (), len(time)).value
+        columns[network.power_setting] = demanded_power(engine, columns, {**theta, **asked}, (), len(time)).value
         del columns[network.demand.column]
     for m in remembered(engine, tuple(columns)):
         if not m.column or m.filter.STATES or m.column not in columns:
             continue
         coefficients = _numbers({**engine.nominal, **columns}, m.coefficients)
-        now = Flight(time, columns, flight.records)
+        now = TransientInputs(time, columns, flight.records)
         bends = m.filter.bends(time, coefficients)
         time, columns = _at(np.union1d(time, bends[(bends > time[0]) & (bends < time[-1])]), now)
         first = np.zeros(len(time), dtype=bool)
         first[0] = True
         signal = columns[m.column]
-        columns[m.column] = signal + m.filter(Clock(time, first), signal, np.zeros((0, len(time))), coefficients).value
+        columns[m.column] = (
+            signal + m.filter(FilterClock(time, first), signal, np.zeros((0, len(time))), coefficients).value
+        )
     return time, columns
 
 
-def _at(time: Array, flight: Flight) -> tuple[Array, dict[str, Array]]:
+def _at(time: Array, flight: TransientInputs) -> tuple[Array, dict[str, Array]]:
     return time, {c: np.interp(time, flight.time, v) for c, v in flight.columns.items()}

@@ -74,7 +74,7 @@ class Prices:
             return self.own[option.label]
         if option.kind not in (EFFECT, FORMULA_OPTION):
             return self._change
-        more = sum(len(e.amplitudes) - 1 for e in option.hypothesis.effects if e.tried)
+        more = sum(len(e.amplitudes) - 1 for e in option.hypothesis.effects if e.trial_names)
         return self._effect + 0.5 * MEMORY_PRICE * more
 
     def evidence(self, trial: HypothesisFit) -> float:

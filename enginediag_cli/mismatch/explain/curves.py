@@ -70,7 +70,7 @@ def _fitted(base: IdentifiedHypothesis, objective: float, cell: Cell, along: Nui
     N = len(driver.values)
     columns = np.ones((N, 1)) if driver.driver == CONSTANT else polynomials(driver.values, DEGREE)
     through = (place.through,) if place.through is not None else ()
-    engine = base.evidence.engine.with_effects((*base.evidence.engine.effects, *through))
+    engine = base.evidence.engine.replace_effects((*base.evidence.engine.effects, *through))
     parameter = engine.parameters[place.parameter]
     curves = {f"{driver.name} {j + 1}": c for j, c in enumerate(columns.T)}
     sought = tuple(Discrepancy(place.parameter, key, parameter.prior_sigma) for key in curves)

@@ -140,7 +140,7 @@ def _begun(explanation: Explanation) -> Hypothesis:
     for e in h.effects:
         names = {c.name: e.parameter_name(c.name) for c in e.term.amplitudes()}
         found = {c: values[n] for c, n in names.items() if n in values}
-        effects.append(replace(e, values={**e.values, **found}) if e.tried else e)
+        effects.append(replace(e, values={**e.values, **found}) if e.trial_names else e)
     return replace(h, effects=tuple(effects))
 
 

@@ -35,7 +35,7 @@ from enginediag_cli.mismatch.fit.response import response_error
 from enginediag_cli.mismatch.fit.share import every_so_often
 from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.parallel import parallel_map
-from enginediag_cli.physics.registry import candidates
+from enginediag_cli.physics.registry import candidate_effects
 from enginediag_cli.progress import each
 
 ALIAS = 6.0
@@ -68,7 +68,7 @@ class Fits:
 
     def __init__(self, evidence: Dataset, effects: Sequence[Effect] | None = None):
         self.evidence = evidence
-        self.effects = list(candidates(evidence.engine)) if effects is None else list(effects)
+        self.effects = list(candidate_effects(evidence.engine)) if effects is None else list(effects)
         self.along = nuisance(evidence)
         self.onward = False
         self.detect = self.adequate = Gates()

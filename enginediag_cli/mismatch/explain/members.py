@@ -8,7 +8,7 @@ from enginediag_cli.drivers import TIME
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.options import EFFECT, FORMULA_OPTION, FREE, Option, effect_option
 from enginediag_cli.mismatch.fit.trial import HypothesisFit
-from enginediag_cli.physics.registry import each
+from enginediag_cli.physics.registry import separate_effects
 
 MOST_MEMBERS = 6
 """Options that may act together at most. Judgement: more together is better told as unlisted physics."""
@@ -42,13 +42,13 @@ def _what(option: Option) -> tuple[str, ...]:
 def at_once(trial: HypothesisFit) -> int:
     """At how many places anything acts."""
     effects = (e for o in trial.options for e in o.hypothesis.effects)
-    return sum(len(each(e)) for e in effects) + sum(bool(o.hypothesis.discrepancies) for o in trial.options)
+    return sum(len(separate_effects(e)) for e in effects) + sum(bool(o.hypothesis.discrepancies) for o in trial.options)
 
 
 def law_places(trial: HypothesisFit) -> int:
     """At how many places it has laws."""
     return len(
-        {n for o in trial.options if o.kind == FORMULA_OPTION for e in o.hypothesis.effects for n in e.site.acts_on}
+        {n for o in trial.options if o.kind == FORMULA_OPTION for e in o.hypothesis.effects for n in e.site.targets}
     )
 
 

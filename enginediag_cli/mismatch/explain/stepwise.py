@@ -37,7 +37,7 @@ from enginediag_cli.mismatch.explain.pairs import EXTENDED, best_pairs, forward
 from enginediag_cli.mismatch.fit.freeform import Cell
 from enginediag_cli.mismatch.fit.options import FORMULA_OPTION, FREE, OptionScore
 from enginediag_cli.mismatch.fit.trial import HypothesisFit
-from enginediag_cli.physics.registry import kinds_of_places
+from enginediag_cli.physics.registry import shared_effects
 
 PAIRS = 4
 """Pairs that are refitted, best by score first, as of single options (`SHORTLIST`)."""
@@ -71,7 +71,7 @@ class Stepwise:
         self.deciding = Deciding(self.sets, best, proposers)
         self.proposers, self.least = tuple(proposers), least
         effects = [e for o in fits.library for e in o.hypothesis.effects]
-        self.places = kinds_of_places(effects, fits.evidence.engine.network)
+        self.places = shared_effects(effects, fits.evidence.engine.network)
 
     def named(self, singles: Sequence[HypothesisFit], scores: Sequence[OptionScore]) -> list[Explanation]:
         """The alias set of pairs, or of the larger sets that grow from them; empty when none is adequate. `singles`:

@@ -56,7 +56,7 @@ def attempt(
 def _one_behind_the_other(options: Sequence[Option]) -> bool:
     """Whether two of the options remember and act on the same thing; a law follows what both leave."""
     effects = [e for o in options if o.kind != FORMULA_OPTION for e in o.hypothesis.effects if remembered(e)]
-    acts_on = [n for e in effects for n in e.site.acts_on]
+    acts_on = [n for e in effects for n in e.site.targets]
     return len(acts_on) > len(set(acts_on))
 
 
@@ -86,7 +86,7 @@ def _evened(option: Option, theta: Mapping[str, float]) -> Option | None:
     """The option begun with all sizes alike, where one of them ended far below another; None elsewhere."""
     for e in option.hypothesis.effects:
         found = [theta[n] for n in e.sizes]
-        if e.tried and len(found) > 1 and min(found) < LEFT_BEHIND * max(found):
+        if e.trial_names and len(found) > 1 and min(found) < LEFT_BEHIND * max(found):
             alike = {c.name: max(found) for c in e.term.amplitudes() if not c.free}
             return replace(option, hypothesis=Hypothesis((replace(e, values={**e.values, **alike}),)))
     return None
@@ -98,7 +98,7 @@ def begun(effects: Sequence[Effect], found: IdentifiedHypothesis) -> list[Option
     projection = Projection(found)
     best = []
     for effect in effects:
-        scores = option_scores(found, projection, effect_options([effect])) if effect.tried else []
+        scores = option_scores(found, projection, effect_options([effect])) if effect.trial_names else []
         told = max(scores, key=lambda s: s.score.statistic if s.feasible else -1.0, default=None)
         best.append(told.option if told is not None else effect_option(effect))
     return best

@@ -23,7 +23,7 @@ class Columns:
         self.found = found
         self.at = {n: j for j, n in enumerate(dict.fromkeys(names))}
         self._model = ExtendedModel(
-            engine.with_effects((*engine.effects, *found.hypothesis.effects, *further.values())),
+            engine.replace_effects((*engine.effects, *found.hypothesis.effects, *further.values())),
             found.model.discrepancies,
             like=found.model,
         )

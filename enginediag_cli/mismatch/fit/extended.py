@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.wrapped import Question, WarmEngine, WrappedModel
+from enginediag_cli.engine.wrapped import PredictionRequest, WarmEngine, WrappedModel
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.physics.registry import term, term_names
 
@@ -68,7 +68,7 @@ class ExtendedModel(WrappedModel):
             d.name, "discrepancy", 0.0, d.lower, d.upper, d.sigma, p.unit, told, p.component, p.quantity, words, p.part
         )
 
-    def _answer(self, asked: Question) -> Any:
+    def _predict(self, asked: PredictionRequest) -> Any:
         """At parameters that follow the curves, and along these."""
         theta, inputs = dict(asked.parameters), asked.inputs
         for name, c in asked.own.items():
@@ -80,7 +80,7 @@ class ExtendedModel(WrappedModel):
         sought = [self._discrepancies[name] for name in asked.wrt if name in self._discrepancies]
         slopes = {d.name: np.asarray(inputs[d.curve], float) for d in sought}
         like = {d.name: d.target for d in sought}
-        return self._ask_along(asked, like, slopes, inputs=plain, parameters=theta)
+        return self._predict_inner_scaled(asked, like, slopes, inputs=plain, parameters=theta)
 
     @property
     def discrepancies(self) -> tuple[Discrepancy, ...]:

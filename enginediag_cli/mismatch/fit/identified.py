@@ -16,7 +16,7 @@ from enginediag_cli.identification.problem import IdentificationSettings, Proble
 from enginediag_cli.mismatch.fit.evidence import Dataset
 from enginediag_cli.mismatch.fit.extended import NUMBER, Discrepancy, ExtendedModel
 from enginediag_cli.mismatch.fit.nuisance import constants, floor, found_floor, read_wrong
-from enginediag_cli.physics.registry import own_drivers
+from enginediag_cli.physics.registry import library_drivers
 from enginediag_cli.progress import stage
 
 TOLERANCE = 0.03  # standard errors from the optimum: 0.001 of χ²
@@ -149,7 +149,7 @@ def driver_values(evidence: Dataset, theta: Mapping[str, float]) -> list[DriverV
     engine = evidence.engine
     at = {n: v for n, v in theta.items() if n in engine.parameters}
     recorded = {c: stack_column(evidence, c) for c in evidence.drivers}
-    return drivers(engine, input_values(evidence), at, recorded, own_drivers())
+    return drivers(engine, input_values(evidence), at, recorded, library_drivers())
 
 
 @dataclass(frozen=True)
@@ -287,7 +287,7 @@ def problem_with(
     s = evidence.settings
     effects = (*evidence.engine.effects, *hypothesis.effects)
     discrepancies = (*along.discrepancies, *hypothesis.discrepancies)
-    model = ExtendedModel(evidence.engine.with_effects(effects), discrepancies, like=start.model if start else None)
+    model = ExtendedModel(evidence.engine.replace_effects(effects), discrepancies, like=start.model if start else None)
     curves = {**along.curves, **hypothesis.curves}
     names = [*along.sigma, *(d.name for d in discrepancies), *(a for e in hypothesis.effects for a in e.amplitudes)]
     recorded = [c for c in evidence.noise.sigma if c in evidence.engine.sensors]
@@ -338,7 +338,9 @@ def _recordings(evidence: Dataset, curves: Mapping[str, np.ndarray]) -> list[Tra
 
 def _absent(hypothesis: Hypothesis) -> dict[str, float]:
     """Amplitudes of the effects that are tried at some size: where they are absent."""
-    return {e.parameter_name(c.name): c.absent for e in hypothesis.effects if e.tried for c in e.term.amplitudes()}
+    return {
+        e.parameter_name(c.name): c.absent for e in hypothesis.effects if e.trial_names for c in e.term.amplitudes()
+    }
 
 
 def _begun(problem: Problem, hypothesis: Hypothesis) -> tuple[np.ndarray, np.ndarray] | None:

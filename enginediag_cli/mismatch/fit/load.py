@@ -189,7 +189,7 @@ def _described(engine: Engine, baseline: Baseline | None) -> EngineDescription:
     """The engine's text: of the file that was named, or what travels in the nominal file."""
     if baseline is not None and baseline.nominal.description is not None:
         return baseline.nominal.description
-    return EngineDescription.of(engine.path, engine.declared)
+    return EngineDescription.from_engine_file(engine.path, engine.declared)
 
 
 def _with_errors_of(evidence: Dataset, own: Dataset) -> Dataset:
@@ -246,7 +246,7 @@ def build_dataset(
     )
     held = {n: v for n, v in theta0.items() if n not in sigma}
     return Dataset(
-        engine.at(held),
+        engine.replace_nominals(held),
         tuple(flights),
         _noise(engine, sensors, stated, nominal, block),
         settings,
@@ -334,9 +334,11 @@ def _matched(engine: Engine, patterns: Sequence[str], where: str) -> list[str]:
 def _check_limits(engine: Engine, limits: Mapping[str, float]) -> None:
     """Raises DataError for a limit of something that is no coefficient of an effect of this engine, or one that would
     forbid the effect's absence."""
-    from enginediag_cli.physics.registry import candidates
+    from enginediag_cli.physics.registry import candidate_effects
 
-    known = {e.parameter_name(c.name): c for e in (*engine.effects, *candidates(engine)) for c in e.term.COEFFICIENTS}
+    known = {
+        e.parameter_name(c.name): c for e in (*engine.effects, *candidate_effects(engine)) for c in e.term.COEFFICIENTS
+    }
     for name, value in limits.items():
         if name not in known:
             raise DataError(

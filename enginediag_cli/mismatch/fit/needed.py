@@ -38,4 +38,4 @@ def _beside_its_shape(trial: HypothesisFit, option: Option) -> float:
 
 
 def _acts_on(option: Option) -> list[str]:
-    return [n for e in option.hypothesis.effects for n in e.site.acts_on]
+    return [n for e in option.hypothesis.effects for n in e.site.targets]

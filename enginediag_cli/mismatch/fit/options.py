@@ -85,10 +85,10 @@ def effect_options(effects: Iterable[Effect]) -> list[Option]:
     found: list[Option] = []
     for effect in effects:
         option = effect_option(effect)
-        for tried, values in zip(effect.tried, effect.term.TRIALS, strict=True):
+        for tried, values in zip(effect.trial_names, effect.term.TRIALS, strict=True):
             begun = replace(effect, values={**effect.values, **values})
             found.append(replace(option, hypothesis=Hypothesis((begun,)), tried=tried))
-        if not effect.tried:
+        if not effect.trial_names:
             found.append(option)
     return found
 

@@ -48,7 +48,7 @@ class HypothesisFit:
     def weighed(self) -> float:
         """The objective by which explanations are put in order: with a price for what makes one kind of memory another
         (the second of two lags), which always gains a little."""
-        more = (len(e.amplitudes) - 1 for e in self.hypothesis.effects if e.tried)
+        more = (len(e.amplitudes) - 1 for e in self.hypothesis.effects if e.trial_names)
         return self.objective + MEMORY_PRICE * sum(more)
 
     @cached_property
@@ -56,7 +56,9 @@ class HypothesisFit:
         """Coefficients of the options that ended at a physical bound."""
         held = dict(zip(self.found.problem.names, self.found.fit.at_bound, strict=True))
         # of two rates one may have no limit: that is no bound that holds the fit
-        absent = {n for e in self.hypothesis.effects if e.tried and not all(held[s] for s in e.sizes) for n in e.sizes}
+        absent = {
+            n for e in self.hypothesis.effects if e.trial_names and not all(held[s] for s in e.sizes) for n in e.sizes
+        }
         closed = {e.parameter_name(c.name) for e in self.hypothesis.effects for c in e.term.COEFFICIENTS if c.closed}
         return tuple(n for n in self.hypothesis.names if held[n] and n not in absent | closed)
 
@@ -100,7 +102,7 @@ class HypothesisFit:
         from which on they would; where they tell one end only, the other lies where χ² has risen (`plateau`)."""
         found = {n: (v - NORMAL_95 * s, v + NORMAL_95 * s) for n, (v, s) in self.coefficients.items()}
         parameters = self.found.model.parameters
-        for n in (n for e in self.hypothesis.effects if e.tried for n in e.amplitudes):
+        for n in (n for e in self.hypothesis.effects if e.trial_names for n in e.amplitudes):
             p, (low, high) = parameters[n], found[n]
             found[n] = max(low, p.lower), min(high, p.upper)
             if self.coefficients[n][1] > UNTOLD * p.prior_sigma and self._absent.get(n) == p.lower:
@@ -116,7 +118,7 @@ class HypothesisFit:
         return {
             e.parameter_name(c.name): c.absent
             for e in self.hypothesis.effects
-            if e.tried
+            if e.trial_names
             for c in e.term.amplitudes()
             if not c.free
         }
@@ -130,7 +132,7 @@ class HypothesisFit:
         wider: dict[str, tuple[float, float]] = {}
         free = dict(zip(problem.names, self.projection.free[: len(problem.names)], strict=True))
         for e in self.hypothesis.effects:
-            names = [n for n in e.amplitudes if free[n]] if e.tried else []
+            names = [n for n in e.amplitudes if free[n]] if e.trial_names else []
             if not names:
                 continue
             scale = problem.prior_sigma[[problem.names.index(n) for n in names]]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice
 
-from enginediag_cli.engine.wrapped import apart
+from enginediag_cli.engine.wrapped import preserve_memory
 from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.carried import carried
 from enginediag_cli.mismatch.laws.fitted import Fitted, Where
@@ -52,7 +52,7 @@ def said_at_places(base: HypothesisFit, scan: Scan, laws: Sequence[Fitted]) -> l
 
     def at_place(k: int) -> AtPlace | None:
         # each place begins where the base has ended, whichever was asked before
-        with apart(base.found.model):
+        with preserve_memory(base.found.model):
             said = said_at(base, laws[k], scan)
             return None if said is None else all_said(said, formulas_over(said.at.known, scan.known, tries), prior)
 

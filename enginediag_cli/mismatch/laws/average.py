@@ -193,7 +193,7 @@ def _proposal(first: Fitted, mean: Mean) -> Proposal:
     law = Law(
         "_".join((AVERAGE.name, *(k.variable.name for k in of))),
         acts,
-        Expression.parsed(f"{AMPLITUDE} * ({text})"),
+        Expression.parse(f"{AMPLITUDE} * ({text})"),
         {k.variable.name: k.variable for k in of},
         (Coefficient(AMPLITUDE, unit, "size", lower=-np.inf, upper=np.inf, sigma=place.scale, typical=size),),
         statement_of(place, parameter, AVERAGE, of),

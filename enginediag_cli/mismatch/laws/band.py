@@ -138,7 +138,9 @@ def _total(
         assert isinstance(law, Law)
         own = {k.name: c[e.parameter_name(k.name)] for k in law.COEFFICIENTS}
         with np.errstate(all="ignore"):
-            total = total + np.asarray(value(law.expression.at({**{n: x[n] for n in law.variables}, **own}, past)))
+            total = total + np.asarray(
+                value(law.expression.evaluate({**{n: x[n] for n in law.variables}, **own}, past))
+            )
     return total
 
 

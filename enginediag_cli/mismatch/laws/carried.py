@@ -37,8 +37,8 @@ def carried(
     base has. What identification absorbs is that of the base: a floor's curves along what a law moves would be curves
     of the law."""
     evidence = base.found.evidence
-    fixed = tuple(e.with_values(trial.values) for e in laws)
-    engine = evidence.engine.with_effects((*evidence.engine.effects, *fixed))
+    fixed = tuple(e.replace_values(trial.values) for e in laws)
+    engine = evidence.engine.replace_effects((*evidence.engine.effects, *fixed))
     found = identify_with(replace(evidence, engine=engine), base.hypothesis, nuisance(evidence), base.found)
     projection = Projection(found)
     seen = seen_at(found, known)

@@ -57,7 +57,7 @@ PLAY, MOST_PLAY = (0.03, 0.08, 0.2), 0.6
 LEAST_HALF, MOST_HALF = 0.02, 20.0
 """Of those: nothing that varies, and a straight line."""
 
-_parsed = lru_cache(maxsize=None)(Expression.parsed)
+_parsed = lru_cache(maxsize=None)(Expression.parse)
 
 Tries = Callable[[np.ndarray], tuple[float, ...]]
 Bounds = Callable[[np.ndarray], tuple[float, float]]
@@ -125,7 +125,7 @@ class Form:
     @property
     def remembers(self) -> bool:
         """Whether it follows a variable along time."""
-        return self.listed and bool(self.expression.followed)
+        return self.listed and bool(self.expression.memory_calls)
 
     @property
     def pairs(self) -> bool:

@@ -13,23 +13,23 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from enginediag_cli.engine.dual import Dual, Value, value
-from enginediag_cli.engine.filters import Clock, Filter
+from enginediag_cli.engine.filters import Filter, FilterClock
 from enginediag_cli.engine.tape import MOMENT
 from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis
-from enginediag_cli.physics.expression import Followed, Past
+from enginediag_cli.physics.expression import MemoryCall, Past
 
 COURSE = 8
 """Records that a stretch has on average, from which a recording tells a course."""
 
 
-def clock_of(found: IdentifiedHypothesis) -> Clock | None:
+def clock_of(found: IdentifiedHypothesis) -> FilterClock | None:
     """The clock of a fit's records; None where these are not the course of anything: their past is not known, or most
     of them stand alone."""
     moment = found.problem.inputs.get(MOMENT)
     if moment is None:
         return None
     tapes = found.evidence.engine.tapes
-    number, place = tapes.found(moment)
+    number, place = tapes.locate(moment)
     if not len(number) or (number < 0).any():
         return None
     time, stretch = np.empty(len(number)), np.empty(len(number))
@@ -37,17 +37,17 @@ def clock_of(found: IdentifiedHypothesis) -> Clock | None:
         rows, tape = number == k, tapes.tapes[k]
         time[rows], stretch[rows] = tape.time[place[rows]], np.cumsum(tape.first)[place[rows]]
     first = np.append(True, (np.diff(number) != 0) | (np.diff(stretch) != 0) | (np.diff(time) <= 0.0))
-    return Clock(time, first) if len(time) >= COURSE * np.count_nonzero(first) else None
+    return FilterClock(time, first) if len(time) >= COURSE * np.count_nonzero(first) else None
 
 
-def past_along(clock: Clock | None) -> Past | None:
+def past_along(clock: FilterClock | None) -> Past | None:
     """Of formulas whose names have values (N,) over the records of a clock, or, coefficients, numbers, (N,) of one
     number with derivatives, or one number in each row (tries, 1)."""
     if clock is None:
         return None
 
-    def past(of: Followed, signal: Value, values: Mapping[str, Value]) -> Value:
-        by = [values[n] for n in of.by]
+    def past(of: MemoryCall, signal: Value, values: Mapping[str, Value]) -> Value:
+        by = [values[n] for n in of.coefficients]
         if not np.ndim(value(signal)):
             return 0.0
         tries = [np.ndim(value(c)) == 2 for c in by]
@@ -59,7 +59,7 @@ def past_along(clock: Clock | None) -> Past | None:
     return past
 
 
-def deviation(filter: Filter, clock: Clock, signal: Value, coefficients: Sequence[Value]) -> Value:
+def deviation(filter: Filter, clock: FilterClock, signal: Value, coefficients: Sequence[Value]) -> Value:
     """What a filter makes of a signal (N,) by coefficients that are one number each, with derivatives of both."""
     N = len(value(signal))
     along = signal.d if isinstance(signal, Dual) else np.zeros((0, N))

@@ -13,7 +13,7 @@ from enginediag_cli.mismatch.laws.grammar import Form
 from enginediag_cli.mismatch.laws.scan import Candidate, KnownVariable
 from enginediag_cli.parameters import Parameter, spelled
 from enginediag_cli.physics.expression import Expression
-from enginediag_cli.physics.law import Acts, Law, at_lever, varies_itself
+from enginediag_cli.physics.law import Law, LawPlace, changes_variable, effect_place
 
 AMPLITUDE = "a"
 """The letter of every form that is its size."""
@@ -24,7 +24,7 @@ DIGITS = 6
 def possible(candidate: Candidate) -> bool:
     """Whether its formula can be a law at its place: no input varies with itself."""
     through = candidate.location.through
-    return through is None or not any(varies_itself(at_lever(through), k.variable) for k in candidate.formula.of)
+    return through is None or not any(changes_variable(effect_place(through), k.variable) for k in candidate.formula.of)
 
 
 def proposed(candidate: Candidate, parameter: Parameter, name: str) -> Effect:
@@ -59,16 +59,18 @@ def proposed(candidate: Candidate, parameter: Parameter, name: str) -> Effect:
         coefficients.append(shape)
     variables = {k.variable.name: k.variable for k in formula.of}
     statement = statement_of(candidate.location, parameter, formula.form, formula.of)
-    law = Law(name, acts, Expression.parsed(text), variables, tuple(coefficients), statement)
+    law = Law(name, acts, Expression.parse(text), variables, tuple(coefficients), statement)
     return Effect(law, acts.site, {})
 
 
-def acting(location: Location, parameter: Parameter) -> tuple[Acts, str]:
+def acting(location: Location, parameter: Parameter) -> tuple[LawPlace, str]:
     """What a law at a place acts on, and the unit of its size."""
     through = location.through
     factor = through is None and parameter.nominal == 1.0 and parameter.unit in ("", "1")
     unit = "1" if factor else parameter.unit or "1"
-    return Acts(parameter.name, parameter.component, unit, factor) if through is None else at_lever(through), unit
+    return LawPlace(parameter.name, parameter.component, unit, factor) if through is None else effect_place(
+        through
+    ), unit
 
 
 def statement_of(location: Location, parameter: Parameter, form: Form, of: Sequence[KnownVariable]) -> str:

@@ -18,7 +18,7 @@ import numpy as np
 
 from enginediag_cli.drivers import SAME
 from enginediag_cli.engine.dual import Value
-from enginediag_cli.engine.filters import Clock
+from enginediag_cli.engine.filters import FilterClock
 from enginediag_cli.engine.term import STILL
 from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.extended import ExtendedModel
@@ -30,7 +30,7 @@ from enginediag_cli.mismatch.laws.grammar import FORMS, Form, Shape
 from enginediag_cli.mismatch.laws.past import clock_of, past_along
 from enginediag_cli.mismatch.laws.within import Room, ends_of
 from enginediag_cli.physics.expression import Past
-from enginediag_cli.physics.law import Variable, variables_of
+from enginediag_cli.physics.law import Variable, formula_variables
 from enginediag_cli.progress import stage
 
 PAIRS = 0.25
@@ -48,7 +48,7 @@ class KnownVariable:
     variable: Variable
     values: np.ndarray
     group: int
-    clock: Clock | None = field(default=None, compare=False, repr=False)
+    clock: FilterClock | None = field(default=None, compare=False, repr=False)
     tries: dict[tuple[Shape, bool], tuple[float, ...]] = field(default_factory=dict, compare=False, repr=False)
 
     def tried(self, shape: Shape, finer: bool) -> tuple[float, ...]:
@@ -96,7 +96,7 @@ class Candidate:
 def known_variables(found: IdentifiedHypothesis) -> list[KnownVariable]:
     """Variables that move in the fit's records, in groups that these cannot tell apart."""
     result, clock = list[KnownVariable](), clock_of(found)
-    for v, x in _values(found, list(variables_of(found.evidence.engine.network).values())):
+    for v, x in _values(found, list(formula_variables(found.evidence.engine.network).values())):
         if np.std(x) <= STILL * max(1e-300, float(np.mean(np.abs(x)))):
             continue
         alike = (k.group for k in result if abs(float(np.corrcoef(k.values, x)[0, 1])) > SAME)
@@ -212,7 +212,7 @@ def over_records(form: Form, of: Sequence[KnownVariable], shape: Mapping[str, fl
     """A form of variables over their records (N,), amplitude 1; (tries, N) where its shape has (tries, 1) each; not
     finite where it is nothing."""
     with np.errstate(all="ignore"):
-        return np.asarray(form.expression.at({**letters_of(of), **shape, "a": 1.0}, past_of(of)), float)
+        return np.asarray(form.expression.evaluate({**letters_of(of), **shape, "a": 1.0}, past_of(of)), float)
 
 
 def past_of(known: Sequence[KnownVariable]) -> Past | None:

@@ -71,7 +71,7 @@ class Shaping:
             d[j] = self.sigma[j]
             letters[letter] = Dual(np.full(N, at), d)
         with np.errstate(all="ignore"):
-            h = self.formula.form.expression.at(letters, past_of(self.formula.of))
+            h = self.formula.form.expression.evaluate(letters, past_of(self.formula.of))
         found = np.zeros((N, 1 + len(self.z)))
         if isinstance(h, Dual):
             found[:, 0], found[:, 1 : 1 + len(h.d)] = h.v, h.d.T

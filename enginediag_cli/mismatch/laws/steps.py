@@ -197,9 +197,9 @@ def _rounded(x: float) -> float:
 
 def _proposal(place: Location, part: Part, size: float, priors: tuple[float, float], engine: Engine) -> Proposal:
     prior, here = priors
-    letters, expression = part.letters, Expression.parsed(part.text)
+    letters, expression = part.letters, Expression.parse(part.text)
     values = {k.variable.name: k.values for k in part.of}
-    curve = np.asarray(expression.at({**values, **dict.fromkeys(letters, 1.0)}), float)
+    curve = np.asarray(expression.evaluate({**values, **dict.fromkeys(letters, 1.0)}), float)
     parameter = parameter_at(place, engine)
     acts, unit = acting(place, parameter)
     coefficients = tuple(

@@ -29,11 +29,11 @@ def moving_drivers(evidence: Dataset) -> list[DriverValues]:
     shown = stretches(engine.tapes, moment) >= 0
     if not shown.any():
         return []
-    number, place = engine.tapes.found(moment)
+    number, place = engine.tapes.locate(moment)
     columns = np.zeros((1 + len(LAGS_S), len(moment)))
     for k in np.unique(number[shown]).tolist():
         tape, rows = engine.tapes.tapes[k], number == k
-        if tape.tells(engine.power_setting):
+        if tape.has_column(engine.power_setting):
             columns[:, rows] = _followed(tape, tape.columns[engine.power_setting])[:, place[rows]]
     rate = "rate of the power setting"
     found = [DriverValues(RATE, "power_rate", columns[0], rate)]

@@ -17,7 +17,7 @@ from enginediag_cli.config.document import Node, appended, dump, load_document
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.errors import DataError
-from enginediag_cli.physics.engine_file import entry_of
+from enginediag_cli.physics.engine_file import law_entry
 from enginediag_cli.physics.law import Law
 from enginediag_cli.recordings.write import output
 
@@ -81,7 +81,7 @@ def _check(path: str, wanted: Engine) -> None:
 def _entry(e: Effect, errors: Mapping[str, float], source: str) -> list[str]:
     """Lines of one effect, as an item of a list indented by two."""
     if isinstance(e.term, Law):
-        block = entry_of(e, errors, source)
+        block = law_entry(e, errors, source)
     else:
         amplitudes = {c.name for c in e.term.amplitudes()}
         block = {"term": e.term.NAME, "at": e.site.name}

@@ -26,7 +26,7 @@ from enginediag_cli.mismatch.refine.significance import significance
 from enginediag_cli.mismatch.refine.switch import compare_switched, switch_column, with_states
 from enginediag_cli.mismatch.refine.unseen import Unseen, compare, concealed
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
-from enginediag_cli.physics.registry import candidates, each
+from enginediag_cli.physics.registry import candidate_effects, separate_effects
 from enginediag_cli.progress import stage
 
 WINDOW = 30
@@ -100,7 +100,7 @@ def refine(
     if found.verdict is not Verdict.ACCEPTED:
         return found
     engine = evidence.engine
-    refined = engine.with_effects((*engine.effects, *fitted))
+    refined = engine.replace_effects((*engine.effects, *fitted))
     return replace(
         found,
         alarms_before=alarms(engine, evidence, unseen, window),
@@ -123,7 +123,7 @@ def _with_estimated_noise(
     """The evidence with the noise that the fitted flights show where nothing explains the readings."""
     for _ in range(NOISE_PASSES):
         after = fit_both(concealed(evidence, unseen), effects, along)[1]
-        library = effect_options(candidates(evidence.engine))
+        library = effect_options(candidate_effects(evidence.engine))
         rest = remainder(after, library, driver_values(after.found.evidence, after.found.theta))
         evidence = with_noise(evidence, estimated_noise(after.projection, rest.beside_noise()))
     return evidence
@@ -132,8 +132,8 @@ def _with_estimated_noise(
 def still_missing(after: HypothesisFit) -> str:
     """The most surprising thing that the fitted flights show beyond the effects; empty when nothing stands out."""
     engine = after.found.evidence.engine
-    carried = {own.label for e in after.hypothesis.effects for own in each(e)}
-    library = effect_options(e for e in candidates(engine) if e.label not in carried)
+    carried = {own.label for e in after.hypothesis.effects for own in separate_effects(e)}
+    library = effect_options(e for e in candidate_effects(engine) if e.label not in carried)
     rest = remainder(after, library, driver_values(after.found.evidence, after.found.theta))
     if rest.surprise <= STANDS_OUT:
         return ""
@@ -153,7 +153,7 @@ def _fitted(effects: Sequence[Effect], trial: HypothesisFit) -> tuple[tuple[Effe
         for c in e.term.amplitudes():
             value, own[c.name] = trial.coefficients[e.parameter_name(c.name)]
             values[c.name] = float(np.clip(value, c.lower, c.upper))
-        for stated in each(replace(e, values=values)):
+        for stated in separate_effects(replace(e, values=values)):
             found.append(stated)
             errors |= {stated.parameter_name(n): error for n, error in own.items()}
     return tuple(found), errors

@@ -170,7 +170,7 @@ def effects_at(location: Location, engine: Engine) -> list[Effect]:
     """Listed effects that may be on or off without any column showing it and that act at the location: the location's
     own first, then those that act on the same leaf, station or reading."""
     own = location.through
-    reach = set(own.site.acts_on) if own is not None else {location.parameter}
+    reach = set(own.site.targets) if own is not None else {location.parameter}
     if location.of_sensor:
         reach |= {
             f"reading {c}"
@@ -181,7 +181,7 @@ def effects_at(location: Location, engine: Engine) -> list[Effect]:
     for name in term_names():
         if term(name).SWITCHES:
             for site in term(name).sites(engine.network):
-                if reach & set(site.acts_on):
+                if reach & set(site.targets):
                     found.append(effect(engine, name, site.name))
     return sorted(found, key=lambda e: own is None or e.label != own.label)
 

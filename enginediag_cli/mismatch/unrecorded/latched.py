@@ -25,7 +25,7 @@ from functools import cached_property
 
 import numpy as np
 
-from enginediag_cli.engine.filters import Clock, came_from
+from enginediag_cli.engine.filters import FilterClock, last_side
 
 GRID, FINER = 80, 30
 """Values of a variable among which thresholds are sought, and about the best of them again."""
@@ -48,10 +48,10 @@ class States:
 
     on: np.ndarray
     sure: np.ndarray
-    clock: Clock
+    clock: FilterClock
 
     @staticmethod
-    def of(probability: np.ndarray, clock: Clock) -> States:
+    def of(probability: np.ndarray, clock: FilterClock) -> States:
         """By the probability (N,) of being on."""
         return States(probability > 0.5, np.maximum(probability, 1.0 - probability) >= SURE, clock)
 
@@ -110,7 +110,7 @@ def _tried(states: States, variable: int, x: np.ndarray, levels: tuple[np.ndarra
         if not len(highs):
             continue
         above, below = x[None, :] >= highs[:, None], (x <= low)[None, :]  # (pairs, N), (1, N)
-        latch, told_at_all = came_from(states.clock, above, below)
+        latch, told_at_all = last_side(states.clock, above, below)
         known = told_at_all & states.sure
         for way, told in _ways(latch, ~(above | below)):
             right = known & (told == states.on)

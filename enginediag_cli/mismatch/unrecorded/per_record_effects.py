@@ -110,7 +110,7 @@ class SimilarEffect:
 def similar_effects(evidence: Dataset, fit: PerRecord, effects: Sequence[Effect]) -> list[SimilarEffect]:
     """Effects that act on the amplitude's own parameter, the one that follows it best first. An effect's column along
     the amplitude's direction, cᵀJ/|c|², is what it would do to the amplitude."""
-    own = [e for e in effects if _parameter(fit) in e.site.acts_on and e.amplitudes]
+    own = [e for e in effects if _parameter(fit) in e.site.targets and e.amplitudes]
     if not own:
         return []
     c, good = fit.direction, np.isfinite(fit.amplitude)
@@ -145,7 +145,7 @@ def effect_columns(evidence: Dataset, fit: PerRecord, effects: Sequence[Effect])
     """Whitened ∂y/∂(first amplitude) (N, m, k) of effects at the fit."""
     if fit.location is not None:
         evidence = with_lever(evidence, fit.location)
-    engine = evidence.engine.with_effects((*evidence.engine.effects, *fit.hypothesis.effects, *effects))
+    engine = evidence.engine.replace_effects((*evidence.engine.effects, *fit.hypothesis.effects, *effects))
     theta: dict = {n: v for n, v in fit.theta.items() if n in engine.parameters}
     if fit.location is not None:
         parameter = fit.location.parameter

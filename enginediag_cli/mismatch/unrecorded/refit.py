@@ -54,7 +54,7 @@ def with_lever(evidence: Dataset, place: Location) -> Dataset:
     e = place.through
     if e is None or e.label in {c.label for c in evidence.engine.effects}:
         return evidence
-    return replace(evidence, engine=evidence.engine.with_effects((*evidence.engine.effects, e)))
+    return replace(evidence, engine=evidence.engine.replace_effects((*evidence.engine.effects, e)))
 
 
 def bounds_of(found: IdentifiedHypothesis, place: Location) -> tuple[Bounds, int]:
@@ -85,7 +85,7 @@ def believed_of(found: IdentifiedHypothesis, places: list[Location]) -> list[flo
 def _commanded_leaves(engine: Engine) -> set[str]:
     """Parameters that a listed effect changes which somebody commands, such as the clearance of a turbine."""
     terms = [term(name) for name in term_names()]
-    return {leaf for t in terms if t.SWITCHES for site in t.sites(engine.network) for leaf in site.acts_on}
+    return {leaf for t in terms if t.SWITCHES for site in t.sites(engine.network) for leaf in site.targets}
 
 
 def refit(found: IdentifiedHypothesis, along: Nuisance, place: Location, bounds: Bounds, states: States) -> Refit:
@@ -176,5 +176,5 @@ def location_columns(found: IdentifiedHypothesis, places: list[Location], rows: 
     there = {e.label for e in (*engine.effects, *carried)}
     levers = {p.through.label: p.through for p in places if p.through is not None and p.through.label not in there}
     effects = (*engine.effects, *carried, *levers.values())
-    model = ExtendedModel(engine.with_effects(effects), found.model.discrepancies)
+    model = ExtendedModel(engine.replace_effects(effects), found.model.discrepancies)
     return derivatives(found, [p.parameter for p in places], model, rows)

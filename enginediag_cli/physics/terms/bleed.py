@@ -47,7 +47,7 @@ class ExitBleed(Term):
 
     def install(self, at: Place) -> None:
         share = self.share(at)
-        at.on_station(at.component.values["to"], lambda e, flow: flow.with_(W=flow.W * (1.0 - share(e))))
+        at.change_flow(at.component.values["to"], lambda e, flow: flow.replace(W=flow.W * (1.0 - share(e))))
 
 
 class CustomerBleed(ExitBleed):
@@ -138,9 +138,9 @@ class InterstageBleed(Term):
             # the compressor has charged its shaft with the full rise just before it delivers its flow
             shaft = e.shaft(values["shaft"])
             shaft.demand_W = shaft.demand_W - taken * (1.0 - at.c(e, "work_fraction")) * (flow.h - inlet.h)
-            return flow.with_(W=flow.W - taken)
+            return flow.replace(W=flow.W - taken)
 
-        at.on_station(values["to"], exit_flow)
+        at.change_flow(values["to"], exit_flow)
 
 
 OPEN_BELOW = shape_coefficient(
@@ -248,7 +248,7 @@ class BleedValveHysteresis(HandlingValve):
 
     def share(self, at: Place) -> Quantity:
         speed = relative_corrected_speed(at)
-        share = at.remember(Scaled(Hysteresis()), ("fraction", "open_below", "band"))
+        share = at.add_memory(Scaled(Hysteresis()), ("fraction", "open_below", "band"))
         return lambda e: share(e, speed(e))
 
 
@@ -298,7 +298,7 @@ class CoolingFlowVariation(Term):
         def fraction(e: Evaluation, f: Value) -> Value:
             return f * power(e.flows[station].P * (1.0 / reference), at.c(e, "exponent"))
 
-        at.on_leaf(leaf, fraction)
+        at.change_leaf(leaf, fraction)
 
 
 def ports(network: Network, turbine: Component) -> list[tuple[str, str]]:

@@ -94,9 +94,9 @@ class Fouling(Term):
         def deposits(e: Evaluation) -> Value:
             return at.c(e, "flow_loss") * (1.0 - exp(-1.0 * e[SINCE_WASH] / at.c(e, "hours")))
 
-        flow, efficiency = at.site.acts_on
-        at.on_leaf(flow, lambda e, factor: factor * (1.0 - deposits(e)))
-        at.on_leaf(efficiency, lambda e, factor: factor * (1.0 - at.c(e, "efficiency_share") * deposits(e)))
+        flow, efficiency = at.site.targets
+        at.change_leaf(flow, lambda e, factor: factor * (1.0 - deposits(e)))
+        at.change_leaf(efficiency, lambda e, factor: factor * (1.0 - at.c(e, "efficiency_share") * deposits(e)))
 
 
 class FanSplit(Term):
@@ -137,9 +137,9 @@ class FanSplit(Term):
         def root(e: Evaluation, flow: Flow) -> Flow:
             before, behind = e.flows[fan.values["from"]], e.flows[fan.values["to"]]
             change = at.c(e, "root_efficiency") * log(e[f"{splitter.name}.bypass_ratio"])  # relative to design
-            return flow.with_(P=flow.P * exp(change * (behind.h - before.h) / (behind.R * behind.T)))
+            return flow.replace(P=flow.P * exp(change * (behind.h - before.h) / (behind.R * behind.T)))
 
-        at.on_station(splitter.values["core"], root)
+        at.change_flow(splitter.values["core"], root)
 
 
 FLOW_PER_DEGREE = shape_coefficient(
@@ -199,9 +199,9 @@ class GuideVanes(Term):
 
 def install_vanes(at: Place, closing: Quantity) -> None:
     """Flow and efficiency with the vanes closed by `closing(e)` degrees; coefficients as of GuideVanes."""
-    flow, efficiency = at.site.acts_on
-    at.on_leaf(flow, lambda e, factor: closed_flow(factor, at.c(e, "flow_per_deg"), closing(e)))
-    at.on_leaf(efficiency, lambda e, factor: closed_efficiency(factor, at.c(e, "loss_per_deg2"), closing(e)))
+    flow, efficiency = at.site.targets
+    at.change_leaf(flow, lambda e, factor: closed_flow(factor, at.c(e, "flow_per_deg"), closing(e)))
+    at.change_leaf(efficiency, lambda e, factor: closed_efficiency(factor, at.c(e, "loss_per_deg2"), closing(e)))
 
 
 KNEE = 0.05
@@ -259,7 +259,7 @@ class GuideVanesLoad(Term):
 
     def install(self, at: Place) -> None:
         column = at.network.power_setting
-        leaf = at.network.leaf_of(column)
+        leaf = at.network.input_leaf(column)
         scale = "temperature_scale" if split_column(column)[1] == "K" else "load_scale"
         base = scalar(at.network.read(at.design, column))
 
@@ -272,7 +272,7 @@ class GuideVanesLoad(Term):
         # not find its way from an open compressor to one that is closed by a quarter
         for c in at.network.components:
             if isinstance(c, Inlet):
-                at.on_leaf(
+                at.change_leaf(
                     f"{c.name}.corrected_flow", lambda e, x: x * exp(-1.0 * (at.c(e, "flow_per_deg") * closing(e)))
                 )
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from enginediag_cli.drivers import RATE
 from enginediag_cli.engine.components.base import scalar
-from enginediag_cli.engine.controls import Recorded
+from enginediag_cli.engine.controls import RecordedPosition
 from enginediag_cli.engine.filters import Delay, Filter, Lag, PerFull, RateLimit, SecondOrder
 from enginediag_cli.engine.tape import PAST
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
@@ -35,7 +35,7 @@ class FilteredCommand(Term):
         if isinstance(filter, RateLimit):
             assert at.site.full is not None
             filter = PerFull(filter, at.site.full[0])
-        at.on_input(at.site.acts_on[0], filter, [c.name for c in self.COEFFICIENTS])
+        at.filter_input(at.site.targets[0], filter, [c.name for c in self.COEFFICIENTS])
 
 
 class LoadCommand(FilteredCommand):
@@ -211,6 +211,6 @@ class ActuatorRateLimit(FilteredCommand):
 
     def sites(self, network: Network) -> Iterable[Site]:
         for control in network.controls:
-            if isinstance(control, Recorded):
+            if isinstance(control, RecordedPosition):
                 a = control.actuator
                 yield Site(control.name, control.name, (control.column,), full=(a.upper - a.lower, a.unit))

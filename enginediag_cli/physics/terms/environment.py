@@ -62,7 +62,7 @@ class Humidity(Term):
                 T0, p0 = e["ambient_temperature_K"], e["ambient_pressure_Pa"]
             return recorded + at.c(e, "relative_humidity") * saturated_water(T0, p0)
 
-        at.on_leaf("humidity_kg_kg", humidity)
+        at.change_leaf("humidity_kg_kg", humidity)
 
 
 class StaticPressureError(Term):
@@ -119,9 +119,9 @@ class StaticPressureError(Term):
             T_recorded = standard_atmosphere(recorded_altitude(h, k * (R_AIR / GRAVITY)))[0] + recorded
             return T_recorded * (1.0 - (2.0 / 7.0) * k) - standard_atmosphere(h)[0]
 
-        at.on_leaf("mach", mach_number)
-        at.on_leaf("altitude_m", altitude)
-        at.on_leaf("dT_isa_K", deviation)
+        at.change_leaf("mach", mach_number)
+        at.change_leaf("altitude_m", altitude)
+        at.change_leaf("dT_isa_K", deviation)
 
 
 def recorded_altitude(h: Value, c: Value) -> Value:
@@ -169,7 +169,7 @@ class TatProbeHeating(Term):
             slow = scale / sqrt(square + scale * scale) / (1.0 + 0.2 * square)
             return recorded - at.c(e, "error_K") * (slow * (P_ISA / p))
 
-        at.on_leaf("dT_isa_K", deviation)
+        at.change_leaf("dT_isa_K", deviation)
 
 
 class InletRamRecovery(Term):
@@ -204,7 +204,7 @@ class InletRamRecovery(Term):
             mach = e["mach"]
             return r * (1.0 + at.c(e, "change") * (mach * mach - design))
 
-        at.on_leaf(f"{at.site.name}.pressure_recovery", recovery)
+        at.change_leaf(f"{at.site.name}.pressure_recovery", recovery)
 
 
 def inlets(network: Network) -> list[Inlet]:
@@ -252,4 +252,4 @@ class InletFilterLoss(Term):
             dirt = 1.0 + at.c(e, "growth") * (e[SINCE_CHANGE] * 1e-3)
             return r * (1.0 - at.c(e, "loss") * dirt * (x * x))
 
-        at.on_leaf(f"{at.site.name}.pressure_recovery", recovery)
+        at.change_leaf(f"{at.site.name}.pressure_recovery", recovery)

@@ -65,7 +65,7 @@ class CombustionEfficiency(Term):
             grown = exp(at.c(e, "exponent") * (log_loading(e.flows[station]) - reference))
             return factor - at.c(e, "unburnt") * (grown - 1.0) * per_design
 
-        at.on_leaf(f"{at.site.name}.efficiency", efficiency)
+        at.change_leaf(f"{at.site.name}.efficiency", efficiency)
 
 
 PRESSURE_EXPONENT = 1.8
@@ -108,7 +108,7 @@ class FuelHeatingValue(Term):
         return sites_at(burners(network), "lower_heating_value_J_kg")
 
     def install(self, at: Place) -> None:
-        at.on_leaf(at.site.acts_on[0], lambda e, declared: declared * (1.0 + at.c(e, "deviation")))
+        at.change_leaf(at.site.targets[0], lambda e, declared: declared * (1.0 + at.c(e, "deviation")))
 
 
 class FlowPressureLoss(Term):
@@ -123,7 +123,7 @@ class FlowPressureLoss(Term):
             x = relative(e)
             return constant * (1.0 + at.c(e, "share") * (x * x - 1.0))
 
-        at.on_leaf(at.site.acts_on[0], loss)
+        at.change_leaf(at.site.targets[0], loss)
 
 
 class BurnerPressureLoss(FlowPressureLoss):
@@ -196,9 +196,9 @@ class BurnerHeatingLoss(Term):
         def heated(e: Evaluation, flow: Flow) -> Flow:
             x = relative(e)
             heating = (flow.T / e.flows[cold].T - 1.0) * (x * x)
-            return flow.with_(P=flow.P * (1.0 - at.c(e, "loss") * (heating - reference)))
+            return flow.replace(P=flow.P * (1.0 - at.c(e, "loss") * (heating - reference)))
 
-        at.on_station(hot, heated)
+        at.change_flow(hot, heated)
 
 
 # -- nozzles and exhausts
@@ -227,7 +227,7 @@ class NozzleTerm(Term):
 
     def install(self, at: Place) -> None:
         change = self.change(at, at.component.values["from"])
-        at.on_leaf(at.site.acts_on[0], lambda e, x: x * (1.0 + change(e)))
+        at.change_leaf(at.site.targets[0], lambda e, x: x * (1.0 + change(e)))
 
 
 class UnchokedNozzle(NozzleTerm):
@@ -375,7 +375,7 @@ class ExhaustBackPressure(Term):
             raised = p0 + rise(e, flow)
             return factor * throat(flow, log(flow.P / raised), raised)[0] / throat(flow, log(flow.P / p0), p0)[0]
 
-        at.on_leaf(at.site.acts_on[0], loss_factor if isinstance(c, Exhaust) else area)
+        at.change_leaf(at.site.targets[0], loss_factor if isinstance(c, Exhaust) else area)
 
 
 def _dynamic_head(e: Evaluation, flow: Flow) -> Value:

@@ -29,7 +29,7 @@ class InputScale(Term):
     DRIVER = CONSTANT
 
     def install(self, at: Place) -> None:
-        at.on_leaf(at.site.acts_on[0], lambda e, recorded: recorded / (1.0 + at.c(e, "error")))
+        at.change_leaf(at.site.targets[0], lambda e, recorded: recorded / (1.0 + at.c(e, "error")))
 
 
 def scale_coefficient(largest: float, sigma: float) -> Coefficient:
@@ -70,8 +70,8 @@ class FuelMeterScale(InputScale):
     REFERENCE = "Engineering judgement: ± 1 %, assumed"
 
     def sites(self, network: Network) -> Iterable[Site]:
-        if network.power_setting == "Wf_kg_s" and network.given_leaf:
-            yield Site("Wf", "sensor.Wf", (network.given_leaf,))
+        if network.power_setting == "Wf_kg_s" and network.power_leaf:
+            yield Site("Wf", "sensor.Wf", (network.power_leaf,))
 
 
 class SpeedScale(InputScale):
@@ -98,7 +98,7 @@ class SpeedScale(InputScale):
 
 
 @dataclass(frozen=True)
-class Reading:
+class ProbeReading:
     """A sensor that shows the total temperature or pressure of `stations`, by their weight in the mean."""
 
     column: str
@@ -110,7 +110,7 @@ class Reading:
         return Site(self.quantity, f"sensor.{self.quantity}", (f"reading {self.column}",))
 
 
-def readings(network: Network, what: str) -> Iterator[Reading]:
+def readings(network: Network, what: str) -> Iterator[ProbeReading]:
     """Sensors of temperature ("T") or pressure ("P"): of one station or the mean of several, not a difference, a
     ratio or a share of them."""
     assert network.design_point is not None
@@ -123,10 +123,10 @@ def readings(network: Network, what: str) -> Iterator[Reading]:
             if match and match["what"] == what and match["station"] in network.design_point.flows and weight > 0.0:
                 stations[match["station"]] = weight
         if len(stations) == len(sensor.reads) and abs(sum(stations.values()) - 1.0) < 1e-9:
-            yield Reading(sensor.column, sensor.quantity, stations)
+            yield ProbeReading(sensor.column, sensor.quantity, stations)
 
 
-def hot_readings(network: Network) -> Iterator[Reading]:
+def hot_readings(network: Network) -> Iterator[ProbeReading]:
     """Temperature sensors in burnt gas."""
     return (r for r in readings(network, "T") if all(is_hot(network, s) for s in r.stations))
 
@@ -136,19 +136,19 @@ class ProbeTerm(Term):
 
     QUANTITY: ClassVar[str] = "T"
 
-    def probes(self, network: Network) -> Iterable[Reading]:
+    def probes(self, network: Network) -> Iterable[ProbeReading]:
         return readings(network, self.QUANTITY)
 
     def sites(self, network: Network) -> Iterable[Site]:
         return (r.site for r in self.probes(network))
 
     @abstractmethod
-    def reading(self, at: Place, probe: Reading) -> ValueHook:
+    def reading(self, at: Place, probe: ProbeReading) -> ValueHook:
         """What the probe reads, by what it should read."""
 
     def install(self, at: Place) -> None:
         probe = next(r for r in readings(at.network, self.QUANTITY) if r.quantity == at.site.name)
-        at.on_reading(probe.column, self.reading(at, probe))
+        at.change_reading(probe.column, self.reading(at, probe))
 
 
 DESIGN_MACH = shape_coefficient(
@@ -171,10 +171,10 @@ class PressureProbeRecovery(ProbeTerm):
     REFERENCE = "Engineering judgement: k 0.005 to 0.03, assumed"
     QUANTITY = "P"
 
-    def probes(self, network: Network) -> Iterable[Reading]:
+    def probes(self, network: Network) -> Iterable[ProbeReading]:
         return (r for r in readings(network, "P") if len(r.stations) == 1)
 
-    def reading(self, at: Place, probe: Reading) -> ValueHook:
+    def reading(self, at: Place, probe: ProbeReading) -> ValueHook:
         relative = relative_flow(at, next(iter(probe.stations)))
 
         def reading(e: Evaluation, P_read: Value) -> Value:
@@ -208,7 +208,7 @@ class ThermocoupleRecovery(ProbeTerm):
     )
     REFERENCE = "SAE AIR46 (r 0.80 to 0.98); J. Eng. Power 75 (1) 7, ASME"
 
-    def reading(self, at: Place, probe: Reading) -> ValueHook:
+    def reading(self, at: Place, probe: ProbeReading) -> ValueHook:
         relative = {s: relative_flow(at, s) for s in probe.stations}
 
         def reading(e: Evaluation, T_read: Value) -> Value:
@@ -242,10 +242,10 @@ class ThermocoupleRadiation(ProbeTerm):
         "wall temperature assumed"
     )
 
-    def probes(self, network: Network) -> Iterable[Reading]:
+    def probes(self, network: Network) -> Iterable[ProbeReading]:
         return hot_readings(network)
 
-    def reading(self, at: Place, probe: Reading) -> ValueHook:
+    def reading(self, at: Place, probe: ProbeReading) -> ValueHook:
         reference = {s: scalar(_radiation(at.design.flows[s])) for s in probe.stations}
 
         def reading(e: Evaluation, T_read: Value) -> Value:
@@ -287,11 +287,11 @@ class EgtProfile(ProbeTerm):
     )
     REFERENCE = "Engineering judgement: ± 0.005 to 0.03 of T4 − T3, assumed"
 
-    def probes(self, network: Network) -> Iterable[Reading]:
+    def probes(self, network: Network) -> Iterable[ProbeReading]:
         exit_station = burners(network)[0].values["to"]
         return (r for r in hot_readings(network) if exit_station not in r.stations)
 
-    def reading(self, at: Place, probe: Reading) -> ValueHook:
+    def reading(self, at: Place, probe: ProbeReading) -> ValueHook:
         values = burners(at.network)[0].values
         before, behind = values["from"], values["to"]
         reference = scalar(at.design.flows[behind].T - at.design.flows[before].T)
@@ -334,7 +334,7 @@ class ComputedReading(ProbeTerm):
         "300 K κ ln(p_0/1013 hPa), κ 0.9 to 1.1; polytropic expansion, n assumed"
     )
 
-    def probes(self, network: Network) -> Iterable[Reading]:
+    def probes(self, network: Network) -> Iterable[ProbeReading]:
         return hot_readings(network)
 
     def sites(self, network: Network) -> Iterable[Site]:
@@ -344,12 +344,12 @@ class ComputedReading(ProbeTerm):
         if network.power_setting == SETTING:
             yield Site("T4", "sensor.T4", (SETTING,))
 
-    def reading(self, at: Place, probe: Reading) -> ValueHook:
+    def reading(self, at: Place, probe: ProbeReading) -> ValueHook:
         return lambda e, T_read: T_read * self._ratio(at, e, 1.0)
 
     def install(self, at: Place) -> None:
-        if at.site.acts_on == (SETTING,):
-            at.on_leaf(SETTING, lambda e, recorded: recorded * self._ratio(at, e, -1.0))
+        if at.site.targets == (SETTING,):
+            at.change_leaf(SETTING, lambda e, recorded: recorded * self._ratio(at, e, -1.0))
         else:
             super().install(at)
 
@@ -376,8 +376,8 @@ class ProbeLag(ProbeTerm):
     INPUTS = PAST
     TRIALS = tuple({"time_constant": t} for t in (1.0, 4.0, 16.0))
 
-    def reading(self, at: Place, probe: Reading) -> ValueHook:
-        behind = at.remember(Lag(), ("time_constant",), sensor=probe.column)
+    def reading(self, at: Place, probe: ProbeReading) -> ValueHook:
+        behind = at.add_memory(Lag(), ("time_constant",), sensor=probe.column)
         return lambda e, T_read: T_read + behind(e, T_read)
 
 
@@ -406,5 +406,5 @@ class ClockShift(Term):
 
     def install(self, at: Place) -> None:
         column = next(s.column for s in at.network.sensors.values() if s.quantity == at.site.name)
-        shift = at.remember(Delay(), ("delay",), sensor=column)
-        at.on_reading(column, lambda e, x: x + shift(e, x))
+        shift = at.add_memory(Delay(), ("delay",), sensor=column)
+        at.change_reading(column, lambda e, x: x + shift(e, x))

@@ -58,7 +58,7 @@ class ReynoldsTerm(Term):
         def changed(e: Evaluation, factor: Value) -> Value:
             return factor * self.factor(at, e, self.number(e.flows[station]) * (1.0 / reference))
 
-        at.on_leaf(at.site.acts_on[0], changed)
+        at.change_leaf(at.site.targets[0], changed)
 
 
 class ReynoldsEfficiency(ReynoldsTerm):
@@ -140,14 +140,14 @@ class TipClearance(Term):
     def install(self, at: Place) -> None:
         speed = relative_speed(at, at.component.values["shaft"])
         growth, efficiency_loss, flow_loss = (c.name for c in self.COEFFICIENTS)
-        efficiency, flow = at.site.acts_on
+        efficiency, flow = at.site.targets
 
         def opening(e: Evaluation) -> Value:
             n = speed(e)
             return at.c(e, growth) * (1.0 - n * n)
 
-        at.on_leaf(efficiency, lambda e, factor: factor * (1.0 - at.c(e, efficiency_loss) * opening(e)))
-        at.on_leaf(flow, lambda e, factor: factor * (1.0 - at.c(e, flow_loss) * opening(e)))
+        at.change_leaf(efficiency, lambda e, factor: factor * (1.0 - at.c(e, efficiency_loss) * opening(e)))
+        at.change_leaf(flow, lambda e, factor: factor * (1.0 - at.c(e, flow_loss) * opening(e)))
 
 
 ROTOR_GROWTH = Coefficient(
@@ -294,13 +294,13 @@ class ClearanceTransient(Term):
         def pull(speed_rpm: Array) -> Array:
             return np.asarray((speed_rpm / design) ** 2)
 
-        behind = at.remember(ScaledIntegrated(Lag()), ("loss", "time_constant"), recorded=column, measured=pull)
+        behind = at.add_memory(ScaledIntegrated(Lag()), ("loss", "time_constant"), recorded=column, measured=pull)
 
         def efficiency(e: Evaluation, factor: Value) -> Value:
             n = e.shaft(shaft).speed_rpm * (1.0 / design)
             return factor * (1.0 + behind(e, n * n))
 
-        at.on_leaf(f"{at.site.name}.efficiency", efficiency)
+        at.change_leaf(f"{at.site.name}.efficiency", efficiency)
 
 
 class ActiveClearanceControl(Term):
@@ -351,7 +351,7 @@ class ActiveClearanceControl(Term):
             off = exp((at.c(e, "on_above_m") - e["altitude_m"]) / at.c(e, "width_m"))
             return factor * (1.0 + at.c(e, "closing") * at.c(e, "efficiency_gain") / (1.0 + off))
 
-        at.on_leaf(f"{at.site.name}.efficiency", efficiency)
+        at.change_leaf(f"{at.site.name}.efficiency", efficiency)
 
 
 HOLD_HEAT = ("compressor", "burner", "turbine")
@@ -401,14 +401,14 @@ class HeatSoak(Term):
         station = at.component.values["to"]
         design = at.design.flows[station]
         capacity = scalar(design.W * design.gas.heat_capacity(design.T, design.mixture))
-        heat = at.remember(ScaledIntegrated(Lag()), ("exchange", "time_constant"))
+        heat = at.add_memory(ScaledIntegrated(Lag()), ("exchange", "time_constant"))
 
         def soaked(e: Evaluation, flow: Flow) -> Flow:
             # ε (T_metal − T): negative while the metal is colder than the gas
             given = heat(e, flow.T) * capacity
             return Flow(flow.gas, flow.mixture, flow.W, flow.P, h=flow.h + given / flow.W)
 
-        at.on_station(station, soaked)
+        at.change_flow(station, soaked)
 
 
 Load = Callable[[Evaluation, Value], Value]
@@ -429,7 +429,7 @@ class ShaftLoss(Term):
 
     def install(self, at: Place) -> None:
         loss = self.loss(at, scalar(at.design.shafts[at.site.name].supply_W))
-        at.on_leaf(at.site.acts_on[0], lambda e, load_W: load_W + loss(e, at.c(e, "fraction")))
+        at.change_leaf(at.site.targets[0], lambda e, load_W: load_W + loss(e, at.c(e, "fraction")))
 
 
 class BearingLoss(ShaftLoss):
@@ -583,10 +583,10 @@ class RotorInertia(Term):
             return 0.5 * (RAD_S_PER_RPM * speed_rpm) ** 2
 
         column = next(c for c, shaft in at.network.speed_columns.items() if shaft == name)
-        power = at.remember(Scaled(RateOfChange()), ("inertia",), recorded=column, measured=energy, turns=name)
+        power = at.add_memory(Scaled(RateOfChange()), ("inertia",), recorded=column, measured=energy, turns=name)
 
         def offtake(e: Evaluation, load_W: Value) -> Value:
             omega = e.shaft(name).speed_rpm * RAD_S_PER_RPM
             return load_W + power(e, omega * omega * 0.5)
 
-        at.on_leaf(f"{name}.power_offtake_W", offtake)
+        at.change_leaf(f"{name}.power_offtake_W", offtake)

@@ -17,7 +17,7 @@ from enginediag_cli.mismatch.explain.answer import FORMULA, HIDDEN_STATE, IDENTI
 from enginediag_cli.mismatch.explain.curves import best_places
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.fit.options import FORMULA_OPTION as LAW_OPTION
-from enginediag_cli.physics.registry import each
+from enginediag_cli.physics.registry import separate_effects
 from enginediag_cli.report.sentences import change, count, listed, probability, rounded, spelled, with_unit
 from enginediag_cli.report.tables.answers import explanation_flips
 from enginediag_cli.report.tables.formulas import (
@@ -307,7 +307,7 @@ def headline(x: Explanation) -> str:
 def _phrase(o: Option, x: Explanation) -> str:
     if o.hypothesis.effects:
         e = o.hypothesis.effects[0]
-        places = listed([spelled(own.site.name) for own in each(e)], "and")
+        places = listed([spelled(own.site.name) for own in separate_effects(e)], "and")
         return f"{e.term.TITLE} at {places} ({o.label})"
     d = o.hypothesis.discrepancies[0]
     c = next(c for c in x.coefficients if c.name == d.name)
@@ -389,7 +389,7 @@ def coefficient(c: Coefficient, effect: Effect) -> str:
     what = declared.description if declared else c.name
     size = f"{rounded(c.value, c.standard_error)}{f' {unit}' if unit else ''}"
     interval = f"{rounded(c.low, c.standard_error)} to {rounded(c.high, c.standard_error)}"
-    if declared and effect.tried and c.value == declared.absent:
+    if declared and effect.trial_names and c.value == declared.absent:
         most = (
             f"; up to {rounded(c.high)}{f' {unit}' if unit else ''} it would not show"
             if c.high < declared.upper
@@ -455,7 +455,7 @@ def curve_in_words(c: Curve) -> str:
 
 def _driver_value(c: Curve, k: int) -> str:
     value, driver = float(c.values[k]), c.driver.driver
-    if driver.counted_in:
+    if driver.quantity_unit:
         return rounded(math.exp(value))
     return rounded(value) if driver.unit == "1" else with_unit(value, driver.unit)
 

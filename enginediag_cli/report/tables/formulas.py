@@ -17,7 +17,7 @@ from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.laws.finding import TOGETHER
 from enginediag_cli.mismatch.unrecorded.finding import Limit
 from enginediag_cli.mismatch.unrecorded.latched import SwitchingDirection
-from enginediag_cli.physics.engine_file import entry_of
+from enginediag_cli.physics.engine_file import law_entry
 from enginediag_cli.physics.law import Law
 from enginediag_cli.planning.flights import DURATION_S, MANOEUVRE, RECORDS
 from enginediag_cli.planning.separation import SAME, SENSOR, SWITCH, best_of_each_kind
@@ -56,7 +56,7 @@ def equation(term: Term) -> str:
     """What an effect says, as a line has it."""
     if of_many(term):
         of = f"formula of {len(term.COEFFICIENTS)} coefficients" if len(term.COEFFICIENTS) > MANY else "long formula"
-        return f"{term.changed}, f a {of} that varies with {term.varies_with()}: JSON and `refine` write it whole"
+        return f"{term.changed}, f a {of} that varies with {term.driver_words()}: JSON and `refine` write it whole"
     return term.EQUATION.replace(",  ", ", ")
 
 
@@ -115,7 +115,7 @@ def law_document(found: LawFinding) -> dict[str, Any]:
                 "location": law.location.name,
                 "probability": law.probability,
                 "evidence": law.evidence,
-                "entry": entry_of(law.option.hypothesis.effects[0]),
+                "entry": law_entry(law.option.hypothesis.effects[0]),
             }
             for law in found.laws
         ],

@@ -7,8 +7,8 @@ import pytest
 
 from enginediag_cli.engine.filters import (
     Backlash,
-    Clock,
     Delay,
+    FilterClock,
     Hysteresis,
     Lag,
     PerFull,
@@ -25,7 +25,7 @@ NO_DIRECTIONS = np.zeros((0, 0))
 def clock_of(time, *starts):
     first = np.zeros(len(time), bool)
     first[[0, *starts]] = True
-    return Clock(np.asarray(time, float), first)
+    return FilterClock(np.asarray(time, float), first)
 
 
 def alone(filter, clock, u, *coefficients):
@@ -149,7 +149,7 @@ def test_a_limited_ramp_turns_where_it_meets_a_falling_signal():
 def test_an_output_that_is_known_at_the_beginning_goes_on_from_there(filter, coefficients, expected):
     time = np.arange(0.0, 40.0)
     start = np.append(5.0, np.full(39, np.nan))
-    clock = Clock(time, time == 0.0, start)
+    clock = FilterClock(time, time == 0.0, start)
     u, along = np.full(40, 20.0), np.ones((1, 40))
     found = filter(clock, u, along, coefficients)
     assert u + found.value == pytest.approx(expected(time), abs=1e-9)
@@ -189,7 +189,7 @@ def test_what_comes_later_changes_nothing_that_was(name):
     filter, coefficients = FILTERS[name]
     clock, u, along = uneven()
     known = slice(0, 251)
-    part = filter(Clock(clock.time[known], clock.first[known]), u[known], along[:, known], coefficients)
+    part = filter(FilterClock(clock.time[known], clock.first[known]), u[known], along[:, known], coefficients)
     whole = filter(clock, u, along, coefficients)
     assert np.array_equal(whole.value[known], part.value)
 

@@ -30,7 +30,7 @@ def engine_of(name):
 def moving(name, **effects):
     """An engine that carries effects `term__site` with their values."""
     engine = engine_of(name)
-    return engine.with_effects([effect(engine, *label.split("__"), values) for label, values in effects.items()])
+    return engine.replace_effects([effect(engine, *label.split("__"), values) for label, values in effects.items()])
 
 
 def flight(engine, n=80, seed=0):

@@ -15,9 +15,15 @@ from enginediag_cli.engine.gas import Gas
 from enginediag_cli.engine.transient import integrate as dense
 from enginediag_cli.engine.transient import integrate as tableau
 from enginediag_cli.engine.transient import moving_engine as collocation
-from enginediag_cli.engine.transient.integrate import between, integrate
-from enginediag_cli.engine.transient.moving_engine import Flown, MovingEngine
-from enginediag_cli.engine.transient.states import Flight, MovingNetwork, Rotor, course_of, states_of
+from enginediag_cli.engine.transient.integrate import integrate, interpolate
+from enginediag_cli.engine.transient.moving_engine import FlightSolution, MovingEngine
+from enginediag_cli.engine.transient.states import (
+    MovingNetwork,
+    RotorState,
+    TransientInputs,
+    make_course,
+    transient_states,
+)
 from enginediag_cli.physics.engine_file import load_engine
 
 CONFIGS = Path(__file__).parents[3] / "configs"
@@ -45,16 +51,16 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("engines")
 
 
-def flight(engine: Engine, time, power, records=None, dT: float = 0.0, **more: float) -> Flight:
+def flight(engine: Engine, time, power, records=None, dT: float = 0.0, **more: float) -> TransientInputs:
     t = np.asarray(time, dtype=float)
     still = np.zeros(len(t))
     inputs = {"altitude_m": still, "mach": still, "dT_isa_K": still + dT}
     inputs[engine.power_setting] = engine.power_from_fraction(np.asarray(power, dtype=float), inputs)
     columns = {**inputs, **{name: still + v for name, v in more.items()}}
-    return Flight(t, columns, t if records is None else np.asarray(records, dtype=float))
+    return TransientInputs(t, columns, t if records is None else np.asarray(records, dtype=float))
 
 
-def read(m: MovingEngine, f: Flight, flown, also):
+def read(m: MovingEngine, f: TransientInputs, flown, also):
     """Columns (N, k) at a flight's records."""
     inputs = {c: np.interp(f.records, f.time, v) for c, v in f.columns.items()}
     return m.predict(inputs, {}, flown, sensors=tuple(also))
@@ -69,7 +75,7 @@ class ConstantPower:
     power_W, supply_W, inertia, design_rpm = 2.0e4, 1.0e6, 3.0, 10_000.0
 
     def __init__(self):
-        self.states = (Rotor("spool", self.inertia),)
+        self.states = (RotorState("spool", self.inertia),)
         self.hooks = Hooks()
         self.rotors = {"spool": self.states[0]}
         self.states[0].install(self.hooks, self)
@@ -92,11 +98,11 @@ class ConstantPower:
 
 def test_under_constant_power_the_square_of_the_speed_grows_in_proportion_to_time():
     n, t = ConstantPower(), np.array([0.0, 60.0])
-    course = course_of([(t, {"nothing": np.zeros(2)})])
+    course = make_course([(t, {"nothing": np.zeros(2)})])
     omega = np.array([[0.5 * n.design_rpm * np.pi / 30.0]])
     track = integrate(n, course, {}, np.array([[0.5]]), omega, 1e-9)[0]
     records = np.linspace(0.0, 60.0, 31)
-    found = between(track, records, np.array([False]))[0][0] ** 2
+    found = interpolate(track, records, np.array([False]))[0][0] ** 2
     # the start is taken for steady, with no acceleration: one short step finds it
     since = found[1]
     assert found[1:] == pytest.approx(since + 2.0 * n.power_W / n.inertia * (records[1:] - records[1]), rel=1e-7)
@@ -132,9 +138,11 @@ def test_energy_and_angular_momentum_balance_over_a_bodie_manoeuvre_at_default_o
     # from outside: powers of an engine whose speeds are given, by Gauss's quadrature between the ends of steps
     nodes, weights = np.polynomial.legendre.leggauss(5)
     h = np.diff(track.time)
-    at = Flight(f.time, f.columns, (np.array(track.time)[:-1, None] + h[:, None] * (1.0 + nodes) / 2.0).ravel())
-    states, x = between(track, at.records, follows)
-    flown = Flown(np.vstack([states, np.full(states.shape[1], -1.0)]), x)
+    at = TransientInputs(
+        f.time, f.columns, (np.array(track.time)[:-1, None] + h[:, None] * (1.0 + nodes) / 2.0).ravel()
+    )
+    states, x = interpolate(track, at.records, follows)
+    flown = FlightSolution(np.vstack([states, np.full(states.shape[1], -1.0)]), x)
     for k, rotor in enumerate(m.network.rotors.values()):
         surplus = read(m, at, flown, (f"{rotor.shaft}_surplus_W",)).y[:, 0]
         omega, work = np.array(track.states)[:, k], np.array(track.work)[:, k]
@@ -155,7 +163,7 @@ def test_the_tolerance_of_the_steps_is_not_that_of_the_run(folder):
     for tolerance in (1e-5, 1e-6, 1e-7):
         m = MovingEngine(engine, tolerance)
         found.append(m.fly([f])[0].states[0])
-        left.append(between(m.integrated([f])[0][0], f.records, follows)[0][0])
+        left.append(interpolate(m.integrated([f])[0][0], f.records, follows)[0][0])
     exact = found[-1]
     # steps alone come nearer in proportion to their tolerance, and the run is made right whatever it was
     off = [np.abs(one / exact - 1.0).max() for one in left]
@@ -214,7 +222,7 @@ def test_a_heavier_rotor_moves_more_slowly_in_proportion(folder):
 
 
 def test_without_inertia_an_engine_has_no_states():
-    assert states_of(load_engine(CONFIGS / "turbojet.yaml")) == ()
+    assert transient_states(load_engine(CONFIGS / "turbojet.yaml")) == ()
 
 
 def test_the_fuel_control_respects_its_limits_at_every_record_of_a_bodie_manoeuvre():
@@ -276,7 +284,7 @@ def test_a_fuel_valve_with_a_time_constant_follows_its_closed_form(tmp_path, rat
     time, still = np.array([0.0, 1.0, 1.0 + 1e-6, 5.0]), np.zeros(4)
     asked = np.array([0.2, 0.2, 0.3, 0.3])
     columns = {"altitude_m": still, "mach": still, "dT_isa_K": still, "asked_kg_s": asked}
-    f = Flight(time, columns, np.linspace(1.0, 5.0, 81))
+    f = TransientInputs(time, columns, np.linspace(1.0, 5.0, 81))
     fuel = read(m, f, m.fly([f])[0], ("Wf_kg_s",)).y[:, 0]
     # tau d ln x/dt = 1 - x/x_asked: a logistic curve; at a rate, straight until that is slower
     t, x0 = f.records - 1.0, 0.2

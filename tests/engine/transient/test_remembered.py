@@ -10,7 +10,7 @@ import pytest
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.tape import MOMENT
 from enginediag_cli.engine.transient.moving_engine import MovingEngine
-from enginediag_cli.engine.transient.states import Flight
+from enginediag_cli.engine.transient.states import TransientInputs
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
 
@@ -29,7 +29,7 @@ plain = load_engine(CONFIGS / "turbojet.yaml")
 
 
 def carrying(*terms: tuple[str, str, dict[str, float]]) -> Engine:
-    return plain.with_effects([effect(plain, *one) for one in terms])
+    return plain.replace_effects([effect(plain, *one) for one in terms])
 
 
 def inputs_at(engine: Engine, time=TIME, power=POWER) -> dict[str, np.ndarray]:
@@ -43,7 +43,7 @@ def flown(engine: Engine, records: np.ndarray, columns=COLUMNS, tolerance: float
     corners = inputs_at(engine)
     m = MovingEngine(engine, tolerance)
     told = {c: np.interp(records, TIME, v) for c, v in corners.items()}
-    p = m.predict(told, {}, m.fly([Flight(TIME, corners, records)])[0], sensors=columns)
+    p = m.predict(told, {}, m.fly([TransientInputs(TIME, corners, records)])[0], sensors=columns)
     assert p.ok.all(), p.reason(int(np.argmin(p.ok)))
     return p.y, told
 
@@ -86,11 +86,11 @@ def test_filters_of_one_column_follow_each_other_in_the_order_of_the_terms():
 
 
 def test_an_absent_term_is_no_state():
-    from enginediag_cli.engine.transient.states import remembered, states_of
+    from enginediag_cli.engine.transient.states import remembered, transient_states
 
     nothing = carrying(("heat_soak", "turbine", {}))
-    assert states_of(nothing) == () and remembered(nothing) == ()
-    assert len(states_of(nothing, ("heat_soak.turbine.exchange",))) == 1
+    assert transient_states(nothing) == () and remembered(nothing) == ()
+    assert len(transient_states(nothing, ("heat_soak.turbine.exchange",))) == 1
 
 
 def test_metal_behind_a_step_warms_with_its_own_time_constant():
@@ -140,7 +140,7 @@ def test_the_inertia_of_a_term_is_that_of_the_rotor(tmp_path):
     (tmp_path / "e.yaml").write_text(text.replace("16500,", "16500, inertia_kg_m2: 6,"), encoding="utf-8")
     heavy, records = load_engine(tmp_path / "e.yaml"), np.linspace(0.0, 40.0, 81)
     assert np.allclose(flown(heavy, records)[0], flown(carrying(INERTIA), records)[0], rtol=1e-10)
-    twice = heavy.with_effects([effect(heavy, *INERTIA)])
+    twice = heavy.replace_effects([effect(heavy, *INERTIA)])
     with pytest.raises(ValueError, match=r"given twice.*rotor_inertia\.spool"):
         MovingEngine(twice)
 
@@ -152,7 +152,7 @@ def test_a_flight_that_ends_early_says_when_and_why():
     corners["Wf_kg_s"][2:] *= 10.0
     m = MovingEngine(engine)
     told = {c: np.interp(records, time, v) for c, v in corners.items()}
-    p = m.predict(told, {}, m.fly([Flight(time, corners, records)])[0], sensors=COLUMNS)
+    p = m.predict(told, {}, m.fly([TransientInputs(time, corners, records)])[0], sensors=COLUMNS)
     assert p.ok[:2].all() and not p.ok[-1]
     assert p.reason(19).startswith("there is no way beyond 1.14 s: spool power cannot be met; ask for less")
 
@@ -166,12 +166,12 @@ def test_a_flight_that_ends_early_says_when_and_why():
 )
 def test_a_load_that_a_set_point_asks_for_moves_as_the_recording_recalls_it(name, values):
     loaded = load_engine(CONFIGS / "micro_gas_turbine.yaml")
-    engine = loaded.with_effects([effect(loaded, name, "generator", values)])
+    engine = loaded.replace_effects([effect(loaded, name, "generator", values)])
     m, time, records = MovingEngine(engine), np.array([0.0, 10, 11, 100, 102, 300]), np.arange(300.0)
     corners = {c: np.full(6, engine.declared["design"].get(c, 0.0)) for c in engine.inputs}
     corners["input_voltage_V"] = np.array([5.0, 5, 9, 9, 4, 4])
     told = {c: np.interp(records, time, v) for c, v in corners.items()}
-    simulated = m.predict(told, {}, m.fly([Flight(time, corners, records)])[0], sensors=("power_W",)).y
+    simulated = m.predict(told, {}, m.fly([TransientInputs(time, corners, records)])[0], sensors=("power_W",)).y
     moment = engine.tapes.add({**told, "time_s": records})
     recalled = engine.predict({**told, MOMENT: moment}, sensors=("power_W",)).y
     assert np.abs(simulated - recalled).max() < 2e-3 * np.ptp(recalled)  # set points ask for a curve, within a second

@@ -75,10 +75,10 @@ def test_its_formula_is_its_curve_and_nothing_at_the_design_point(ground: Ground
     of = ground.of(*names)
     f = 0.02 * np.sum([np.sin(5.0 * share(k)) for k in of], axis=0)
     found = additive_of(ground.said(f).kept, of)
-    formula = Expression.parsed(found.text)
-    told = np.asarray(formula.at({k.variable.name: k.values for k in of}))
+    formula = Expression.parse(found.text)
+    told = np.asarray(formula.evaluate({k.variable.name: k.values for k in of}))
     assert told == pytest.approx(found.curve, abs=2e-3 * np.ptp(f))
-    there = formula.at({k.variable.name: np.array([k.variable.reference]) for k in of})
+    there = formula.evaluate({k.variable.name: np.array([k.variable.reference]) for k in of})
     assert abs(float(np.asarray(there)[0])) < 1e-12
 
 

@@ -25,9 +25,9 @@ from enginediag_cli.mismatch.laws.refined import refined
 from enginediag_cli.mismatch.laws.said import Said, Says
 from enginediag_cli.mismatch.laws.scan import Candidate, KnownVariable, Scan, formulas_of, known_variables
 from enginediag_cli.mismatch.laws.shortlist import proposal
-from enginediag_cli.physics.engine_file import entry_of
+from enginediag_cli.physics.engine_file import law_entry
 from enginediag_cli.physics.expression import LONGEST, Expression
-from enginediag_cli.physics.law import Acts, Law, variables_of
+from enginediag_cli.physics.law import Law, LawPlace, formula_variables
 from enginediag_cli.validation.formula_marks import all_built
 
 SWING = "a * (mach - 0.55) / 0.15 * exp(-((mach - 0.55) / 0.15) ** 2)"
@@ -51,9 +51,11 @@ class Ground:
 
     def __init__(self) -> None:
         engine = concealed.turbofan()
-        mach = variables_of(engine.network)["mach"]
+        mach = formula_variables(engine.network)["mach"]
         size = Coefficient("a", "1", "size", lower=-1.0, upper=1.0, sigma=0.05, typical=0.02)
-        law = Law("truth", Acts("hpc.efficiency", "hpc", "", True), Expression.parsed(SWING), {"mach": mach}, (size,))
+        law = Law(
+            "truth", LawPlace("hpc.efficiency", "hpc", "", True), Expression.parse(SWING), {"mach": mach}, (size,)
+        )
         truth = Effect(law, law.acts.site, {"a": 0.02})
         given = concealed.evidence(concealed.flights((truth,), np.random.default_rng(1320), count=4, records=40))
         found = identify_with(given, NULL_HYPOTHESIS, nuisance(given))
@@ -132,10 +134,10 @@ def test_an_engine_file_carries_it_and_it_is_nothing_at_the_design_point(ground:
     assert averaged is not None
     (effect,) = averaged.law.option.hypothesis.effects
     values = {"a": averaged.law.candidate.amplitude}
-    built = all_built(ground.engine, [entry_of(effect.with_values({effect.parameter_name("a"): values["a"]}))])
+    built = all_built(ground.engine, [law_entry(effect.replace_values({effect.parameter_name("a"): values["a"]}))])
     assert built is not None and len(built) == 1
     at_design = {n: np.array([v.reference]) for n, v in effect.term.variables.items()}
-    there = np.asarray(effect.term.expression.at({**at_design, **values}), float)
+    there = np.asarray(effect.term.expression.evaluate({**at_design, **values}), float)
     assert np.abs(there).max() < 1e-9 * np.ptp(curve_of(averaged, ground.known))
 
 

@@ -17,14 +17,14 @@ from enginediag_cli.mismatch.laws.posterior import evidence_of
 from enginediag_cli.mismatch.laws.scan import formulas, known_variables, scored
 from enginediag_cli.mismatch.laws.shortlist import proposal
 from enginediag_cli.physics.expression import Expression
-from enginediag_cli.physics.law import Acts, Law, variables_of
+from enginediag_cli.physics.law import Law, LawPlace, formula_variables
 
 
 def _truth(place: str, slope: float) -> Effect:
     engine = concealed.turbofan()
-    acts = Acts(f"{place}.efficiency", place, "", True)
+    acts = LawPlace(f"{place}.efficiency", place, "", True)
     a = Coefficient("a", "1", "slope", lower=-1.0, upper=1.0, sigma=0.05, typical=slope)
-    law = Law("truth", acts, Expression.parsed("a * ln(reynolds_index)"), variables_of(engine.network), (a,))
+    law = Law("truth", acts, Expression.parse("a * ln(reynolds_index)"), formula_variables(engine.network), (a,))
     return Effect(law, acts.site, {"a": slope})
 
 

@@ -12,16 +12,16 @@ import yaml
 
 from enginediag_cli.engine.dual import Dual, value
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.filters import Clock
+from enginediag_cli.engine.filters import FilterClock
 from enginediag_cli.engine.load import EngineDescription
 from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.laws.grammar import FORMS, Form
 from enginediag_cli.mismatch.laws.past import past_along
 from enginediag_cli.mismatch.laws.proposed import proposed
 from enginediag_cli.mismatch.laws.scan import Candidate, Formula, KnownVariable, formulas
-from enginediag_cli.physics.engine_file import entry_of, load_engine
-from enginediag_cli.physics.expression import unit_of
-from enginediag_cli.physics.law import Law, variables_of
+from enginediag_cli.physics.engine_file import law_entry, load_engine
+from enginediag_cli.physics.expression import parse_unit
+from enginediag_cli.physics.law import Law, formula_variables
 
 TURBOFAN = Path(__file__).parents[3] / "configs" / "turbofan.yaml"
 EACH = pytest.mark.parametrize("form", FORMS, ids=[f.name for f in FORMS])
@@ -34,9 +34,9 @@ def _turbofan() -> Engine:
 
 def _known(records: int = 200) -> list[KnownVariable]:
     """Two ratios and one variable as it stands, once a minute."""
-    clock = Clock(60.0 * np.arange(records), np.arange(records) == 0)
+    clock = FilterClock(60.0 * np.arange(records), np.arange(records) == 0)
     r = np.random.default_rng(1)
-    variables = variables_of(_turbofan().network)
+    variables = formula_variables(_turbofan().network)
     ranges = {"power": (0.6, 1.1), "reynolds_index": (0.3, 1.2), "mach": (0.0, 0.8)}
     return [KnownVariable(variables[n], r.uniform(*at, records), k, clock) for k, (n, at) in enumerate(ranges.items())]
 
@@ -63,12 +63,12 @@ def test_a_form_is_nothing_at_the_design_point_and_finite_far_around_it(form: Fo
     r = np.random.default_rng(2)
     for f in _formulas(form):
         reference = np.array([[k.variable.reference for k in f.of]])
-        assert np.allclose(form.expression.at(_values(f, reference)), 0.0, atol=1e-12)
+        assert np.allclose(form.expression.evaluate(_values(f, reference)), 0.0, atol=1e-12)
         # a fifth to five times what the design point has, and a fifth of the range beyond what the records have
         wide = np.array([k.variable.reference for k in f.of]) * np.exp(r.uniform(-1.6, 1.6, (500, len(f.of))))
         around = [r.uniform(k.values.min() - 0.1, k.values.max() + 0.1, 500) for k in f.of]
         for at in (np.where(wide > 0.0, wide, 0.4), np.column_stack(around)):
-            assert np.isfinite(form.expression.at(_values(f, at))).all(), f.shape
+            assert np.isfinite(form.expression.evaluate(_values(f, at))).all(), f.shape
 
 
 @EACH
@@ -81,11 +81,11 @@ def test_its_derivatives_are_those_of_differences(form: Form) -> None:
             n: Dual(np.broadcast_to(values[n], 50), np.eye(len(own))[k][:, None] * np.ones(50))
             for k, n in enumerate(own)
         }
-        found = form.expression.at({**values, **given})
+        found = form.expression.evaluate({**values, **given})
         assert isinstance(found, Dual)
         for k, n in enumerate(own):
             h = 1e-5 * max(1e-3, float(np.max(np.abs(values[n]))))
-            low, high = (value(form.expression.at({**values, n: values[n] + s * h})) for s in (-1, 1))
+            low, high = (value(form.expression.evaluate({**values, n: values[n] + s * h})) for s in (-1, 1))
             size = max(1e-3, float(np.max(np.abs(found.d[k]))))
             assert np.allclose(found.d[k], (high - low) / (2 * h), rtol=1e-5, atol=1e-5 * size), n
 
@@ -94,7 +94,7 @@ def test_its_derivatives_are_those_of_differences(form: Form) -> None:
 def test_it_has_no_kink_and_no_unit(form: Form) -> None:
     assert form.name.isidentifier()
     assert "max" not in form.text and "min" not in form.text
-    units = dict.fromkeys(form.expression.names, unit_of("1")) | {s.letter: unit_of(s.unit) for s in form.shapes}
+    units = dict.fromkeys(form.expression.names, parse_unit("1")) | {s.letter: parse_unit(s.unit) for s in form.shapes}
     assert form.expression.unit(units) == {}
 
 
@@ -116,7 +116,7 @@ def test_a_formula_that_was_found_stands_in_an_engine_file_as_the_same_numbers(f
     place = Location(at, at, parameter.component, scale=0.01)
     law = proposed(Candidate(place, formula, 0.02, 1.0, 1.0, 0.0), parameter, "found")
     fitted = {c.name: c.typical for c in law.term.COEFFICIENTS}
-    written = entry_of(replace(law, values=fitted))
+    written = law_entry(replace(law, values=fitted))
     text = TURBOFAN.read_text() + "\n" + yaml.safe_dump({"physics": [written]})
     (read,) = load_engine(EngineDescription(str(TURBOFAN), text, {})).effects
     assert isinstance(read.term, Law) and isinstance(law.term, Law)
@@ -125,5 +125,5 @@ def test_a_formula_that_was_found_stands_in_an_engine_file_as_the_same_numbers(f
         assert (own[c.name].free, own[c.name].lower) == (c.free, pytest.approx(c.lower, rel=1e-5))
     names = {k.variable.name: k.values for k in formula.of}
     sizes = {c.name: read.values[c.name] for c in read.term.COEFFICIENTS}
-    of_file = read.term.expression.at({**names, **sizes}, past_along(formula.of[0].clock))
+    of_file = read.term.expression.evaluate({**names, **sizes}, past_along(formula.of[0].clock))
     assert np.allclose(of_file, 0.02 * formula.curve, rtol=1e-4, atol=1e-6 * np.std(formula.curve))

@@ -7,19 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
-from enginediag_cli.engine.filters import Clock
+from enginediag_cli.engine.filters import FilterClock
 from enginediag_cli.mismatch.laws.at_place import in_both
 from enginediag_cli.mismatch.laws.scan import KnownVariable, formulas
 from enginediag_cli.parallel import ProcessCodec
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.physics.law import variables_of
+from enginediag_cli.physics.law import formula_variables
 
 TURBOFAN = Path(__file__).parents[3] / "configs" / "turbofan.yaml"
 
 
 def test_formulas_of_a_variable_that_has_moved_come_back_with_their_forms_and_shapes() -> None:
-    variables, r = variables_of(load_engine(TURBOFAN).network), np.random.default_rng(0)
-    clock = Clock(60.0 * np.arange(50), np.arange(50) == 0)
+    variables, r = formula_variables(load_engine(TURBOFAN).network), np.random.default_rng(0)
+    clock = FilterClock(60.0 * np.arange(50), np.arange(50) == 0)
     known = [
         KnownVariable(variables[n], r.uniform(0.5, 1.0, 50), k, clock)
         for k, n in enumerate(("power", "burner_temperature"))

@@ -16,7 +16,7 @@ from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, ref
 from enginediag_cli.mismatch.fit.load import RecordedCase, load_case
 from enginediag_cli.mismatch.laws.scan import known_variables
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.physics.registry import candidates, effect
+from enginediag_cli.physics.registry import candidate_effects, effect
 from enginediag_cli.shipped import shipped
 
 TURBOJET = str(shipped("turbojet.yaml"))
@@ -29,8 +29,8 @@ def searched(folder: Path, bled: np.ndarray | None, band: float, seed: int) -> S
     when it came from below, or in the records that `bled` (3, N) says."""
     model = load_engine(TURBOJET)
     values = {"fraction": FRACTION, "open_below": OPEN_BELOW, "band": band}
-    valve = model.with_effects([effect(model, "bleed_valve_hysteresis", "compressor", values)])
-    at_times = model.with_effects([effect(model, "customer_bleed", "compressor", {"fraction": FRACTION})])
+    valve = model.replace_effects([effect(model, "bleed_valve_hysteresis", "compressor", values)])
+    at_times = model.replace_effects([effect(model, "customer_bleed", "compressor", {"fraction": FRACTION})])
     rng, files = np.random.default_rng(seed), []
     for run in range(3):
         levels = np.repeat(rng.uniform(0.05, 0.95, RECORDS // HELD), HELD)
@@ -53,7 +53,7 @@ def searched(folder: Path, bled: np.ndarray | None, band: float, seed: int) -> S
         rows = np.column_stack(list(table.values()))
         np.savetxt(files[-1], rows, fmt="%.9g", delimiter=",", header=",".join(table), comments="")
     evidence = load_case(RecordedCase(TURBOJET, Source(tuple(files))), identified=True).evidence
-    known = [e for e in candidates(evidence.engine) if e.term.NAME != "handling_bleed"]
+    known = [e for e in candidate_effects(evidence.engine) if e.term.NAME != "handling_bleed"]
     return Search(refit_noise_without_switches(evidence), known, hidden_search(evidence))
 
 

@@ -12,7 +12,7 @@ from enginediag_cli.mismatch.explain.answer import FORMULA, Answer
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search
 from enginediag_cli.mismatch.fit.load import RecordedCase, load_case
-from enginediag_cli.physics.registry import candidates
+from enginediag_cli.physics.registry import candidate_effects
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 TURBOFAN = CONFIGS / "turbofan.yaml"
@@ -27,7 +27,7 @@ def explained(folder: Path, law: str, seed: int) -> Answer:
     flown = ["simulate", str(truth), "--flight", str(flights), "--flights", "5", "--seed", str(seed), "-q"]
     assert main([*flown, "-o", recorded]) == 0
     evidence = load_case(RecordedCase(str(TURBOFAN), Source((recorded,))), identified=True).evidence
-    return Search(evidence, list(candidates(evidence.engine)), hidden_search(evidence)).run()
+    return Search(evidence, list(candidate_effects(evidence.engine)), hidden_search(evidence)).run()
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.scan import formulas, known_variables, scored
 from enginediag_cli.mismatch.laws.shortlist import proposal
 from enginediag_cli.physics.expression import Expression
-from enginediag_cli.physics.law import Acts, Law, variables_of
+from enginediag_cli.physics.law import Law, LawPlace, formula_variables
 
 CLEAR = 8.0
 """−ln p of a size that is needed."""
@@ -24,9 +24,9 @@ CLEAR = 8.0
 def _step_of(slope: float) -> tuple[HypothesisFit, HypothesisFit]:
     """The fit without and with a smooth step at the HPC, where the truth is a straight line of this slope."""
     engine = concealed.turbofan()
-    acts = Acts("hpc.efficiency", "hpc", "", True)
+    acts = LawPlace("hpc.efficiency", "hpc", "", True)
     a = Coefficient("a", "1", "slope", lower=-1.0, upper=1.0, sigma=0.05, typical=slope)
-    law = Law("truth", acts, Expression.parsed("a * (reynolds_index - 1)"), variables_of(engine.network), (a,))
+    law = Law("truth", acts, Expression.parse("a * (reynolds_index - 1)"), formula_variables(engine.network), (a,))
     truth = [Effect(law, acts.site, {"a": slope})] if slope else []
     given = concealed.evidence(concealed.flights(truth, np.random.default_rng(1101), count=4, records=40))
     along = nuisance(given)

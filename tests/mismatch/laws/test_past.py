@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine.dual import Dual
-from enginediag_cli.engine.filters import Backlash, Clock, Lag
+from enginediag_cli.engine.filters import Backlash, FilterClock, Lag
 from enginediag_cli.engine.tape import MOMENT, NO_MOMENT
 from enginediag_cli.mismatch.laws.past import clock_of, past_along
 from enginediag_cli.physics.engine_file import load_engine
@@ -20,38 +20,40 @@ TURBOJET = Path(__file__).parents[3] / "configs" / "turbojet.yaml"
 
 
 @pytest.fixture
-def course() -> tuple[Clock, np.ndarray]:
+def course() -> tuple[FilterClock, np.ndarray]:
     """Two stretches of half a minute between records, and a variable that goes up and down."""
     first = np.isin(np.arange(N), [0, 25])
     time = 30.0 * np.arange(N) + np.where(np.arange(N) < 25, 0.0, 5000.0)
-    return Clock(time, first), 0.8 + 0.2 * np.sin(np.arange(N) / 5.0)
+    return FilterClock(time, first), 0.8 + 0.2 * np.sin(np.arange(N) / 5.0)
 
 
 def test_a_follower_is_its_signal_and_what_the_filter_makes_of_it(course) -> None:
     clock, x = course
-    text = Expression.parsed("2 * lagged(x, t) + backlash(x, h)")
+    text = Expression.parse("2 * lagged(x, t) + backlash(x, h)")
     none = np.zeros((0, N))
     lagged = x + Lag()(clock, x, none, (90.0,)).value
     dragged = x + Backlash()(clock, x, none, (0.1,)).value
-    assert np.allclose(text.at({"x": x, "t": 90.0, "h": 0.1}, past_along(clock)), 2.0 * lagged + dragged)
-    assert np.allclose(text.at({"x": x, "t": 90.0, "h": 0.1}), 3.0 * x)  # nothing is known of a past
+    assert np.allclose(text.evaluate({"x": x, "t": 90.0, "h": 0.1}, past_along(clock)), 2.0 * lagged + dragged)
+    assert np.allclose(text.evaluate({"x": x, "t": 90.0, "h": 0.1}), 3.0 * x)  # nothing is known of a past
 
 
 def test_many_tries_at_once_are_each_of_them(course) -> None:
     clock, x = course
-    text, tries = Expression.parsed("limited(x, s, s)"), np.array([[10.0], [600.0], [3000.0]])
-    found = text.at({"x": x, "s": tries}, past_along(clock))
+    text, tries = Expression.parse("limited(x, s, s)"), np.array([[10.0], [600.0], [3000.0]])
+    found = text.evaluate({"x": x, "s": tries}, past_along(clock))
     for row, s in zip(np.asarray(found), tries[:, 0], strict=True):
-        assert np.array_equal(row, text.at({"x": x, "s": float(s)}, past_along(clock)))
+        assert np.array_equal(row, text.evaluate({"x": x, "s": float(s)}, past_along(clock)))
 
 
 @pytest.mark.parametrize("text", ["lagged(x, p)", "limited(x, p, p)"])
 def test_derivatives_by_its_coefficients_are_those_of_differences(course, text: str) -> None:
     clock, x = course
-    expression, at, h = Expression.parsed(text), 220.0, 1e-3
-    found = expression.at({"x": x, "p": Dual(np.full(N, at), np.vstack([np.zeros(N), np.ones(N)]))}, past_along(clock))
+    expression, at, h = Expression.parse(text), 220.0, 1e-3
+    found = expression.evaluate(
+        {"x": x, "p": Dual(np.full(N, at), np.vstack([np.zeros(N), np.ones(N)]))}, past_along(clock)
+    )
     assert isinstance(found, Dual)
-    high, low = (np.asarray(expression.at({"x": x, "p": at + d}, past_along(clock))) for d in (h, -h))
+    high, low = (np.asarray(expression.evaluate({"x": x, "p": at + d}, past_along(clock))) for d in (h, -h))
     assert np.allclose(found.d[1], (high - low) / (2.0 * h), atol=1e-6 * np.abs(found.d[1]).max())
 
 

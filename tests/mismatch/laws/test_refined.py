@@ -23,7 +23,7 @@ from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import Candidate, formulas, formulas_of, known_variables, scored
 from enginediag_cli.mismatch.laws.shortlist import proposal
 from enginediag_cli.physics.expression import Expression
-from enginediag_cli.physics.law import Acts, Law, variables_of
+from enginediag_cli.physics.law import Law, LawPlace, formula_variables
 
 LISTED = ("reynolds_index", "power", "mach")
 NARROW = "a * (exp(-((mach - 0.55) / 0.07) ** 2) - exp(-((0 - 0.55) / 0.07) ** 2))"
@@ -35,10 +35,10 @@ class Searched:
 
     def __init__(self, formula: str, size: float, of: tuple[str, ...], carrying: str):
         engine = concealed.turbofan()
-        every = variables_of(engine.network)
+        every = formula_variables(engine.network)
         a = Coefficient("a", "1", "size", lower=-10.0, upper=10.0, sigma=0.05, typical=size)
-        acts = Acts("hpc.efficiency", "hpc", "", True)
-        law = Law("truth", acts, Expression.parsed(formula), {n: every[n] for n in of}, (a,))
+        acts = LawPlace("hpc.efficiency", "hpc", "", True)
+        law = Law("truth", acts, Expression.parse(formula), {n: every[n] for n in of}, (a,))
         truth = Effect(law, acts.site, {"a": size})
         self.given = concealed.evidence(concealed.flights((truth,), np.random.default_rng(1300), count=4, records=40))
         found = identify_with(self.given, NULL_HYPOTHESIS, nuisance(self.given))

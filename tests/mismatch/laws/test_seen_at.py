@@ -17,7 +17,7 @@ from enginediag_cli.mismatch.laws.carried import Carried, carried
 from enginediag_cli.mismatch.laws.scan import formulas, known_variables, scored, seen_at
 from enginediag_cli.mismatch.laws.shortlist import proposal
 from enginediag_cli.physics.expression import Expression
-from enginediag_cli.physics.law import Acts, Law, variables_of
+from enginediag_cli.physics.law import Law, LawPlace, formula_variables
 
 ALONG, READING = "reynolds_index_3", "P3_Pa"
 
@@ -29,8 +29,8 @@ class Searched:
     def __init__(self) -> None:
         engine = concealed.turbofan()
         a = Coefficient("a", "1", "size", lower=-10.0, upper=10.0, sigma=0.05, typical=0.06)
-        acts = Acts("sensor.P3.scale", "sensor.P3", "1", True)
-        law = Law("truth", acts, Expression.parsed(f"a * ({ALONG} - 1)"), variables_of(engine.network), (a,))
+        acts = LawPlace("sensor.P3.scale", "sensor.P3", "1", True)
+        law = Law("truth", acts, Expression.parse(f"a * ({ALONG} - 1)"), formula_variables(engine.network), (a,))
         truth = Effect(law, acts.site, {"a": 0.06})
         given = concealed.evidence(concealed.flights((truth,), np.random.default_rng(1400), count=4, records=40))
         found = identify_with(given, NULL_HYPOTHESIS, nuisance(given))

@@ -21,7 +21,7 @@ from enginediag_cli.mismatch.laws.shortlist import proposal
 from enginediag_cli.mismatch.laws.smooth import Smooth, prior_of_variables, smooth_evidence
 from enginediag_cli.mismatch.laws.steps import bends_of
 from enginediag_cli.physics.expression import Expression
-from enginediag_cli.physics.law import Acts, Law, variables_of
+from enginediag_cli.physics.law import Law, LawPlace, formula_variables
 
 LISTED = ("reynolds_index", "power", "mach")
 
@@ -37,10 +37,10 @@ def _said(
 ) -> tuple[Said, list[KnownVariable], float]:
     """Of a law at the HPC's efficiency, at a fit that carries the best law of one variable."""
     engine = concealed.turbofan()
-    acts = Acts("hpc.efficiency", "hpc", "", True)
+    acts = LawPlace("hpc.efficiency", "hpc", "", True)
     a = Coefficient("a", "1", "size", lower=-1.0, upper=1.0, sigma=0.05, typical=size)
-    every = variables_of(engine.network)
-    law = Law("truth", acts, Expression.parsed(formula), {n: every[n] for n in of}, (a,))
+    every = formula_variables(engine.network)
+    law = Law("truth", acts, Expression.parse(formula), {n: every[n] for n in of}, (a,))
     given = concealed.evidence(
         concealed.flights((Effect(law, acts.site, {"a": size}),), np.random.default_rng(seed), count=4, records=40)
     )

@@ -12,7 +12,7 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.laws.scan import known_variables, scanned
 from enginediag_cli.mismatch.laws.unlisted import any_curve_at_all
 from enginediag_cli.physics.expression import Expression
-from enginediag_cli.physics.law import Acts, Law, variables_of
+from enginediag_cli.physics.law import Law, LawPlace, formula_variables
 
 TWO_WAVES = "a * mach * (mach - 0.25) * (mach - 0.4) * (mach - 0.55) * (mach - 0.7) * (mach - 0.85)"
 
@@ -29,11 +29,11 @@ def looked(*effects: Effect) -> tuple[float, float]:
 @pytest.mark.slow
 def test_a_wave_that_no_form_has_is_plainly_likelier_as_any_curve() -> None:
     acts, a = (
-        Acts("hpc.efficiency", "hpc", "", True),
+        LawPlace("hpc.efficiency", "hpc", "", True),
         Coefficient("a", "1", "size", lower=-900.0, upper=900.0, sigma=100.0, typical=200.0),
     )
-    mach = {"mach": variables_of(concealed.turbofan().network)["mach"]}
-    law = Law("truth", acts, Expression.parsed(TWO_WAVES), mach, (a,))
+    mach = {"mach": formula_variables(concealed.turbofan().network)["mach"]}
+    law = Law("truth", acts, Expression.parse(TWO_WAVES), mach, (a,))
     smooth, listed = looked(Effect(law, acts.site, {"a": 200.0}))
     assert smooth > listed + 10.0 and smooth > 30.0
 

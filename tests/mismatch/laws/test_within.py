@@ -19,19 +19,19 @@ from enginediag_cli.mismatch.laws.scan import Candidate, formulas, known_variabl
 from enginediag_cli.mismatch.laws.shortlist import proposal
 from enginediag_cli.mismatch.laws.within import Room
 from enginediag_cli.physics.expression import Expression
-from enginediag_cli.physics.law import Acts, Law, at_lever, variables_of
+from enginediag_cli.physics.law import Law, LawPlace, effect_place, formula_variables
 from enginediag_cli.physics.registry import effect
 
 BEYOND_SATURATED = 20.0
 """Slope of relative humidity along the inlet temperature over its reference: it would change by more than 1.5."""
 
 
-def _searched(acts: Acts, slope: float):
+def _searched(acts: LawPlace, slope: float):
     """The base of flights with a law in proportion to inlet temperature, and that law as it is scored at each place."""
     engine = concealed.turbofan()
     a = Coefficient("a", "1", "slope", lower=-np.inf, upper=np.inf, sigma=1.0, typical=slope)
-    known = variables_of(engine.network)
-    law = Law("truth", acts, Expression.parsed("a * (inlet_temperature - 1)"), known, (a,))
+    known = formula_variables(engine.network)
+    law = Law("truth", acts, Expression.parse("a * (inlet_temperature - 1)"), known, (a,))
     truth = Effect(law, acts.site, {"a": slope})
     given = concealed.evidence(concealed.flights((truth,), np.random.default_rng(1100), count=4, records=40))
     found = identify_with(given, NULL_HYPOTHESIS, nuisance(given))
@@ -50,7 +50,7 @@ def _fitted(base: HypothesisFit, candidate: Candidate) -> tuple[Fitted, float]:
 
 @pytest.fixture(scope="module")
 def of_humidity():
-    return _searched(at_lever(effect(concealed.turbofan(), "humidity", "ambient")), BEYOND_SATURATED)
+    return _searched(effect_place(effect(concealed.turbofan(), "humidity", "ambient")), BEYOND_SATURATED)
 
 
 def test_air_is_no_more_than_saturated(of_humidity):
@@ -63,7 +63,7 @@ def test_air_is_no_more_than_saturated(of_humidity):
 
 
 def test_what_stays_within_pays_nothing():
-    base, at = _searched(Acts("hpc.efficiency", "hpc", "", True), 0.15)
+    base, at = _searched(LawPlace("hpc.efficiency", "hpc", "", True), 0.15)
     fitted, by_readings = _fitted(base, at["hpc.efficiency"])
     assert fitted.evidence == by_readings
 

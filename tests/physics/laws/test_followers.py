@@ -13,7 +13,7 @@ from enginediag_cli.engine.tape import MOMENT
 from enginediag_cli.errors import ConfigError
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.expression import Expression, ExpressionError
-from enginediag_cli.physics.law import variables_of
+from enginediag_cli.physics.law import formula_variables
 
 TURBOJET = Path(__file__).parents[3] / "configs" / "turbojet.yaml"
 SHAPES = {
@@ -77,7 +77,7 @@ def test_a_law_that_remembers_is_the_filter_of_its_variable(name: str) -> None:
     p = predicted(engine, columns, sensors=("N1_rpm", "T2_K"))
     N1, T2 = p.y.T
     (memory,) = engine.network.memories
-    u = variables_of(engine.network)["corrected_N1"].values({"N1_rpm": N1, "T2_K": T2})
+    u = formula_variables(engine.network)["corrected_N1"].values({"N1_rpm": N1, "T2_K": T2})
     assert p.ok.all()
     coefficients = [engine.nominal[c] for c in memory.coefficients]
     clock = engine.tapes.tapes[0].clock()
@@ -126,7 +126,7 @@ def test_without_a_past_a_law_is_in_equilibrium(name: str) -> None:
 )
 def test_what_a_follower_takes_is_told(text: str, told: str) -> None:
     with pytest.raises(ExpressionError, match=told):
-        Expression.parsed(text)
+        Expression.parse(text)
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,8 @@ import pytest
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.load import EngineDescription
 from enginediag_cli.errors import ConfigError
-from enginediag_cli.physics.engine_file import entry_of, load_engine
-from enginediag_cli.physics.law import variables_of
+from enginediag_cli.physics.engine_file import law_entry, load_engine
+from enginediag_cli.physics.law import formula_variables
 from enginediag_cli.physics.registry import effect
 
 CONFIGS = Path(__file__).parents[3] / "configs"
@@ -53,12 +53,12 @@ def test_the_law_is_the_term_with_that_size_in_every_record(at: str) -> None:
     unit, a = SIZES[at]
     law = carrying(entry(at, unit, a))
     u = points(law)
-    power = variables_of(law.network)["power"]
+    power = formula_variables(law.network)["power"]
     columns = dict(zip(power.columns, law.predict(u, sensors=power.columns).y.T, strict=True))
     f = a * ((power.values(columns) - 1.0) ** 2 + 0.5 * u["mach"])
     plain = load_engine(CONFIGS / "turbofan.yaml")
     name, site, _ = at.split(".")
-    term = plain.with_effects((effect(plain, name, site),))
+    term = plain.replace_effects((effect(plain, name, site),))
     one, other = law.predict(u), term.predict(u, {at: f})
     assert one.ok.all() and other.ok.all()
     assert np.allclose(one.y, other.y, rtol=1e-9)
@@ -89,14 +89,14 @@ def test_beside_the_effect_that_the_file_carries_it_is_a_further_one() -> None:
     engine = carrying(both)
     u = points(engine)
     plain = load_engine(CONFIGS / "turbofan.yaml")
-    term = plain.with_effects((effect(plain, "power_offtake", "hp"),))
+    term = plain.replace_effects((effect(plain, "power_offtake", "hp"),))
     expected = term.predict(u, {"power_offtake.hp.fraction": 0.01 + 0.02 * u["mach"]})
     assert np.allclose(engine.predict(u).y, expected.y, rtol=1e-9)
 
 
 def test_written_by_refine_it_is_read_as_it_was() -> None:
     (law,) = carrying(entry("customer_bleed.hpc.fraction", "1", 0.05)).effects
-    block = entry_of(law)
+    block = law_entry(law)
     assert block["at"] == "customer_bleed.hpc.fraction"
     assert block["coefficients"]["a"]["value"] == 0.05
 
