@@ -88,7 +88,7 @@ def fly_dynamically(engine: Engine, conditions: Conditions, inputs: Columns, val
     lost, loose = np.full(len(conditions), "", dtype=object), np.zeros(len(conditions), dtype=bool)
     for index, of in zip(records.values(), found, strict=True):
         states[:, index], unknowns[:, index], lost[index], loose[index] = of
-    return Flying(moving, FlightSolution(states, unknowns, lost, loose))
+    return DynamicFlight(moving, FlightSolution(states, unknowns, lost, loose))
 
 
 def _time(conditions: Conditions) -> NDArray[np.float64]:
