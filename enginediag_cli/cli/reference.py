@@ -203,7 +203,7 @@ def man(messages: Messages, command: str | None) -> None:
     from enginediag_cli.cli.main import COMMANDS, enginediag
     from enginediag_cli.report.reference import command_page, program_page
 
-    group = click.Context(enginediag, info_name="enginediag")
+    group = click.Context(enginediag, info_name="enginediag", **enginediag.context_settings)
     if command is None:
         click.echo(program_page(group, {name: entry.help for name, entry in COMMANDS.items()}), nl=False)
         return

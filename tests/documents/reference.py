@@ -70,7 +70,8 @@ def commands() -> Iterator[str]:
     yield "Options that every command has stand at the end, under [every command](#every-command). An option's default"
     yield "may come from the environment, `ENGINEDIAG_<COMMAND>_<OPTION>`, or from `enginediag.yaml` in the folder."
     yield ""
-    group = click.Context(enginediag, info_name="enginediag", terminal_width=WIDTH, max_content_width=WIDTH)
+    settings = {**enginediag.context_settings, "terminal_width": WIDTH, "max_content_width": WIDTH}
+    group = click.Context(enginediag, info_name="enginediag", **settings)
     common: dict[str, str] = {}
     for name in COMMANDS:
         command = enginediag.get_command(group, name)
