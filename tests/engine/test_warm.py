@@ -52,7 +52,7 @@ def test_the_same_records_again_take_fewer_passes(engine, flight):
 def test_records_that_are_read_a_little_otherwise_begin_at_their_own_solution(engine, flight, monkeypatch):
     warmed = WarmEngine(engine)
     first = warmed.predict(flight)
-    monkeypatch.setattr(warmed, "_nearest", lambda points: pytest.fail("they were sought among all points"))
+    monkeypatch.setattr(warmed, "_nearest_start", lambda points: pytest.fail("they were sought among all points"))
     moved = {**flight, "N1_rpm": flight["N1_rpm"] * 1.003}
     found = warmed.predict(moved)
     np.testing.assert_allclose(found.y, engine.predict(moved).y, rtol=1e-8)

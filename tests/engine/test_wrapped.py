@@ -96,5 +96,5 @@ def test_all_else_is_the_inner_models_in_a_copy_too():
 
 
 def test_what_a_wrapper_adds_it_must_say():
-    with pytest.raises(TypeError, match="_answer"):
+    with pytest.raises(TypeError, match="_predict"):
         WrappedModel(Inner(), {})

@@ -327,14 +327,14 @@ def test_a_term_acts_where_it_says_it_does(name):
                 *(f"reading {c}" for c in hooks.readings),
                 *(m.column for m in hooks.memories if m.column),
             }
-            assert acts_on == set(e.site.acts_on), e.label
+            assert acts_on == set(e.site.targets), e.label
             assert all(leaf in known_leaves(engine) for leaf in hooks.leaves), e.label
     assert sites, f"no shipped engine has a place for {name}"
 
 
 def known_leaves(engine):
     network = engine.network
-    columns = {network.leaf_of(c) for c in (*engine.inputs, *engine.optional_inputs)}
+    columns = {network.input_leaf(c) for c in (*engine.inputs, *engine.optional_inputs)}
     constant = {f"{s}.speed_rpm" for s, v in network.shafts.items() if v["speed"] == "constant"}
     return columns | constant | set(engine.parameters) | {u.name for u in engine.unknowns}
 
