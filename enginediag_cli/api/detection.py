@@ -180,20 +180,20 @@ class DetectionResult(VerdictResult):
 
     def _compute(self) -> Iterator[Row]:
         from enginediag_cli.detection.verdict import judge
-        from enginediag_cli.report.tables.detection import DETECT, DETECTABLE, tell_window
+        from enginediag_cli.report.tables.detection import DETECT, DETECTABLE, report_window
 
         monitor = None if self._comparison.judging.reference else self._monitor
         windows = self._files.windows()
         verdicts = (judge(window, self._false_alarm, self._required, monitor) for window, _ in windows)
         for number, verdict in self._verdicts(verdicts):
-            tell_window(self.messages, verdict, in_words=number <= SENTENCES)
+            report_window(self.messages, verdict, in_words=number <= SENTENCES)
             yield DETECT.row(verdict, DETECTABLE if self._detectable else ())
 
     def plot(self) -> Picture:
-        """Draw the statistic of every window over its threshold. Raises NoVerdictError where nothing was judged."""
-        from enginediag_cli.report.plotting.models import of_detection, svg_of
+        """The statistic of every window over its threshold. Raises NoVerdictError where nothing was judged."""
+        from enginediag_cli.report.plotting.models import chart_svg, detection_chart
 
-        return Picture(svg_of(of_detection(self.rows)))
+        return Picture(chart_svg(detection_chart(self.rows)))
 
 
 def detect(
@@ -275,20 +275,20 @@ class FollowResult(Result):
         super().__init__(table=FOLLOW, head=head, messages=comparison.messages)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.report.tables.detection import FOLLOW, tell_new_instruments
-        from enginediag_cli.report.tables.recordings import tell_left_out, tell_mismatches
+        from enginediag_cli.report.tables.detection import FOLLOW, report_new_instruments
+        from enginediag_cli.report.tables.recordings import report_excluded, report_mismatches
 
         alarms: dict[tuple[str, str, str], bool] = {}
         wrong: dict[tuple[str, str, str], set[str]] = {}
         following, intake = self._following, self._intake
         for report in following.reports():
             alarms[report.key] = report.alarm
-            tell_new_instruments(self.messages, report, wrong.setdefault(report.key, set()))
-            self.findings = sum(alarms.values()) + sum(map(bool, wrong.values()))
+            report_new_instruments(self.messages, report, wrong.setdefault(report.key, set()))
+            self.found = sum(alarms.values()) + sum(map(bool, wrong.values()))
             self.judged += 0 if report.reason else report.judged
             yield FOLLOW.row(report)
-        tell_mismatches(self.messages, intake.mismatches)
-        tell_left_out(self.messages, intake.left_out, following.counts, following.elsewhere)
+        report_mismatches(self.messages, intake.mismatches)
+        report_excluded(self.messages, intake.left_out, following.counts, following.elsewhere)
         counts = {"flights": len(alarms), "alarms": sum(alarms.values()), "instruments": sum(map(bool, wrong.values()))}
         beside = f", {counts['instruments']} with an instrument that is stuck or scatters" * bool(counts["instruments"])
         self.messages.note(f"{counts['alarms']} of {len(alarms)} flights with an alarm{beside}", counts=counts)
@@ -341,7 +341,7 @@ class MethodResult(VerdictResult):
     """The verdicts of another method on each window; see `detect_by_method`."""
 
     def __init__(self, comparison: Comparison, name: str, healthy: Sequence[str], false_alarm: float):
-        from enginediag_cli.report.tables.detection import BY_METHOD
+        from enginediag_cli.report.tables.detection import METHOD
         from enginediag_cli.residuals.files import Judging
 
         self._comparison, self._false_alarm = comparison, false_alarm
@@ -353,13 +353,13 @@ class MethodResult(VerdictResult):
         self._files = files = comparison.files(monitor)
         self._fitted = self._learnt(resolve_recordings(tuple(healthy)) if self._method.learns else None)
         notes = {"method": self._method.name, "false_alarm": str(false_alarm)}
-        head = comparison.head("detect", BY_METHOD, files.intake, notes, configs=tuple(healthy), judging=Judging())
-        super().__init__(table=BY_METHOD, head=head, messages=comparison.messages)
+        head = comparison.head("detect", METHOD, files.intake, notes, configs=tuple(healthy), judging=Judging())
+        super().__init__(table=METHOD, head=head, messages=comparison.messages)
         self.unread = files.intake.unread
 
     def _learnt(self, healthy: Source | None) -> FittedMethod:
-        from enginediag_cli.methods.base import training_windows
-        from enginediag_cli.report.tables.recordings import tell_left_out
+        from enginediag_cli.methods.base import learnt_windows
+        from enginediag_cli.report.tables.recordings import report_excluded
         from enginediag_cli.residuals.gross_gate import GrossErrorGate
 
         if healthy is None:
@@ -369,12 +369,12 @@ class MethodResult(VerdictResult):
         gate = GrossErrorGate(self._monitor)
         windows = training_windows(self._monitor, gate.clean(learnt.chunks()), self._comparison.judging.plan)
         gate.report(learnt.left_out)
-        tell_left_out(self._comparison.messages, learnt.left_out)
+        report_excluded(self._comparison.messages, learnt.left_out)
         return self._method.train(self._monitor, windows)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.methods.base import judge_windows, recorded_windows
-        from enginediag_cli.report.tables.detection import BY_METHOD, MethodRow
+        from enginediag_cli.methods.base import judged_windows, recorded_windows
+        from enginediag_cli.report.tables.detection import METHOD, MethodRow
         from enginediag_cli.residuals.gross_gate import GrossErrorGate
 
         gate, files = GrossErrorGate(self._monitor), self._files
@@ -388,7 +388,7 @@ class MethodResult(VerdictResult):
             place = found.window.place
             files.counts.update(outside=place.outside, incomplete=place.incomplete)
             files.elsewhere.update(place.elsewhere)
-            yield BY_METHOD.row(MethodRow(found, self._method))
+            yield METHOD.row(MethodRow(found, self._method))
 
 
 def detect_by_method(

@@ -70,14 +70,19 @@ class Inquiry:
     scratch: tuple[Any, ...] = ()  # keeps the files of what was given as objects alive
 
     def tell(self, loaded: LoadedCase) -> None:
-        """Report doubts about the nominal state, and excluded data."""
-        from enginediag_cli.report.tables.recordings import tell_baseline, tell_left_out, tell_mismatches, tell_thinning
+        """What should be known of the nominal state, and what was left out of the recordings."""
+        from enginediag_cli.report.tables.recordings import (
+            report_baseline,
+            report_excluded,
+            report_mismatches,
+            report_thinning,
+        )
 
         if loaded.baseline is not None:
-            tell_baseline(self.messages, loaded.baseline, self.case.source.engine_instance)
-        tell_mismatches(self.messages, loaded.intake.mismatches)
-        tell_thinning(self.messages, loaded.thinning)
-        tell_left_out(self.messages, loaded.intake.left_out)
+            report_baseline(self.messages, loaded.baseline, self.case.source.engine_instance)
+        report_mismatches(self.messages, loaded.intake.mismatches)
+        report_thinning(self.messages, loaded.thinning)
+        report_excluded(self.messages, loaded.intake.left_out)
 
     def head(self, command: str, inherited: Sequence[str], **notes: str) -> Callable[[], tuple[str, ...]]:
         """Make the header of a result: files, choices other than the default, and the headers of the recordings."""
@@ -227,10 +232,10 @@ class LocateResult(Result):
 
     @property
     def verdict(self) -> str:
-        """The kind of mismatch, or that there is none; "" without a verdict."""
-        from enginediag_cli.report.tables.location import verdict_of
+        """What kind of mismatch it is, or that there is none; "" where there is no verdict."""
+        from enginediag_cli.report.tables.location import kind_words
 
-        return verdict_of(self._kind) if self.converged else ""
+        return kind_words(self._kind) if self.converged else ""
 
     @property
     def places(self) -> Sequence[Place]:

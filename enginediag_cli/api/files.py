@@ -207,9 +207,9 @@ def _held_against(
             messages.warning(text)
     baseline = resolve_baseline(nominal, accept_changed_engine=accept_changed_engine)
     if baseline is not None:
-        from enginediag_cli.report.tables.recordings import tell_baseline
+        from enginediag_cli.report.tables.recordings import report_baseline
 
-        tell_baseline(messages, baseline, instance)
+        report_baseline(messages, baseline, instance)
         return Against(baseline.engine, baseline.nominal, mapped, instance)
     return Against(None if engine is None else resolve_engine(engine), None, mapped, instance)
 
@@ -238,7 +238,7 @@ def _page(report: Accepted) -> Iterator[tuple[str, str]]:
     yield "note", headline(report)
     for remark in remarks(report):
         if remark.level == PROBLEM:
-            yield "error", f"{_shown(report.file)}: {remark.told}"
+            yield "error", f"{_shown(report.file)}: {remark.text_with_hint}"
         else:
             yield "note", f"  {remark.line}"
 
@@ -442,13 +442,13 @@ def list_effects(engine: EngineLike | None = None) -> Listing:
     ConfigError, DataError
     """
     from enginediag_cli.physics.registry import term, term_names
-    from enginediag_cli.report.reference import carried_blocks, site_row, term_row
+    from enginediag_cli.report.reference import effect_blocks, site_row, term_row
 
     terms = [term(name) for name in term_names()]
     if engine is None:
         return Listing([term_row(t) for t in terms], _head("physics"))
-    model = resolve_engine(engine)
-    carried = carried_blocks(model)
+    model = as_engine(engine)
+    carried = effect_blocks(model)
     rows = [site_row(t, site, carried) for t in [*terms, *_laws(model)] for site in t.sites(model.network)]
     return Listing(rows, _head("physics", model))
 
@@ -481,7 +481,13 @@ def describe_effect(name: str, engine: EngineLike | None = None) -> Description:
     ['exponent']
     """
     from enginediag_cli.physics.registry import term, term_names
-    from enginediag_cli.report.reference import carried_blocks, coefficient_rows, physics_page, site_row, term_row
+    from enginediag_cli.report.reference import (
+        coefficient_rows,
+        effect_blocks,
+        physics_page,
+        site_row,
+        term_row,
+    )
 
     model = None if engine is None else resolve_engine(engine)
     laws = {law.NAME: law for law in (_laws(model) if model is not None else ())}
@@ -492,7 +498,7 @@ def describe_effect(name: str, engine: EngineLike | None = None) -> Description:
     engines = {model.name: model} if model is not None else _shipped_engines()
     shown: Term = laws[name] if name in laws else term(name)
     places: dict[str, list[Site]] = {n: list(shown.sites(e.network)) for n, e in engines.items()}
-    carried = {n: carried_blocks(e) for n, e in engines.items()}
+    carried = {n: effect_blocks(e) for n, e in engines.items()}
     sites = {n: [site_row(shown, s, carried[n]) for s in found] for n, found in places.items()}
     coefficients = list(coefficient_rows(shown))
     document = {**term_row(shown), "coefficients": coefficients, "places": sites}

@@ -46,11 +46,11 @@ class FleetResult(DocumentResult):
         self.judged = sum(engine.verdict != "no verdict" for engine in engines)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.report.tables.fleet import tell_models, tell_result
+        from enginediag_cli.report.tables.fleet import report_fleet, report_models
 
-        tell_models(self.messages, self.run)
+        report_models(self.messages, self.run)
         yield from self.table_of(self._what)
-        tell_result(self.messages, self.run)
+        report_fleet(self.messages, self.run)
 
     def table_of(self, what: str) -> list[Row]:
         """Return the rows of one of the tables.
@@ -89,14 +89,15 @@ class FleetResult(DocumentResult):
         return document(self.run, provenance)
 
     def plot(self) -> Picture:
-        """Draw the engines by severity with 95 % intervals. Raises NoVerdictError where no engine has a severity."""
-        from enginediag_cli.report.plotting.fleet import engines_of, fleet_ranking
-        from enginediag_cli.report.plotting.models import svg_of
+        """Engines by severity with 95 % intervals, as on the page of `report`. Raises NoVerdictError where no engine
+        has a severity."""
+        from enginediag_cli.report.plotting.fleet import fleet_ranking, read_engines
+        from enginediag_cli.report.plotting.models import chart_svg
 
-        chart = fleet_ranking("fleet", engines_of(self.to_dict(), "fleet"))
+        chart = fleet_ranking("fleet", read_engines(self.to_dict(), "fleet"))
         if not chart.layers:
             raise NoVerdictError("no engine of the fleet has a severity that could be drawn")
-        return Picture(svg_of(chart))
+        return Picture(chart_svg(chart))
 
 
 def fleet(
@@ -180,10 +181,10 @@ class StoreResult(Result):
         self.findings, self.judged = sum(bool(key) for _, key in standing.recordings), len(standing.recordings)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.report.tables.fleet import status_rows, tell_standing
+        from enginediag_cli.report.tables.fleet import report_standing, status_rows
 
         yield from status_rows(self.standing)
-        tell_standing(self.messages, self.standing)
+        report_standing(self.messages, self.standing)
 
 
 def fleet_status(
@@ -283,14 +284,14 @@ def merge_stores(into: str | Path, *others: str | Path, messages: Messages | Non
     ------
     DataError, OSError
     """
-    from enginediag_cli.fleets.models import merge_stores
-    from enginediag_cli.fleets.store import FleetStore
-    from enginediag_cli.report.tables.fleet import tell_merged
+    from enginediag_cli.fleets.models import merge
+    from enginediag_cli.fleets.store import Store
+    from enginediag_cli.report.tables.fleet import report_merged
 
     found = []
     for other in others:
-        found.append(merge_stores(FleetStore(into), FleetStore(other)))
-        tell_merged(_log(messages), str(other), found[-1])
+        found.append(merge(Store(into), Store(other)))
+        report_merged(_log(messages), str(other), found[-1])
     return found
 
 

@@ -226,9 +226,9 @@ class IdentificationResult(Result):
         -------
         Picture
         """
-        from enginediag_cli.report.plotting.models import of_identification, svg_of
+        from enginediag_cli.report.plotting.models import chart_svg, identification_chart
 
-        return Picture(svg_of(of_identification(self.fit)))
+        return Picture(chart_svg(identification_chart(self.fit)))
 
 
 def identify(
@@ -321,15 +321,15 @@ def _training(
     from enginediag_cli.intake.loader import MOST, Intake, Thinning, whole_flights
     from enginediag_cli.intake.selection import columns_of
     from enginediag_cli.report.tables.identification import probe_lines, repeat_lines
-    from enginediag_cli.report.tables.recordings import tell_left_out, tell_mismatches, tell_thinning
+    from enginediag_cli.report.tables.recordings import report_excluded, report_mismatches, report_thinning
 
     agreement = agreement_with_engine(engine)
     intake = Intake(source, columns_of(engine, past=True), agreement=agreement)
     thinning = Thinning(0 if choices.first else MOST)
     training = [flight.recording for flight in whole_flights(intake, thinning)]
-    tell_thinning(messages, thinning)
-    tell_left_out(messages, intake.left_out)
-    tell_mismatches(messages, intake.mismatches)
+    report_thinning(messages, thinning)
+    report_excluded(messages, intake.left_out)
+    report_mismatches(messages, intake.mismatches)
     training, repeats = without_repeats(training, (*engine.inputs, *engine.sensors))
     for line in repeat_lines(repeats):
         messages.warning(line)

@@ -369,11 +369,11 @@ class Comparison:
         if baseline is None:
             return None
         from enginediag_cli.identification.nominal_checks import with_accuracy
-        from enginediag_cli.report.tables.recordings import tell_baseline
+        from enginediag_cli.report.tables.recordings import report_baseline
         from enginediag_cli.residuals.monitor import monitor_of
 
         accuracy = self.options.model_error
-        tell_baseline(self.messages, baseline, self.source.engine_instance)
+        report_baseline(self.messages, baseline, self.source.engine_instance)
         if accuracy is not None:
             if accuracy > 0.0 and baseline.nominal.error_model is None:
                 self.messages.warning(
@@ -445,12 +445,12 @@ def open_intake(source: Source, monitor: Monitor | None) -> Intake:
 def report_exclusions(messages: Messages, files: JudgedFiles) -> None:
     """Report mismatches, unread files and excluded data."""
     from enginediag_cli.report.sentences import count
-    from enginediag_cli.report.tables.recordings import tell_left_out, tell_mismatches
+    from enginediag_cli.report.tables.recordings import report_excluded, report_mismatches
 
-    tell_mismatches(messages, files.intake.mismatches)
+    report_mismatches(messages, files.intake.mismatches)
     for file, reason in files.intake.unread.items():
         messages.error(f"not read to its end, the other files are judged: {reason}", file=file)
-    tell_left_out(messages, files.intake.left_out, files.counts, files.elsewhere)
+    report_excluded(messages, files.intake.left_out, files.counts, files.elsewhere)
     if files.ledger.repeated:
         messages.warning(f"{count(files.ledger.repeated, 'row')} of statistics given twice, and counted once")
     if files.ledger.overlapping:

@@ -175,7 +175,7 @@ class IsolationResult(Result):
         return lambda number, named: form in ("nested", "cell") or (in_words and named and number <= SENTENCES)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.report.tables.isolation import isolated_rows, tell_isolated
+        from enginediag_cli.report.tables.isolation import isolated_rows, report_isolation
 
         choices = self._choices
         shown = {"flips": choices.flips, "work_scope": choices.work_scope}
@@ -188,7 +188,7 @@ class IsolationResult(Result):
             scope = self._work_scope(number, found)
             self._drawn[:] = [*(w for w in self._drawn if w.named and not found.named), found]
             if number <= SENTENCES:
-                tell_isolated(self.messages, found, scope)
+                report_isolation(self.messages, found, scope)
             catalogue = self._diagnosis.catalogue is not None
             yield from isolated_rows(found, catalogue, advice=choices.advise, scope=scope, forms=forms)
         report_exclusions(self.messages, self._files)
@@ -206,11 +206,12 @@ class IsolationResult(Result):
         return self._scoping.window_scope(found, self._options.prior, self._options.largest)
 
     def plot(self) -> Picture:
-        """Draw the fingerprint of the last window with an isolated change. Raises NoVerdictError, also by component."""
-        from enginediag_cli.report.plotting.models import of_isolation, svg_of
+        """The fingerprint of the last window in which something was isolated. Raises NoVerdictError where no window
+        was judged, and by component."""
+        from enginediag_cli.report.plotting.models import chart_svg, isolation_chart
 
         _ = self.rows
-        return Picture(svg_of(of_isolation(self._drawn)))
+        return Picture(chart_svg(isolation_chart(self._drawn)))
 
 
 def _kept_records(comparison: Comparison, choices: IsolationChoices, monitor: Monitor | None) -> KeptRecords | None:

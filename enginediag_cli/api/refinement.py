@@ -193,7 +193,7 @@ class RefineResult(DocumentResult):
         elif self._refinement is not None:
             rows = list(refinements.rows(self._refinement))
             yield from rows
-            lines = [*refinements.before_and_after(rows), *refinements.sentences(self._refinement)]
+            lines = [*refinements.comparison_lines(rows), *refinements.sentences(self._refinement)]
         for line in lines:
             self.messages.note(line)
 

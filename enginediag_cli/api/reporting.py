@@ -15,8 +15,8 @@ from enginediag_cli.report.messages import Messages
 
 if TYPE_CHECKING:
     from enginediag_cli.intake.selection import Source
-    from enginediag_cli.report.evidence import Evidence
-    from enginediag_cli.report.result_files import Result
+    from enginediag_cli.report.evidence import ReportEvidence
+    from enginediag_cli.report.result_files import ResultFile
 
 __all__ = ["ReportPage", "make_report"]
 
@@ -89,8 +89,8 @@ def make_report(
     ------
     UsageError, ConfigError, DataError, NoVerdictError
     """
-    from enginediag_cli.report.html import State, moves, rendered, versions
-    from enginediag_cli.report.page import page_of
+    from enginediag_cli.report.html import EngineState, plots_can_move, rendered, versions
+    from enginediag_cli.report.page import build_page
     from enginediag_cli.report.plotting.interactive import WITHOUT
 
     comparison = compare(nominal, files, windows, messages if messages is not None else MessageLog())
@@ -98,17 +98,17 @@ def make_report(
         raise UsageError("limits and --events need -n NOMINAL; of results, give what trend --what margin wrote")
     results, unreadable = _results(comparison)
     evidence, left_out = _evidence(comparison, results, false_alarm, margin or MarginOptions())
-    if not static and not moves():
+    if not static and not plots_can_move():
         comparison.messages.note(WITHOUT)
-    page = page_of(
+    page = build_page(
         evidence, title=title, command=list(command), left_out=[*unreadable, *left_out], versions=versions(static)
     )
-    judged = [lead for lead in page.leads if lead.state is not State.NO_VERDICT]
+    judged = [lead for lead in page.leads if lead.state is not EngineState.NO_VERDICT]
     return ReportPage(rendered(page, static), bool(page.leads) and not judged)
 
 
-def _results(comparison: Comparison) -> tuple[list[Result], list[str]]:
-    """Read the results, with reasons for unreadable files. Raises DataError if none can be read."""
+def _results(comparison: Comparison) -> tuple[list[ResultFile], list[str]]:
+    """What can be read of the files, and why others cannot, which ends nothing as long as one can. Raises DataError."""
     from enginediag_cli.report.result_files import read_result
 
     source: Source = comparison.source
@@ -128,18 +128,18 @@ def _results(comparison: Comparison) -> tuple[list[Result], list[str]]:
 
 
 def _evidence(
-    comparison: Comparison, results: list[Result], false_alarm: float, margin: MarginOptions
-) -> tuple[Evidence, list[str]]:
-    """Collect the findings of the results and of recordings that are judged here."""
+    comparison: Comparison, results: list[ResultFile], false_alarm: float, margin: MarginOptions
+) -> tuple[ReportEvidence, list[str]]:
+    """What the results say, with what recordings say that are judged here."""
     from enginediag_cli.report import result_files as kinds
-    from enginediag_cli.report.evidence import Question, computed, evidence_of
-    from enginediag_cli.report.result_files import known_of, nominal_result
+    from enginediag_cli.report.evidence import RecordingsQuestion, collect_evidence, judge_recordings
+    from enginediag_cli.report.result_files import known_parameters, nominal_result
 
     recordings = tuple(result.path for result in results if result.kind is kinds.RECORDING)
     if not recordings:
         if comparison.given is not None:
             raise DataError(f"--nominal {comparison.nominal}: none of the files is a recording that it could judge")
-        return evidence_of(results, known_of(results)), []
+        return collect_evidence(results, known_parameters(results)), []
     if "-" in recordings:
         raise DataError("standard input can be read once, and recordings are read several times: name a file")
     source = replace(comparison.source, files=recordings)
@@ -148,5 +148,5 @@ def _evidence(
     suspicious = replace(comparison, messages=Messages(quiet=True)).monitor(sensors=True)
     assert monitor is not None and suspicious is not None
     margins = margin.question(healthy=comparison.judging.reference)
-    question = Question(source, monitor, suspicious, comparison.judging, false_alarm, margins)
-    return computed(question, [*results, nominal_result(comparison.nominal)])
+    question = RecordingsQuestion(source, monitor, suspicious, comparison.judging, false_alarm, margins)
+    return judge_recordings(question, [*results, nominal_result(comparison.nominal)])

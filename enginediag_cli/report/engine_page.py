@@ -7,26 +7,26 @@ it. The section follows the order in which an engineer asks.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 from enginediag_cli.detection.verdict import size_with_unit
 from enginediag_cli.fleets.findings import IntervalEstimate
 from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.report import result_files as kinds
-from enginediag_cli.report.evidence import EngineEvidence, Evidence
-from enginediag_cli.report.html import Block, Lead, Section, State, Tabled, Words
-from enginediag_cli.report.plotting import Chart, Mark, Table, Value, columns_of, scale_of
+from enginediag_cli.report.evidence import EngineEvidence, ReportEvidence
+from enginediag_cli.report.html import Block, EngineState, Lead, PageSection, Paragraph, TableBlock, next_step
+from enginediag_cli.report.plotting import Chart, ChartTable, EventMark, Value, chart_columns, display_scale
 from enginediag_cli.report.plotting.health import (
-    Brought,
-    Course,
+    MaintenanceEffect,
+    TrendCourse,
     flight_order,
+    group_by_parameter,
     health_map,
     health_trend,
-    maintenance_found,
     maintenance_marks,
-    margin,
-    margin_found,
-    of_parameters,
+    margin_forecast,
+    read_maintenance,
+    read_margin,
 )
 from enginediag_cli.report.plotting.residuals import (
     MOST_RIVALS,
@@ -37,46 +37,12 @@ from enginediag_cli.report.plotting.residuals import (
     snapshots,
     window_fingerprint,
 )
-from enginediag_cli.report.result_files import ALONE, Order, Row, given_rows, order_of, rival
-from enginediag_cli.report.sentences import change, count, listed, probability, rounded, with_unit
+from enginediag_cli.report.result_files import ALONE, Order, Row, conditional_rows, order_windows, parse_alternative
+from enginediag_cli.report.sentences import change, count, format_quantity, listed, probability, rounded
 from enginediag_cli.report.tables.answers import MAINTENANCE
 from enginediag_cli.report.tables.isolation import CANNOT_TELL
 from enginediag_cli.report.tables.margin import margin_words
 from enginediag_cli.units import split_column
-
-
-def next_step(state: State, changed: Sequence[Parameter], telling: Sequence[str], advice: Sequence[str]) -> str:
-    """changed: parameters of the answer, or its suspects; telling: sensors that would tell them apart; advice: what
-    `isolate --advise` said."""
-    return " ".join([_own(state, changed, telling), *advice])
-
-
-def _own(state: State, changed: Sequence[Parameter], telling: Sequence[str]) -> str:
-    instruments = _parts(p for p in changed if p.of_instrument)
-    components = _parts(p for p in changed if not p.of_instrument)
-    if state is State.NO_VERDICT:
-        return "Mend what stood in the way, or record under conditions that identification covered, and judge again."
-    if state is State.NOTHING_FOUND:
-        return "Nothing; keep recording. `detect --detectable` shows the smallest change that each window would show."
-    if state is State.CANNOT_TELL:
-        if telling:
-            sensors = [split_column(column)[0] for column in telling]
-            return f"Record {listed(sensors, 'or')}, which would tell; until then do no work on either suspicion."
-        if instruments:
-            return f"Check {listed(instruments)} first: cheaper than opening the engine, and it decides between them."
-        return "Record more flights, and ask `isolate --advise` which operating point or sensor would tell most."
-    if instruments and not components:
-        return f"Check {listed(instruments)}, wiring and recorder channel; the engine itself shows no change."
-    if instruments:
-        return f"Check {listed(instruments)} first, then inspect the {listed(components)}."
-    if components:
-        return f"Inspect the {listed(components)}; compare the trend with the log of events since it began."
-    return "Ask `isolate` or `trend` what changed."
-
-
-def _parts(parameters: Iterable[Parameter]) -> list[str]:
-    return list(dict.fromkeys(("the " if p.of_instrument else "") + (p.part or p.component) for p in parameters))
-
 
 LIKELY, SETTLED = 0.5, 0.9
 """Probability from which a parameter is told as one that changed, and which the likeliest must have for the answer to
@@ -85,37 +51,42 @@ MISFIT = 2.0
 """χ² per degree of freedom of a window, after its answer, from which no answer explains what was read. Judgement."""
 
 
-def lead_of(engine: EngineEvidence, evidence: Evidence, key: str) -> Lead:
+def engine_lead(engine: EngineEvidence, evidence: ReportEvidence, key: str) -> Lead:
     """The first screen of an engine."""
-    found = _by_trend(engine, evidence) or _by_isolation(engine, evidence) or _by_detection(engine, evidence)
-    state, sentence, names = _in_doubt(engine, found)
+    found = (
+        _trend_answer(engine, evidence) or _isolation_answer(engine, evidence) or _detection_answer(engine, evidence)
+    )
+    state, sentence, names = _flag_misfit(engine, found)
     return Lead(
         state,
         sentence,
         engine.engine,
-        surely=_surely(engine),
-        since=_since(engine, state),
+        confidence=_confidence_words(engine),
+        onset=_onset_words(engine, state),
         margin=_margin(engine),
-        next=next_step(
-            state, [evidence.known[n] for n in names if n in evidence.known], _telling(engine), _advice(engine)
+        next_step=next_step(
+            state,
+            [evidence.known[n] for n in names if n in evidence.known],
+            _separating_sensors(engine),
+            _advice(engine),
         ),
-        flips=_flips(engine),
-        rivals=_rivals(engine, evidence),
+        sensitivity=_sensitivity_words(engine),
+        alternatives=_alternatives(engine, evidence),
         key=key,
     )
 
 
-_Found = tuple[State, str, Sequence[str]]
+_Found = tuple[EngineState, str, Sequence[str]]
 
 
-def _in_doubt(engine: EngineEvidence, found: _Found) -> _Found:
+def _flag_misfit(engine: EngineEvidence, found: _Found) -> _Found:
     """The answer, told as the likeliest account of something that the model does not explain where that is so."""
     state, sentence, names = found
     fit = engine.isolated[-1][0].number("fit") if engine.isolated else math.nan
-    if state not in (State.CHANGED, State.CANNOT_TELL) or not fit > MISFIT:
+    if state not in (EngineState.CHANGED, EngineState.CANNOT_TELL) or not fit > MISFIT:
         return found
     told = f"The readings depart from nominal, and no change explains them (χ² per degree of freedom {rounded(fit)}): "
-    return State.CANNOT_TELL, f"{told}ask explain what the model lacks. Nearest to it: {sentence}", names
+    return EngineState.CANNOT_TELL, f"{told}ask explain what the model lacks. Nearest to it: {sentence}", names
 
 
 DETECTABLE = "detectable:"
@@ -126,102 +97,120 @@ UNCHANGED = ("", "steady", "cannot tell", MAINTENANCE)
 
 def changed_in_trend(engine: EngineEvidence) -> list[Row]:
     """Rows of `trend` of parameters that have probably changed."""
-    rows = [row for row in engine.of(kinds.TREND) if row.text("kind") not in UNCHANGED]
+    rows = [row for row in engine.rows_of_kind(kinds.TREND) if row.text("kind") not in UNCHANGED]
     return [row for row in rows if row.number("probability") >= LIKELY]
 
 
-def _by_trend(engine: EngineEvidence, evidence: Evidence) -> _Found | None:
-    rows = engine.of(kinds.TREND)
+def _trend_answer(engine: EngineEvidence, evidence: ReportEvidence) -> _Found | None:
+    rows = engine.rows_of_kind(kinds.TREND)
     changed = changed_in_trend(engine)
     if changed:
-        told, names = listed([_of_trend(row, evidence) for row in changed]), [row.text("parameter") for row in changed]
+        told, names = (
+            listed([_trend_change(row, evidence) for row in changed]),
+            [row.text("parameter") for row in changed],
+        )
         most = max(row.number("probability") for row in changed)
         if most < SETTLED:
             doubt = f"Something changed, and what is not settled; the likeliest ({probability(most)}): {told}."
-            return State.CANNOT_TELL, doubt, names
-        return State.CHANGED, f"{told}.", names
+            return EngineState.CANNOT_TELL, doubt, names
+        return EngineState.CHANGED, f"{told}.", names
     suspects = [row for row in rows if row.text("kind") not in UNCHANGED]
     if suspects and rows[0].text("verdict") == "changed":
         parts = {row.text("component"): row for row in suspects}
         each = [f"{_part(row, evidence)} ({probability(row.number('probability'))})" for row in parts.values()]
         return (
-            State.CANNOT_TELL,
-            f"Something changed; it cannot be told whether it is {listed(each, 'or')}.",
+            EngineState.CANNOT_TELL,
+            f"Something changed, and these flights do not separate the suspects: {listed(each, 'or')}.",
             [row.text("parameter") for row in suspects],
         )
     if rows and rows[0].text("verdict") == CANNOT_TELL:
-        alone = _by_isolation(engine, evidence)
-        scatter = "Whether anything changed over these flights cannot be told from their scatter."
-        if alone is None or alone[0] is not State.CHANGED:
-            return State.CANNOT_TELL, scatter, []
-        return State.CANNOT_TELL, f"{scatter} The last window by itself: {alone[1]}", alone[2]
+        alone = _isolation_answer(engine, evidence)
+        scatter = "A change over these flights is indistinguishable from their scatter."
+        if alone is None or alone[0] is not EngineState.CHANGED:
+            return EngineState.CANNOT_TELL, scatter, []
+        return EngineState.CANNOT_TELL, f"{scatter} The last window by itself: {alone[1]}", alone[2]
     return None
 
 
-def _of_trend(row: Row, evidence: Evidence) -> str:
+def _trend_change(row: Row, evidence: ReportEvidence) -> str:
     half = (row.number("change_high") - row.number("change_low")) / 2
     return change(evidence.known[row.text("parameter")], row.number("change"), half)
 
 
-def _part(row: Row, evidence: Evidence) -> str:
+def _part(row: Row, evidence: ReportEvidence) -> str:
     known = evidence.known[row.text("parameter")]
     return known.part or row.text("component")
 
 
-def _by_isolation(engine: EngineEvidence, evidence: Evidence) -> _Found | None:
+def _isolation_answer(engine: EngineEvidence, evidence: ReportEvidence) -> _Found | None:
     windows = [rows for rows in engine.isolated if rows[0].text("verdict") != "no verdict"]
     if not windows:
         return None
     last, head = windows[-1], windows[-1][0]
     names = head.list("isolated")
     if head.text("verdict") == CANNOT_TELL:
-        return State.CANNOT_TELL, f"{_capital(head.window)}: {head.text('note') or 'cannot tell what changed'}.", names
-    if members := head.list("members"):
-        words = [listed([p.words for p in meanings(evidence.known, rival(m)[0] or (m,)).values()]) for m in members]
         return (
-            State.CANNOT_TELL,
-            f"{_capital(head.window)}: it cannot be told which of these changed: {listed(words, 'or')} "
+            EngineState.CANNOT_TELL,
+            f"{_capital(head.window)}: {head.text('note') or 'what changed is unknown'}.",
+            names,
+        )
+    if members := head.list("members"):
+        words = [
+            listed([p.words for p in meanings(evidence.known, parse_alternative(m)[0] or (m,)).values()])
+            for m in members
+        ]
+        return (
+            EngineState.CANNOT_TELL,
+            f"{_capital(head.window)}: one of these changed, and the data do not separate them: {listed(words, 'or')} "
             f"(together {probability(head.number('class'))}).",
             names,
         )
     if names:
         told = [size_in_words(row, evidence) for row in last if row.text("parameter")]
-        return State.CHANGED, f"{listed(told) or listed(list(names))}.", names
+        return EngineState.CHANGED, f"{listed(told) or listed(list(names))}.", names
     if head.text("verdict") == "fault":
-        return State.CANNOT_TELL, f"{_capital(head.window)} departs from nominal, and no parameter stands out.", ()
-    return _quiet(engine, evidence)
+        return (
+            EngineState.CANNOT_TELL,
+            f"{_capital(head.window)} departs from nominal, and no single parameter explains it.",
+            (),
+        )
+    return _no_alarm_answer(engine, evidence)
 
 
-def size_in_words(row: Row, evidence: Evidence) -> str:
+def size_in_words(row: Row, evidence: ReportEvidence) -> str:
     """The change of one isolated parameter with half its interval."""
     half = (row.number("upper") - row.number("lower")) / 2
     return change(evidence.known[row.text("parameter")], row.number("change"), half)
 
 
-def _by_detection(engine: EngineEvidence, evidence: Evidence) -> _Found:
-    rows = [row for row in engine.of(kinds.DETECTED) if row.text("verdict") != "no verdict"]
+def _detection_answer(engine: EngineEvidence, evidence: ReportEvidence) -> _Found:
+    rows = [row for row in engine.rows_of_kind(kinds.DETECTED) if row.text("verdict") != "no verdict"]
     if rows and rows[-1].text("verdict") == "fault":
         told = f"The engine departs from nominal in {rows[-1].window}; what changed has not been asked."
-        return State.CHANGED, told, ()
-    return _quiet(engine, evidence)
+        return EngineState.CHANGED, told, ()
+    return _no_alarm_answer(engine, evidence)
 
 
-def _quiet(engine: EngineEvidence, evidence: Evidence) -> _Found:
+def _no_alarm_answer(engine: EngineEvidence, evidence: ReportEvidence) -> _Found:
     """Nothing in the last window, or nothing at all: never more than the tests say, and with their power."""
     judged = [r for r in _verdicts(engine) if r.text("verdict") != "no verdict"]
     if not judged:
         reasons = sorted({r.text("reason") or r.text("note") for r in _verdicts(engine)} - {""})
         why = f": {reasons[0]}" if reasons else ""
-        return State.NO_VERDICT, f"Nothing could be judged{why}.", ()
+        return EngineState.NO_VERDICT, f"Nothing could be judged{why}.", ()
     alarms = [row for row in judged if row.text("verdict") == "fault"]
     if alarms and judged[-1].text("verdict") != "fault":
         told = f"The last window agrees with nominal; {count(len(alarms), 'earlier window')} of {len(judged)} did not."
-        return State.CANNOT_TELL, told, ()
+        return EngineState.CANNOT_TELL, told, ()
     power = _power(judged[-1], evidence)
-    return State.NOTHING_FOUND, f"All {count(len(judged), 'window')} judged agree with the nominal engine.{power}", ()
+    return (
+        EngineState.NOTHING_FOUND,
+        f"All {count(len(judged), 'window')} judged agree with the nominal engine.{power}",
+        (),
+    )
 
 
-def _power(window: Row, evidence: Evidence) -> str:
+def _power(window: Row, evidence: ReportEvidence) -> str:
     """What the window would have shown: of each component the smallest change of a parameter, where `detect` says."""
     smallest: dict[str, tuple[float, Parameter]] = {}
     for name in window.cells:
@@ -239,18 +228,24 @@ def _power(window: Row, evidence: Evidence) -> str:
 
 def _verdicts(engine: EngineEvidence) -> list[Row]:
     """One row for each window that was judged or should have been."""
-    return engine.of(kinds.DETECTED) or [rows[0] for rows in engine.isolated] or engine.of(kinds.COMPONENTS)
+    return (
+        engine.rows_of_kind(kinds.DETECTED)
+        or [rows[0] for rows in engine.isolated]
+        or engine.rows_of_kind(kinds.COMPONENTS)
+    )
 
 
-def _surely(engine: EngineEvidence) -> str:
+def _confidence_words(engine: EngineEvidence) -> str:
     told = []
     changed = changed_in_trend(engine)
     if changed:
         row = max(changed, key=lambda r: r.number("probability"))
         flights = count(row.count("flights"), "flight" if row.text("onset_flight") else "window")
         told.append(f"probability {probability(row.number('probability'))} by the trend over {flights}")
-    elif engine.of(kinds.TREND) and engine.of(kinds.TREND)[0].text("verdict") == "steady":
-        told.append(f"the trend over {count(engine.of(kinds.TREND)[0].count('flights'), 'flight')} shows no change")
+    elif engine.rows_of_kind(kinds.TREND) and engine.rows_of_kind(kinds.TREND)[0].text("verdict") == "steady":
+        told.append(
+            f"the trend over {count(engine.rows_of_kind(kinds.TREND)[0].count('flights'), 'flight')} shows no change"
+        )
     windows = [rows[0] for rows in engine.isolated if not math.isnan(rows[0].number("probability"))]
     if windows:
         head = windows[-1]
@@ -258,7 +253,7 @@ def _surely(engine: EngineEvidence) -> str:
         fits = f", χ² per degree of freedom {rounded(fit)} after it" if math.isfinite(fit) else ""
         exact = "this and nothing else that matters" if head.list("isolated") else "nothing that matters"
         told.append(f"{head.window} alone: {exact} with probability {probability(head.number('probability'))}{fits}")
-    detected = engine.of(kinds.DETECTED)
+    detected = engine.rows_of_kind(kinds.DETECTED)
     if detected:
         alarms = sum(row.text("verdict") == "fault" for row in detected)
         silent = sum(row.text("verdict") == "no verdict" for row in detected)
@@ -268,8 +263,8 @@ def _surely(engine: EngineEvidence) -> str:
     return "; ".join(told)
 
 
-def _since(engine: EngineEvidence, state: State) -> str:
-    if state is State.NOTHING_FOUND or state is State.NO_VERDICT:
+def _onset_words(engine: EngineEvidence, state: EngineState) -> str:
+    if state is EngineState.NOTHING_FOUND or state is EngineState.NO_VERDICT:
         return ""
     changed = changed_in_trend(engine)
     if changed:
@@ -280,17 +275,17 @@ def _since(engine: EngineEvidence, state: State) -> str:
         within = "" if low == high else f"; counted from the first, between {low} and {high}"
         named = f"flight {flight}" if row.text("onset_flight") else flight
         return f"{named}, {word}{within}"
-    run = first_of_last_run(engine.of(kinds.DETECTED))
+    run = first_alarm_of_last_run(engine.rows_of_kind(kinds.DETECTED))
     return f"{run.window}, the first of an unbroken run of alarms" if run is not None else ""
 
 
 def _margin(engine: EngineEvidence) -> str:
     """How far the turbine temperature is from its limit, where a result follows it."""
-    found = margin_found(engine.of(kinds.MARGIN))
+    found = read_margin(engine.rows_of_kind(kinds.MARGIN))
     return f"{_capital(margin_words(found.margin))}." if found is not None else ""
 
 
-def first_of_last_run(rows: Sequence[Row]) -> Row | None:
+def first_alarm_of_last_run(rows: Sequence[Row]) -> Row | None:
     """The window from which on every judged window alarms; None where the last does not."""
     first = None
     for row in reversed([r for r in rows if r.text("verdict") != "no verdict"]):
@@ -300,7 +295,7 @@ def first_of_last_run(rows: Sequence[Row]) -> Row | None:
     return first
 
 
-def _telling(engine: EngineEvidence) -> Sequence[str]:
+def _separating_sensors(engine: EngineEvidence) -> Sequence[str]:
     return engine.isolated[-1][0].list("would_tell") if engine.isolated else ()
 
 
@@ -314,7 +309,7 @@ def _advice(engine: EngineEvidence) -> Sequence[str]:
     return (*head.list("advice"), *(f"{_capital(str(sentence))}." for sentence in told))
 
 
-def _flips(engine: EngineEvidence) -> tuple[str, ...]:
+def _sensitivity_words(engine: EngineEvidence) -> tuple[str, ...]:
     """What would flip the answer, as `isolate` says it."""
     flips = engine.isolated[-1][0].cells.get("flips") if engine.isolated else None
     if isinstance(flips, list):
@@ -322,12 +317,12 @@ def _flips(engine: EngineEvidence) -> tuple[str, ...]:
     return engine.isolated[-1][0].list("flips") if flips else ()
 
 
-def _rivals(engine: EngineEvidence, evidence: Evidence) -> tuple[str, ...]:
+def _alternatives(engine: EngineEvidence, evidence: ReportEvidence) -> tuple[str, ...]:
     """What else the data do not exclude."""
     if not engine.isolated:
         return ()
     head, told = engine.isolated[-1][0], []
-    for names, chance in map(rival, head.list("rivals")[:2]):
+    for names, chance in map(parse_alternative, head.list("rivals")[:2]):
         words = listed([p.words for p in meanings(evidence.known, names).values()]) or "no change"
         told.append(f"{words} ({probability(chance)})")
     return tuple(told)
@@ -338,43 +333,43 @@ def _capital(text: str) -> str:
 
 
 NOT_FOLLOWED = (
-    "Cannot tell the margin of the turbine temperature, because none of these results follows it: "
+    "The margin of the turbine temperature is unknown: none of these results follows it; "
     "`trend --what margin --limit COLUMN KELVIN` does."
 )
 
 
 def margin_blocks(engine: EngineEvidence, key: str) -> Iterator[Block]:
     """Nothing where no result is of flights at all."""
-    rows = engine.of(kinds.MARGIN)
-    found = margin_found(rows)
+    rows = engine.rows_of_kind(kinds.MARGIN)
+    found = read_margin(rows)
     if found is None:
-        if engine.of(kinds.TREND) or engine.of(kinds.FLIGHTS):
-            yield Words(NOT_FOLLOWED, quiet=True)
+        if engine.rows_of_kind(kinds.TREND) or engine.rows_of_kind(kinds.FLIGHTS):
+            yield Paragraph(NOT_FOLLOWED, quiet=True)
         return
     told = margin_words(found.margin)
-    yield Words(f"{told[0].upper()}{told[1:]}.")
-    chart = margin(f"{key}-margin", found, maintenance_marks(found))
+    yield Paragraph(f"{told[0].upper()}{told[1:]}.")
+    chart = margin_forecast(f"{key}-margin", found, maintenance_marks(found))
     if chart is not None:
         yield chart
-    yield from _table(maintenance_found(rows))
+    yield from _maintenance_table(read_maintenance(rows))
 
 
-def maintenance_in(engine: EngineEvidence, order: Order) -> list[Mark]:
+def place_maintenance(engine: EngineEvidence, order: Order) -> list[EventMark]:
     """Maintenance at its place among the flights of another chart."""
-    told = {x.event.number: x.event.words for x in maintenance_found(engine.of(kinds.MARGIN))}
-    for row in engine.of(kinds.TREND):
+    told = {x.event.number: x.event.words for x in read_maintenance(engine.rows_of_kind(kinds.MARGIN))}
+    for row in engine.rows_of_kind(kinds.TREND):
         if row.text("kind") == MAINTENANCE:
             told.setdefault(row.count("onset"), MAINTENANCE)
-    places = ((order.at(number), words) for number, words in sorted(told.items()) if number)
-    return [Mark(x, words) for x, words in places if x is not None]
+    places = ((order.number_position(number), words) for number, words in sorted(told.items()) if number)
+    return [EventMark(x, words) for x, words in places if x is not None]
 
 
-COLUMNS = columns_of(
+COLUMNS = chart_columns(
     "maintenance", "before flight", "what changed, 95 %", "turbine temperature", "fuel flow", "margin recovered", "note"
 )
 
 
-def _table(events: Sequence[Brought]) -> Iterator[Block]:
+def _maintenance_table(events: Sequence[MaintenanceEffect]) -> Iterator[Block]:
     if not events:
         return
     rows: list[tuple[Value, ...]] = []
@@ -385,32 +380,32 @@ def _table(events: Sequence[Brought]) -> Iterator[Block]:
                 e.words,
                 x.flight or e.number or "none recorded",
                 listed(list(x.gains)),
-                _fell(x.temperature_K, "K"),
-                _fell(x.fuel_percent, "%"),
+                _fall_words(x.temperature_K, "K"),
+                _fall_words(x.fuel_percent, "%"),
                 _size(e.recovered_K, "K"),
                 e.reason,
             )
         )
     held = next((x.held for x in events if x.held), "")
     title = "What maintenance brought" + (f" ({held})" if held else "")
-    yield Tabled(title, Table(COLUMNS, rows, [x.event.origin for x in events]))
+    yield TableBlock(title, ChartTable(COLUMNS, rows, [x.event.origin for x in events]))
 
 
-def _fell(gain: IntervalEstimate, unit: str) -> str:
+def _fall_words(gain: Estimate, unit: str) -> str:
     """A gain is a fall of temperature or fuel."""
     if not math.isfinite(gain.value):
         return ""
-    size = with_unit(abs(gain.value), unit, (gain.high - gain.low) / 2)
+    size = format_quantity(abs(gain.value), unit, (gain.high - gain.low) / 2)
     return f"{'fell' if gain.value >= 0 else 'rose'} by {size}"
 
 
 def _size(x: IntervalEstimate, unit: str) -> str:
     if not math.isfinite(x.value):
         return ""
-    return with_unit(x.value, unit, (x.high - x.low) / 2).replace("-", "−")
+    return format_quantity(x.value, unit, (x.high - x.low) / 2).replace("-", "−")
 
 
-def engine_section(engine: EngineEvidence, evidence: Evidence, key: str) -> Section:
+def engine_section(engine: EngineEvidence, evidence: ReportEvidence, key: str) -> PageSection:
     """All there is of one engine."""
     blocks = [
         *_one_engine(engine),
@@ -421,8 +416,8 @@ def engine_section(engine: EngineEvidence, evidence: Evidence, key: str) -> Sect
     ]
     blocks += [*_answers(engine, evidence), *_records(engine, evidence, key)]
     if not blocks:
-        blocks = [Words("These results hold nothing of this engine that is drawn.", quiet=True)]
-    return Section(key, f"Engine {engine.engine}" if engine.engine else "The engine", blocks)
+        blocks = [Paragraph("These results hold nothing of this engine that is drawn.", quiet=True)]
+    return PageSection(key, f"Engine {engine.engine}" if engine.engine else "The engine", blocks)
 
 
 def _one_engine(engine: EngineEvidence) -> Iterator[Block]:
@@ -430,30 +425,30 @@ def _one_engine(engine: EngineEvidence) -> Iterator[Block]:
     rows = [row for rows in engine.rows.values() for row in rows]
     sources = dict.fromkeys(source for row in rows if (source := row.text("source")))
     if not engine.engine and len(sources) > 1:
-        yield Words(
+        yield Paragraph(
             f"The recordings {listed(list(sources))} name no engine: they are taken for flights of one, in this order. "
             "Are they of several, make a report of each, or give recordings a column `engine`."
         )
 
 
-def _health(engine: EngineEvidence, evidence: Evidence, key: str) -> Iterator[Block]:
-    rows = engine.of(kinds.FLIGHTS)
+def _health(engine: EngineEvidence, evidence: ReportEvidence, key: str) -> Iterator[Block]:
+    rows = engine.rows_of_kind(kinds.FLIGHTS)
     changed = [row.text("parameter") for row in changed_in_trend(engine)]
-    courses = {row.text("parameter"): _course_of(row) for row in changed_in_trend(engine)}
+    courses = {row.text("parameter"): _read_course(row) for row in changed_in_trend(engine)}
     isolated = engine.isolated[-1][0].list("isolated") if engine.isolated else ()
-    alone = given_rows(engine.windows, changed or isolated)
+    alone = conditional_rows(engine.windows, changed or isolated)
     if alone:
-        names, told = list(of_parameters(alone)), ALONE
+        names, told = list(group_by_parameter(alone)), ALONE
     elif rows:
         alone, told = rows, ""
-        names = [n for n in changed if n in of_parameters(rows)] or _farthest(rows)
+        names = [n for n in changed if n in group_by_parameter(rows)] or _farthest_parameters(rows)
     else:
-        if engine.of(kinds.TREND):
-            yield Words("Health flight by flight is drawn where `trend --what flights` is given, too.", quiet=True)
+        if engine.rows_of_kind(kinds.TREND):
+            yield Paragraph("Health flight by flight is drawn where `trend --what flights` is given, too.", quiet=True)
         return
     order = flight_order(alone)
-    marks = [*_onsets(engine, evidence, order), *maintenance_in(engine, order)]
-    for number, group in enumerate(_by_unit(names, evidence)):
+    marks = [*_onsets(engine, evidence, order), *place_maintenance(engine, order)]
+    for number, group in enumerate(_group_by_unit(names, evidence)):
         yield health_trend(
             f"{key}-health{number or ''}", alone, group, evidence.known, marks, caption=told, courses=courses
         )
@@ -461,15 +456,15 @@ def _health(engine: EngineEvidence, evidence: Evidence, key: str) -> Iterator[Bl
         yield health_map(f"{key}-map", rows, evidence.known)
 
 
-def _course_of(row: Row) -> Course:
+def _read_course(row: Row) -> TrendCourse:
     sizes = (row.number("change"), row.number("change_low"), row.number("change_high"))
-    return Course(row.count("onset"), row.text("kind") == "step", *sizes)
+    return TrendCourse(row.count("onset"), row.text("kind") == "step", *sizes)
 
 
-def _farthest(rows: Sequence[Row]) -> list[str]:
+def _farthest_parameters(rows: Sequence[Row]) -> list[str]:
     """Parameters of components that are farthest from nominal in the last flight, where nothing is told to have
     changed."""
-    last = {name: mine[-1] for name, mine in of_parameters(rows).items()}
+    last = {name: mine[-1] for name, mine in group_by_parameter(rows).items()}
 
     def far(name: str) -> float:
         half = (last[name].number("high") - last[name].number("low")) / 2
@@ -478,14 +473,14 @@ def _farthest(rows: Sequence[Row]) -> list[str]:
     return sorted(last, key=far)[:3]
 
 
-def _by_unit(names: Sequence[str], evidence: Evidence) -> list[list[str]]:
+def _group_by_unit(names: Sequence[str], evidence: ReportEvidence) -> list[list[str]]:
     found: dict[str, list[str]] = {}
     for name in names:
-        found.setdefault(scale_of(evidence.known[name])[1], []).append(name)
+        found.setdefault(display_scale(evidence.known[name])[1], []).append(name)
     return list(found.values())
 
 
-def _onsets(engine: EngineEvidence, evidence: Evidence, order: Order) -> list[Mark]:
+def _onsets(engine: EngineEvidence, evidence: ReportEvidence, order: Order) -> list[EventMark]:
     """Onsets, once each, with the stretch in which they may lie."""
     found: dict[tuple[int, int, int], list[str]] = {}
     for row in changed_in_trend(engine):
@@ -494,13 +489,13 @@ def _onsets(engine: EngineEvidence, evidence: Evidence, order: Order) -> list[Ma
         found.setdefault(place, []).append(known.part or row.text("component"))
     marks = []
     for (_, low, high), parts in found.items():
-        x, until = order.at(low), order.at(high)
+        x, until = order.number_position(low), order.number_position(high)
         if x is not None:
-            marks.append(Mark(x, f"onset: {listed(list(dict.fromkeys(parts)))}", until))
+            marks.append(EventMark(x, f"onset: {listed(list(dict.fromkeys(parts)))}", until))
     return marks
 
 
-def _fingerprint(engine: EngineEvidence, evidence: Evidence, key: str) -> Iterator[Block]:
+def _fingerprint(engine: EngineEvidence, evidence: ReportEvidence, key: str) -> Iterator[Block]:
     """Of the last window that has statistics and is isolated to something; else of the last one."""
     by_window = {(r.text("source"), r.text("flight"), r.count("first_line")): r for r, *_ in engine.isolated}
     told = [(w, o, by_window.get((w.source, w.flight, w.first_line))) for w, o in engine.windows if w.statistics]
@@ -508,33 +503,33 @@ def _fingerprint(engine: EngineEvidence, evidence: Evidence, key: str) -> Iterat
     if not told:
         return
     window, origin, row = (named or told)[-1]
-    answers = _sets(row) if row is not None else []
+    answers = _answer_sets(row) if row is not None else []
     found = window_fingerprint(f"{key}-fingerprint", window, origin, answers, evidence.known)
-    yield found or Words(
+    yield found or Paragraph(
         "A fingerprint needs statistics with every sensor's error: `enginediag residual --sensors`.", quiet=True
     )
 
 
-def _sets(row: Row) -> list[tuple[tuple[str, ...], float]]:
+def _answer_sets(row: Row) -> list[tuple[tuple[str, ...], float]]:
     """The answer and its leading rivals, as sets of parameters."""
     first = (row.list("isolated"), row.number("probability"))
-    return [first, *map(rival, row.list("rivals")[:MOST_RIVALS])] if first[0] else []
+    return [first, *map(parse_alternative, row.list("rivals")[:MOST_RIVALS])] if first[0] else []
 
 
 def _detection(engine: EngineEvidence, key: str) -> Iterator[Chart]:
-    rows = engine.of(kinds.DETECTED)
+    rows = engine.rows_of_kind(kinds.DETECTED)
     if rows and all(row.number("threshold") > 0 or row.text("verdict") == "no verdict" for row in rows):
-        order = order_of(rows)
-        first = first_of_last_run(rows)
-        marks = [] if first is None else [Mark(order.x[rows.index(first)], "alarms without a break from here")]
+        order = order_windows(rows)
+        first = first_alarm_of_last_run(rows)
+        marks = [] if first is None else [EventMark(order.x[rows.index(first)], "alarms without a break from here")]
         yield detection_course(f"{key}-detect", rows, marks)
 
 
-def _records(engine: EngineEvidence, evidence: Evidence, key: str) -> Iterator[Block]:
+def _records(engine: EngineEvidence, evidence: ReportEvidence, key: str) -> Iterator[Block]:
     """Snapshots, residuals and the health of the instruments."""
     records = engine.records
     if records is None:
-        yield Words(
+        yield Paragraph(
             "Residuals over time, snapshots and the instruments' health are drawn from `residual --what records`; over "
             "operating conditions, from recordings with -n NOMINAL.",
             quiet=True,
@@ -542,19 +537,19 @@ def _records(engine: EngineEvidence, evidence: Evidence, key: str) -> Iterator[B
         return
     yield from snapshots(f"{key}-snapshot", records)
     yield residual_course(f"{key}-residuals", records)
-    first = first_of_last_run(engine.of(kinds.DETECTED))
-    late = records if first is None else records.since(first.text("source"), first.text("flight"))
+    first = first_alarm_of_last_run(engine.rows_of_kind(kinds.DETECTED))
+    late = records if first is None else records.from_flight(first.text("source"), first.text("flight"))
     which = f"from {first.window} on, since when it alarms" if first is not None else "given"
     yield from residual_drivers(f"{key}-over", late, which)
-    yield sensors_health(f"{key}-sensors", records, _wrong(engine, evidence), engine.masked)
+    yield sensors_health(f"{key}-sensors", records, _sensor_error_probability(engine, evidence), engine.masked)
 
 
-def _wrong(engine: EngineEvidence, evidence: Evidence) -> dict[str, float]:
+def _sensor_error_probability(engine: EngineEvidence, evidence: ReportEvidence) -> dict[str, float]:
     """Probability that a sensor reads wrong, by its column, as the trend has it."""
     found: dict[str, float] = {}
     sensors = engine.records.sigmas if engine.records is not None else {}
     columns = {split_column(column)[0]: column for column in sensors}
-    for row in engine.of(kinds.TREND):
+    for row in engine.rows_of_kind(kinds.TREND):
         known = evidence.known[row.text("parameter")]
         column = columns.get(known.part.removesuffix(" sensor"), "")
         if known.of_sensor and column:
@@ -562,7 +557,7 @@ def _wrong(engine: EngineEvidence, evidence: Evidence) -> dict[str, float]:
     return found
 
 
-ANSWERS = columns_of(
+ANSWERS = chart_columns(
     "flight",
     "verdict",
     "what changed",
@@ -571,29 +566,32 @@ ANSWERS = columns_of(
 )
 
 
-def _answers(engine: EngineEvidence, evidence: Evidence) -> Iterator[Block]:
+def _answers(engine: EngineEvidence, evidence: ReportEvidence) -> Iterator[Block]:
     """One row for each window, in words."""
     cells, origins = [], []
     for rows in engine.isolated:
         head = rows[0]
         told = [size_in_words(row, evidence) for row in rows if row.text("parameter")]
-        rivals = [f"{_named(names, evidence)} ({probability(p)})" for names, p in map(rival, head.list("rivals"))]
+        rivals = [
+            f"{_set_words(names, evidence)} ({probability(p)})"
+            for names, p in map(parse_alternative, head.list("rivals"))
+        ]
         sensors = [split_column(column)[0] for column in head.list("would_tell")]
-        tell = f"; {listed(sensors, 'or')} would tell" if sensors else ""
+        tell = f"; {listed(sensors, 'or')} would separate them" if sensors else ""
         chance = head.number("probability")
         cells.append(
             (
                 head.text("flight") or head.window,
                 head.text("verdict"),
-                "; ".join(told) or ("nothing stands out" if head.text("verdict") != "no verdict" else ""),
+                "; ".join(told) or ("no significant change" if head.text("verdict") != "no verdict" else ""),
                 "" if chance != chance else probability(chance),
                 (head.text("note") or "; ".join(rivals[:MOST_RIVALS])) + tell,
             )
         )
         origins.append(head.origin)
     if cells:
-        yield Tabled("What changed, window by window", Table(ANSWERS, cells, origins))
+        yield TableBlock("What changed, window by window", ChartTable(ANSWERS, cells, origins))
 
 
-def _named(names: Sequence[str], evidence: Evidence) -> str:
+def _set_words(names: Sequence[str], evidence: ReportEvidence) -> str:
     return listed([p.words for p in meanings(evidence.known, names).values()]) or "no change"

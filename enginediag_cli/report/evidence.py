@@ -18,9 +18,9 @@ from enginediag_cli.intake.selection import Source, columns_of
 from enginediag_cli.parameters import Parameter, unspecified
 from enginediag_cli.progress import each, stage
 from enginediag_cli.report import result_files as kinds
-from enginediag_cli.report.plotting import Origin
-from enginediag_cli.report.result_files import Kind, Records, Result, Row, records_of
-from enginediag_cli.report.tables.recordings import elsewhere_lines, left_out_lines, not_judged_lines
+from enginediag_cli.report.plotting import RowOrigin
+from enginediag_cli.report.result_files import ResidualRecords, ResultFile, ResultKind, Row, residual_records
+from enginediag_cli.report.tables.recordings import excluded_lines, not_judged_lines, outside_envelope_lines
 from enginediag_cli.residuals.files import JudgedFiles, Judging, record_residuals
 from enginediag_cli.residuals.monitor import Monitor, agreement_with
 from enginediag_cli.residuals.windows import WindowStatistics
@@ -32,31 +32,31 @@ class EngineEvidence:
     residuals, and how many readings of each sensor were masked."""
 
     engine: str
-    rows: dict[Kind, list[Row]] = field(default_factory=dict)
-    windows: list[tuple[WindowStatistics, Origin]] = field(default_factory=list)
-    records: Records | None = None
+    rows: dict[ResultKind, list[Row]] = field(default_factory=dict)
+    windows: list[tuple[WindowStatistics, RowOrigin]] = field(default_factory=list)
+    records: ResidualRecords | None = None
     masked: dict[str, int] = field(default_factory=dict)
 
-    def of(self, kind: Kind) -> list[Row]:
+    def rows_of_kind(self, kind: ResultKind) -> list[Row]:
         return self.rows.get(kind, [])
 
     @property
     def isolated(self) -> list[list[Row]]:
         """Rows of `isolate`, window by window."""
-        return windows_of(self.of(kinds.ISOLATED))
+        return group_by_window(self.rows_of_kind(kinds.ISOLATED))
 
 
 @dataclass
-class Evidence:
+class ReportEvidence:
     """All of it; `known`: what parameters mean, as far as any file says."""
 
-    results: Sequence[Result]
+    results: Sequence[ResultFile]
     engines: dict[str, EngineEvidence]
     known: dict[str, Parameter]
 
     _told: dict[tuple[str, ...], str] = field(default_factory=dict, repr=False)
 
-    def add(self, kind: Kind, row: Row, by: str) -> None:
+    def add(self, kind: ResultKind, row: Row, by: str) -> None:
         """Take a row over; by: the file, or what else, that tells it. Raises DataError where another one tells the
         same window or parameter, which would count twice."""
         engine = row.text("engine")
@@ -64,10 +64,10 @@ class Evidence:
         before = self._told.setdefault(place, by)
         if before != by:
             of = f"engine {engine}" if engine else "an engine without a name"
-            raise DataError(f"{before} and {by} both tell {kind.name} of the same part of {of}: give one of them")
+            raise DataError(f"{before} and {by} both hold {kind.name} of the same part of {of}: give one of them")
         self.engines.setdefault(engine, EngineEvidence(engine)).rows.setdefault(kind, []).append(row)
 
-    def documents(self, kind: Kind) -> list[Result]:
+    def documents(self, kind: ResultKind) -> list[ResultFile]:
         return [result for result in self.results if result.kind is kind]
 
 
@@ -75,12 +75,12 @@ PLACE = ("source", "flight", "first_line", "last_line", "parameter", "components
 """Cells that say of which window or parameter a row is, as far as it has them."""
 
 
-def evidence_of(results: Sequence[Result], known: Mapping[str, Parameter] | None = None) -> Evidence:
+def collect_evidence(results: Sequence[ResultFile], known: Mapping[str, Parameter] | None = None) -> ReportEvidence:
     """Raises DataError for damaged statistics."""
     from enginediag_cli.residuals.score import marginalised
     from enginediag_cli.residuals.statistics_file import Ledger, read_statistics
 
-    found = Evidence(results, {}, dict(known or {}))
+    found = ReportEvidence(results, {}, dict(known or {}))
     ledger = Ledger()
     for result in results:
         if result.kind is kinds.RECORDS:
@@ -96,13 +96,13 @@ def evidence_of(results: Sequence[Result], known: Mapping[str, Parameter] | None
                 mine = found.engines.setdefault(window.engine, EngineEvidence(window.engine))
                 if window.statistics is not None:
                     window = replace(window, statistics=marginalised(window.statistics))
-                mine.windows.append((window, Origin(result.name, str(first + number))))
-    for name, unit in _named(found):
+                mine.windows.append((window, RowOrigin(result.name, str(first + number))))
+    for name, unit in _named_parameters(found):
         found.known.setdefault(name, unspecified(name, unit))
     return found
 
 
-def _records(found: Evidence, result: Result) -> None:
+def _records(found: ReportEvidence, result: ResultFile) -> None:
     by_engine: dict[str, list[Row]] = {}
     for row in result.rows:
         by_engine.setdefault(row.text("engine"), []).append(row)
@@ -110,21 +110,21 @@ def _records(found: Evidence, result: Result) -> None:
         mine = found.engines.setdefault(engine, EngineEvidence(engine))
         if mine.records is not None:
             raise DataError(f"{result.name}: residuals of these records come from another file, too: give one of them")
-        mine.records = records_of(rows)
+        mine.records = residual_records(rows)
 
 
-def _named(found: Evidence) -> Iterator[tuple[str, str]]:
+def _named_parameters(found: ReportEvidence) -> Iterator[tuple[str, str]]:
     """Parameters that rows name, with their units."""
     for engine in found.engines.values():
         for kind in (kinds.ISOLATED, kinds.TREND, kinds.FLIGHTS):
-            for row in engine.of(kind):
+            for row in engine.rows_of_kind(kind):
                 if name := row.text("parameter"):
                     yield name, row.text("unit")
                 for isolated in row.list("isolated"):
                     yield isolated, ""
 
 
-def windows_of(rows: Sequence[Row]) -> list[list[Row]]:
+def group_by_window(rows: Sequence[Row]) -> list[list[Row]]:
     """Rows that are of one window together."""
     found: dict[tuple[str, ...], list[Row]] = {}
     for row in rows:
@@ -134,7 +134,7 @@ def windows_of(rows: Sequence[Row]) -> list[list[Row]]:
 
 
 @dataclass(frozen=True)
-class Question:
+class RecordingsQuestion:
     """`monitor` watches the engine alone, `suspicious` every instrument, too; false_alarm: level of the tests; margins:
     what is asked of the margin."""
 
@@ -146,45 +146,45 @@ class Question:
     margins: MarginSettings = field(default_factory=MarginSettings)
 
 
-def computed(question: Question, given: Sequence[Result]) -> tuple[Evidence, list[str]]:
+def judge_recordings(question: RecordingsQuestion, given: Sequence[ResultFile]) -> tuple[ReportEvidence, list[str]]:
     """Evidence of the recordings beside the results `given`, and what was left out of them in words. Raises
     DataError, NoVerdictError."""
     left_out: list[str] = []
     windows: list[WindowStatistics] = []
     rows = {
-        kinds.DETECTED: list(_detected(question, left_out)),
-        kinds.ISOLATED: list(_isolated(question, windows)),
-        **_series(question),
-        kinds.MARGIN: _margins(question, left_out),
+        kinds.DETECTED: list(_detection_rows(question, left_out)),
+        kinds.ISOLATED: list(_isolation_rows(question, windows)),
+        **_trend_rows(question),
+        kinds.MARGIN: _margin_rows(question, left_out),
     }
-    evidence = evidence_of(given, question.suspicious.meaning)
+    evidence = collect_evidence(given, question.suspicious.meaning)
     for kind, found in rows.items():
         for row in found:
             evidence.add(kind, row, "what is judged here")
     for window in windows:
         mine = evidence.engines.setdefault(window.engine, EngineEvidence(window.engine))
-        mine.windows.append((window, _place(window)))
+        mine.windows.append((window, _window_origin(window)))
     _add_records(question, evidence)
     return evidence, left_out
 
 
-def _detected(question: Question, left_out: list[str]) -> Iterator[Row]:
+def _detection_rows(question: RecordingsQuestion, left_out: list[str]) -> Iterator[Row]:
     from enginediag_cli.detection.verdict import judge
     from enginediag_cli.report.tables.detection import DETECT, DETECTABLE
     from enginediag_cli.residuals.reduced import Economy
 
-    files = _files(question, question.monitor)
+    files = _judged_files(question, question.monitor)
     # whether anything has changed does not depend on what wrong slopes of maps would make of the change
     files.economy = Economy(replace(question.monitor, slopes=None))
     for window, _ in each(files.windows(), "windows judged"):
         row = DETECT.row(judge(window, question.false_alarm, monitor=question.monitor), DETECTABLE)
-        yield Row(row, _place(window))
+        yield Row(row, _window_origin(window))
     for left in files.intake.left_out:
-        left_out += left_out_lines(left)
-    left_out += [*not_judged_lines(files.counts), *elsewhere_lines(files.elsewhere)]
+        left_out += excluded_lines(left)
+    left_out += [*not_judged_lines(files.counts), *outside_envelope_lines(files.elsewhere)]
 
 
-def _isolated(question: Question, windows: list[WindowStatistics]) -> Iterator[Row]:
+def _isolation_rows(question: RecordingsQuestion, windows: list[WindowStatistics]) -> Iterator[Row]:
     from enginediag_cli.isolation.diagnosis import DiagnosisOptions
     from enginediag_cli.isolation.methods import IsolationOptions
     from enginediag_cli.isolation.windows import WindowIsolation
@@ -196,35 +196,35 @@ def _isolated(question: Question, windows: list[WindowStatistics]) -> Iterator[R
         kept = KeptRecords(question.suspicious, short_windows=not judging.plan.whole)
     nonlinear = "auto" if judging.linearise == "estimate" else "never"
     options = DiagnosisOptions(isolation=IsolationOptions(false_alarm=question.false_alarm), nonlinear=nonlinear)
-    isolating = WindowIsolation(_files(question, question.suspicious), options, question.false_alarm, kept_records=kept)
+    isolating = Isolating(_judged_files(question, question.suspicious), options, question.false_alarm, kept=kept)
     for found in each(isolating.windows(), "windows isolated"):
         windows.append(found.verdict.window)
         for row in isolated_rows(found, False, advice=False):
-            yield Row(row, _place(found.verdict.window))
+            yield Row(row, _window_origin(found.verdict.window))
 
 
 @stage("following the series")
-def _series(question: Question) -> dict[kinds.Kind, list[Row]]:
+def _trend_rows(question: RecordingsQuestion) -> dict[kinds.ResultKind, list[Row]]:
     from enginediag_cli.detection.series import series_of
     from enginediag_cli.isolation.timeline import diagnose_engines
     from enginediag_cli.report.tables.trend import flight_rows, trend_rows
     from enginediag_cli.residuals.reduced import of_series
 
     series = series_of(_series_files(question, of_series(question.suspicious)))
-    told: dict[kinds.Kind, list[Row]] = {kinds.FLIGHTS: [], kinds.TREND: []}
+    told: dict[kinds.ResultKind, list[Row]] = {kinds.FLIGHTS: [], kinds.TREND: []}
     for row in flight_rows(series):
         window = series.stretches[row["engine"]][row["number"] - 1].window
-        told[kinds.FLIGHTS].append(Row(row, _place(window)))
+        told[kinds.FLIGHTS].append(Row(row, _window_origin(window)))
     generic = question.suspicious.slopes is not None
-    for engine, story in diagnose_engines(series, reference=question.judging.reference, generic=generic):
-        last = _place(series.stretches[engine][-1].window)
+    for engine, story in stories_of(series, reference=question.judging.reference, generic=generic):
+        last = _window_origin(series.stretches[engine][-1].window)
         told[kinds.TREND] += [Row(row, last) for row in trend_rows(engine, story, series)]
     return told
 
 
 @stage("following the margin")
-def _margins(question: Question, left_out: list[str]) -> list[Row]:
-    from enginediag_cli.fleets.maintenance import assess_margins
+def _margin_rows(question: RecordingsQuestion, left_out: list[str]) -> list[Row]:
+    from enginediag_cli.fleets.maintenance import margins_of
     from enginediag_cli.report.tables.margin import margin_rows, odd_events
     from enginediag_cli.residuals.reduced import for_comparison, of_series
 
@@ -234,11 +234,11 @@ def _margins(question: Question, left_out: list[str]) -> list[Row]:
     told = []
     for row in margin_rows(margins):
         stretches = margins.series.stretches[row["engine"]]
-        told.append(Row(row, _place(stretches[(row["number"] or len(stretches)) - 1].window)))
+        told.append(Row(row, _window_origin(stretches[(row["number"] or len(stretches)) - 1].window)))
     return told
 
 
-def _add_records(question: Question, evidence: Evidence) -> None:
+def _add_records(question: RecordingsQuestion, evidence: ReportEvidence) -> None:
     """Residuals of every record, with the inputs."""
     monitor = question.suspicious
     inputs = [c for c in monitor.engine.inputs]
@@ -257,12 +257,12 @@ def _add_records(question: Question, evidence: Evidence) -> None:
                     mine.masked[column] = mine.masked.get(column, 0) + sum(reasons.values())
 
 
-def _computed_records(monitor: Monitor, rows: Sequence[tuple[dict[str, Any], dict[str, float]]]) -> Records:
+def _computed_records(monitor: Monitor, rows: Sequence[tuple[dict[str, Any], dict[str, float]]]) -> ResidualRecords:
     def column(name: str, of: Callable[[tuple[dict[str, Any], dict[str, float]]], Any]) -> np.ndarray:
         return np.array([float(of(entry).get(name, np.nan)) for entry in rows])
 
     power = getattr(monitor.engine, "power_setting", "")
-    return Records(
+    return ResidualRecords(
         [row["source"] for row, _ in rows],
         [row["line"] for row, _ in rows],
         [str(row.get("flight", "")) for row, _ in rows],
@@ -279,21 +279,21 @@ ALTITUDE = "altitude_m"
 """The input of every engine that flies."""
 
 
-def _files(question: Question, monitor: Monitor) -> JudgedFiles:
+def _judged_files(question: RecordingsQuestion, monitor: Monitor) -> JudgedFiles:
     return JudgedFiles(_intake(question, monitor), monitor, question.judging)
 
 
-def _series_files(question: Question, monitor: Monitor) -> JudgedFiles:
+def _series_files(question: RecordingsQuestion, monitor: Monitor) -> JudgedFiles:
     """Windows that are compared with each other; a reference is of the series, not of a window."""
     plan = question.judging.plan
     judging = replace(question.judging, plan=plan.of_series, reference=0)
     return JudgedFiles(_intake(question, monitor), monitor, judging, summed=plan.whole, series=True)
 
 
-def _intake(question: Question, monitor: Monitor) -> Intake:
+def _intake(question: RecordingsQuestion, monitor: Monitor) -> Intake:
     wanted = columns_of(monitor.engine, monitor.sensors)
     return Intake(question.source, wanted, agreement=agreement_with(monitor), keep_going=True)
 
 
-def _place(window: Any) -> Origin:
-    return Origin(window.source, f"{window.first_line}–{window.last_line}")
+def _window_origin(window: Any) -> RowOrigin:
+    return RowOrigin(window.source, f"{window.first_line}–{window.last_line}")

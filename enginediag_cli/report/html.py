@@ -11,20 +11,23 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from html import escape
 from importlib.resources import files
 from typing import Any, TypeAlias
 
-from enginediag_cli.report.plotting import Chart, Column, Origin, Table, Value, pairs, shown
+from enginediag_cli.parameters import Parameter
+from enginediag_cli.report.plotting import Chart, ChartColumn, ChartTable, RowOrigin, Value, format_value, pairs
 from enginediag_cli.report.plotting.interactive import available, plot, script, version
 from enginediag_cli.report.plotting.svg import picture
+from enginediag_cli.report.sentences import listed
 from enginediag_cli.safe_text import visible
+from enginediag_cli.units import split_column
 
 
-class State(Enum):
+class EngineState(Enum):
     """What is known of an engine; the worst first, which is the order in which they are shown."""
 
     CHANGED = "changed"
@@ -34,7 +37,7 @@ class State(Enum):
 
 
 @dataclass(frozen=True)
-class Words:
+class Paragraph:
     """A paragraph."""
 
     text: str
@@ -49,7 +52,7 @@ class Bullets:
 
 
 @dataclass(frozen=True)
-class Listing:
+class Preformatted:
     """Lines as they were typed or written: commands, provenance; behind a `title` they are closed at first."""
 
     lines: Sequence[str]
@@ -57,15 +60,15 @@ class Listing:
 
 
 @dataclass(frozen=True)
-class Tabled:
+class TableBlock:
     """A table of its own, shown openly, or closed behind its title."""
 
     title: str
-    table: Table
+    table: ChartTable
     closed: bool = False
 
 
-Block: TypeAlias = Words | Bullets | Listing | Tabled | Chart
+Block: TypeAlias = Paragraph | Bullets | Preformatted | TableBlock | Chart
 
 
 @dataclass(frozen=True)
@@ -73,27 +76,60 @@ class Lead:
     """The first screen, of one engine: what is so, how surely, since when, how far it is from its limit, what to do
     next, what would flip it; `badge`: the state in other words."""
 
-    state: State
+    state: EngineState
     sentence: str
     engine: str = ""
-    surely: str = ""
-    since: str = ""
+    confidence: str = ""
+    onset: str = ""
     margin: str = ""
-    next: str = ""
-    flips: Sequence[str] = ()
-    rivals: Sequence[str] = ()
+    next_step: str = ""
+    sensitivity: Sequence[str] = ()
+    alternatives: Sequence[str] = ()
     badge: str = ""
     key: str = ""
 
 
+def next_step(state: EngineState, changed: Sequence[Parameter], telling: Sequence[str], advice: Sequence[str]) -> str:
+    """changed: parameters of the answer, or its suspects; telling: sensors that would tell them apart; advice: what
+    `isolate --advise` said."""
+    return " ".join([_own_step(state, changed, telling), *advice])
+
+
+def _own_step(state: EngineState, changed: Sequence[Parameter], telling: Sequence[str]) -> str:
+    instruments = _parts(p for p in changed if p.of_instrument)
+    components = _parts(p for p in changed if not p.of_instrument)
+    if state is EngineState.NO_VERDICT:
+        return "Fix the problems below and rerun, or record under conditions that identification covered."
+    if state is EngineState.NOTHING_FOUND:
+        return "Nothing; keep recording. `detect --detectable` shows the smallest change that each window would show."
+    if state is EngineState.CANNOT_TELL:
+        if telling:
+            sensors = [split_column(column)[0] for column in telling]
+            return f"Record {listed(sensors, 'or')}, which separates the suspects; until then do no work on either."
+        if instruments:
+            return f"Check {listed(instruments)} first: cheaper than opening the engine, and it decides between them."
+        return "Record more flights. `isolate --advise` names what separates the suspects best."
+    if instruments and not components:
+        return f"Check {listed(instruments)}, wiring and recorder channel; the engine itself shows no change."
+    if instruments:
+        return f"Check {listed(instruments)} first, then inspect the {listed(components)}."
+    if components:
+        return f"Inspect the {listed(components)}; compare the trend with the log of events since it began."
+    return "Ask `isolate` or `trend` what changed."
+
+
+def _parts(parameters: Iterable[Parameter]) -> list[str]:
+    return list(dict.fromkeys(("the " if p.of_instrument else "") + (p.part or p.component) for p in parameters))
+
+
 @dataclass(frozen=True)
-class Section:
+class PageSection:
     """Blocks below a heading; `key` is its anchor."""
 
     key: str
     title: str
     blocks: Sequence[Block]
-    sections: Sequence[Section] = ()
+    sections: Sequence[PageSection] = ()
 
 
 @dataclass(frozen=True)
@@ -102,19 +138,19 @@ class Page:
 
     title: str
     leads: Sequence[Lead]
-    sections: Sequence[Section]
+    sections: Sequence[PageSection]
 
     def charts(self) -> list[Chart]:
         """In the order of the page."""
         return [chart for section in self.sections for chart in _charts(section)]
 
 
-def _charts(section: Section) -> list[Chart]:
+def _charts(section: PageSection) -> list[Chart]:
     own = [block for block in section.blocks if isinstance(block, Chart)]
     return own + [chart for inner in section.sections for chart in _charts(inner)]
 
 
-def _text_of(name: str) -> str:
+def _read_asset(name: str) -> str:
     """A file that lies beside this one."""
     return (files("enginediag_cli.report") / name).read_text(encoding="utf-8").strip()
 
@@ -126,14 +162,14 @@ def style() -> str:
         for light, dark in pairs()
         for what in ("fill", "stroke")
     )
-    return f"{_text_of('page.css')}\n@media screen and (prefers-color-scheme:dark){{{rules}}}\n"
+    return f"{_read_asset('page.css')}\n@media screen and (prefers-color-scheme:dark){{{rules}}}\n"
 
 
 CLASSES = {
-    State.CHANGED: "changed",
-    State.CANNOT_TELL: "cannot",
-    State.NO_VERDICT: "silent",
-    State.NOTHING_FOUND: "fine",
+    EngineState.CHANGED: "changed",
+    EngineState.CANNOT_TELL: "cannot",
+    EngineState.NO_VERDICT: "silent",
+    EngineState.NOTHING_FOUND: "fine",
 }
 MOST_CARDS = 12
 """Engines with a first screen of their own; of more the table of all comes first."""
@@ -148,7 +184,7 @@ def html(page: Page, scripts: Sequence[str] = (), plots: Mapping[str, Any] | Non
     return "".join(_page(page, scripts, plots or {}))
 
 
-def said(text: str) -> str:
+def escape_text(text: str) -> str:
     """Text as HTML, with control characters as escapes that can be read."""
     return escape(visible(text), quote=True)
 
@@ -160,15 +196,15 @@ def _page(page: Page, scripts: Sequence[str], plots: Mapping[str, Any]) -> Itera
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{said(page.title)}</title>\n<style>\n{style()}</style>\n</head>\n<body>\n"
+        f"<title>{escape_text(page.title)}</title>\n<style>\n{style()}</style>\n</head>\n<body>\n"
         '<a class="skip" href="#content">Skip to the charts</a>\n<header>\n'
-        f"<h1>{said(page.title)}</h1>\n"
+        f"<h1>{escape_text(page.title)}</h1>\n"
     )
     for lead in page.leads[:MOST_CARDS]:
         yield _lead(lead)
     if len(page.leads) > MOST_CARDS:
         yield f'<p class="quiet">The {MOST_CARDS} worst of {len(page.leads)} engines; the others stand below.</p>\n'
-    links = "".join(f'<li><a href="#{said(s.key)}">{said(s.title)}</a></li>' for s in page.sections)
+    links = "".join(f'<li><a href="#{escape_text(s.key)}">{escape_text(s.title)}</a></li>' for s in page.sections)
     yield f'<nav aria-label="Contents"><ul>{links}</ul></nav>\n</header>\n<main id="content">\n'
     for section in page.sections:
         yield from _section(section, 2, plots)
@@ -180,28 +216,28 @@ def _page(page: Page, scripts: Sequence[str], plots: Mapping[str, Any]) -> Itera
 
 def _lead(lead: Lead) -> str:
     facts = [
-        ("How surely", lead.surely),
-        ("Since", lead.since),
+        ("How surely", lead.confidence),
+        ("Since", lead.onset),
         ("Margin", lead.margin),
-        ("What to do next", lead.next),
+        ("What to do next", lead.next_step),
     ]
-    rows = "".join(f"<dt>{name}</dt><dd>{said(text)}</dd>" for name, text in facts if text)
-    for word, lines in (("What would flip it", lead.flips), ("Not excluded either", lead.rivals)):
+    rows = "".join(f"<dt>{name}</dt><dd>{escape_text(text)}</dd>" for name, text in facts if text)
+    for word, lines in (("Sensitivity of the conclusion", lead.sensitivity), ("Alternatives", lead.alternatives)):
         if lines:
-            rows += f"<dt>{word}</dt><dd>{'<br>'.join(map(said, lines))}</dd>"
-    name = f"Engine {said(lead.engine)}: " if lead.engine else ""
-    link = f' <a href="#{said(lead.key)}">Charts</a>' if lead.key else ""
-    label = f"Verdict{' on engine ' + said(lead.engine) if name else ''}"
+            rows += f"<dt>{word}</dt><dd>{'<br>'.join(map(escape_text, lines))}</dd>"
+    name = f"Engine {escape_text(lead.engine)}: " if lead.engine else ""
+    link = f' <a href="#{escape_text(lead.key)}">Charts</a>' if lead.key else ""
+    label = f"Verdict{' on engine ' + escape_text(lead.engine) if name else ''}"
     return (
         f'<section class="lead {CLASSES[lead.state]}" aria-label="{label}">'
-        f'<div class="state">{name}{said(lead.badge or lead.state.value)}</div>\n'
-        f'<p class="verdict">{said(lead.sentence)}</p>\n<dl>{rows}</dl>{link}</section>\n'
+        f'<div class="state">{name}{escape_text(lead.badge or lead.state.value)}</div>\n'
+        f'<p class="verdict">{escape_text(lead.sentence)}</p>\n<dl>{rows}</dl>{link}</section>\n'
     )
 
 
-def _section(section: Section, level: int, plots: Mapping[str, Any]) -> Iterator[str]:
-    key = said(section.key)
-    yield f'<section aria-labelledby="{key}">\n<h{level} id="{key}">{said(section.title)}</h{level}>\n'
+def _section(section: PageSection, level: int, plots: Mapping[str, Any]) -> Iterator[str]:
+    key = escape_text(section.key)
+    yield f'<section aria-labelledby="{key}">\n<h{level} id="{key}">{escape_text(section.title)}</h{level}>\n'
     for block in section.blocks:
         yield from _block(block, plots)
     for inner in section.sections:
@@ -210,24 +246,24 @@ def _section(section: Section, level: int, plots: Mapping[str, Any]) -> Iterator
 
 
 def _block(block: Block, plots: Mapping[str, Any]) -> Iterator[str]:
-    if isinstance(block, Words):
+    if isinstance(block, Paragraph):
         quiet = ' class="quiet"' if block.quiet else ""
-        yield f"<p{quiet}>{said(block.text)}</p>\n"
+        yield f"<p{quiet}>{escape_text(block.text)}</p>\n"
     elif isinstance(block, Bullets):
-        yield f"<ul>{''.join(f'<li>{said(item)}</li>' for item in block.items)}</ul>\n"
-    elif isinstance(block, Listing):
-        lines = "\n".join(map(said, block.lines))
+        yield f"<ul>{''.join(f'<li>{escape_text(item)}</li>' for item in block.items)}</ul>\n"
+    elif isinstance(block, Preformatted):
+        lines = "\n".join(map(escape_text, block.lines))
         text = f'<pre tabindex="0">{lines}</pre>\n'
-        yield f"<details><summary>{said(block.title)}</summary>{text}</details>\n" if block.title else text
-    elif isinstance(block, Tabled):
+        yield f"<details><summary>{escape_text(block.title)}</summary>{text}</details>\n" if block.title else text
+    elif isinstance(block, TableBlock):
         yield from _tabled(block)
     else:
         yield from _chart(block, plots.get(block.key))
 
 
-def _tabled(block: Tabled) -> Iterator[str]:
+def _tabled(block: TableBlock) -> Iterator[str]:
     if block.closed:
-        yield f"<details><summary>{said(block.title)}</summary>"
+        yield f"<details><summary>{escape_text(block.title)}</summary>"
         yield from _table(block.table, block.title, open_=False)
         yield "</details>\n"
     else:
@@ -235,18 +271,18 @@ def _tabled(block: Tabled) -> Iterator[str]:
 
 
 def _chart(chart: Chart, plot: Any) -> Iterator[str]:
-    key = said(chart.key)
-    told = f"<span>{said(chart.caption)}</span>" if chart.caption else ""
-    thinned = f"<span>{said(chart.thinned)}</span>" if chart.thinned else ""
+    key = escape_text(chart.key)
+    told = f"<span>{escape_text(chart.caption)}</span>" if chart.caption else ""
+    thinned = f"<span>{escape_text(chart.thinned)}</span>" if chart.thinned else ""
     yield f'<figure id="{key}" aria-labelledby="{key}-t">\n'
-    yield f'<figcaption id="{key}-t"><strong>{said(chart.title)}</strong>{told}{thinned}</figcaption>\n'
+    yield f'<figcaption id="{key}-t"><strong>{escape_text(chart.title)}</strong>{told}{thinned}</figcaption>\n'
     svg = visible(picture(chart, titled=False).text()).strip()
-    yield f'<div class="drawn" tabindex="0" role="group" aria-label="{said(chart.title)}: picture">{svg}</div>\n'
+    yield f'<div class="drawn" tabindex="0" role="group" aria-label="{escape_text(chart.title)}: picture">{svg}</div>\n'
     if plot is not None:
         text = json.dumps(plot, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
         yield f'<div class="live" hidden></div>\n<script type="application/json" class="plot">{_inert(text)}</script>\n'
     count = len(chart.table.rows)
-    yield f"<details><summary>Table: {said(chart.title)} ({count:,} row{'' if count == 1 else 's'})</summary>"
+    yield f"<details><summary>Table: {escape_text(chart.title)} ({count:,} row{'' if count == 1 else 's'})</summary>"
     yield from _table(chart.table, chart.title, open_=False)
     yield "</details>\n</figure>\n"
 
@@ -256,46 +292,46 @@ def _inert(text: str) -> str:
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
-def _table(table: Table, title: str, *, open_: bool) -> Iterator[str]:
+def _table(table: ChartTable, title: str, *, open_: bool) -> Iterator[str]:
     """With the line of each row's origin; the file is said once where there is one."""
-    table = _without_empty(table)
+    table = _drop_empty_columns(table)
     sources = list(dict.fromkeys(origin.file for origin in table.origins))
     numeric = [_is_numeric(column, [row[k] for row in table.rows]) for k, column in enumerate(table.columns)]
     head = "".join(
-        f"<th scope=col{' class=n' if n else ''}>{said(column.words)}"
+        f"<th scope=col{' class=n' if n else ''}>{escape_text(column.words)}"
         for column, n in zip(table.columns, numeric, strict=True)
     )
     place = "line" if all(o.row.isdigit() for o in table.origins) else "place"
     if table.origins:
         head += ("<th scope=col>file" if len(sources) > 1 else "") + f"<th scope=col>{place}"
-    name = f"{said(title)}{f', from {said(sources[0])}' if len(sources) == 1 and sources[0] else ''}"
+    name = f"{escape_text(title)}{f', from {escape_text(sources[0])}' if len(sources) == 1 and sources[0] else ''}"
     kind = "scroll open" if open_ else "scroll"
     yield f'<div class="{kind}" tabindex="0" role="region" aria-label="{name}">'
     yield f"<table><caption class=quiet>{name}</caption><thead><tr>{head}</thead><tbody>\n"
-    origins: Sequence[Origin | None] = table.origins or [None] * len(table.rows)
+    origins: Sequence[RowOrigin | None] = table.origins or [None] * len(table.rows)
     for row, origin in zip(table.rows, origins, strict=True):
         cells = "".join(_cell(value, n) for value, n in zip(row, numeric, strict=True))
         if origin is not None:
-            cells += (f"<td>{said(origin.file)}" if len(sources) > 1 else "") + f"<td>{said(origin.row)}"
+            cells += (f"<td>{escape_text(origin.file)}" if len(sources) > 1 else "") + f"<td>{escape_text(origin.row)}"
         yield f"<tr>{cells}\n"
     yield "</tbody></table></div>"
 
 
-def _without_empty(table: Table) -> Table:
+def _drop_empty_columns(table: ChartTable) -> ChartTable:
     """Without the columns in which no row has anything."""
-    kept = [k for k in range(len(table.columns)) if not table.rows or any(shown(row[k]) for row in table.rows)]
+    kept = [k for k in range(len(table.columns)) if not table.rows or any(format_value(row[k]) for row in table.rows)]
     if len(kept) == len(table.columns):
         return table
-    return Table([table.columns[k] for k in kept], [[row[k] for k in kept] for row in table.rows], table.origins)
+    return ChartTable([table.columns[k] for k in kept], [[row[k] for k in kept] for row in table.rows], table.origins)
 
 
 def _cell(value: Value, numeric: bool) -> str:
-    text = said(shown(value))
+    text = escape_text(format_value(value))
     kind = " class=n" if numeric else " class=w" if len(text) > LONG else ""
     return f"<td{kind}>{text}"
 
 
-def _is_numeric(column: Column, values: Sequence[Value]) -> bool:
+def _is_numeric(column: ChartColumn, values: Sequence[Value]) -> bool:
     return any(isinstance(v, int | float) for v in values) and not any(isinstance(v, str) for v in values)
 
 
@@ -309,10 +345,10 @@ MOVING_LONG = 15
 
 def page_script() -> str:
     """The same for every page."""
-    return _text_of("page.js").replace("COLOURS", json.dumps(pairs())).replace("LONG", str(MOVING_LONG)) + "\n"
+    return _read_asset("page.js").replace("COLOURS", json.dumps(pairs())).replace("LONG", str(MOVING_LONG)) + "\n"
 
 
-def moves() -> bool:
+def plots_can_move() -> bool:
     """Whether plots can move here."""
     return available()
 

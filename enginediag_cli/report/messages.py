@@ -306,7 +306,7 @@ class RunLog:
         self._fixed = {"version": __version__, "command": command, "run": os.urandom(6).hex()}
         self._since = time.monotonic()
         self._outputs: dict[str, dict[str, Any]] = {}
-        self._handle: int | None = _opened(path)
+        self._handle: int | None = _open_log(path)
 
     def begin(self, arguments: list[str]) -> None:
         """The first line: the command line, where it was given, and by which process."""
@@ -327,7 +327,7 @@ class RunLog:
             self._close()
             Messages().warning(f"{self.path}: the log ends here: {error.strerror or error}")
 
-    def wrote(self, path: str) -> None:
+    def add_output(self, path: str) -> None:
         """A file now stands complete under its name."""
         from enginediag_cli.recordings.provenance import sha256_of
 
@@ -365,11 +365,11 @@ class LogListener(Relay):
 
     def touched(self, action: str, path: str) -> None:
         if action == "written:":
-            self._log.wrote(path)
+            self._log.add_output(path)
         super().touched(action, path)
 
 
-def _opened(path: str) -> int:
+def _open_log(path: str) -> int:
     try:
         # a pipe without a reader is refused and not waited for
         handle = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK, 0o666)

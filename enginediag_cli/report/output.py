@@ -175,7 +175,7 @@ NEUTRAL_SUFFIXES = ("", ".txt", ".dat")
 """Names of a table that say nothing of its format; csv is written."""
 
 
-def _nobody(text: str) -> None:
+def _ignore(text: str) -> None:
     """Nobody is told."""
 
 
@@ -190,7 +190,7 @@ class Output:
     color: str = "auto"
     wide: bool = False
     columns: tuple[str, ...] = ()
-    say: Callable[[str], None] = _nobody
+    notify: Callable[[str], None] = _ignore
 
     @property
     def to_stdout(self) -> bool:
@@ -202,9 +202,9 @@ class Output:
             return self.format
         if not self.to_stdout:
             return SUFFIX_FORMATS.get(table_suffix(self.path), "csv")
-        return "table" if self._on_terminal() else "csv"
+        return "table" if self._writes_to_terminal() else "csv"
 
-    def _on_terminal(self) -> bool:
+    def _writes_to_terminal(self) -> bool:
         return self.to_stdout and sys.stdout is not None and sys.stdout.isatty()
 
     @contextmanager
@@ -273,7 +273,7 @@ class Output:
         if first is not None:
             columns = tuple(columns or first)
             iterator = chain([first], iterator)
-        columns = self._chosen(columns)
+        columns = self._select_columns(columns)
         form = self.chosen_format()
         if form == PARQUET:
             return self._write_parquet(iterator, columns, provenance if self.header else ())
@@ -281,7 +281,7 @@ class Output:
             if form == "table":
                 return self._write_table(iterator, columns, stream, summary)
             return write_rows(
-                _shown_alone(iterator) if stream.isatty() else iterator,
+                _wipe_before_each(iterator) if stream.isatty() else iterator,
                 columns,
                 format=form,
                 stream=stream,
@@ -305,7 +305,7 @@ class Output:
         with self.open() as stream:
             for number, rows in enumerate(part for part in parts if part):
                 stream.write("\n" if number else "")
-                self._write_table(rows, self._chosen(tuple(rows[0])), stream, summary)
+                self._write_table(rows, self._select_columns(tuple(rows[0])), stream, summary)
 
     def _write_table(
         self, rows: Iterable[Mapping[str, Any]], columns: Sequence[str], stream: TextIO, summary: Sequence[str]
@@ -318,12 +318,12 @@ class Output:
             color=wants_color(self.color, stream),
             summary=() if self.wide or self.columns else (summary or columns),
         )
-        if result.left_out:
-            some = f"{result.left_out} of {len(columns)} columns are left out to fit the terminal"
-            self.say(f"{some}; --wide shows all of them, --columns A,B those that you name")
+        if result.omitted:
+            some = f"{result.omitted} of {len(columns)} columns are hidden to fit the terminal"
+            self.notify(f"{some}; --wide shows all of them, --columns A,B those that you name")
         return result.rows
 
-    def _chosen(self, columns: Sequence[str] | None) -> tuple[str, ...]:
+    def _select_columns(self, columns: Sequence[str] | None) -> tuple[str, ...]:
         """The columns that the user named, or all. Raises DataError for one that is not there."""
         if not self.columns or not columns:  # of no rows with unknown columns, none can be wrong
             return tuple(columns or ())
@@ -364,7 +364,7 @@ def write_rows(
     return write_ndjson(rows, columns, stream)
 
 
-def _shown_alone(rows: Iterable[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
+def _wipe_before_each(rows: Iterable[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
     """Rows for a terminal, which may also show how far the work is: that is wiped before each of them."""
     for row in rows:
         wipe()
@@ -378,11 +378,11 @@ WHOLE = 1e6
 """Below it, the whole part of a number is shown to the last digit: 10668 m, not 1.067e+04 m."""
 
 
-class Written(NamedTuple):
+class TableSize(NamedTuple):
     """How many rows a table has, and how many of the columns had no room."""
 
     rows: int
-    left_out: int
+    omitted: int
 
 
 def write_table(
@@ -393,7 +393,7 @@ def write_table(
     color: bool = False,
     width: int | None = None,
     summary: Sequence[str] = (),
-) -> Written:
+) -> TableSize:
     """Write all rows (held in memory to find the widths).
 
     On a terminal narrower than the table (`width`, default the terminal's own), the columns of `summary` that have
@@ -408,7 +408,7 @@ def write_table(
         numeric = [so_far and this for so_far, this in zip(numeric, are_numbers, strict=True)]
         cells.append([short_cell(value) for value in values])
     if not cells:
-        return Written(0, 0)
+        return TableSize(0, 0)
     columns = [visible(column, breaks=True) for column in columns]
     widths = [max(len(text) for text in column) for column in zip(columns, *cells, strict=True)]
     left_out = 0
@@ -428,7 +428,7 @@ def write_table(
             _write_rich(cells, columns, widths, numeric, stream, color)
     else:
         _write_plain(cells, columns, widths, numeric, stream)
-    return Written(len(cells), left_out)
+    return TableSize(len(cells), left_out)
 
 
 def short_cell(value: Any) -> str:

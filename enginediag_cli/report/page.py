@@ -18,85 +18,107 @@ from enginediag_cli.fleets.findings import IntervalEstimate
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.answer import FORMULA, IDENTIFIED, NO_DISCREPANCY, NOT_CONVERGED
 from enginediag_cli.report import result_files as kinds
-from enginediag_cli.report.engine_page import engine_section, lead_of, next_step
-from enginediag_cli.report.evidence import EngineEvidence, Evidence
-from enginediag_cli.report.html import Block, Bullets, Lead, Listing, Page, Section, State, Tabled, Words
-from enginediag_cli.report.plotting import Column, Origin, Table, Value, columns_of
+from enginediag_cli.report.engine_page import engine_lead, engine_section
+from enginediag_cli.report.evidence import EngineEvidence, ReportEvidence
+from enginediag_cli.report.html import (
+    Block,
+    Bullets,
+    EngineState,
+    Lead,
+    Page,
+    PageSection,
+    Paragraph,
+    Preformatted,
+    TableBlock,
+    next_step,
+)
+from enginediag_cli.report.plotting import ChartColumn, ChartTable, RowOrigin, Value, chart_columns
 from enginediag_cli.report.plotting.fleet import (
-    EngineFound,
-    HealthFound,
-    engines_of,
+    FleetEngine,
+    ParameterHealth,
     evidence_course,
     fleet_map,
     fleet_ranking,
+    read_engines,
 )
-from enginediag_cli.report.plotting.health import maintenance_marks, margin
-from enginediag_cli.report.plotting.models import before_after, flight_gains, law_curve, mismatch_places
-from enginediag_cli.report.result_files import Result, Row
-from enginediag_cli.report.sentences import change, count, listed, probability, rounded, with_unit
+from enginediag_cli.report.plotting.health import maintenance_marks, margin_forecast
+from enginediag_cli.report.plotting.models import flight_gains, law_curve, mismatch_places, refinement_fit
+from enginediag_cli.report.result_files import ResultFile, Row
+from enginediag_cli.report.sentences import change, count, format_quantity, listed, probability, rounded
 
-STATES = {"changed": State.CHANGED, "healthy": State.NOTHING_FOUND, "no verdict": State.NO_VERDICT}
+STATES = {"changed": EngineState.CHANGED, "healthy": EngineState.NOTHING_FOUND, "no verdict": EngineState.NO_VERDICT}
 IN_FULL = 12
 """Engines with charts of their own, the worst: a page of more would not open at once."""
 LIKELY = 0.5
 """Probability from which a parameter is told as changed."""
 
 
-def fleet_lead(document: Mapping[str, Any], engines: Sequence[EngineFound], key: str) -> Lead:
+def fleet_lead(document: Mapping[str, Any], engines: Sequence[FleetEngine], key: str) -> Lead:
     """The first screen of a fleet: how many, the bound, and where to begin."""
     numbers = [sum(e.verdict == verdict for e in engines) for verdict in ("changed", "healthy", "no verdict")]
     told = f"{numbers[0]} of {count(len(engines), 'engine')} changed"
-    state = State.CHANGED if numbers[0] else State.NOTHING_FOUND if numbers[1] else State.NO_VERDICT
+    state = EngineState.CHANGED if numbers[0] else EngineState.NOTHING_FOUND if numbers[1] else EngineState.NO_VERDICT
     rest = [f"{numbers[1]} show no change"] if numbers[1] else []
     rest += [f"{numbers[2]} could not be judged"] if numbers[2] else []
     listed_ = [e for e in engines if e.discovery]
     sentence = f"{told}; {listed(rest)}." if rest else f"{told}."
     surely = str((document.get("discoveries") or {}).get("words") or "")
     if listed_:
-        surely = f"{count(len(listed_), 'engine')} on the list of discoveries: {surely}"
+        surely = f"{count(len(listed_), 'engine')} flagged: {surely}"
     worst = [e for e in engines if e.verdict == "changed"][:1]
     step = [f"Begin with {e.serial}: {_step(e)}" for e in worst]
-    return Lead(state, sentence, surely=surely, next=" ".join(step), key=key, badge="fleet")
+    return Lead(state, sentence, confidence=surely, next_step=" ".join(step), key=key, badge="fleet")
 
 
-GLANCE = columns_of("engine", "what", "since", "how surely", "flights left")
+GLANCE = chart_columns("engine", "what", "since", "how surely", "flights left")
 
 
-def _glance(engines: Sequence[EngineFound]) -> Iterator[Block]:
+def _attention_table(engines: Sequence[FleetEngine]) -> Iterator[Block]:
     """Every engine that changed, could not be judged or has an instrument that is stuck or scatters, worst first."""
     told = [e for e in engines if e.verdict != "healthy" or e.instruments]
-    rows = [(e.serial, _what(e), _since(e), _surely(e), _left(e.margin.remaining_flights)) for e in told]
+    rows = [
+        (
+            e.serial,
+            _engine_findings(e),
+            _onset_words(e),
+            _confidence_words(e),
+            _remaining_words(e.margin.remaining_flights),
+        )
+        for e in told
+    ]
     if rows:
-        yield Tabled("Engines that need a look", Table(GLANCE, rows, [e.origin for e in told]))
+        yield TableBlock("Engines that need a look", ChartTable(GLANCE, rows, [e.origin for e in told]))
 
 
-def _what(e: EngineFound) -> str:
+def _engine_findings(e: FleetEngine) -> str:
     if e.verdict == "no verdict":
         told = [f"not judged: {e.reason}"]
     elif e.verdict == "healthy":
         told = ["healthy"]
     else:
-        told = [_size(h) for h in _changed(e)] or ["changed; no single parameter stands out"]
+        told = [_size(h) for h in _changed_parameters(e)] or ["changed; no single parameter explains it"]
     return "; ".join([*told, *e.instruments])
 
 
-def _changed(e: EngineFound) -> list[HealthFound]:
+def _changed_parameters(e: FleetEngine) -> list[ParameterHealth]:
     return [h for h in e.health if h.probability >= LIKELY]
 
 
-def _surely(e: EngineFound) -> str:
-    changed = _changed(e)
+def _confidence_words(e: FleetEngine) -> str:
+    changed = _changed_parameters(e)
     told = [f"probability {probability(max(h.probability for h in changed))}"] if changed else []
     if math.isfinite(e.log10_e):
         told.append(f"evidence 10^{e.log10_e:.0f} over {count(e.flights, 'flight')}")
     return "; ".join([*told, *(["listed"] if e.discovery else [])])
 
 
-def _step(e: EngineFound) -> str:
-    return next_step(STATES.get(e.verdict, State.CANNOT_TELL), [h.parameter for h in _changed(e)], (), ())
+def _step(e: FleetEngine) -> str:
+    return next_step(
+        STATES.get(e.verdict, EngineState.CANNOT_TELL), [h.parameter for h in _changed_parameters(e)], (), ()
+    )
 
 
-def _left(left: IntervalEstimate) -> str:
+def _remaining_words(left: Estimate) -> str:
     """Flights to the limit with their 90 % interval."""
     if not math.isfinite(left.value):
         return ""
@@ -104,11 +126,11 @@ def _left(left: IntervalEstimate) -> str:
     return f"{rounded(left.value, digits=2)} (90 %: {rounded(left.low, digits=2)} to {end})"
 
 
-def _size(h: HealthFound) -> str:
+def _size(h: ParameterHealth) -> str:
     return change(h.parameter, h.change.value, (h.change.high - h.change.low) / 2)
 
 
-def _since(e: EngineFound) -> str:
+def _onset_words(e: FleetEngine) -> str:
     best, low, high = e.since
     if not best:
         return ""
@@ -116,70 +138,70 @@ def _since(e: EngineFound) -> str:
     return name if low == high else f"{name}; counted from the first, between {low} and {high}"
 
 
-def fleet_section(result: Result, engines: Sequence[EngineFound], key: str) -> Section:
+def fleet_section(result: ResultFile, engines: Sequence[FleetEngine], key: str) -> PageSection:
     """Everything of one fleet document."""
     document = result.document
     blocks: list[Block] = []
-    blocks += _glance(engines)
+    blocks += _attention_table(engines)
     if any(math.isfinite(e.severity.value) for e in engines):
         blocks.append(fleet_ranking(f"{key}-ranking", engines))
     heat = fleet_map(f"{key}-map", engines)
     blocks += [heat] if heat is not None else []
-    blocks += _common(document.get("common") or ())
-    blocks += _left_out(document.get("left_out") or ())
+    blocks += _common_findings(document.get("common") or ())
+    blocks += _excluded_table(document.get("left_out") or ())
     inner = [_engine(e, f"{key}-{k}") for k, e in enumerate(engines[:IN_FULL])]
     if len(engines) > IN_FULL:
-        blocks.append(Words(f"The {IN_FULL} worst engines follow one by one; the tables have the others."))
-    return Section(key, str(document.get("description") or "The fleet"), blocks, inner)
+        blocks.append(Paragraph(f"The {IN_FULL} worst engines follow one by one; the tables have the others."))
+    return PageSection(key, str(document.get("description") or "The fleet"), blocks, inner)
 
 
-def _engine(e: EngineFound, key: str) -> Section:
+def _engine(e: FleetEngine, key: str) -> PageSection:
     marks = maintenance_marks(e)
-    charts = [margin(f"{key}-margin", e, marks), evidence_course(f"{key}-evidence", e, marks)]
-    blocks: list[Block] = [Words(e.reason)] if e.reason else []
+    charts = [margin_forecast(f"{key}-margin", e, marks), evidence_course(f"{key}-evidence", e, marks)]
+    blocks: list[Block] = [Paragraph(e.reason)] if e.reason else []
     blocks += [Bullets(e.instruments)] if e.instruments else []
     blocks += [chart for chart in charts if chart is not None]
     blocks += [*_health(e), *_events(e)]
-    return Section(key, f"Engine {e.serial}", blocks)
+    return PageSection(key, f"Engine {e.serial}", blocks)
 
 
-def _health(e: EngineFound) -> Iterator[Block]:
+def _health(e: FleetEngine) -> Iterator[Block]:
     if not e.health:
         return
-    columns = columns_of("parameter", "change, 95 %", "kind", "probability", "since")
+    columns = chart_columns("parameter", "change, 95 %", "kind", "probability", "since")
     rows: list[tuple[Value, ...]] = []
     for h in sorted(e.health, key=lambda h: -h.probability):
         half = h.scale * (h.change.high - h.change.low) / 2
-        size = with_unit(h.scale * h.change.value, h.shown_unit, half) if math.isfinite(h.change.value) else ""
+        size = format_quantity(h.scale * h.change.value, h.shown_unit, half) if math.isfinite(h.change.value) else ""
         since = h.onset_flight or (str(h.onset) if h.onset else "")
         rows.append((h.words, size.replace("-", "−"), h.kind, probability(h.probability), since))
     origins = [h.origin for h in sorted(e.health, key=lambda h: -h.probability)]
-    yield Tabled(f"Health of {e.serial} now", Table(columns, rows, origins), closed=True)
+    yield TableBlock(f"Health of {e.serial} now", ChartTable(columns, rows, origins), closed=True)
 
 
-def _events(e: EngineFound) -> Iterator[Block]:
+def _events(e: FleetEngine) -> Iterator[Block]:
     if not e.events:
         return
-    columns = columns_of("event", "on", "first flight after", "margin recovered", "note")
+    columns = chart_columns("event", "on", "first flight after", "margin recovered", "note")
     rows = []
     for x in e.events:
         r = x.recovered_K
-        size = with_unit(r.value, "K", (r.high - r.low) / 2) if math.isfinite(r.value) else ""
+        size = format_quantity(r.value, "K", (r.high - r.low) / 2) if math.isfinite(r.value) else ""
         rows.append((x.kind, x.component or "engine", x.number or None, size, x.reason))
-    yield Tabled(f"What maintenance of {e.serial} brought", Table(columns, rows, [x.origin for x in e.events]))
+    yield TableBlock(f"What maintenance of {e.serial} brought", ChartTable(columns, rows, [x.origin for x in e.events]))
 
 
-def _common(common: Sequence[Any]) -> Iterator[Block]:
+def _common_findings(common: Sequence[Any]) -> Iterator[Block]:
     told = [c for c in common if isinstance(c, dict)]
     shared = [f"{c.get('words') or c.get('parameter')}: {c.get('reading')}" for c in told if c.get("common")]
     if shared:
-        yield Words("Common to most engines, so physics that the model lacks or an error of the recorder:")
+        yield Paragraph("Common to most engines, so physics that the model lacks or an error of the recorder:")
         yield Bullets(shared)
     elif told:
-        yield Words("No parameter moved alike in most engines: what was found is each engine's own.")
+        yield Paragraph("No parameter moved alike in most engines: what was found is each engine's own.")
 
 
-def _left_out(left: Sequence[Any]) -> Iterator[Block]:
+def _excluded_table(left: Sequence[Any]) -> Iterator[Block]:
     rows: list[tuple[Value, ...]] = []
     for entry in left:
         if isinstance(entry, dict):
@@ -188,31 +210,31 @@ def _left_out(left: Sequence[Any]) -> Iterator[Block]:
         elif isinstance(entry, list | tuple) and len(entry) == 2:
             rows.append((str(entry[0]), str(entry[1])))
     if rows:
-        yield Tabled(f"Left out ({len(rows)})", Table(columns_of("what", "why"), rows), closed=True)
+        yield TableBlock(f"Excluded ({len(rows)})", ChartTable(chart_columns("what", "why"), rows), closed=True)
 
 
 BADGES = {IDENTIFIED: "missing physics, named", NO_DISCREPANCY: "nothing missing", FORMULA: "missing physics, a law"}
 """What stands above the sentence of an answer of `explain`; its status where none is listed."""
 
-COEFFICIENTS = columns_of("explanation", "probability", "coefficients with 95 % intervals", "gain of evidence")
+COEFFICIENTS = chart_columns("explanation", "probability", "coefficients with 95 % intervals", "gain of evidence")
 
 
-def physics_leads(evidence: Evidence) -> Iterator[Lead]:
+def physics_leads(evidence: ReportEvidence) -> Iterator[Lead]:
     """One for each answer of `explain`, and of `refine`."""
     for number, result in enumerate(evidence.documents(kinds.EXPLAINED), start=1):
-        yield _explained(result.document, f"explain-{number}")
+        yield _explanation_lead(result.document, f"explain-{number}")
     for number, result in enumerate(evidence.documents(kinds.REFINED), start=1):
-        yield _refined(result.document, f"refine-{number}")
+        yield _refinement_lead(result.document, f"refine-{number}")
 
 
-def _explained(answer: Mapping[str, Any], key: str) -> Lead:
+def _explanation_lead(answer: Mapping[str, Any], key: str) -> Lead:
     status, told = str(answer["status"]), [str(s).strip() for s in answer["sentences"]]
     state = {
-        NO_DISCREPANCY: State.NOTHING_FOUND,
-        NOT_CONVERGED: State.NO_VERDICT,
-        IDENTIFIED: State.CHANGED,
-        FORMULA: State.CHANGED,
-    }.get(status, State.CANNOT_TELL)
+        NO_DISCREPANCY: EngineState.NOTHING_FOUND,
+        NOT_CONVERGED: EngineState.NO_VERDICT,
+        IDENTIFIED: EngineState.CHANGED,
+        FORMULA: EngineState.CHANGED,
+    }.get(status, EngineState.CANNOT_TELL)
     advice = answer.get("advice") or {}
     next_ = [str(s["in_words"]) for s in (advice.get("suggestions") or [])[:1]]
     if status == IDENTIFIED and not next_:
@@ -231,10 +253,10 @@ def _explained(answer: Mapping[str, Any], key: str) -> Lead:
     return Lead(
         state,
         _headline(told) or str(answer.get("reason") or status),
-        surely="; ".join(surely),
-        next=f"Next recording: {next_[0]}." if advice.get("suggestions") else " ".join(next_),
-        flips=flips,
-        rivals=rivals,
+        confidence="; ".join(surely),
+        next_step=f"Next recording: {next_[0]}." if advice.get("suggestions") else " ".join(next_),
+        sensitivity=flips,
+        alternatives=rivals,
         key=key,
         badge=BADGES.get(status, status),
     )
@@ -245,9 +267,9 @@ def _headline(told: Sequence[str]) -> str:
     return " ".join(told[:2]) if told and told[0].endswith(":") else "".join(told[:1])
 
 
-def _refined(answer: Mapping[str, Any], key: str) -> Lead:
+def _refinement_lead(answer: Mapping[str, Any], key: str) -> Lead:
     accepted = answer["verdict"] == "accepted"
-    state = State.CHANGED if accepted else State.CANNOT_TELL
+    state = EngineState.CHANGED if accepted else EngineState.CANNOT_TELL
     chi2 = answer.get("chi2_per_reading") or {}
     effects = listed([f"{e['term']} at {e['at']}" for e in answer["effects"]]) or "nothing"
     sentence = f"Put into the model, {effects} predicts flights that were not fitted better."
@@ -262,41 +284,45 @@ def _refined(answer: Mapping[str, Any], key: str) -> Lead:
     return Lead(
         state,
         sentence,
-        surely=surely,
-        next=f"{next_} {more}".strip(),
+        confidence=surely,
+        next_step=f"{next_} {more}".strip(),
         key=key,
         badge=f"refinement {answer['verdict']}",
     )
 
 
-def physics_sections(evidence: Evidence) -> Iterator[Section]:
+def physics_sections(evidence: ReportEvidence) -> Iterator[PageSection]:
     """Places first, then names, then what unseen flights say."""
     for number, result in enumerate(evidence.documents(kinds.LOCATED), start=1):
-        yield Section(f"locate-{number}", "Where it differs", list(_located(result, f"locate-{number}-map")))
+        yield PageSection(
+            f"locate-{number}", "Where it differs", list(_location_blocks(result, f"locate-{number}-map"))
+        )
     mapped = bool(evidence.documents(kinds.LOCATED))
     for number, result in enumerate(evidence.documents(kinds.EXPLAINED), start=1):
-        yield Section(
-            f"explain-{number}", "What the model lacks", list(_explanation(result, f"explain-{number}", mapped))
+        yield PageSection(
+            f"explain-{number}", "What the model lacks", list(_explanation_blocks(result, f"explain-{number}", mapped))
         )
     for number, result in enumerate(evidence.documents(kinds.REFINED), start=1):
-        yield Section(f"refine-{number}", "With it in the model", list(_refinement(result, f"refine-{number}")))
+        yield PageSection(
+            f"refine-{number}", "With it in the model", list(_refinement_blocks(result, f"refine-{number}"))
+        )
 
 
-def _located(result: Result, key: str) -> Iterator[Block]:
+def _location_blocks(result: ResultFile, key: str) -> Iterator[Block]:
     rows = [row for row in result.rows if row.text("location") and row.text("driver")]
     if rows:
         verdict = rows[0].text("verdict")
-        yield Words(f"Verdict: {verdict}. Best place: {rows[0].text('location')} along {rows[0].text('along')}.")
+        yield Paragraph(f"Verdict: {verdict}. Best place: {rows[0].text('location')} along {rows[0].text('along')}.")
         yield mismatch_places(key, rows)
     else:
         told = result.rows[0].text("verdict") if result.rows else "nothing"
-        yield Words(f"No place is told: {told}.")
+        yield Paragraph(f"No place was found: {told}.")
 
 
-def _explanation(result: Result, key: str, mapped: bool) -> Iterator[Block]:
+def _explanation_blocks(result: ResultFile, key: str, mapped: bool) -> Iterator[Block]:
     answer, name = result.document, result.name
     yield Bullets([str(sentence).strip() for sentence in answer["sentences"]])
-    places = [Row(place, Origin(name, f"places[{k}]")) for k, place in enumerate(answer["places"])]
+    places = [Row(place, RowOrigin(name, f"places[{k}]")) for k, place in enumerate(answer["places"])]
     if places and not mapped:
         gates = answer.get("gates")
         gate = float(gates[0]) if isinstance(gates, list) and gates else math.nan
@@ -304,14 +330,14 @@ def _explanation(result: Result, key: str, mapped: bool) -> Iterator[Block]:
     law = answer.get("law") or {}
     if law.get("band"):
         place = str((law.get("places") or [{}])[0].get("location", "the place found"))
-        yield law_curve(f"{key}-law", law["band"], place, Origin(name, "law.band.values"))
+        yield law_curve(f"{key}-law", law["band"], place, RowOrigin(name, "law.band.values"))
     rows, origins = [], []
     for k, x in enumerate(answer["explanations"]):
         sizes = "; ".join(_coefficient(c) for c in x.get("coefficients") or ())
         rows.append((x["in_words"], probability(float(x["probability"])), sizes, x.get("gain")))
-        origins.append(Origin(name, f"explanations[{k}]"))
+        origins.append(RowOrigin(name, f"explanations[{k}]"))
     if rows:
-        yield Tabled("Explanations and their coefficients", Table(COEFFICIENTS, rows, origins))
+        yield TableBlock("Explanations and their coefficients", ChartTable(COEFFICIENTS, rows, origins))
 
 
 def _coefficient(c: Mapping[str, Any]) -> str:
@@ -320,14 +346,14 @@ def _coefficient(c: Mapping[str, Any]) -> str:
     return f"{c['name']} = {rounded(value, error)}{within}{'' if c['unit'] == '1' else ' ' + str(c['unit'])}"
 
 
-def _refinement(result: Result, key: str) -> Iterator[Block]:
+def _refinement_blocks(result: ResultFile, key: str) -> Iterator[Block]:
     answer, name = result.document, result.name
     yield Bullets([str(sentence).strip() for sentence in answer["sentences"]])
-    rows = [Row(row, Origin(name, f"rows[{k}]")) for k, row in enumerate(answer.get("rows") or ())]
+    rows = [Row(row, RowOrigin(name, f"rows[{k}]")) for k, row in enumerate(answer.get("rows") or ())]
     if any(row.text("what") == "chi2 per reading" for row in rows):
-        yield before_after(f"{key}-readings", rows)
+        yield refinement_fit(f"{key}-readings", rows)
     flights = [
-        (str(f["flight"]), float(f["gain"]), Origin(name, f"flights[{k}]"))
+        (str(f["flight"]), float(f["gain"]), RowOrigin(name, f"flights[{k}]"))
         for k, f in enumerate(answer.get("flights") or ())
     ]
     if flights:
@@ -337,10 +363,10 @@ def _refinement(result: Result, key: str) -> Iterator[Block]:
 COUNTS = (("outside", "outside what identification covered"), ("incomplete", "incomplete"), ("failed", "not computed"))
 
 
-def left_out_section(evidence: Evidence, told: Sequence[str]) -> Section:
+def excluded_section(evidence: ReportEvidence, told: Sequence[str]) -> PageSection:
     """Windows without verdict and records that were not judged, of all engines; `told`: what only a run knows."""
     cells: list[tuple[str | int, ...]] = []
-    origins: list[Origin] = []
+    origins: list[RowOrigin] = []
     for engine in evidence.engines.values():
         for row in _windows(engine):
             lost = {name: row.count(name) for name, _ in COUNTS}
@@ -351,66 +377,70 @@ def left_out_section(evidence: Evidence, told: Sequence[str]) -> Section:
             origins.append(row.origin)
     blocks: list[Block] = [Bullets(told)] if told else []
     columns = (
-        Column("window"),
-        Column("engine"),
-        Column("records"),
-        *(Column(words) for _, words in COUNTS),
-        Column("sensors silent"),
-        Column("why no verdict"),
+        ChartColumn("window"),
+        ChartColumn("engine"),
+        ChartColumn("records"),
+        *(ChartColumn(words) for _, words in COUNTS),
+        ChartColumn("sensors silent"),
+        ChartColumn("why no verdict"),
     )
     if cells:
-        blocks.append(Tabled("Records and windows not judged", Table(columns, cells, origins)))
+        blocks.append(TableBlock("Records and windows not judged", ChartTable(columns, cells, origins)))
     elif any(_windows(engine) for engine in evidence.engines.values()):
-        blocks.append(Words("Every record of every window was judged, by all sensors of the engine."))
+        blocks.append(Paragraph("Every record of every window was judged, by all sensors of the engine."))
     else:
-        blocks.append(Words("These results do not say how many records they rest on."))
+        blocks.append(Paragraph("These results do not say how many records they rest on."))
     if not told:
         blocks.append(
-            Words(
-                "Readings that were masked are told on standard error by the command that read the recording; a report "
+            Paragraph(
+                "Masked readings are reported on standard error by the command that read the recording; a report "
                 "made from recordings (-n NOMINAL) lists them here.",
                 quiet=True,
             )
         )
-    return Section("left-out", "What was left out, and why", blocks)
+    return PageSection("left-out", "Excluded data", blocks)
 
 
 def _windows(engine: EngineEvidence) -> list[Row]:
-    return engine.of(kinds.DETECTED) or [rows[0] for rows in engine.isolated] or engine.of(kinds.COMPONENTS)
+    return (
+        engine.rows_of_kind(kinds.DETECTED)
+        or [rows[0] for rows in engine.isolated]
+        or engine.rows_of_kind(kinds.COMPONENTS)
+    )
 
 
-def made_section(evidence: Evidence, command: Sequence[str], versions: Sequence[str]) -> Section:
+def made_section(evidence: ReportEvidence, command: Sequence[str], versions: Sequence[str]) -> PageSection:
     """The command, what it read, and what that was made by."""
-    files = Table(
-        columns_of("file", "is", "written by", "rows", "SHA-256"),
+    files = ChartTable(
+        chart_columns("file", "is", "written by", "rows", "SHA-256"),
         [
             (r.name, r.kind.name, f"enginediag {r.kind.command}", len(r.rows), r.sha256 or "of standard input")
             for r in evidence.results
         ],
     )
     blocks: list[Block] = [
-        Words("The same files and the same command give this page byte for byte:"),
-        Listing(command),
-        Listing(versions),
-        Tabled("Files", files),
+        Paragraph("The same files and the same command give this page byte for byte:"),
+        Preformatted(command),
+        Preformatted(versions),
+        TableBlock("Files", files),
     ]
     for result in evidence.results:
         if result.provenance:
-            blocks.append(Listing(result.provenance, f"What {result.name} says of its making"))
+            blocks.append(Preformatted(result.provenance, f"What {result.name} says of its making"))
     silent = [result.name for result in evidence.results if not result.provenance]
     if silent:
         blocks.append(
-            Words(f"{listed(silent)}: no word of what made it; CSV written with its header says so.", quiet=True)
+            Paragraph(f"{listed(silent)}: no word of what made it; CSV written with its header says so.", quiet=True)
         )
-    return Section("made", "How this page was made", blocks)
+    return PageSection("made", "How this page was made", blocks)
 
 
 TITLE = "Engine report"
-WORST_FIRST = tuple(State)
+WORST_FIRST = tuple(EngineState)
 
 
-def page_of(
-    evidence: Evidence,
+def build_page(
+    evidence: ReportEvidence,
     *,
     title: str = "",
     command: Sequence[str] = (),
@@ -419,23 +449,23 @@ def page_of(
 ) -> Page:
     """All that the results say. command: what makes the page again; left_out: what only reading the recordings told."""
     leads: list[Lead] = []
-    sections: list[Section] = []
+    sections: list[PageSection] = []
     ordered = []
     for number, engine in enumerate(evidence.engines.values(), start=1):
         key = f"engine-{number}"
-        ordered.append((lead_of(engine, evidence, key), engine, key))
+        ordered.append((engine_lead(engine, evidence, key), engine, key))
     ordered.sort(key=lambda entry: WORST_FIRST.index(entry[0].state))
     for lead, engine, key in ordered:
         leads.append(lead)
         sections.append(engine_section(engine, evidence, key))
     leads += physics_leads(evidence)
     for number, result in enumerate(evidence.documents(kinds.FLEET), start=1):
-        engines = engines_of(result.document, result.name)
+        engines = read_engines(result.document, result.name)
         leads.append(fleet_lead(result.document, engines, f"fleet-{number}"))
         sections.append(fleet_section(result, engines, f"fleet-{number}"))
     sections += physics_sections(evidence)
     sections += [
-        left_out_section(evidence, left_out),
+        excluded_section(evidence, left_out),
         made_section(evidence, command, [f"enginediag {__version__}", *versions]),
     ]
     return Page(title or TITLE, leads, sections)

@@ -21,8 +21,8 @@ import numpy as np
 from enginediag_cli import __version__
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.tape import MOMENT
-from enginediag_cli.physics.law import formula_variables
-from enginediag_cli.report.sentences import with_unit
+from enginediag_cli.physics.law import variables_of
+from enginediag_cli.report.sentences import format_quantity
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.components import Actuator, Component
@@ -259,7 +259,7 @@ def site_row(term: Term, site: Site, carried: Carried) -> dict[str, Any]:
     }
 
 
-def carried_blocks(engine: Engine) -> dict[str, Mapping[str, Any]]:
+def effect_blocks(engine: Engine) -> dict[str, Mapping[str, Any]]:
     """What the engine file says of each effect that it carries, by label."""
     found: dict[str, Mapping[str, Any]] = {}
     for block in engine.declared["physics"]:
@@ -349,7 +349,7 @@ def _site(site: Site, block: Mapping[str, Any] | None) -> str:
     if block is None:
         return text
     errors = block["standard_errors"]
-    sizes = [f"{name} {with_unit(value, '', errors.get(name))}" for name, value in block["coefficients"].items()]
+    sizes = [f"{name} {format_quantity(value, '', errors.get(name))}" for name, value in block["coefficients"].items()]
     return f"{text} carried: {' and '.join(sizes) or 'absent'}"
 
 

@@ -33,7 +33,7 @@ from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.isolation.results import restricted_change
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.recordings.provenance import sha256_of
-from enginediag_cli.report.plotting import Axis, Origin
+from enginediag_cli.report.plotting import Axis, RowOrigin
 from enginediag_cli.residuals.flat import is_flat
 from enginediag_cli.residuals.windows import WindowStatistics
 from enginediag_cli.safe_text import shortened, unguarded
@@ -46,7 +46,7 @@ class Row:
     """`cells` as CSV (texts) or JSON (typed) has them."""
 
     cells: Mapping[str, Any]
-    origin: Origin
+    origin: RowOrigin
 
     def __contains__(self, name: str) -> bool:
         return name in self.cells
@@ -94,7 +94,7 @@ class Row:
         return f"lines {first} to {last}" if first else self.text("source")
 
 
-def rival(text: str) -> tuple[tuple[str, ...], float]:
+def parse_alternative(text: str) -> tuple[tuple[str, ...], float]:
     """A rival as `isolate` and `trend` write it, "a & b (0.022)": the parameters and their probability."""
     names, _, chance = text.rpartition(" (")
     try:
@@ -105,7 +105,7 @@ def rival(text: str) -> tuple[tuple[str, ...], float]:
 
 
 @dataclass(frozen=True)
-class Records:
+class ResidualRecords:
     """Of one engine, in order: `sigmas` and `residual` (n,) by sensor column, in standard deviations of its noise and
     in its unit; `inputs` (n,) by column; `time_s` (n,), NaN where not known; the flight, file and line of each.
 
@@ -125,7 +125,7 @@ class Records:
     def __len__(self) -> int:
         return len(self.lines)
 
-    def since(self, file: str, flight: str) -> Records:
+    def from_flight(self, file: str, flight: str) -> ResidualRecords:
         """From the first record of a flight on; all of them where it is not among these."""
         places = list(zip(self.files, self.flights, strict=True))
         first = places.index((file, flight)) if (file, flight) in places else 0
@@ -140,8 +140,8 @@ class Records:
             inputs={name: values[first:] for name, values in self.inputs.items()},
         )
 
-    def origin(self, k: int) -> Origin:
-        return Origin(self.files[k], str(self.lines[k]))
+    def origin(self, k: int) -> RowOrigin:
+        return RowOrigin(self.files[k], str(self.lines[k]))
 
     def stretches(self) -> list[tuple[str, np.ndarray]]:
         """Flights, or files where flights are not told, with the places of their records."""
@@ -152,11 +152,11 @@ class Records:
     def farthest(self, most: int) -> list[str]:
         """Sensors whose residuals lie farthest from nominal in the last stretch, farthest first."""
         _, last = self.stretches()[-1]
-        means = {name: abs(mean_of(values[last])) for name, values in self.sigmas.items()}
+        means = {name: abs(finite_mean(values[last])) for name, values in self.sigmas.items()}
         return sorted(means, key=lambda name: -means[name])[:most]
 
 
-def mean_of(values: np.ndarray) -> float:
+def finite_mean(values: np.ndarray) -> float:
     """Of those that are there; 0 of none."""
     known = values[np.isfinite(values)]
     return float(known.mean()) if known.size else 0.0
@@ -169,7 +169,7 @@ ALONE = (
 """What a chart of such sizes says of itself."""
 
 
-def given_rows(windows: Iterable[tuple[WindowStatistics, Origin]], changed: Sequence[str]) -> list[Row]:
+def conditional_rows(windows: Iterable[tuple[WindowStatistics, RowOrigin]], changed: Sequence[str]) -> list[Row]:
     """Rows as those of `trend --what flights`, of every window with statistics of these parameters."""
     rows: list[Row] = []
     for number, (window, origin) in enumerate(windows, start=1):
@@ -191,17 +191,17 @@ class Order:
     x: Sequence[float]
     axis: Axis
 
-    def of(self, name: str) -> float | None:
+    def flight_position(self, name: str) -> float | None:
         """Where a flight stands; None where it is not among them."""
         return next((x for known, x in zip(self.names, self.x, strict=True) if known == name), None)
 
-    def at(self, number: float) -> float | None:
+    def number_position(self, number: float) -> float | None:
         """Where the so manieth stands, counted from 1."""
         k = round(number) - 1 if number == number else -1
         return self.x[k] if 0 <= k < len(self.x) else None
 
 
-def order_of(rows: Sequence[Row]) -> Order:
+def order_windows(rows: Sequence[Row]) -> Order:
     """The order of rows, one for each window."""
     flights = [row.text("flight") for row in rows]
     numbers = [_number(flight) for flight in flights]
@@ -221,7 +221,7 @@ def _number(text: str) -> float | None:
 
 
 @dataclass(frozen=True)
-class Kind:
+class ResultKind:
     """`name`: what an error and a list of files call it; `columns`: those of a table that make it this kind; `keys`:
     of a JSON document; `also`: a further condition on its columns."""
 
@@ -229,20 +229,22 @@ class Kind:
     command: str
     columns: frozenset[str] = frozenset()
     keys: frozenset[str] = frozenset()
-    also: Callable[[Collection[str]], bool] | None = None
+    condition: Callable[[Collection[str]], bool] | None = None
 
     def is_table(self, columns: Collection[str]) -> bool:
-        return bool(self.columns) and self.columns <= set(columns) and (self.also is None or self.also(columns))
+        return (
+            bool(self.columns) and self.columns <= set(columns) and (self.condition is None or self.condition(columns))
+        )
 
     def is_document(self, document: Mapping[str, Any]) -> bool:
         return bool(self.keys) and self.keys <= set(document)
 
 
-def _kind(name: str, command: str, columns: str, also: Callable[[Collection[str]], bool] | None = None) -> Kind:
-    return Kind(name, command, frozenset(columns.split()), also=also)
+def _kind(name: str, command: str, columns: str, also: Callable[[Collection[str]], bool] | None = None) -> ResultKind:
+    return ResultKind(name, command, frozenset(columns.split()), condition=also)
 
 
-def _of_records(columns: Collection[str]) -> bool:
+def _has_residuals(columns: Collection[str]) -> bool:
     return any(column.endswith(SIGMAS) for column in columns)
 
 
@@ -250,7 +252,7 @@ SIGMAS, RESIDUAL = ":sigmas", ":residual"
 """What `residual --what records` puts behind a sensor's column."""
 
 STATISTICS = _kind("statistics", "residual", "source n chi2 dof", is_flat)
-RECORDS = _kind("residuals of records", "residual --what records", "source line state", _of_records)
+RECORDS = _kind("residuals of records", "residual --what records", "source line state", _has_residuals)
 ISOLATED = _kind("isolated parameters", "isolate", "verdict isolated parameter inclusion change lower upper rivals")
 COMPONENTS = _kind("isolated components", "isolate --by component", "verdict components inclusion fit_before records")
 TREND = _kind("trend", "trend", "parameter kind onset change change_low change_high verdict")
@@ -260,22 +262,24 @@ MARGIN = _kind("margin", "trend --what margin", "row limit_K used_K margin_K rem
 FOLLOWED = _kind("evidence as records came", "detect --follow", "log10_e block alarm")
 DETECTED = _kind("verdicts", "detect", "verdict statistic threshold p_value alarm")
 LOCATED = _kind("places of a mismatch", "locate", "driver location statistic share stability")
-EXPLAINED = Kind("explanation", "explain", keys=frozenset({"explanations", "rejected", "places", "sentences"}))
-REFINED = Kind("refinement", "refine --report", keys=frozenset({"verdict", "criteria", "chi2_per_reading", "effects"}))
-FLEET = Kind("fleet", "fleet", keys=frozenset({"engines", "discoveries", "left_out"}))
-NOMINAL = Kind("nominal engine", "identify")
-RECORDING = Kind("recording", "simulate")
+EXPLAINED = ResultKind("explanation", "explain", keys=frozenset({"explanations", "rejected", "places", "sentences"}))
+REFINED = ResultKind(
+    "refinement", "refine --report", keys=frozenset({"verdict", "criteria", "chi2_per_reading", "effects"})
+)
+FLEET = ResultKind("fleet", "fleet", keys=frozenset({"engines", "discoveries", "left_out"}))
+NOMINAL = ResultKind("nominal engine", "identify")
+RECORDING = ResultKind("recording", "simulate")
 
 TABLES = (STATISTICS, RECORDS, ISOLATED, COMPONENTS, TREND, EVENTS, FLIGHTS, MARGIN, FOLLOWED, DETECTED, LOCATED)
 DOCUMENTS = (FLEET, EXPLAINED, REFINED)
 
 
-def of_table(columns: Collection[str]) -> Kind | None:
+def table_kind(columns: Collection[str]) -> ResultKind | None:
     """The kind of a table with these columns; None for none that is known."""
     return next((kind for kind in TABLES if kind.is_table(columns)), None)
 
 
-def of_document(document: Mapping[str, Any]) -> Kind | None:
+def document_kind(document: Mapping[str, Any]) -> ResultKind | None:
     return next((kind for kind in DOCUMENTS if kind.is_document(document)), None)
 
 
@@ -290,11 +294,11 @@ PARTS = ("rows", "windows")
 
 
 @dataclass(frozen=True)
-class Result:
+class ResultFile:
     """One file. `name`: as the report calls it; `rows` of a table, `document` of JSON; `lines`: of a file of
     statistics, which its own reader checks; `sha256` of its bytes."""
 
-    kind: Kind
+    kind: ResultKind
     name: str
     provenance: Sequence[str] = ()
     rows: Sequence[Row] = ()
@@ -304,14 +308,14 @@ class Result:
     path: str = ""
 
 
-def read_result(path: str, name: str, *, recordings: bool = False) -> Result:
+def read_result(path: str, name: str, *, recordings: bool = False) -> ResultFile:
     """What a file holds; recordings: what is no result is one. Raises DataError where nothing that a report reads is
     recognised, or it is damaged."""
     from enginediag_cli.recordings.read import table_file
 
     with table_file(path) as table:
         if recordings and _is_recording(table.columns):
-            return Result(RECORDING, name, sha256="" if path == "-" else sha256_of(path), path=path)
+            return ResultFile(RECORDING, name, sha256="" if path == "-" else sha256_of(path), path=path)
         lines = [line if line.endswith("\n") else line + "\n" for line in _decoded(table.lines, name)]
     digest = "" if path == "-" else sha256_of(path)
     provenance = [line[1:].removeprefix(" ").rstrip() for line in _head(lines)]
@@ -319,16 +323,16 @@ def read_result(path: str, name: str, *, recordings: bool = False) -> Result:
     if not body:
         raise DataError(f"{name}: the file is empty; {KNOWN}")
     if body.lstrip()[0] in "[{":
-        return _of_json("".join(lines), name, path, digest)
+        return _read_json("".join(lines), name, path, digest)
     if body.strip() == NOMINAL_HEAD:
-        return Result(NOMINAL, name, (), sha256=digest, path=path)
-    return _of_csv(lines, name, path, digest, provenance)
+        return ResultFile(NOMINAL, name, (), sha256=digest, path=path)
+    return _read_csv(lines, name, path, digest, provenance)
 
 
 def _is_recording(columns: Sequence[str]) -> bool:
     """Whether it is a table, and none that a command of this program has written as its answer."""
     first = columns[0].lstrip() if columns else ""
-    return bool(first) and first[0] not in "[{" and first != NOMINAL_HEAD and of_table(columns) is None
+    return bool(first) and first[0] not in "[{" and first != NOMINAL_HEAD and table_kind(columns) is None
 
 
 def _decoded(lines: Iterable[str], name: str) -> Iterator[str]:
@@ -345,17 +349,17 @@ def _head(lines: Sequence[str]) -> Iterator[str]:
         yield line
 
 
-def _of_csv(lines: Sequence[str], name: str, path: str, digest: str, provenance: Sequence[str]) -> Result:
+def _read_csv(lines: Sequence[str], name: str, path: str, digest: str, provenance: Sequence[str]) -> ResultFile:
     head = len(provenance)
     reader = csv.reader(iter(lines[head:]), strict=True)
     rows: list[Row] = []
     try:
         header = next(reader, [])
-        kind = of_table(header)
+        kind = table_kind(header)
         if kind is None:
             raise DataError(_unknown(name, header))
         if kind is STATISTICS:
-            return Result(kind, name, provenance, lines=lines, sha256=digest, path=path)
+            return ResultFile(kind, name, provenance, lines=lines, sha256=digest, path=path)
         before = reader.line_num
         for cells in reader:
             line, before = head + before + 1, reader.line_num
@@ -363,19 +367,19 @@ def _of_csv(lines: Sequence[str], name: str, path: str, digest: str, provenance:
                 continue
             if len(cells) != len(header):
                 raise DataError(f"{name}:{line}: {len(cells)} fields where the header has {len(header)}")
-            rows.append(Row(dict(zip(header, cells, strict=True)), Origin(name, str(line))))
+            rows.append(Row(dict(zip(header, cells, strict=True)), RowOrigin(name, str(line))))
     except csv.Error as error:
         raise DataError(f"{name}:{head + reader.line_num}: {error}") from None
-    return Result(kind, name, provenance, rows, sha256=digest, path=path)
+    return ResultFile(kind, name, provenance, rows, sha256=digest, path=path)
 
 
-def _of_json(text: str, name: str, path: str, digest: str) -> Result:
+def _read_json(text: str, name: str, path: str, digest: str) -> ResultFile:
     document = _parsed(text, name)
     provenance = _provenance(document)
     if isinstance(document, Mapping):
-        kind = of_document(document)
+        kind = document_kind(document)
         if kind is not None:
-            return Result(kind, name, provenance, document=document, sha256=digest, path=path)
+            return ResultFile(kind, name, provenance, document=document, sha256=digest, path=path)
         part = next((p for p in PARTS if isinstance(document.get(p), list)), "")
         if not part:
             raise DataError(_unknown(name, list(document)))
@@ -385,15 +389,15 @@ def _of_json(text: str, name: str, path: str, digest: str) -> Result:
     if not all(isinstance(item, Mapping) for item in items):
         raise DataError(f"{name}: not a list of rows; {KNOWN}")
     columns = list(items[0]) if items else []
-    kind = of_table(columns)
+    kind = table_kind(columns)
     if kind is None:
         raise DataError(_unknown(name, columns))
     if kind is STATISTICS:
         raise DataError(
             f"{name}: statistics are read as CSV, which keeps their checksums: `enginediag residual -o x.csv`"
         )
-    rows = [Row(item, Origin(name, place.format(k))) for k, item in enumerate(items)]
-    return Result(kind, name, provenance, rows, sha256=digest, path=path)
+    rows = [Row(item, RowOrigin(name, place.format(k))) for k, item in enumerate(items)]
+    return ResultFile(kind, name, provenance, rows, sha256=digest, path=path)
 
 
 def _parsed(text: str, name: str) -> Any:
@@ -424,7 +428,7 @@ def _unknown(name: str, columns: Sequence[str]) -> str:
     return f"{name}: not recognised (it has {has}{' …' if len(columns) > 8 else ''}); {KNOWN}"
 
 
-def known_of(results: Sequence[Result]) -> dict[str, Parameter]:
+def known_parameters(results: Sequence[ResultFile]) -> dict[str, Parameter]:
     """By name, of every nominal file among the results. Raises ConfigError for a damaged one."""
     from enginediag_cli.intake.selection import open_baseline
     from enginediag_cli.residuals.monitor import monitor_of
@@ -436,23 +440,23 @@ def known_of(results: Sequence[Result]) -> dict[str, Parameter]:
     return known
 
 
-def nominal_result(path: str) -> Result:
+def nominal_result(path: str) -> ResultFile:
     """The nominal file with which recordings were judged, as one of the files of a report."""
     import os
 
     from enginediag_cli.recordings.provenance import sha256_of
 
-    return Result(NOMINAL, os.path.basename(path), sha256=sha256_of(path), path=path)
+    return ResultFile(NOMINAL, os.path.basename(path), sha256=sha256_of(path), path=path)
 
 
-def records_of(rows: Sequence[Row]) -> Records:
+def residual_records(rows: Sequence[Row]) -> ResidualRecords:
     """Raises DataError for a cell that is no number. At least one row."""
     sensors = [name.removesuffix(SIGMAS) for name in rows[0].cells if name.endswith(SIGMAS)]
 
     def column(name: str) -> np.ndarray:
         return np.array([row.number(name) for row in rows])
 
-    return Records(
+    return ResidualRecords(
         [row.origin.file for row in rows],
         [int(row.origin.row) if row.origin.row.isdigit() else k for k, row in enumerate(rows)],
         [row.text("flight") for row in rows],

@@ -65,7 +65,7 @@ def _without_exponent(text: str) -> str:
     return text
 
 
-def with_unit(value: float, unit: str = "", uncertainty: float | None = None, digits: int = 3) -> str:
+def format_quantity(value: float, unit: str = "", uncertainty: float | None = None, digits: int = 3) -> str:
     """For instance "4.1 K ± 0.8 K", "2.0 % ± 0.3 %" or, without an uncertainty, "4.1 K"."""
     behind = f" {unit}" if unit else ""
     text = rounded(value, uncertainty, digits) + behind
@@ -112,7 +112,7 @@ def change(parameter: Parameter, delta: float, half_width: float | None = None, 
     # an error that is added to a ratio is a ratio, no share of what is read
     added = bool(unit) or (parameter.of_instrument and parameter.quantity == "bias")
     shown = (delta, half_width, unit) if added else (100 * delta, _times(100, half_width), "%")
-    size = with_unit(abs(shown[0]), shown[2], shown[1])
+    size = format_quantity(abs(shown[0]), shown[2], shown[1])
     behind = f" (probability {probability(chance)})" if chance is not None else ""
     if parameter.of_instrument and parameter.quantity in READ_WRONG:
         return f"{parameter.part} reads {size} too {'high' if delta > 0 else 'low'}{behind}"
@@ -124,7 +124,7 @@ def change(parameter: Parameter, delta: float, half_width: float | None = None, 
 def instrument_fault(fault: InstrumentFault) -> str:
     """An instrument that is stuck or scatters, "T45 sensor is stuck at 812 K from record 120 of 400", "T45 sensor
     scatters 4 times its stated noise"."""
-    stuck = _wrong(fault)
+    stuck = _fault_words(fault)
     if fault.form == "noise":
         behind = "" if fault.probability > SURE else f" (probability {probability(fault.probability)})"
         return stuck + behind
@@ -143,17 +143,19 @@ def instrument_in_flights(found: FaultInFlights) -> str:
     14)"."""
     first, last = found.first_flight or str(found.first), found.last_flight or str(found.last)
     where = first if found.flights == 1 else f"{first} to {last}"
-    return f"{_wrong(found.fault)} in {found.flights:,} of {count(found.of, 'flight')} ({where})"
+    return f"{_fault_words(found.fault)} in {found.flights:,} of {count(found.of, 'flight')} ({where})"
 
 
-def _wrong(fault: InstrumentFault) -> str:
+def _fault_words(fault: InstrumentFault) -> str:
     """How an instrument is wrong, without where: "T45 sensor is stuck at 812 K"."""
     part = f"{fault.quantity} {'reading' if fault.of_input else 'sensor'}"
     unit = split_column(fault.column)[1]
     if fault.form == "noise":
-        by = f"by {with_unit(fault.size, unit)}" if fault.of_input else f"{fault.times:.2g} times its stated noise"
+        by = (
+            f"by {format_quantity(fault.size, unit)}" if fault.of_input else f"{fault.times:.2g} times its stated noise"
+        )
         return f"{part} scatters {by}"
-    return f"{part} is stuck at {with_unit(fault.size, unit, digits=STUCK_DIGITS)}"
+    return f"{part} is stuck at {format_quantity(fault.size, unit, digits=STUCK_DIGITS)}"
 
 
 def _times(factor: float, value: float | None) -> float | None:
@@ -163,14 +165,14 @@ def _times(factor: float, value: float | None) -> float | None:
 def not_listed(ratio: float, unlisted: float) -> str:
     """Why an answer does not stand: what happened is likelier none of the suspects."""
     left = f", chi2 per degree of freedom {ratio:.2g} after the best of them" if math.isfinite(ratio) else ""
-    return f"something that is not among the suspects (probability {probability(unlisted)}{left}): cannot tell"
+    return f"something that is not among the suspects (probability {probability(unlisted)}{left}): no conclusion"
 
 
 def wrong_file(found: Disagreement) -> str:
     """Why an answer does not stand: the recording is likelier wrong than the engine, although that was accepted."""
     return (
         f"the recording is likelier wrong than the engine (probability {probability(found.wrong_file)}): {found.what}; "
-        "check columns, units and engine file: cannot tell"
+        "check columns, units and engine file: no conclusion"
     )
 
 
@@ -183,15 +185,15 @@ def unexplained(before: float, after: float, explained: float) -> str:
     return told if not math.isfinite(explained) else f"{told}: {100 * explained:.0f} % of the excess is explained"
 
 
-def one_of(found: AmbiguityGroup, words: Callable[[Sequence[str]], Sequence[str]]) -> str:
+def ambiguity_words(found: Class, words: Callable[[Sequence[str]], Sequence[str]]) -> str:
     """A class instead of a name: "cannot tell: HPC isentropic efficiency or T3 sensor bias (together probability 0.97);
     T45 would tell". words: how names are said."""
     members = [listed(list(words(member))) for member in found.members]
     more = f", or one of {found.members_omitted} more" if found.members_omitted else ""
     beside = f" beside {listed(list(words(found.shared)))}" if found.shared else ""
-    told = f"cannot tell: {listed(members, 'or')}{more}{beside} (together probability {probability(found.probability)})"
-    sensors = [split_column(column)[0] for column in found.separating_sensors]
-    return f"{told}; {listed(sensors, 'or')} would tell" if sensors else told
+    told = f"ambiguous: {listed(members, 'or')}{more}{beside} (together probability {probability(found.probability)})"
+    sensors = [split_column(column)[0] for column in found.would_tell]
+    return f"{told}; {listed(sensors, 'or')} would separate them" if sensors else told
 
 
 def outside_physics(parameter: Parameter, delta: float, unlisted: float) -> str:
@@ -199,7 +201,7 @@ def outside_physics(parameter: Parameter, delta: float, unlisted: float) -> str:
     what = "an instrument" if parameter.of_instrument else "a component"
     return (
         f"something that is not among the suspects (probability {probability(unlisted)}): it would take that "
-        f"{change(parameter, delta)}, outside what {what} can do; check units and engine file: cannot tell"
+        f"{change(parameter, delta)}, outside what {what} can do; check units and engine file: no conclusion"
     )
 
 
@@ -219,13 +221,13 @@ def sensor_or_component(
     (names, p), (others, q) = sorted(rivals, key=lambda item: -item[1])
     one, other = (listed(list(each)) for each in (names, others))
     beside = f" (beside {listed(list(shared))})" if shared else ""
-    return f"cannot tell {one} from {other}{beside}: {probability(p)} against {probability(q)}"
+    return f"{one} is indistinguishable from {other}{beside}: {probability(p)} against {probability(q)}"
 
 
 def named_fault(severities: Sequence[tuple[str, float, float]], chance: float) -> str:
     """Faults of a catalogue by name with severity and half its interval, for instance
     "HPC fouling, severity 0.9 ± 0.1 (probability 0.93)"."""
-    told = [f"{spelled(name)}, severity {with_unit(value, '', half)}" for name, value, half in severities]
+    told = [f"{spelled(name)}, severity {format_quantity(value, '', half)}" for name, value, half in severities]
     return f"{listed(told, 'and')} (probability {probability(chance)})"
 
 
@@ -233,7 +235,7 @@ def further_records(where: str, records: float, odds: float, noncentrality: floa
     """How soon records of one kind would tell two rivals apart, for instance
     "12 records with T4_K for odds of 20 to 1 (non-centrality 0.51 per record)"."""
     if records == float("inf"):
-        return f"records {where} would not tell them apart"
+        return f"records {where} would not separate them"
     needed = count(int(records), "record")
     return f"{needed} {where} for odds of {odds:g} to 1 (non-centrality {rounded(noncentrality)} per record)"
 

@@ -22,10 +22,10 @@ def test_one_document_whatever_the_number_of_processes_and_a_store_that_makes_th
     shutil.copy(folder / "engine_1.csv", folder / "engine_5.csv")  # the same bytes: counted once
     ended = run("fleet", fleet, "--jobs", 1, "-o", folder / "one.json", "--store", store)
     assert ended.exit_code == 3, ended.stderr  # eight flights could show no change beside the scatter of all readings
-    assert "engine_5.csv: left out: holds the same bytes as engine_1.csv" in ended.stderr
-    assert "4 recordings condensed anew" in ended.stderr
+    assert "engine_5.csv: excluded: holds the same bytes as engine_1.csv" in ended.stderr
+    assert "4 recordings newly reduced to statistics" in ended.stderr
     again = run("fleet", fleet, "--jobs", 2, "-o", folder / "two.json", "--store", store)
-    assert "0 recordings condensed anew" in again.stderr
+    assert "0 recordings newly reduced to statistics" in again.stderr
     one, two = (json.loads((folder / f"{name}.json").read_text()) for name in ("one", "two"))
     one["counts"].pop("fresh"), two["counts"].pop("fresh")
     assert one == two

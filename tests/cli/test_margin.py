@@ -13,7 +13,7 @@ import pytest
 import small_fleet
 from washed_engine import BASELINE, LIMIT_K, WASHED, make
 
-from enginediag_cli.report.tables.margin import with_ends
+from enginediag_cli.report.tables.margin import interval_columns
 
 ASKED = ("--limit", "T5_K", f"{LIMIT_K:g}", "--events", "washes.csv", "--baseline", str(BASELINE))
 JUDGED = ("-n", "nominal.yaml", "engine_7.csv")
@@ -73,10 +73,10 @@ def test_a_limit_of_lost_margin_serves_one_engine_as_it_serves_a_fleet(here, run
     (engine,) = json.loads(Path("fleet.json").read_text())["engines"]
     *_, whole = margin(run, "--consumed-limit", "25", "3", *ASKED[3:])
     left = engine["margin"]["remaining_flights"]
-    assert left == {k: whole[n] for k, n in zip(left, with_ends("remaining_flights"), strict=True)}
+    assert left == {k: whole[n] for k, n in zip(left, interval_columns("remaining_flights"), strict=True)}
     assert left["low"] < (25 - whole["used_K"]) / whole["rate_K"] < left["high"] and whole["margin_K"] is None
     told = run("trend", *JUDGED, "--what", "margin", "--consumed-limit", "25", "3", *ASKED[3:]).stderr
-    assert "until as much is lost as when engines are taken off (90 %:" in told
+    assert "until as much is lost as when engines are removed from wing (90 %:" in told
     both = run("trend", *JUDGED, "--what", "margin", "--consumed-limit", "25", "3", *ASKED)
     assert both.exit_code == 2 and "--limit, --consumed-limit and --taken-off exclude each other" in both.stderr
 
@@ -91,7 +91,7 @@ def test_engines_that_were_taken_off_tell_the_others_how_far_they_may_go(tmp_pat
     Path("all.csv").write_text("\n".join(lines) + "\n")
     asked = ("trend", "-n", "nominal.yaml", "all.csv", "--what", "margin", "--baseline", "3", "-f", "json")
     ended = run(*asked, "--taken-off", "1", "--taken-off", "2", "--taken-off", "3")
-    assert ended.exit_code == 0 and "engines were taken off with" in ended.stderr
+    assert ended.exit_code == 0 and "engines were removed from wing with" in ended.stderr
     *_, fourth = json.loads(ended.stdout)
     assert fourth["engine"] == "4" and "no limit" not in fourth["reason"]
     few = run(*asked, "--taken-off", "1", "--taken-off", "2")
@@ -149,7 +149,7 @@ def test_a_page_of_results_draws_the_same_margin_as_one_of_recordings(here, run)
     without = ("flights.csv", "trend.csv", "nominal.yaml")
     assert run("report", *without, "--static", "-q", "-o", "without.html").exit_code in (0, 3)
     assert "<dt>Margin</dt>" not in Path("without.html").read_text(encoding="utf-8")
-    assert "Cannot tell the margin of the turbine temperature, because none of these results follows it" in words(
+    assert "The margin of the turbine temperature is unknown: none of these results follows it" in words(
         Path("without.html")
     )
 
@@ -160,7 +160,7 @@ PAGES = ("read.html", "made.html")
 def test_without_a_limit_the_page_says_why_there_is_no_margin(here, run):
     assert run("report", *JUDGED, "--static", "-q", "-o", "page.html").exit_code == 0
     told = words(Path("page.html"))
-    assert "of the T5 margin; cannot tell how much is left, because no limit is stated: --limit T5_K KELVIN" in told
+    assert "of the T5 margin; what is left is unknown: no limit is stated: --limit T5_K KELVIN" in told
     assert "No forecast: no limit is stated." in told
 
 
@@ -170,7 +170,7 @@ def test_too_few_flights_have_no_margin_and_say_so(here, run):
     (whole,) = margin(run, *ASKED[:3])
     assert whole["margin_K"] is None and "too few" in whole["reason"]
     ended = run("trend", *JUDGED, "--what", "margin", "-o", "margin.csv")
-    assert "cannot tell the margin of the turbine temperature, because" in ended.stderr
+    assert "the margin of the turbine temperature is unknown:" in ended.stderr
 
 
 def test_a_limit_that_is_passed_is_told_so_and_has_no_forecast(here, run):

@@ -114,21 +114,21 @@ def test_a_table_fits_the_terminal_and_says_what_it_left_out(folder):
     assert max(map(len, lines)) <= COLUMNS
     assert len(lines) == 1 + 5
     assert "verdict" in lines[0].split()
-    assert b"columns are left out to fit the terminal; --wide shows all of them" in said
+    assert b"columns are hidden to fit the terminal; --wide shows all of them" in said
 
 
 def test_wide_shows_every_column_below_each_other(folder):
     arguments = ("detect", "-n", "n.yaml", "in.csv", "--wide")
     _, shown, said = on_terminal(folder, *arguments, streams=("stdout",))
     assert b"threshold" in shown
-    assert b"left out" not in said
+    assert b"are hidden" not in said
 
 
 def test_chosen_columns_are_those_of_the_table(folder):
     arguments = ("detect", "-n", "n.yaml", "in.csv", "--columns", "threshold,verdict")
     _, shown, said = on_terminal(folder, *arguments, streams=("stdout",))
     assert shown.decode().splitlines()[0].split() == ["threshold", "verdict"]
-    assert b"left out" not in said
+    assert b"are hidden" not in said
 
 
 def test_a_file_cannot_speak_to_the_terminal(folder):

@@ -194,7 +194,7 @@ def columns() -> Iterator[str]:
         yield from (f"## {name}", "", sentence(found.help), "")
         rows = []
         for column in (*found.columns, *found.families):
-            more = f" Only with {column.only_with}." if column.only_with else ""
+            more = f" Only with {column.option}." if column.option else ""
             empty = "" if column.required else "may be empty"
             rows.append((f"`{column.name}`", kind_of(column), column.unit, empty, sentence(column.help) + more))
         yield from table(("column", "value", "unit", "", "meaning"), rows)

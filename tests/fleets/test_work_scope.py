@@ -100,7 +100,7 @@ def test_where_a_limit_holds_the_engine_back_nothing_is_told_at_equal_thrust() -
     with pytest.raises(PowerNotHeldError, match="Fn_N does not follow N1_demand_rpm there"):
         gains(engine, hot, {}, worn, {"hpc": ["hpc.efficiency"]})
     told = list(work_scope_sentences(WorkScope(reason="Fn_N does not follow N1_demand_rpm there")))
-    assert told == ["what restoring would bring cannot be told: Fn_N does not follow N1_demand_rpm there"]
+    assert told == ["the gain of restoring is unknown: Fn_N does not follow N1_demand_rpm there"]
 
 
 def test_moments_of_all_changes_hold_those_of_each() -> None:

@@ -61,7 +61,7 @@ def test_the_same_run_gives_the_same_bytes_on_standard_output(folder):
 
 def test_the_report_goes_to_standard_error_with_fit_parameters_and_records(folder):
     report = run("configs/toy.yaml", "day1.csv", "day2.csv", "--holdout", "0.3", "-o", "n.yaml").stderr
-    assert "210 records of 2 recordings used; none left out" in report
+    assert "210 records of 2 recordings used; none excluded" in report
     assert "cross-validated over 8 folds" in report
     table = [line.split() for line in report.splitlines()]
     t3 = next(row for row in table if row[:2] == ["T3_K", "all"])

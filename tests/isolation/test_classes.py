@@ -16,7 +16,7 @@ from enginediag_cli.isolation.nonlinear import WindowModel
 from enginediag_cli.isolation.results import CONVINCED, AmbiguityGroup, ambiguity_group
 from enginediag_cli.isolation.windows import find_separating_sensors
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.report.sentences import one_of
+from enginediag_cli.report.sentences import ambiguity_words
 from enginediag_cli.simulation.noise import ColumnNoise
 from enginediag_cli.validation.studies import known_nominal
 
@@ -114,7 +114,7 @@ def test_a_reading_of_an_input_and_one_of_an_output_that_read_alike_are_a_class_
 
 
 def test_the_sentence_names_all_members_and_what_would_tell():
-    found = AmbiguityGroup((("a",), ("b", "c")), ("d",), 0.97, 2, ("T3_K",))
-    assert one_of(found, lambda names: [n.upper() for n in names]) == (
+    found = Class((("a",), ("b", "c")), ("d",), 0.97, 2, ("T3_K",))
+    assert ambiguity_words(found, lambda names: [n.upper() for n in names]) == (
         "cannot tell: A or B and C, or one of 2 more beside D (together probability 0.97); T3 would tell"
     )

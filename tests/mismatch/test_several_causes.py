@@ -24,8 +24,8 @@ from enginediag_cli.mismatch.fit.options import FORMULA_OPTION as OF_A_LAW
 from enginediag_cli.mismatch.fit.options import effect_option, fault_options, onset, option_scores
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial import HypothesisFit
-from enginediag_cli.physics.registry import candidate_effects
-from enginediag_cli.report.tables.explanation_text import rest_sentences, share_left
+from enginediag_cli.physics.registry import candidates
+from enginediag_cli.report.tables.explanation_text import residual_share_words, rest_sentences
 
 REYNOLDS = ("reynolds_efficiency", "hpc", {"exponent": 0.1})
 LOAD = ("power_offtake", "hp", {"fraction": 0.006})
@@ -204,14 +204,14 @@ def test_of_a_name_in_part_the_rest_is_told_with_its_share_and_its_driver():
     assert 0.05 < a.unexplained < 0.95 and a.rest[0].driver.driver == AMBIENT_PRESSURE
     (told,) = rest_sentences(a)
     assert f"{100 * a.unexplained:.0f} % of it" in told and "part of the mismatch" in told
-    assert AMBIENT_PRESSURE.words in told and share_left(a) == ""
+    assert AMBIENT_PRESSURE.words in told and residual_share_words(a) == ""
 
 
 @pytest.mark.slow
 def test_a_name_that_explains_all_says_that_nothing_stays():
     a = three_causes()
-    assert list(rest_sentences(a)) == [] and share_left(a) == "; nothing of its excess stays unexplained"
-    assert "12 % of its excess" in share_left(replace(a, unexplained=0.12))
+    assert list(rest_sentences(a)) == [] and residual_share_words(a) == "; nothing of its excess stays unexplained"
+    assert "12 % of its excess" in residual_share_words(replace(a, unexplained=0.12))
 
 
 def test_a_free_curve_takes_what_a_listed_effect_would(base):

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from enginediag_cli.report.sentences import p_value, probability, rounded, with_unit
+from enginediag_cli.report.sentences import format_quantity, p_value, probability, rounded
 
 
 @pytest.mark.parametrize(
@@ -27,8 +27,8 @@ def test_an_unknown_value_is_said_to_be_unknown():
 
 
 def test_the_unit_stands_behind_value_and_uncertainty():
-    assert with_unit(4.12, "K", 0.8) == "4.1 K ± 0.8 K"
-    assert with_unit(4.12, "K") == "4.12 K"
+    assert format_quantity(4.12, "K", 0.8) == "4.1 K ± 0.8 K"
+    assert format_quantity(4.12, "K") == "4.12 K"
 
 
 def test_a_probability_never_claims_certainty():

@@ -6,7 +6,7 @@ import math
 from xml.dom import minidom
 
 from enginediag_cli.report.plotting import padded
-from enginediag_cli.report.plotting.discrepancy import Scatter, mismatch_picture, rows_of
+from enginediag_cli.report.plotting.discrepancy import ScatterData, build_heat_map, mismatch_picture
 from enginediag_cli.report.plotting.svg import Drawing, Panel, shade, ticks
 
 
@@ -27,8 +27,8 @@ def test_ticks_are_round_and_within_the_range():
 
 def test_a_panel_puts_the_corners_of_its_data_in_its_corners():
     panel = Panel(10, 20, 100, 50, (0, 2), (-1, 1))
-    assert panel.at(0, -1) == (10, 70) and panel.at(2, 1) == (110, 20)
-    assert panel.at(99, 0) == (110, 45)  # beyond the edge: on it
+    assert panel.to_pixels(0, -1) == (10, 70) and panel.to_pixels(2, 1) == (110, 20)
+    assert panel.to_pixels(99, 0) == (110, 45)  # beyond the edge: on it
 
 
 def test_a_range_of_equal_values_is_not_empty():
@@ -46,10 +46,12 @@ def test_the_map_shows_every_place_and_marks_those_that_are_told():
         ("hpc.efficiency", "power", 2.0, False),
         ("sensor.T3", "mach", 9.0, False),
     ]
-    heat = rows_of(places, ["mach", "power"], 9.5)
-    assert heat.rows == ["hpc.efficiency", "sensor.T3"] and heat.within == frozenset({(0, 0)})
+    heat = build_heat_map(places, ["mach", "power"], 9.5)
+    assert heat.rows == ["hpc.efficiency", "sensor.T3"] and heat.near_best == frozenset({(0, 0)})
     assert math.isnan(heat.surprise[1][1])
-    beside = Scatter("Mach", "T3 [K]", "dots", [0.1, 0.2], [1.0, -1.0], [(0.15, 0.0, 0.5)], [(0.1, 0.0), (0.2, 0.1)])
+    beside = ScatterData(
+        "Mach", "T3 [K]", "dots", [0.1, 0.2], [1.0, -1.0], [(0.15, 0.0, 0.5)], [(0.1, 0.0), (0.2, 0.1)]
+    )
     text = mismatch_picture("title", ["a note"], heat, beside)
     document = minidom.parseString(text)
     words = [t.firstChild.data for t in document.getElementsByTagName("text")]
@@ -59,4 +61,4 @@ def test_the_map_shows_every_place_and_marks_those_that_are_told():
 
 
 def test_a_map_without_anything_to_tell_is_a_picture_too():
-    minidom.parseString(mismatch_picture("title", [], rows_of([], [], 9.0), None))
+    minidom.parseString(mismatch_picture("title", [], build_heat_map([], [], 9.0), None))

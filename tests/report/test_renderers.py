@@ -11,22 +11,22 @@ from enginediag_cli.report.plotting import (
     Axis,
     Band,
     Bars,
-    Cells,
     Chart,
-    Column,
+    ChartColumn,
+    ChartTable,
+    EventMark,
+    HeatCells,
     Intervals,
-    Level,
     Line,
-    Mark,
-    Origin,
     Points,
-    Table,
-    shown,
+    ReferenceLine,
+    RowOrigin,
+    format_value,
 )
 from enginediag_cli.report.plotting.interactive import available, plot
 from enginediag_cli.report.plotting.svg import picture, png
 
-PLACE = [Origin("a.csv", "7"), Origin("a.csv", "8")]
+PLACE = [RowOrigin("a.csv", "7"), RowOrigin("a.csv", "8")]
 UPRIGHT = Chart(
     "upright",
     "Upright",
@@ -38,10 +38,10 @@ UPRIGHT = Chart(
         Intervals("sizes", [1, 2], [0.4, 1.6], [0.1, 1.1], [0.9, 2.1], 0, origins=PLACE),
         Points("many", [1, 2], [0.2, 0.3], 2, small=True, origins=PLACE),
     ],
-    Table((Column("flight"), Column("change", "%")), [("1", 0.4), ("2", 1.6)], PLACE),
+    ChartTable((ChartColumn("flight"), ChartColumn("change", "%")), [("1", 0.4), ("2", 1.6)], PLACE),
     "What is seen.",
-    [Mark(1.2, "wash", 1.6)],
-    [Level(1.0, "limit")],
+    [EventMark(1.2, "wash", 1.6)],
+    [ReferenceLine(1.0, "limit")],
 )
 LYING = Chart(
     "lying",
@@ -49,15 +49,15 @@ LYING = Chart(
     Axis("size"),
     Axis("", categories=["one", "two", "two"]),
     [Bars("bars", [0, 1, 2], [1.0, -2.0, math.nan], 0, 0.1, 0.3)],
-    Table((Column("row"),), [("one",), ("two",), ("two",)]),
+    ChartTable((ChartColumn("row"),), [("one",), ("two",), ("two",)]),
 )
 HEAT = Chart(
     "heat",
     "Heat",
     Axis("", categories=["a", "b"]),
     Axis("", categories=["x", "y"]),
-    [Cells("value", [0, 1, 0], [0, 0, 1], [3.0, -1.0, math.nan], 3.0, ["3", "", ""], both=True)],
-    Table((Column("cell"),), [("x",)]),
+    [HeatCells("value", [0, 1, 0], [0, 0, 1], [3.0, -1.0, math.nan], 3.0, ["3", "", ""], signed=True)],
+    ChartTable((ChartColumn("cell"),), [("x",)]),
 )
 ALL = pytest.mark.parametrize("chart", [UPRIGHT, LYING, HEAT], ids=lambda chart: chart.key)
 
@@ -100,7 +100,7 @@ def test_a_picture_becomes_a_png(chart) -> None:
 
 
 def test_numbers_in_tables_are_rounded_and_have_a_true_minus() -> None:
-    assert [shown(v) for v in (-0.123456, 24.80123, math.nan, None, -3, "a-b")] == [
+    assert [format_value(v) for v in (-0.123456, 24.80123, math.nan, None, -3, "a-b")] == [
         "−0.1235",
         "24.8",
         "",
@@ -112,4 +112,4 @@ def test_numbers_in_tables_are_rounded_and_have_a_true_minus() -> None:
 
 def test_a_table_refuses_rows_that_do_not_fit() -> None:
     with pytest.raises(ValueError, match="as many cells"):
-        Table((Column("a"), Column("b")), [("1",)])
+        ChartTable((ChartColumn("a"), ChartColumn("b")), [("1",)])

@@ -55,12 +55,12 @@ def words(page: str) -> Words:
 
 def test_the_first_screen_says_what_changed_how_surely_since_when_and_what_to_do(tmp_path) -> None:
     text = " ".join("".join(words(report(tmp_path, *engine_files(tmp_path))).text).split())
-    first = text[: text.index("What was left out")]
+    first = text[: text.index("Excluded data")]
     assert "hpc.efficiency fell by 0.80 % ± 0.10 % and hpc.flow_capacity fell by 1.60 % ± 0.10 %." in first
     assert "probability 0.99 by the trend over 8 flights" in first
     assert "5 of 8 windows alarm" in first
     assert "flight 4, growing; counted from the first, between 4 and 5" in first
-    assert "What to do next" in first and "Not excluded either" in first
+    assert "What to do next" in first and "Alternatives" in first
 
 
 def test_an_answer_that_is_hardly_likelier_than_others_is_no_headline_without_a_doubt(tmp_path) -> None:
@@ -88,7 +88,7 @@ def test_what_would_flip_the_answer_is_told_where_the_results_have_it(tmp_path) 
         row["flips"] = [{"what": "T3", "size": 2.1, "unit": "K", "words": "T3 read 2.1 K higher <b>"}]
     (tmp_path / "flips.json").write_text(json.dumps(rows))
     page = report(tmp_path, tmp_path / "flips.json")
-    assert "What would flip it" in page
+    assert "Sensitivity of the conclusion" in page
     assert "T3 read 2.1 K higher &lt;b&gt;" in page
 
 
@@ -228,5 +228,5 @@ def test_what_two_files_tell_of_the_same_windows_is_refused_and_not_counted_twic
     (tmp_path / "copy.csv").write_bytes(file.read_bytes())
     assert main(["report", str(file), str(tmp_path / "copy.csv"), "-o", str(tmp_path / "p.html")]) == 2
     assert (
-        "d.csv and copy.csv both tell verdicts of the same part of an engine without a name" in capsys.readouterr().err
+        "d.csv and copy.csv both hold verdicts of the same part of an engine without a name" in capsys.readouterr().err
     )

@@ -45,7 +45,7 @@ def test_a_sensor_and_a_component_as_rivals_are_told_the_likelier_first():
         ["T3 sensor bias"], ["HPC isentropic efficiency"], 0.41, 0.55, ["fan isentropic efficiency"]
     )
     assert told == (
-        "cannot tell HPC isentropic efficiency from T3 sensor bias (beside fan isentropic efficiency): "
+        "HPC isentropic efficiency is indistinguishable from T3 sensor bias (beside fan isentropic efficiency): "
         "0.55 against 0.41"
     )
 
@@ -60,4 +60,4 @@ def test_records_that_are_needed_are_counted_and_those_that_do_not_help_named():
         "12 records with T4_K for odds of 20 to 1 (non-centrality 0.512 per record)"
     )
     hopeless = sentences.further_records("like these", float("inf"), 20, 0)
-    assert hopeless == "records like these would not tell them apart"
+    assert hopeless == "records like these would not separate them"

@@ -9,8 +9,8 @@ import pytest
 from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.mismatch.laws.finding import LawFinding, Share
 from enginediag_cli.physics.expression import Expression
-from enginediag_cli.physics.law import Law, LawPlace
-from enginediag_cli.report.tables.formulas import LONG, equation, law_sentences, law_statement, of_many
+from enginediag_cli.physics.law import Acts, Law
+from enginediag_cli.report.tables.formulas import LONG, equation, is_long, law_sentences, law_statement
 
 EFFECT = SimpleNamespace(term=SimpleNamespace(STATEMENT="Efficiency changes with Mach number.", EQUATION="eta (1 + f)"))
 
@@ -31,7 +31,7 @@ def test_as_many_are_told_together_as_hold_the_truth(probabilities, together):
 def test_the_likeliest_of_several_is_no_statement_of_its_own():
     settled, open_ = (next(law_statement(EFFECT, found(*p))) for p in ((0.97, 0.03), (0.36, 0.33, 0.31)))
     assert settled.strip() == EFFECT.term.STATEMENT
-    assert "cannot tell apart" in open_ and open_.endswith(EFFECT.term.STATEMENT)
+    assert "do not separate" in open_ and open_.endswith(EFFECT.term.STATEMENT)
     assert next(law_statement(EFFECT, None)).strip() == EFFECT.term.STATEMENT
 
 
@@ -47,8 +47,8 @@ def _law(count: int) -> Effect:
 
 def test_a_formula_of_many_coefficients_is_not_written_out():
     few, many = _law(5), _law(6)
-    assert not of_many(few.term) and list(law_statement(few, None))[1].endswith("f = a0 + a1 + a2 + a3 + a4")
-    assert of_many(many.term) and "a0" not in list(law_statement(many, None))[1]
+    assert not is_long(few.term) and list(law_statement(few, None))[1].endswith("f = a0 + a1 + a2 + a3 + a4")
+    assert is_long(many.term) and "a0" not in list(law_statement(many, None))[1]
     assert "6 coefficients" in equation(many.term) and "hpc.efficiency (1 + f)" in equation(many.term)
 
 
@@ -80,5 +80,5 @@ def test_a_formula_that_is_long_is_not_written_out():
     acts = LawPlace("hpc.efficiency", "hpc", "", True)
     size = Coefficient("a", "1", "size", lower=-1.0, upper=1.0, sigma=0.1, typical=0.0)
     text = "a * (" + " + ".join(["0.123456"] * (LONG // 10)) + ")"
-    law = Law("long", acts, Expression.parse(text), {}, (size,), "Efficiency changes.")
-    assert of_many(law) and "long formula" in equation(law) and "0.123456" not in equation(law)
+    law = Law("long", acts, Expression.parsed(text), {}, (size,), "Efficiency changes.")
+    assert is_long(law) and "long formula" in equation(law) and "0.123456" not in equation(law)

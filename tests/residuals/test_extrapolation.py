@@ -11,7 +11,7 @@ from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.problem import TrainingRecording
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.report.tables.recordings import elsewhere_lines
+from enginediag_cli.report.tables.recordings import outside_envelope_lines
 from enginediag_cli.residuals.monitor import monitor_from_nominal
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.reduced import compact, reduced
@@ -127,7 +127,7 @@ def test_the_input_that_is_outside_is_named_with_how_many_records():
     told = taken.elsewhere(slice(None))
     assert told[Elsewhere("altitude_m", False)] == 10
     assert sum(n for where, n in told.items() if where.judged) == 10
-    lines = list(elsewhere_lines(told))
+    lines = list(outside_envelope_lines(told))
     assert lines[0].startswith("10 records outside the operating points identified, judged")
     assert lines[1].endswith("too far to be judged: altitude_m in 10")
 

@@ -29,18 +29,18 @@ DIGITS = 4
 
 
 @dataclass(frozen=True)
-class Origin:
+class RowOrigin:
     """Where a row comes from: a file as the report calls it, and its line (a number) or place ("engines[3]")."""
 
     file: str
     row: str
 
 
-NOWHERE = Origin("", "")
+NOWHERE = RowOrigin("", "")
 
 
 @dataclass(frozen=True)
-class Column:
+class ChartColumn:
     """A column of a table, and the unit of its numbers."""
 
     name: str
@@ -51,18 +51,18 @@ class Column:
         return f"{self.name} ({self.unit})" if self.unit else self.name
 
 
-def columns_of(*names: str | tuple[str, str]) -> tuple[Column, ...]:
+def chart_columns(*names: str | tuple[str, str]) -> tuple[ChartColumn, ...]:
     """Columns by their names, or by (name, unit)."""
-    return tuple(Column(name) if isinstance(name, str) else Column(*name) for name in names)
+    return tuple(ChartColumn(name) if isinstance(name, str) else ChartColumn(*name) for name in names)
 
 
 @dataclass(frozen=True)
-class Table:
+class ChartTable:
     """Rows below columns; `origins`: one for each row, or none at all where rows come from no file."""
 
-    columns: Sequence[Column]
+    columns: Sequence[ChartColumn]
     rows: Sequence[Sequence[Value]]
-    origins: Sequence[Origin] = ()
+    origins: Sequence[RowOrigin] = ()
 
     def __post_init__(self) -> None:
         if any(len(row) != len(self.columns) for row in self.rows):
@@ -71,7 +71,7 @@ class Table:
             raise ValueError("the table has not as many origins as rows")
 
 
-def shown(value: Value, digits: int = DIGITS) -> str:
+def format_value(value: Value, digits: int = DIGITS) -> str:
     """A cell as it is read: numbers rounded, a true minus, nothing for what is not known."""
     if value is None or (isinstance(value, float) and value != value):
         return ""
@@ -105,7 +105,7 @@ class Points:
     y: Sequence[float]
     colour: int = 0
     small: bool = False
-    origins: Sequence[Origin] = ()
+    origins: Sequence[RowOrigin] = ()
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ class Intervals:
     high: Sequence[float]
     colour: int = 0
     lying: bool = False
-    origins: Sequence[Origin] = ()
+    origins: Sequence[RowOrigin] = ()
 
 
 @dataclass(frozen=True)
@@ -154,11 +154,11 @@ class Bars:
     colour: int = 0
     shift: float = 0.0
     thick: float = 0.6
-    origins: Sequence[Origin] = ()
+    origins: Sequence[RowOrigin] = ()
 
 
 @dataclass(frozen=True)
-class Cells:
+class HeatCells:
     """A heat map: `value[k]` at column `x[k]` and row `y[k]`, NaN where there is none; 0 is neutral, `largest` darkest.
     `words`: what stands in the cell; `both`: values have a sign that matters; `rooted`: shaded by the root of
     the share, where the largest is far above what matters."""
@@ -169,25 +169,25 @@ class Cells:
     value: Sequence[float]
     largest: float
     words: Sequence[str] = ()
-    both: bool = False
+    signed: bool = False
     rooted: bool = False
-    origins: Sequence[Origin] = ()
+    origins: Sequence[RowOrigin] = ()
 
 
-Layer: TypeAlias = Points | Line | Intervals | Band | Bars | Cells
+Layer: TypeAlias = Points | Line | Intervals | Band | Bars | HeatCells
 
 
 @dataclass(frozen=True)
-class Mark:
+class EventMark:
     """Something that happened at `x`: maintenance, an onset; `until`: the end of the stretch it may lie in."""
 
     x: float
     words: str
-    until: float | None = None
+    end: float | None = None
 
 
 @dataclass(frozen=True)
-class Level:
+class ReferenceLine:
     """A value of y that means something: a threshold, a limit, nominal."""
 
     y: float
@@ -203,10 +203,10 @@ class Chart:
     x: Axis
     y: Axis
     layers: Sequence[Layer]
-    table: Table
+    table: ChartTable
     caption: str = ""
-    marks: Sequence[Mark] = ()
-    levels: Sequence[Level] = ()
+    marks: Sequence[EventMark] = ()
+    levels: Sequence[ReferenceLine] = ()
     thinned: str = field(default="")
 
     @property
@@ -292,7 +292,7 @@ def _ys(chart: Chart) -> Iterator[float]:
     for layer in chart.layers:
         if isinstance(layer, Band) or (isinstance(layer, Intervals) and not layer.lying):
             yield from (*layer.low, *layer.high)
-        if not isinstance(layer, Band | Cells):
+        if not isinstance(layer, Band | HeatCells):
             yield from layer.y
     for level in chart.levels:
         yield level.y
@@ -302,7 +302,7 @@ PERCENT = 100.0
 """Of a scale factor."""
 
 
-def scale_of(parameter: Parameter) -> tuple[float, str]:
+def display_scale(parameter: Parameter) -> tuple[float, str]:
     """(factor, unit) of a change of this parameter, as `sentences.change` tells it."""
     unit = parameter.shown_unit
     added = bool(unit) or (parameter.of_instrument and parameter.quantity == "bias")

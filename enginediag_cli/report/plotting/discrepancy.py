@@ -25,7 +25,7 @@ from enginediag_cli.report.plotting.svg import HEADING, SMALL, TITLE, Drawing, E
 from enginediag_cli.report.sentences import count
 from enginediag_cli.report.tables.explanation_text import control_headline
 from enginediag_cli.report.tables.formulas import equation
-from enginediag_cli.report.tables.refinement import alarms_in_words, fall_in_words, named_effect, unseen_in_words
+from enginediag_cli.report.tables.refinement import alarms_in_words, fall_in_words, named_effect, unseen_flights_words
 
 if TYPE_CHECKING:
     from enginediag_cli.identification.nominal import SensorQuality
@@ -58,11 +58,11 @@ class HeatMap:
     columns: Sequence[str]
     surprise: Sequence[Sequence[float]]
     gate: float
-    within: frozenset[tuple[int, int]]
+    near_best: frozenset[tuple[int, int]]
 
 
 @dataclass(frozen=True)
-class Scatter:
+class ScatterData:
     """Dots (n,), means of some of them with their standard errors (x, mean, error), and a line through points;
     `caption` says what they are."""
 
@@ -75,7 +75,7 @@ class Scatter:
     line: Sequence[tuple[float, float]]
 
 
-def mismatch_picture(title: str, notes: Sequence[str], heat: HeatMap, below: Scatter | None) -> str:
+def mismatch_picture(title: str, notes: Sequence[str], heat: HeatMap, below: ScatterData | None) -> str:
     """The SVG text; `notes` stand below the title. Narrow enough to be read on a page at full size."""
     rows, columns = min(len(heat.rows), MOST_ROWS), min(len(heat.columns), MOST_COLUMNS)
     width = max(LEAST_WIDTH, 2 * MARGIN + LABELS + COLUMN * columns)
@@ -126,13 +126,13 @@ def _draw_map(on: Drawing, heat: HeatMap, rows: int, columns: int, top: float) -
                 letters=Letters(SMALL.size, fill=PAPER if dark > 0.5 else INK),
                 anchor="middle",
             )
-    for i, j in sorted(heat.within):  # last, so that no neighbour covers the frame
+    for i, j in sorted(heat.near_best):  # last, so that no neighbour covers the frame
         if i < rows and j < columns:
             on.rectangle(
                 left + COLUMN * j, top + CELL_HEIGHT * i, COLUMN - 2, CELL_HEIGHT - 2, "none", edge=Edge(ORANGE, 2.5)
             )
     y = top + CELL_HEIGHT * rows + 18
-    told = "; framed: within reach of the first place" if heat.within else ""
+    told = "; framed: within reach of the first place" if heat.near_best else ""
     if any(not math.isfinite(value) for line in heat.surprise[:rows] for value in line[:columns]):
         told += "; grey: taken by identification"
     on.words(MARGIN, y, f"Numbers: −ln p of a correction there; chance alone reaches {heat.gate:.1f}{told}")
@@ -145,7 +145,7 @@ def _draw_map(on: Drawing, heat: HeatMap, rows: int, columns: int, top: float) -
         on.words(MARGIN, y + 17, f"Less surprising, not drawn: {' and '.join(left_out)}")
 
 
-def _draw_scatter(on: Drawing, given: Scatter, top: float, width: float) -> None:
+def _draw_scatter(on: Drawing, given: ScatterData, top: float, width: float) -> None:
     ys = sorted(given.y)
     # a few far readings must not flatten the rest
     inner = ys[int(0.005 * len(ys)) : math.ceil(0.995 * len(ys))] or ys
@@ -154,12 +154,12 @@ def _draw_scatter(on: Drawing, given: Scatter, top: float, width: float) -> None
     panel.draw(on, given.x_label, given.y_label)
     every = max(1, -(-len(given.x) // MOST_DOTS))
     points = list(zip(given.x, given.y, strict=True))[::every]
-    on.dots([panel.at(x, y) for x, y in points], BLUE, radius=1.6, opacity=0.35)
+    on.dots([panel.to_pixels(x, y) for x, y in points], BLUE, radius=1.6, opacity=0.35)
     for x, mean, error in given.means:
-        (u, low), (_, high) = panel.at(x, mean - NORMAL_95 * error), panel.at(x, mean + NORMAL_95 * error)
+        (u, low), (_, high) = panel.to_pixels(x, mean - NORMAL_95 * error), panel.to_pixels(x, mean + NORMAL_95 * error)
         on.line(u, low, u, high, INK, width=1.5)
-    on.dots([panel.at(x, mean) for x, mean, _ in given.means], INK, radius=3.2)
-    on.path([panel.at(x, y) for x, y in given.line], ORANGE, width=2.0)
+    on.dots([panel.to_pixels(x, mean) for x, mean, _ in given.means], INK, radius=3.2)
+    on.path([panel.to_pixels(x, y) for x, y in given.line], ORANGE, width=2.0)
 
 
 def _lines(name: str) -> list[str]:
@@ -170,7 +170,7 @@ def _lines(name: str) -> list[str]:
     return [*lines, *([f"+ {len(parts) - MOST_NAMES} more"] if len(parts) > MOST_NAMES else [])]
 
 
-def rows_of(places: Sequence[tuple[str, str, float, bool]], columns: Sequence[str], gate: float) -> HeatMap:
+def build_heat_map(places: Sequence[tuple[str, str, float, bool]], columns: Sequence[str], gate: float) -> HeatMap:
     """The map from (location, driver group, −ln p, told) of every place, the most surprising location first."""
     best: dict[str, float] = {}
     values: Mapping[tuple[str, str], float] = {(a, g): v for a, g, v, _ in places}
@@ -199,8 +199,8 @@ def picture(r: Refinement) -> str:
     if u is None:
         raise ValueError("a refinement without unseen flights has no picture")
     title = f"{' and '.join(e.label for e in r.effects)}: before and after, on flights that were not fitted"
-    told = [f"In the model now: {named_effect(e)}" for e in r.effects] + [unseen_in_words(r), alarms_in_words(r)]
-    lines = lines_of(told)
+    told = [f"In the model now: {named_effect(e)}" for e in r.effects] + [unseen_flights_words(r), alarms_in_words(r)]
+    lines = wrap_notes(told)
     gains = list(zip(u.labels, u.flight_gains.tolist(), strict=True))
     shown = gains if len(gains) <= MOST_FLIGHTS else gains[: MOST_FLIGHTS - 1]
     top = HEAD + LINE * len(lines)
@@ -212,7 +212,7 @@ def picture(r: Refinement) -> str:
     return on.text()
 
 
-def lines_of(told: Sequence[str]) -> list[str]:
+def wrap_notes(told: Sequence[str]) -> list[str]:
     """Notes as lines of the picture's width."""
     together = [re.sub(r" (?=%|= )|(?<=[=<]) ", "\u00a0", text) for text in told]  # number and unit stay together
     return [line for text in together for line in textwrap.wrap(text, int((WIDTH - 2 * MARGIN) / LETTER))]
@@ -286,7 +286,7 @@ PERCENT = 100.0
 
 
 @dataclass(frozen=True)
-class _Drawn:
+class _DrawnCurve:
     """A curve (G,) with its standard error, words for its axes, and lines about it."""
 
     x: np.ndarray
@@ -299,10 +299,10 @@ class _Drawn:
 
 def explanation_picture(story: ExplanationResult) -> str:
     """SVG text; ValueError where nothing that was found is a curve of one variable."""
-    drawn = _of_law(story) or _of_free_curve(story)
+    drawn = _formula_curve(story) or _free_curve(story)
     if drawn is None:
         raise ValueError("nothing that was found is a curve of one variable")
-    lines = lines_of(drawn.told)
+    lines = wrap_notes(drawn.told)
     top = HEAD + LINE * len(lines)
     on = headed(f"{drawn.what} along {drawn.along}", lines, top + HEIGHT + BELOW)
     low, high = drawn.change - NORMAL_95 * drawn.error, drawn.change + NORMAL_95 * drawn.error
@@ -316,8 +316,8 @@ def explanation_picture(story: ExplanationResult) -> str:
     )
     panel.draw(on, drawn.along, "change about the mean")
     for values, colour, width in ((low, ORANGE, 1.0), (high, ORANGE, 1.0), (drawn.change, BLUE, 2.0)):
-        on.path([panel.at(x, y) for x, y in zip(drawn.x, values, strict=True)], colour, width=width)
-    on.dots([panel.at(x, y) for x, y in zip(drawn.x, drawn.change, strict=True)], INK, radius=1.5)
+        on.path([panel.to_pixels(x, y) for x, y in zip(drawn.x, values, strict=True)], colour, width=width)
+    on.dots([panel.to_pixels(x, y) for x, y in zip(drawn.x, drawn.change, strict=True)], INK, radius=1.5)
     on.words(
         WIDTH - MARGIN,
         top - 6,
@@ -328,7 +328,7 @@ def explanation_picture(story: ExplanationResult) -> str:
     return on.text()
 
 
-def _of_law(story: ExplanationResult) -> _Drawn | None:
+def _formula_curve(story: ExplanationResult) -> _DrawnCurve | None:
     law = story.answer.law
     if law is None or law.band is None:
         return None
@@ -343,7 +343,7 @@ def _of_law(story: ExplanationResult) -> _Drawn | None:
         equation(effect.term),
         f"Vertical: {words}, {unit}, over the records that were flown.",
     ]
-    return _Drawn(
+    return _DrawnCurve(
         band.at,
         factor * band.change,
         factor * band.standard_error,
@@ -353,7 +353,7 @@ def _of_law(story: ExplanationResult) -> _Drawn | None:
     )
 
 
-def _of_free_curve(story: ExplanationResult) -> _Drawn | None:
+def _free_curve(story: ExplanationResult) -> _DrawnCurve | None:
     curve = next((c for c in story.curves if c.converged and c.driver.driver != CONSTANT), None)
     if curve is None:
         return None
@@ -361,7 +361,7 @@ def _of_free_curve(story: ExplanationResult) -> _Drawn | None:
     unit = "%" if factor == PERCENT else curve.unit
     told = ["No listed effect and no law explains it: a free curve of second degree."]
     words = curve.location.words
-    return _Drawn(
+    return _DrawnCurve(
         curve.values,
         factor * curve.change,
         factor * curve.standard_error,
@@ -379,7 +379,7 @@ def control_picture(r: ControlRefinement) -> str:
     ]
     if not pairs:
         raise ValueError("a control that no unseen flight has judged has no picture")
-    lines = lines_of([f"In the model now: {control_headline(r.law)}", *fall_in_words(r)])
+    lines = wrap_notes([f"In the model now: {control_headline(r.law)}", *fall_in_words(r)])
     top = HEAD + LINE * len(lines)
     title = f"{r.law.label}: before and after, on flights that were not fitted"
     on = headed(title, lines, top + BESIDE_ROWS + ROW * len(pairs))

@@ -22,16 +22,16 @@ from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.parameters import Parameter, spelled, unspecified
 from enginediag_cli.report.plotting import (
     Axis,
-    Cells,
     Chart,
+    ChartTable,
+    EventMark,
+    HeatCells,
     Intervals,
     Layer,
     Line,
-    Mark,
-    Origin,
-    Table,
-    columns_of,
-    scale_of,
+    RowOrigin,
+    chart_columns,
+    display_scale,
 )
 from enginediag_cli.report.sentences import maintained
 
@@ -39,7 +39,7 @@ NAN = float("nan")
 
 
 @dataclass(frozen=True)
-class HealthFound:
+class ParameterHealth:
     """One parameter of an engine."""
 
     parameter: Parameter
@@ -49,7 +49,7 @@ class HealthFound:
     probability: float
     onset: int
     onset_flight: str
-    origin: Origin
+    origin: RowOrigin
 
     @property
     def words(self) -> str:
@@ -57,15 +57,15 @@ class HealthFound:
 
     @property
     def scale(self) -> float:
-        return scale_of(self.parameter)[0]
+        return display_scale(self.parameter)[0]
 
     @property
     def shown_unit(self) -> str:
-        return scale_of(self.parameter)[1]
+        return display_scale(self.parameter)[1]
 
 
 @dataclass(frozen=True)
-class FlightFound:
+class FlightEvidence:
     """One flight of an engine, as far as its evidence and its margin go."""
 
     number: int
@@ -75,11 +75,11 @@ class FlightFound:
     verdict: str
     consumed_K: float
     consumed_error_K: float
-    origin: Origin
+    origin: RowOrigin
 
 
 @dataclass(frozen=True)
-class MarginFound:
+class EngineMargin:
     """The margin of the hottest temperature of an engine."""
 
     column: str
@@ -92,7 +92,7 @@ class MarginFound:
 
 
 @dataclass(frozen=True)
-class EventFound:
+class MaintenanceEvent:
     """Maintenance; `number`: of the first flight after it, 0 where there is none."""
 
     kind: str
@@ -100,7 +100,7 @@ class EventFound:
     number: int
     recovered_K: IntervalEstimate
     reason: str
-    origin: Origin
+    origin: RowOrigin
 
     @property
     def words(self) -> str:
@@ -108,7 +108,7 @@ class EventFound:
 
 
 @dataclass(frozen=True)
-class EngineFound:
+class FleetEngine:
     """What a fleet document says of one engine; `since`: flight of the first change, with its interval."""
 
     serial: str
@@ -123,15 +123,15 @@ class EngineFound:
     since_flight: str
     severity: IntervalEstimate
     severity_unit: str
-    health: Sequence[HealthFound]
-    by_flight: Sequence[FlightFound]
-    events: Sequence[EventFound]
-    margin: MarginFound
-    origin: Origin
+    health: Sequence[ParameterHealth]
+    by_flight: Sequence[FlightEvidence]
+    events: Sequence[MaintenanceEvent]
+    margin: EngineMargin
+    origin: RowOrigin
     instruments: Sequence[str] = ()
 
 
-def engines_of(document: Mapping[str, Any], file: str) -> list[EngineFound]:
+def read_engines(document: Mapping[str, Any], file: str) -> list[FleetEngine]:
     """All engines, in their order. DataError names the place of what is missing or wrong."""
     found = []
     for k, engine in enumerate(document["engines"]):
@@ -144,20 +144,20 @@ def engines_of(document: Mapping[str, Any], file: str) -> list[EngineFound]:
     return found
 
 
-def _engine(e: Mapping[str, Any], file: str, place: str) -> EngineFound:
+def _engine(e: Mapping[str, Any], file: str, place: str) -> FleetEngine:
     def parts(kind: type[Part], key: str, values: Callable[[Mapping[str, Any]], Mapping[str, Any]]) -> list[Part]:
         entries = enumerate(e.get(key) or ())
-        return [_read(kind, x, **values(x), origin=Origin(file, f"{place}.{key}[{k}]")) for k, x in entries]
+        return [_read(kind, x, **values(x), origin=RowOrigin(file, f"{place}.{key}[{k}]")) for k, x in entries]
 
     return _read(
-        EngineFound,
+        FleetEngine,
         {**e, "serial": e["serial"], "flights": e["flights"], "verdict": e["verdict"]},
         since=tuple(int(e.get(name) or 0) for name in ("since", "since_low", "since_high")),
-        health=parts(HealthFound, "health", lambda x: {"parameter": _parameter(x)}),
-        by_flight=parts(FlightFound, "by_flight", lambda x: {"number": int(x["number"])}),
-        events=parts(EventFound, "events", _event),
-        margin=_read(MarginFound, e.get("margin") or {}),
-        origin=Origin(file, place),
+        health=parts(ParameterHealth, "health", lambda x: {"parameter": _parameter(x)}),
+        by_flight=parts(FlightEvidence, "by_flight", lambda x: {"number": int(x["number"])}),
+        events=parts(MaintenanceEvent, "events", _event),
+        margin=_read(EngineMargin, e.get("margin") or {}),
+        origin=RowOrigin(file, place),
         instruments=[str(x["words"]) for x in e.get("instruments") or ()],
     )
 
@@ -210,13 +210,13 @@ READERS: Mapping[str, Callable[[Any], Any]] = {
 """How a value of a document is read, by the type of the field."""
 
 
-def evidence_course(key: str, engine: EngineFound, marks: Sequence[Mark] = ()) -> Chart | None:
+def evidence_course(key: str, engine: FleetEngine, marks: Sequence[EventMark] = ()) -> Chart | None:
     """None where no flight has evidence."""
     told = [f for f in engine.by_flight if math.isfinite(f.log10_e)]
     if not told:
         return None
     x, y = [float(f.number) for f in told], [f.log10_e for f in told]
-    columns = columns_of("flight", "log10 of evidence", "p value", "verdict")
+    columns = chart_columns("flight", "log10 of evidence", "p value", "verdict")
     rows = [(f.flight or str(f.number), f.log10_e, f.p_value, f.verdict) for f in told]
     return Chart(
         key,
@@ -224,7 +224,7 @@ def evidence_course(key: str, engine: EngineFound, marks: Sequence[Mark] = ()) -
         Axis("flight, counted"),
         Axis("evidence, powers of ten"),
         [Line("", x, y, 0)],
-        Table(columns, rows, [f.origin for f in told]),
+        ChartTable(columns, rows, [f.origin for f in told]),
         "At 2 the flights so far are a hundred times likelier if something has changed; it may be read at any flight.",
         marks,
     )
@@ -234,7 +234,7 @@ MOST = 40
 """Engines that are drawn; the table has all."""
 
 
-def fleet_ranking(key: str, engines: Sequence[EngineFound]) -> Chart:
+def fleet_ranking(key: str, engines: Sequence[FleetEngine]) -> Chart:
     """Engines in the order of their rank."""
     known = [e for e in engines if math.isfinite(e.severity.value)]
     shown = known[:MOST]
@@ -248,7 +248,7 @@ def fleet_ranking(key: str, engines: Sequence[EngineFound]) -> Chart:
             origins = [shown[k].origin for k in mine]
             points = [v.value for v in values]
             layers.append(Intervals(words, points, [float(k) for k in mine], low, high, colour, True, origins))
-    columns = columns_of(
+    columns = chart_columns(
         "rank",
         "engine",
         "build",
@@ -283,9 +283,9 @@ def fleet_ranking(key: str, engines: Sequence[EngineFound]) -> Chart:
         Axis(words),
         Axis("", categories=[e.serial for e in shown]),
         layers,
-        Table(columns, rows, [e.origin for e in engines]),
+        ChartTable(columns, rows, [e.origin for e in engines]),
         "How far each engine has gone towards its limit, with 95 % intervals."
-        + (f" {left} more engines, less severe or not judged, stand in the table." if left else ""),
+        + (f" {left} more engines, less severe or not judged, are in the table." if left else ""),
     )
 
 
@@ -293,14 +293,14 @@ FULL = 8.0
 """Standard errors at which a cell is darkest."""
 
 
-def fleet_map(key: str, engines: Sequence[EngineFound]) -> Chart | None:
+def fleet_map(key: str, engines: Sequence[FleetEngine]) -> Chart | None:
     """Change of each parameter in its standard errors; empty where it is not known, None where no engine tells."""
     shown = [e for e in engines if any(math.isfinite(_score(h)) for h in e.health)][:MOST]
     names = list(dict.fromkeys(h.words for e in shown for h in e.health if math.isfinite(_score(h))))
     if not shown:
         return None
     x, y, value, words, rows = [], [], [], [], []
-    origins: list[Origin] = []
+    origins: list[RowOrigin] = []
     for line, engine in enumerate(shown):
         for health in engine.health:
             score = _score(health)
@@ -314,7 +314,7 @@ def fleet_map(key: str, engines: Sequence[EngineFound]) -> Chart | None:
             cells = (factor * c.value, factor * c.low, factor * c.high, health.shown_unit)
             rows.append((engine.serial, health.words, score, *cells, health.probability))
             origins.append(health.origin)
-    columns = columns_of(
+    columns = chart_columns(
         "engine",
         "parameter",
         "change in standard errors",
@@ -330,14 +330,14 @@ def fleet_map(key: str, engines: Sequence[EngineFound]) -> Chart | None:
         "Engines × parameters",
         Axis("", categories=names),
         Axis("", categories=[e.serial for e in shown]),
-        [Cells("change", x, y, value, FULL, words, both=True, rooted=True, origins=origins)],
-        Table(columns, rows, origins),
+        [HeatCells("change", x, y, value, FULL, words, signed=True, rooted=True, origins=origins)],
+        ChartTable(columns, rows, origins),
         "Change of each parameter in its standard errors; orange above, blue below the engine's baseline. A column of "
         "one colour is what most engines have in common: physics that the model lacks, or the recorder."
         + (f" {left} engines are not drawn." if left else ""),
     )
 
 
-def _score(health: HealthFound) -> float:
+def _score(health: ParameterHealth) -> float:
     half = (health.change.high - health.change.low) / 2
     return health.change.value * NORMAL_95 / half if half > 0 else math.nan

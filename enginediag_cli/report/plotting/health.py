@@ -19,21 +19,21 @@ from enginediag_cli.parameters import Parameter
 from enginediag_cli.report.plotting import (
     Axis,
     Band,
-    Cells,
     Chart,
+    ChartTable,
+    EventMark,
+    HeatCells,
     Intervals,
     Layer,
-    Level,
     Line,
-    Mark,
-    Origin,
-    Table,
-    columns_of,
-    scale_of,
+    ReferenceLine,
+    RowOrigin,
+    chart_columns,
+    display_scale,
 )
-from enginediag_cli.report.plotting.fleet import NAN, EventFound, FlightFound, MarginFound
-from enginediag_cli.report.result_files import Order, Row, order_of
-from enginediag_cli.report.tables.margin import FLIGHT, MAINTENANCE, WHOLE, with_ends
+from enginediag_cli.report.plotting.fleet import NAN, EngineMargin, FlightEvidence, MaintenanceEvent
+from enginediag_cli.report.result_files import Order, Row, order_windows
+from enginediag_cli.report.tables.margin import FLIGHT, MAINTENANCE, WHOLE, interval_columns
 from enginediag_cli.units import split_column
 
 MOST_CURVES = 5
@@ -48,7 +48,7 @@ FULL = 6.0
 Known = Mapping[str, Parameter]
 
 
-def of_parameters(rows: Sequence[Row]) -> dict[str, list[Row]]:
+def group_by_parameter(rows: Sequence[Row]) -> dict[str, list[Row]]:
     """Rows of `trend --what flights` by parameter, in order."""
     found: dict[str, list[Row]] = {}
     for row in rows:
@@ -58,11 +58,11 @@ def of_parameters(rows: Sequence[Row]) -> dict[str, list[Row]]:
 
 def flight_order(rows: Sequence[Row]) -> Order:
     """The flights of one engine, from the rows of any one parameter of it."""
-    return order_of(next(iter(of_parameters(rows).values()), []))
+    return order_windows(next(iter(group_by_parameter(rows).values()), []))
 
 
 @dataclass(frozen=True)
-class Course:
+class TrendCourse:
     """What `trend` says of one parameter: from flight `onset`, counted from 1, on; `step` or growing, with the change
     up to the last flight and its 95 % interval."""
 
@@ -78,22 +78,22 @@ def health_trend(
     rows: Sequence[Row],
     names: Sequence[str],
     known: Known,
-    marks: Sequence[Mark] = (),
+    marks: Sequence[EventMark] = (),
     *,
     caption: str = "",
-    courses: Mapping[str, Course] | None = None,
+    courses: Mapping[str, TrendCourse] | None = None,
 ) -> Chart:
     """Changes of `names`, all shown in one unit, over the flights of one engine, with 95 % intervals, and with the
     course that the whole series says."""
-    series = of_parameters(rows)
+    series = group_by_parameter(rows)
     order = flight_order(rows)
-    _, unit = scale_of(known[names[0]])
+    _, unit = display_scale(known[names[0]])
     layers: list[Layer] = []
     cells, origins = [], []
     names = names[:MOST_CURVES]
     apart = 0.0 if len(order.x) < 2 else APART * min(b - a for a, b in pairwise(order.x))
     for colour, name in enumerate(names):
-        factor, _ = scale_of(known[name])
+        factor, _ = display_scale(known[name])
         mine = series[name]
         change, low, high = ([factor * row.number(c) for row in mine] for c in ("change", "low", "high"))
         places = [row.origin for row in mine]
@@ -104,20 +104,20 @@ def health_trend(
         rows_of_it = zip(mine, change, low, high, strict=True)
         cells += [(r.text("flight") or r.count("number"), known[name].words, c, a, b) for r, c, a, b in rows_of_it]
         origins += places
-    columns = columns_of("flight", "parameter", ("change from nominal", unit), ("95 % from", unit), ("to", unit))
+    columns = chart_columns("flight", "parameter", ("change from nominal", unit), ("95 % from", unit), ("to", unit))
     return Chart(
         key,
         "Health over flights",
         order.axis,
         Axis("change from nominal", unit),
         layers,
-        Table(columns, cells, origins),
+        ChartTable(columns, cells, origins),
         caption or "Change from the nominal engine, flight by flight, with 95 % intervals, all other parameters free.",
         marks,
     )
 
 
-def _course(course: Course, order: Order, factor: float, colour: int) -> list[Layer]:
+def _course(course: TrendCourse, order: Order, factor: float, colour: int) -> list[Layer]:
     """Zero before the onset; then at once, or evenly up to the last flight, which is what a mean rate means."""
     last = len(order.x)
     share = [0.0 if k < course.onset else 1.0 for k in range(1, last + 1)]
@@ -133,14 +133,14 @@ def _course(course: Course, order: Order, factor: float, colour: int) -> list[La
 
 def health_map(key: str, rows: Sequence[Row], known: Known) -> Chart:
     """All parameters × flights in standard errors of each flight's own estimate."""
-    series = of_parameters(rows)
+    series = group_by_parameter(rows)
     order = flight_order(rows)
     shown = max(0, len(order.x) - MOST_FLIGHTS)
     labels = [name or f"{x:g}" for name, x in zip(order.names, order.x, strict=True)][shown:]
     x, y, value, cells = [], [], [], []
-    origins: list[Origin] = []
+    origins: list[RowOrigin] = []
     for line, (name, mine) in enumerate(series.items()):
-        factor, unit = scale_of(known[name])
+        factor, unit = display_scale(known[name])
         for column, row in enumerate(mine[shown:]):
             half = (row.number("high") - row.number("low")) / 2
             score = row.number("change") * NORMAL_95 / half if half > 0 else math.nan
@@ -150,15 +150,15 @@ def health_map(key: str, rows: Sequence[Row], known: Known) -> Chart:
             cells.append((labels[column], known[name].words, score, factor * row.number("change"), unit))
             origins.append(row.origin)
     words = [f"{v:.0f}".replace("-", "−") if abs(v) >= 2 else "" for v in value]
-    columns = columns_of("flight", "parameter", "change in standard errors", "change", "unit")
+    columns = chart_columns("flight", "parameter", "change in standard errors", "change", "unit")
     before = f" Of {len(order.x)} flights, the last {len(labels)}." if shown else ""
     return Chart(
         key,
         "All parameters, flight by flight",
         Axis(order.axis.label, categories=labels),
         Axis("", categories=[known[name].words for name in series]),
-        [Cells("change", x, y, value, FULL, words, both=True, origins=origins)],
-        Table(columns, cells, origins),
+        [HeatCells("change", x, y, value, FULL, words, signed=True, origins=origins)],
+        ChartTable(columns, cells, origins),
         "Change of each parameter in standard errors of that flight taken alone, all others free: below 2 is nothing "
         f"unusual; orange is above nominal, blue below.{before}",
     )
@@ -168,18 +168,18 @@ AHEAD = 2.0
 """A forecast is drawn up to so many times the flights that are there, or to its limit if that comes first."""
 
 
-class WithMargin(Protocol):
+class MarginSource(Protocol):
     """An engine whose margin can be drawn."""
 
     @property
-    def margin(self) -> MarginFound: ...
+    def margin(self) -> EngineMargin: ...
     @property
-    def by_flight(self) -> Sequence[FlightFound]: ...
+    def by_flight(self) -> Sequence[FlightEvidence]: ...
     @property
-    def events(self) -> Sequence[EventFound]: ...
+    def events(self) -> Sequence[MaintenanceEvent]: ...
 
 
-def margin(key: str, engine: WithMargin, marks: Sequence[Mark] = ()) -> Chart | None:
+def margin_forecast(key: str, engine: MarginSource, marks: Sequence[EventMark] = ()) -> Chart | None:
     """None where no flight tells of the margin."""
     told = [f for f in engine.by_flight if math.isfinite(f.consumed_K)]
     if not told:
@@ -201,11 +201,12 @@ def margin(key: str, engine: WithMargin, marks: Sequence[Mark] = ()) -> Chart | 
     elif of_limit and math.isfinite(left.value):
         layers += _forecast(x[-1], m.now_K.value, left.value, (left.low, left.high), len(x))
         caption = (
-            f"Flights until the limit: {_told(left.value)}, 90 % interval {_told(left.low)} to {_told(left.high)}."
+            f"Flights until the limit: {_flights_words(left.value)}, 90 % interval {_flights_words(left.low)} to "
+            f"{_flights_words(left.high)}."
         )
     quantity = split_column(m.column)[0] or "temperature"
     words = f"{quantity} margin" if of_limit else f"{quantity} margin used"
-    columns = columns_of("flight", (words, "K"), ("95 % from", "K"), ("to", "K"))
+    columns = chart_columns("flight", (words, "K"), ("95 % from", "K"), ("to", "K"))
     names = [f.flight or str(f.number) for f in told]
     return Chart(
         key,
@@ -213,16 +214,16 @@ def margin(key: str, engine: WithMargin, marks: Sequence[Mark] = ()) -> Chart | 
         Axis("flight, counted"),
         Axis(words, "K"),
         layers,
-        Table(columns, list(zip(names, y, low, high, strict=True)), origins),
+        ChartTable(columns, list(zip(names, y, low, high, strict=True)), origins),
         caption + (f" At {m.condition}." if m.condition else ""),
         marks,
-        [Level(0.0, f"limit {m.limit_K:g} K" if math.isfinite(m.limit_K) else "limit")] if of_limit else [],
+        [ReferenceLine(0.0, f"limit {m.limit_K:g} K" if math.isfinite(m.limit_K) else "limit")] if of_limit else [],
     )
 
 
-def maintenance_marks(engine: WithMargin) -> list[Mark]:
+def maintenance_marks(engine: MarginSource) -> list[EventMark]:
     """Maintenance at the first flight after it, by its count."""
-    return [Mark(float(x.number), x.words) for x in engine.events if x.number]
+    return [EventMark(float(x.number), x.words) for x in engine.events if x.number]
 
 
 def _forecast(now: float, left_K: float, median: float, ends: tuple[float, float], flights: int) -> list[Layer]:
@@ -242,15 +243,15 @@ def _forecast(now: float, left_K: float, median: float, ends: tuple[float, float
     ]
 
 
-def _told(flights: float) -> str:
+def _flights_words(flights: float) -> str:
     return f"{flights:,.0f}" if math.isfinite(flights) else "no end in sight"
 
 
 @dataclass(frozen=True)
-class Brought:
+class MaintenanceEffect:
     """One event of maintenance, and what it brought: `gains` in words, and how much temperature and fuel fell."""
 
-    event: EventFound
+    event: MaintenanceEvent
     flight: str
     gains: Sequence[str]
     temperature_K: IntervalEstimate
@@ -262,17 +263,17 @@ class Brought:
 class OwnMargin:
     """An engine's margin, flight by flight and as a whole, with its maintenance."""
 
-    margin: MarginFound
-    by_flight: Sequence[FlightFound]
-    events: Sequence[EventFound]
+    margin: EngineMargin
+    by_flight: Sequence[FlightEvidence]
+    events: Sequence[MaintenanceEvent]
 
 
-def margin_found(rows: Sequence[Row]) -> OwnMargin | None:
+def read_margin(rows: Sequence[Row]) -> OwnMargin | None:
     """The margin of the engine of these rows; None where none of them tells of its margin as a whole."""
     whole = next((row for row in rows if row.text("row") == WHOLE), None)
     if whole is None:
         return None
-    m = MarginFound(
+    m = EngineMargin(
         whole.text("column"),
         whole.text("condition"),
         whole.number("limit_K"),
@@ -282,30 +283,32 @@ def margin_found(rows: Sequence[Row]) -> OwnMargin | None:
         whole.text("reason"),
     )
     flights = [_flight(row) for row in rows if row.text("row") == FLIGHT]
-    return OwnMargin(m, flights, [found.event for found in maintenance_found(rows)])
+    return OwnMargin(m, flights, [found.event for found in read_maintenance(rows)])
 
 
-def maintenance_found(rows: Sequence[Row]) -> list[Brought]:
+def read_maintenance(rows: Sequence[Row]) -> list[MaintenanceEffect]:
     """The events of maintenance, in the order of their flights."""
-    found = [_brought(row) for row in rows if row.text("row") == MAINTENANCE]
+    found = [_maintenance_effect(row) for row in rows if row.text("row") == MAINTENANCE]
     return sorted(found, key=lambda x: x.event.number or math.inf)
 
 
 def estimate(row: Row, name: str) -> IntervalEstimate:
     """A value with the cells of its interval."""
-    value, low, high = map(row.number, with_ends(name))
-    return IntervalEstimate(value, low, high)
+    value, low, high = map(row.number, interval_columns(name))
+    return Estimate(value, low, high)
 
 
-def _flight(row: Row) -> FlightFound:
+def _flight(row: Row) -> FlightEvidence:
     used = estimate(row, "used_K")
     error = (used.high - used.low) / 2 / NORMAL_95
-    return FlightFound(row.count("number"), row.text("flight"), NAN, NAN, "", used.value, error, row.origin)
+    return FlightEvidence(row.count("number"), row.text("flight"), NAN, NAN, "", used.value, error, row.origin)
 
 
-def _brought(row: Row) -> Brought:
+def _maintenance_effect(row: Row) -> MaintenanceEffect:
     kind, component = row.text("event"), row.text("component")
     recovered, reason = estimate(row, "recovered_K"), row.text("reason")
-    event = EventFound(kind, component, row.count("number"), recovered, reason, row.origin)
+    event = MaintenanceEvent(kind, component, row.count("number"), recovered, reason, row.origin)
     gains, fuel = row.list("brought"), estimate(row, "fuel_gain_percent")
-    return Brought(event, row.text("flight"), gains, estimate(row, "temperature_gain_K"), fuel, row.text("held"))
+    return MaintenanceEffect(
+        event, row.text("flight"), gains, estimate(row, "temperature_gain_K"), fuel, row.text("held")
+    )

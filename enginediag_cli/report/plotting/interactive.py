@@ -19,13 +19,13 @@ from enginediag_cli.report.plotting import (
     Axis,
     Band,
     Bars,
-    Cells,
     Chart,
+    HeatCells,
     Intervals,
     Layer,
     Line,
-    Origin,
     Points,
+    RowOrigin,
     colour,
     shade,
     x_range,
@@ -73,9 +73,9 @@ def plot(chart: Chart) -> dict[str, Any]:
     legend = {
         layer.name: colour(getattr(layer, "colour", 0))
         for layer in chart.layers
-        if layer.name and not isinstance(layer, Cells)
+        if layer.name and not isinstance(layer, HeatCells)
     }
-    return {"item": _counted(dict(_library("embed").json_item(_figure(chart)))), "legend": list(legend.items())}
+    return {"item": _renumber(dict(_library("embed").json_item(_figure(chart)))), "legend": list(legend.items())}
 
 
 def _figure(chart: Chart) -> Any:
@@ -83,7 +83,7 @@ def _figure(chart: Chart) -> Any:
 
     low, high = x_range(chart)
     bottom, top = y_range(chart)
-    heat = any(isinstance(layer, Cells) for layer in chart.layers)
+    heat = any(isinstance(layer, HeatCells) for layer in chart.layers)
     rows = len(chart.y.categories)
     on = figure(
         height=(max(rows, 2) * (CELL if heat else ROW) + BESIDE + (60 if heat else 0)) if rows else HEIGHT,
@@ -124,24 +124,31 @@ def _draw(on: Any, chart: Chart, layer: Layer) -> None:
     ink = colour(getattr(layer, "colour", 0))
     said = {"name": layer.name}  # by which the page's legend finds it
     if isinstance(layer, Band):
-        kept = [k for k, (a, b) in enumerate(zip(layer.low, layer.high, strict=True)) if _all_finite(a, b)]
-        on.varea(_short(layer.x, kept), _short(layer.low, kept), _short(layer.high, kept), color=ink, alpha=0.2, **said)
+        kept = [k for k, (a, b) in enumerate(zip(layer.low, layer.high, strict=True)) if _are_finite(a, b)]
+        on.varea(
+            _round_values(layer.x, kept),
+            _round_values(layer.low, kept),
+            _round_values(layer.high, kept),
+            color=ink,
+            alpha=0.2,
+            **said,
+        )
     elif isinstance(layer, Line):
         dash = "dashed" if layer.dashed else "solid"
-        on.line(_short(layer.x), _short(layer.y), color=ink, line_width=2, line_dash=dash, **said)
+        on.line(_round_values(layer.x), _round_values(layer.y), color=ink, line_width=2, line_dash=dash, **said)
     elif isinstance(layer, Bars):
         _bars(on, chart, layer, ink, said)
-    elif isinstance(layer, Cells):
+    elif isinstance(layer, HeatCells):
         _cells(on, chart, layer)
     else:
         _dots(on, chart, layer, ink, said)
 
 
 def _dots(on: Any, chart: Chart, layer: Points | Intervals, ink: str, said: dict[str, str]) -> None:
-    kept = [k for k, (x, y) in enumerate(zip(layer.x, layer.y, strict=True)) if _all_finite(x, y)]
+    kept = [k for k, (x, y) in enumerate(zip(layer.x, layer.y, strict=True)) if _are_finite(x, y)]
     source = _source(chart, layer, kept)
     if isinstance(layer, Intervals):
-        source.data["low"], source.data["high"] = _short(layer.low, kept), _short(layer.high, kept)
+        source.data["low"], source.data["high"] = _round_values(layer.low, kept), _round_values(layer.high, kept)
         ends = ("low", "y", "high", "y") if layer.lying else ("x", "low", "x", "high")
         on.segment(*ends, source=source, color=ink, line_width=1.6, **said)
     small = isinstance(layer, Points) and layer.small
@@ -157,12 +164,12 @@ def _bars(on: Any, chart: Chart, layer: Bars, ink: str, said: dict[str, str]) ->
     _hover(on, chart, bars, source)
 
 
-def _cells(on: Any, chart: Chart, layer: Cells) -> None:
+def _cells(on: Any, chart: Chart, layer: HeatCells) -> None:
     kept = [k for k, value in enumerate(layer.value) if math.isfinite(value)]
     source = _source(chart, layer, kept)
     shades = [shade(layer.value[k], layer.largest, layer.rooted) for k in kept]
     source.data["fill"], source.data["ink"] = [s[0] for s in shades], [s[1] for s in shades]
-    source.data["value"] = _short(layer.value, kept)
+    source.data["value"] = _round_values(layer.value, kept)
     source.data["words"] = [layer.words[k] if layer.words else "" for k in kept]
     cells = on.rect("x", "y", 0.97, 0.92, source=source, fill_color="fill", line_color=None)
     if len(chart.x.categories) <= MOST_WORDS:
@@ -175,9 +182,9 @@ MOST_WORDS = 24
 TEXT = {"text_color": {"field": "ink"}, "text_font_size": "11px"}
 
 
-def _source(chart: Chart, layer: Points | Intervals | Bars | Cells, kept: Sequence[int]) -> Any:
+def _source(chart: Chart, layer: Points | Intervals | Bars | HeatCells, kept: Sequence[int]) -> Any:
     data = {"x": _places(chart.x, layer.x, kept), "y": _places(chart.y, layer.y, kept)}
-    origins: Sequence[Origin] = layer.origins
+    origins: Sequence[RowOrigin] = layer.origins
     if origins:
         files = {origins[k].file for k in kept}
         data["row"] = [origins[k].row for k in kept]
@@ -207,8 +214,8 @@ def _marks(on: Any, chart: Chart) -> None:
         on.add_layout(models.Span(location=level.y, dimension="width", line_color=QUIET, line_dash="dashed"))
         on.add_layout(models.Label(x=6, x_units="screen", y=level.y, text=level.words, **LABEL))
     for mark in chart.marks:
-        if mark.until is not None and mark.until > mark.x:
-            on.add_layout(models.BoxAnnotation(left=mark.x, right=mark.until, fill_color=QUIET, fill_alpha=0.12))
+        if mark.end is not None and mark.end > mark.x:
+            on.add_layout(models.BoxAnnotation(left=mark.x, right=mark.end, fill_color=QUIET, fill_alpha=0.12))
         on.add_layout(models.Span(location=mark.x, dimension="height", line_color=QUIET, line_dash="dashed"))
         on.add_layout(models.Label(x=mark.x, y=4, y_units="screen", x_offset=4, text=mark.words, **LABEL))
 
@@ -218,7 +225,7 @@ LABEL = {"text_color": QUIET, "text_font_size": "11px"}
 
 def _places(axis: Axis, values: Sequence[float], kept: Sequence[int]) -> list[Any]:
     if not axis.categories:
-        return _short(values, kept)
+        return _round_values(values, kept)
     names = _names(axis)
     return [names[round(values[k])] for k in kept]
 
@@ -233,16 +240,16 @@ def _names(axis: Axis) -> list[str]:
     return names
 
 
-def _short(values: Sequence[float], kept: Sequence[int] | None = None) -> list[float]:
+def _round_values(values: Sequence[float], kept: Sequence[int] | None = None) -> list[float]:
     chosen = values if kept is None else [values[k] for k in kept]
     return [float(f"{v:.{DIGITS}g}") if math.isfinite(v) else math.nan for v in chosen]
 
 
-def _all_finite(*values: float) -> bool:
+def _are_finite(*values: float) -> bool:
     return all(map(math.isfinite, values))
 
 
-def _counted(item: dict[str, Any]) -> dict[str, Any]:
+def _renumber(item: dict[str, Any]) -> dict[str, Any]:
     """The item with its ids counted from 1 in the order in which they are met, wherever they stand."""
     numbers: dict[str, str] = {}
 

@@ -25,22 +25,28 @@ from enginediag_cli.report.plotting import (
     Axis,
     Band,
     Bars,
-    Cells,
     Chart,
+    ChartTable,
+    EventMark,
+    HeatCells,
     Layer,
     Line,
-    Mark,
-    Origin,
     Points,
-    Table,
+    RowOrigin,
     Value,
-    columns_of,
-    scale_of,
+    chart_columns,
+    display_scale,
 )
-from enginediag_cli.report.plotting.health import Course, health_trend, maintenance_marks, margin, margin_found
+from enginediag_cli.report.plotting.health import (
+    TrendCourse,
+    health_trend,
+    maintenance_marks,
+    margin_forecast,
+    read_margin,
+)
 from enginediag_cli.report.plotting.residuals import detection_course, window_fingerprint
 from enginediag_cli.report.plotting.svg import picture
-from enginediag_cli.report.result_files import ALONE, Row, given_rows, order_of
+from enginediag_cli.report.result_files import ALONE, Row, conditional_rows, order_windows
 from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
@@ -55,7 +61,7 @@ ALL = "all"
 """The row of all readings together."""
 
 
-def before_after(key: str, rows: Sequence[Row]) -> Chart:
+def refinement_fit(key: str, rows: Sequence[Row]) -> Chart:
     """Rows of `refine`; the readings' own unit stands in the table."""
     chi2 = [row for row in rows if row.text("what") == CHI2 and row.text("of") != ALL]
     rms = {row.text("of"): row for row in rows if row.text("what") == RMS}
@@ -68,7 +74,7 @@ def before_after(key: str, rows: Sequence[Row]) -> Chart:
         told = rms.get(row.text("of"))
         sizes = (told.number("before"), told.number("after"), told.text("unit")) if told else (None, None, "")
         cells.append((name, one, other, *sizes, row.count("n")))
-    columns = columns_of(
+    columns = chart_columns(
         "reading", "RMS before, standard deviations", "after", "RMS before", "after", "unit", "readings"
     )
     return Chart(
@@ -80,13 +86,13 @@ def before_after(key: str, rows: Sequence[Row]) -> Chart:
             Points("before", before, places, 1, origins=origins),
             Points("after", after, places, 0, origins=origins),
         ],
-        Table(columns, cells, origins),
+        ChartTable(columns, cells, origins),
         "At 1 a reading is predicted as well as its noise allows.",
-        [Mark(1.0, "noise alone")],
+        [EventMark(1.0, "noise alone")],
     )
 
 
-def flight_gains(key: str, flights: Sequence[tuple[str, float, Origin]]) -> Chart:
+def flight_gains(key: str, flights: Sequence[tuple[str, float, RowOrigin]]) -> Chart:
     """(flight, gain of log likelihood, its place)."""
     origins = [origin for _, _, origin in flights]
     gains = [gain for _, gain, _ in flights]
@@ -97,12 +103,12 @@ def flight_gains(key: str, flights: Sequence[tuple[str, float, Origin]]) -> Char
         Axis("gain of log likelihood"),
         Axis("", categories=[name for name, _, _ in flights]),
         [Bars("", list(range(len(flights))), gains, 0, origins=origins)],
-        Table(columns_of("flight", "gain of log likelihood"), [(n, g) for n, g, _ in flights], origins),
+        ChartTable(chart_columns("flight", "gain of log likelihood"), [(n, g) for n, g, _ in flights], origins),
         f"{sum(gains):.1f} in all; {lost or 'none'} of {len(flights)} without gain.",
     )
 
 
-def law_curve(key: str, band: Mapping[str, Any], place: str, origin: Origin) -> Chart:
+def law_curve(key: str, band: Mapping[str, Any], place: str, origin: RowOrigin) -> Chart:
     """band: `variable`, `values`, `change`, `standard_error` and `unit`, as `explain` writes them."""
     unit = str(band.get("unit") or "")
     factor, shown = (100.0, "%") if unit in ("", "1") else (1.0, unit)
@@ -112,7 +118,7 @@ def law_curve(key: str, band: Mapping[str, Any], place: str, origin: Origin) -> 
     low = [c - NORMAL_95 * e for c, e in zip(change, error, strict=True)]
     high = [c + NORMAL_95 * e for c, e in zip(change, error, strict=True)]
     variable = str(band["variable"]).replace("_", " ")
-    columns = columns_of(variable, ("change", shown), ("95 % from", shown), ("to", shown))
+    columns = chart_columns(variable, ("change", shown), ("95 % from", shown), ("to", shown))
     rows = list(zip(x, change, low, high, strict=True))
     return Chart(
         key,
@@ -120,7 +126,7 @@ def law_curve(key: str, band: Mapping[str, Any], place: str, origin: Origin) -> 
         Axis(variable),
         Axis(f"change of {place}", shown),
         [Band("95 % band", x, low, high, 0), Line("law", x, change, 0)],
-        Table(columns, rows, [Origin(origin.file, f"{origin.row}[{k}]") for k in range(len(rows))]),
+        ChartTable(columns, rows, [RowOrigin(origin.file, f"{origin.row}[{k}]") for k in range(len(rows))]),
         f"The change of {place} along {variable} over the conditions flown, about its mean, with the band of all forms "
         "that agree with the recordings.",
     )
@@ -134,13 +140,13 @@ SMALLEST = 1e-300
 
 def mismatch_places(key: str, rows: Sequence[Row], gate: float = math.nan) -> Chart:
     """Rows of `locate`, or `places` of `explain`; gate: what chance alone reaches, NaN where not known."""
-    surprise = [_surprise(row) for row in rows]
+    surprise = [_neg_log_p(row) for row in rows]
     order = sorted(range(len(rows)), key=lambda k: -surprise[k])
     locations = list(dict.fromkeys(rows[k].text("location") for k in order))[:MOST_ROWS]
     drivers = list(dict.fromkeys(rows[k].text("driver") for k in order))[:MOST_COLUMNS]
     kept = [k for k in order if rows[k].text("location") in locations and rows[k].text("driver") in drivers]
     values = [surprise[k] for k in kept]
-    cells = Cells(
+    cells = HeatCells(
         "−ln p",
         [drivers.index(rows[k].text("driver")) for k in kept],
         [locations.index(rows[k].text("location")) for k in kept],
@@ -150,7 +156,7 @@ def mismatch_places(key: str, rows: Sequence[Row], gate: float = math.nan) -> Ch
         rooted=True,
         origins=[rows[k].origin for k in kept],
     )
-    columns = columns_of("place", "varies with", "−ln p", "fall of χ²", "stability")
+    columns = chart_columns("place", "varies with", "−ln p", "fall of χ²", "stability")
     chance = f" Chance alone reaches {gate:.1f}." if math.isfinite(gate) else ""
     left = len(rows) - len(kept)
     return Chart(
@@ -159,7 +165,7 @@ def mismatch_places(key: str, rows: Sequence[Row], gate: float = math.nan) -> Ch
         Axis("varies with", categories=[_short(driver) for driver in drivers]),
         Axis("", categories=locations),
         [cells],
-        Table(
+        ChartTable(
             columns,
             [
                 (
@@ -184,7 +190,7 @@ def _short(driver: str) -> str:
     return driver if len(parts) < 3 else f"{' = '.join(parts[:2])} + {len(parts) - 2}"
 
 
-def _surprise(row: Row) -> float:
+def _neg_log_p(row: Row) -> float:
     if "surprise" in row:
         return row.number("surprise")
     p = row.number("p_value")
@@ -198,29 +204,29 @@ def identified_fit(key: str, result: Identification) -> Chart:
         "left out in turn": result.cross_validated,
         "held out": result.held_out,
     }
-    names = [q.sensor for q in _of_all(result.in_sample)]
+    names = [q.sensor for q in _all_regimes(result.in_sample)]
     layers: list[Layer] = []
     rows: list[Sequence[Value]] = []
     for colour, (words, qualities) in enumerate(sets.items()):
-        mine = [q for q in _of_all(qualities) if q.sensor in names]
+        mine = [q for q in _all_regimes(qualities) if q.sensor in names]
         if mine:
             places = [float(names.index(q.sensor)) for q in mine]
             layers.append(Points(words, [q.chi2**0.5 for q in mine], places, colour))
             rows += [(split_column(q.sensor)[0], words, q.chi2**0.5, q.rms, q.unit, q.n) for q in mine]
-    columns = columns_of("reading", "records", "RMS, standard deviations", "RMS", "unit", "readings")
+    columns = chart_columns("reading", "records", "RMS, standard deviations", "RMS", "unit", "readings")
     return Chart(
         key,
         "What identification leaves of each reading",
         Axis("RMS of the residual in standard deviations of the noise"),
         Axis("", categories=[split_column(name)[0] for name in names]),
         layers,
-        Table(columns, rows),
+        ChartTable(columns, rows),
         "At 1 a reading is reproduced as well as its noise allows.",
-        [Mark(1.0, "noise alone")],
+        [EventMark(1.0, "noise alone")],
     )
 
 
-def _of_all(qualities: Sequence[SensorQuality]) -> list[SensorQuality]:
+def _all_regimes(qualities: Sequence[SensorQuality]) -> list[SensorQuality]:
     return [q for q in qualities if q.regime == EVERYTHING and q.n]
 
 
@@ -228,12 +234,12 @@ LIKELY = 0.5
 """Probability from which a parameter is drawn as one that changed."""
 
 
-def svg_of(chart: Chart) -> str:
+def chart_svg(chart: Chart) -> str:
     """The chart as SVG text."""
     return picture(chart).text()
 
 
-def of_detection(rows: Iterable[Mapping[str, Any]]) -> Chart:
+def detection_chart(rows: Iterable[Mapping[str, Any]]) -> Chart:
     """Raises NoVerdictError where nothing was judged."""
     told = [_row(row) for row in rows]
     if not any(row.number("threshold") > 0 for row in told):
@@ -241,7 +247,7 @@ def of_detection(rows: Iterable[Mapping[str, Any]]) -> Chart:
     return detection_course("detect", told)
 
 
-def of_isolation(windows: Sequence[IsolatedWindow]) -> Chart:
+def isolation_chart(windows: Sequence[IsolatedWindow]) -> Chart:
     """The last window in which something was isolated, or the last that was judged. Raises NoVerdictError where no
     statistics hold the sensors."""
     judged = [w for w in windows if w.diagnosis is not None and w.verdict.window.statistics is not None]
@@ -250,14 +256,14 @@ def of_isolation(windows: Sequence[IsolatedWindow]) -> Chart:
         result, window = found.diagnosis.result, found.verdict.window
         rivals = [(tuple(r.parameters), r.probability) for r in result.alternatives]
         answers = [(tuple(result.isolated), result.probability), *rivals] if result.isolated else []
-        place = Origin(window.source, f"{window.first_line}–{window.last_line}")
-        chart = window_fingerprint("isolate", window, place, answers, found.meaning)
+        place = RowOrigin(window.source, f"{window.first_line}–{window.last_line}")
+        chart = window_fingerprint("isolate", window, place, answers, found.known)
         if chart is not None:
             return chart
     raise NoVerdictError("--picture: no window that was judged has statistics with every sensor's error")
 
 
-def of_trend(series: Series, rows: Sequence[Mapping[str, Any]]) -> Chart:
+def trend_chart(series: Series, rows: Sequence[Mapping[str, Any]]) -> Chart:
     """Of the first engine in which something changed, else of the first: its health over flights; rows: of `trend`.
     Raises NoVerdictError where no engine has flights."""
     from enginediag_cli.report.tables.trend import flight_rows
@@ -270,23 +276,23 @@ def of_trend(series: Series, rows: Sequence[Mapping[str, Any]]) -> Chart:
     mine = [row for row in flights if row.text("engine") == engine]
     of_it = [row for row in changed if row["engine"] == engine]
     names = [str(row["parameter"]) for row in of_it] or list(dict.fromkeys(row.text("parameter") for row in mine))
-    _, unit = scale_of(series.known[names[0]])
-    names = [name for name in names if scale_of(series.known[name])[1] == unit]
+    _, unit = display_scale(series.known[names[0]])
+    names = [name for name in names if display_scale(series.known[name])[1] == unit]
     one = [row for row in mine if row.text("parameter") == names[0]]
     told = ""
     if of_it:
         windows = [
-            (replace(x.window, statistics=x.statistics), Origin(x.window.source, f"{x.window.first_line}"))
+            (replace(x.window, statistics=x.statistics), RowOrigin(x.window.source, f"{x.window.first_line}"))
             for x in series.stretches[engine]
         ]
-        mine, told = given_rows(windows, [str(row["parameter"]) for row in of_it]), ALONE
-    order, marks = order_of(one), []
+        mine, told = conditional_rows(windows, [str(row["parameter"]) for row in of_it]), ALONE
+    order, marks = order_windows(one), []
     for row in of_it[:1]:
-        low, high = order.at(row["onset_low"]), order.at(row["onset_high"])
+        low, high = order.number_position(row["onset_low"]), order.number_position(row["onset_high"])
         if low is not None:
-            marks.append(Mark(low, f"onset: {series.known[names[0]].part}", high))
+            marks.append(EventMark(low, f"onset: {series.known[names[0]].part}", high))
     courses = {
-        str(row["parameter"]): Course(
+        str(row["parameter"]): TrendCourse(
             int(row["onset"]), row["kind"] == "step", row["change"], row["change_low"], row["change_high"]
         )
         for row in of_it
@@ -294,21 +300,21 @@ def of_trend(series: Series, rows: Sequence[Mapping[str, Any]]) -> Chart:
     return health_trend("trend", mine, names, series.known, marks, caption=told, courses=courses)
 
 
-def of_margin(rows: Sequence[Mapping[str, Any]]) -> Chart:
+def margin_chart(rows: Sequence[Mapping[str, Any]]) -> Chart:
     """Of the first engine: its margin over flights, with maintenance; rows: of `trend --what margin`. Raises
-    NoVerdictError where no flight tells of it."""
+    NoVerdictError where no flight shows it."""
     told = [_row(row) for row in rows]
-    found = margin_found([row for row in told if row.text("engine") == told[0].text("engine")])
-    chart = None if found is None else margin("margin", found, maintenance_marks(found))
+    found = read_margin([row for row in told if row.text("engine") == told[0].text("engine")])
+    chart = None if found is None else margin_forecast("margin", found, maintenance_marks(found))
     if chart is None:
-        raise NoVerdictError("--picture: no flight tells of a margin that could be drawn")
+        raise NoVerdictError("--picture: no flight has a margin that could be drawn")
     return chart
 
 
-def of_identification(result: Identification) -> Chart:
+def identification_chart(result: Identification) -> Chart:
     """How well each reading is fitted."""
     return identified_fit("identify", result)
 
 
 def _row(cells: Mapping[str, Any]) -> Row:
-    return Row(cells, Origin(str(cells.get("source", "")), str(cells.get("first_line", cells.get("number", "")))))
+    return Row(cells, RowOrigin(str(cells.get("source", "")), str(cells.get("first_line", cells.get("number", "")))))

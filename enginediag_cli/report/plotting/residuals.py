@@ -30,34 +30,34 @@ from enginediag_cli.report.plotting import (
     Axis,
     Bars,
     Chart,
-    Column,
+    ChartColumn,
+    ChartTable,
+    EventMark,
     Intervals,
     Layer,
-    Level,
-    Mark,
-    Origin,
     Points,
-    Table,
+    ReferenceLine,
+    RowOrigin,
     Value,
-    columns_of,
+    chart_columns,
     every,
 )
-from enginediag_cli.report.result_files import Records, Row, mean_of, order_of
+from enginediag_cli.report.result_files import ResidualRecords, Row, finite_mean, order_windows
 from enginediag_cli.report.sentences import listed
 from enginediag_cli.residuals.windows import WindowStatistics
 from enginediag_cli.units import split_column
 
-COLUMNS = columns_of("flight", "verdict", "statistic", "threshold", "p value", "fit", "records judged")
+COLUMNS = chart_columns("flight", "verdict", "statistic", "threshold", "p value", "fit", "records judged")
 
 SMALLEST = 1e-3
 """Multiple of the threshold at which smaller ones are drawn: far below, nothing is to be told apart."""
 
 
-def detection_course(key: str, rows: Sequence[Row], marks: Sequence[Mark] = ()) -> Chart:
+def detection_course(key: str, rows: Sequence[Row], marks: Sequence[EventMark] = ()) -> Chart:
     """Rows of `detect`, in order."""
     from enginediag_cli.report.plotting import Axis
 
-    order = order_of(rows)
+    order = order_windows(rows)
     height = [math.log10(max(r.number("statistic") / r.number("threshold"), SMALLEST)) for r in rows]
     layers = []
     for colour, (word, name) in enumerate((("healthy", "below the threshold"), ("fault", "alarm"))):
@@ -83,10 +83,10 @@ def detection_course(key: str, rows: Sequence[Row], marks: Sequence[Mark] = ()) 
         order.axis,
         Axis("statistic over threshold, powers of ten"),
         layers,
-        Table(COLUMNS, [_cells(row) for row in rows], [row.origin for row in rows]),
+        ChartTable(COLUMNS, [_cells(row) for row in rows], [row.origin for row in rows]),
         caption,
         marks,
-        [Level(0.0, "threshold")],
+        [ReferenceLine(0.0, "threshold")],
     )
 
 
@@ -103,13 +103,13 @@ def _cells(row: Row) -> tuple[str | float | int, ...]:
 
 
 @dataclass(frozen=True)
-class Answer:
+class PredictedAnswer:
     """What would explain a window: in words, its probability (NaN: not known), and the deviation of each reading that
     it foretells, in the reading's unit."""
 
     words: str
     probability: float
-    foretold: Sequence[float]
+    predicted: Sequence[float]
 
 
 @dataclass(frozen=True)
@@ -121,16 +121,16 @@ class Deviations:
     units: Sequence[str]
     deviation: Sequence[float]
     error: Sequence[float]
-    origin: Origin
+    origin: RowOrigin
 
 
-def fingerprint(key: str, found: Deviations, answers: Sequence[Answer]) -> Chart:
+def fingerprint(key: str, found: Deviations, answers: Sequence[PredictedAnswer]) -> Chart:
     """In standard errors, which all readings share; the table has units."""
     from enginediag_cli.report.sentences import probability
 
     names = list(found.readings)
     rows = range(len(names))
-    score = [_over(d, e) for d, e in zip(found.deviation, found.error, strict=True)]
+    score = [_ratio(d, e) for d, e in zip(found.deviation, found.error, strict=True)]
     low, high = [s - NORMAL_95 for s in score], [s + NORMAL_95 for s in score]
     places = [found.origin] * len(names)
     layers: list[Bars | Intervals] = []
@@ -139,18 +139,18 @@ def fingerprint(key: str, found: Deviations, answers: Sequence[Answer]) -> Chart
         answer.words + ("" if math.isnan(answer.probability) else f" ({probability(answer.probability)})")
         for answer in answers
     ]
-    foretold = [[_over(v, e) for v, e in zip(a.foretold, found.error, strict=True)] for a in answers]
+    foretold = [[_ratio(v, e) for v, e in zip(a.predicted, found.error, strict=True)] for a in answers]
     for k, (words, values) in enumerate(zip(told, foretold, strict=True)):
         shift = thick * (k - (len(answers) - 1) / 2)
         layers.append(Bars(words, list(rows), values, k + 1, shift, thick * 0.9, places))
     layers.append(Intervals("measured, with 95 % interval", score, list(rows), low, high, 0, True, places))
     columns = [
-        Column("reading"),
-        Column("unit"),
-        Column("measured"),
-        Column("95 % ±"),
-        Column("in standard errors"),
-        *(Column(f"foretold by {words}") for words in told),
+        ChartColumn("reading"),
+        ChartColumn("unit"),
+        ChartColumn("measured"),
+        ChartColumn("95 % ±"),
+        ChartColumn("in standard errors"),
+        *(ChartColumn(f"foretold by {words}") for words in told),
     ]
     cells: list[Sequence[Value]] = [
         (
@@ -159,7 +159,7 @@ def fingerprint(key: str, found: Deviations, answers: Sequence[Answer]) -> Chart
             found.deviation[k],
             NORMAL_95 * found.error[k],
             score[k],
-            *(a.foretold[k] for a in answers),
+            *(a.predicted[k] for a in answers),
         )
         for k in rows
     ]
@@ -169,13 +169,13 @@ def fingerprint(key: str, found: Deviations, answers: Sequence[Answer]) -> Chart
         Axis("deviation from nominal in standard errors"),
         Axis("", categories=names),
         layers,
-        Table(columns, cells, places),
+        ChartTable(columns, cells, places),
         "Dots: how far the mean of each reading is from the nominal engine, once what is uncertain about nominal is "
         "allowed for. Bars: what each answer would do to it. An answer fits where its bars end in the dots' intervals.",
     )
 
 
-def _over(value: float, error: float) -> float:
+def _ratio(value: float, error: float) -> float:
     return value / error if error > 0 else math.nan
 
 
@@ -187,7 +187,7 @@ Answers = Sequence[tuple[tuple[str, ...], float]]
 
 
 def window_fingerprint(
-    key: str, window: WindowStatistics, origin: Origin, answers: Answers, known: Mapping[str, Parameter]
+    key: str, window: WindowStatistics, origin: RowOrigin, answers: Answers, known: Mapping[str, Parameter]
 ) -> Chart | None:
     """None where the statistics hold no error of any sensor, or no parameter of an answer."""
     statistics = window.statistics
@@ -201,8 +201,8 @@ def window_fingerprint(
     lines = f"{window.source}, lines {window.first_line} to {window.last_line}"
     name = f"flight {window.flight}" if window.flight else lines
     told = [
-        Answer(listed([p.words for p in meanings(known, names).values()]), chance, list(values))
-        for (names, chance), values in zip(shown, found.predicted.tolist(), strict=True)
+        PredictedAnswer(listed([p.words for p in meanings(known, names).values()]), chance, list(values))
+        for (names, chance), values in zip(shown, found.foretold.tolist(), strict=True)
     ]
     deviations = Deviations(name, sensors, units, found.deviation.tolist(), found.error.tolist(), origin)
     return fingerprint(key, deviations, told)
@@ -214,7 +214,7 @@ HOUR = 3600.0
 """Seconds."""
 
 
-def residual_course(key: str, records: Records) -> Chart:
+def residual_course(key: str, records: ResidualRecords) -> Chart:
     """Every record, or every so manieth where there are too many."""
     names = records.farthest(SENSORS)
     step = every(len(records) * len(names), MOST_POINTS)
@@ -222,7 +222,7 @@ def residual_course(key: str, records: Records) -> Chart:
     timed = bool(len(records)) and bool(np.all(np.isfinite(records.time_s)) and np.all(np.diff(records.time_s) >= 0))
     x = records.time_s / HOUR if timed else np.arange(1.0, len(records) + 1)
     layers: list[Layer] = []
-    columns = [Column("time", "h") if timed else Column("record")]
+    columns = [ChartColumn("time", "h") if timed else ChartColumn("record")]
     for colour, name in enumerate(names):
         quantity, unit = split_column(name)
         values = records.sigmas[name]
@@ -231,7 +231,7 @@ def residual_course(key: str, records: Records) -> Chart:
         layers.append(
             Points(quantity, [float(x[k]) for k in shown], [float(values[k]) for k in shown], colour, True, places)
         )
-        columns += [Column(f"{quantity}, standard deviations"), Column(quantity, unit)]
+        columns += [ChartColumn(f"{quantity}, standard deviations"), ChartColumn(quantity, unit)]
     cells = [
         [float(x[k]), *(float(v[name][k]) for name in names for v in (records.sigmas, records.residual))] for k in kept
     ]
@@ -243,9 +243,9 @@ def residual_course(key: str, records: Records) -> Chart:
         axis,
         Axis("measured − nominal, standard deviations"),
         layers,
-        Table(columns, cells, origins),
+        ChartTable(columns, cells, origins),
         f"Measured minus nominal, of the {len(names)} readings that are farthest off at the end.",
-        levels=[Level(2.0, ""), Level(-2.0, "")],
+        levels=[ReferenceLine(2.0, ""), ReferenceLine(-2.0, "")],
         thinned=f"One record in {step} is drawn, of {len(records):,}." if step > 1 else "",
     )
 
@@ -258,7 +258,7 @@ APART = 0.12
 """Share of the distance of two groups by which series are moved apart."""
 
 
-def residual_drivers(key: str, records: Records, which: str) -> list[Chart]:
+def residual_drivers(key: str, records: ResidualRecords, which: str) -> list[Chart]:
     """One chart for each input that varies; which: the records that these are, in words."""
     return [
         _chart(f"{key}-{number}", records, driver, which)
@@ -271,7 +271,7 @@ def _varies(values: np.ndarray) -> bool:
     return known.size > BINS * FEWEST and float(np.ptp(known)) > VARIES * (1.0 + float(np.abs(known).max()))
 
 
-def _chart(key: str, records: Records, driver: str, which: str) -> Chart:
+def _chart(key: str, records: ResidualRecords, driver: str, which: str) -> Chart:
     quantity, unit = split_column(driver)
     values = records.inputs[driver]
     edges = np.unique(np.nanquantile(values, np.linspace(0.0, 1.0, BINS + 1)))
@@ -294,7 +294,7 @@ def _chart(key: str, records: Records, driver: str, which: str) -> Chart:
             high.append(three)
             cells.append((words, middle, int(mine.sum()), median, quarter, three))
         layers.append(Intervals(words, x, y, low, high, colour))
-    columns = columns_of(
+    columns = chart_columns(
         "reading", (f"{quantity}, middle", unit), "records", "median", "a quarter lies below", "a quarter lies above"
     )
     return Chart(
@@ -303,13 +303,13 @@ def _chart(key: str, records: Records, driver: str, which: str) -> Chart:
         Axis(quantity, unit),
         Axis("residual, standard deviations"),
         layers,
-        Table(columns, cells),
+        ChartTable(columns, cells),
         f"Medians of equally many records each; the bars hold the middle half. Counted is every record {which}.",
     )
 
 
 def sensors_health(
-    key: str, records: Records, wrong: Mapping[str, float], masked: Mapping[str, int] | None = None
+    key: str, records: ResidualRecords, wrong: Mapping[str, float], masked: Mapping[str, int] | None = None
 ) -> Chart:
     """wrong: by sensor column, the probability that it reads wrong, where it was asked for; masked: readings masked."""
     names = list(records.sigmas)
@@ -324,15 +324,15 @@ def sensors_health(
             (
                 quantity,
                 ratio,
-                mean_of(records.sigmas[name][last]),
-                mean_of(records.residual[name][last]),
+                finite_mean(records.sigmas[name][last]),
+                finite_mean(records.residual[name][last]),
                 unit,
                 wrong.get(name, math.nan),
                 len(records) - present,
                 (masked or {}).get(name, 0),
             )
         )
-    columns = columns_of(
+    columns = chart_columns(
         "reading",
         "scatter over identified noise",
         "mean residual of the last stretch, standard deviations",
@@ -348,10 +348,10 @@ def sensors_health(
         Axis("scatter about the mean of its flight, over the noise identified"),
         Axis("", categories=[row[0] for row in rows]),
         [Bars("", list(range(len(names))), scatter, 0, thick=0.55)],
-        Table(columns, rows),
+        ChartTable(columns, rows),
         "An instrument that scatters as it did when it was identified is at 1. A failing one scatters more, a stuck "
         "one less; so does one that sees what the model lacks.",
-        [Mark(1.0, "as identified")],
+        [EventMark(1.0, "as identified")],
     )
 
 
@@ -373,7 +373,7 @@ SNAPSHOTS_FEWEST, SNAPSHOTS_SENSORS = 3, 4
 """Records of a snapshot; readings of a chart."""
 
 
-def snapshots(key: str, records: Records) -> list[Chart]:
+def snapshots(key: str, records: ResidualRecords) -> list[Chart]:
     """Take-off and cruise of engines that fly, full load of those that stand; none where neither is known."""
     if not records.power:
         return []
@@ -409,9 +409,9 @@ def _cruise(height: np.ndarray) -> Chosen:
     return chosen
 
 
-def _snapshots_chart(key: str, name: str, records: Records, kept: list[tuple[str, np.ndarray]]) -> Chart:
+def _snapshots_chart(key: str, name: str, records: ResidualRecords, kept: list[tuple[str, np.ndarray]]) -> Chart:
     rows = [Row({"flight": records.flights[mine[0]]}, records.origin(int(mine[0]))) for _, mine in kept]
-    order = order_of(rows)
+    order = order_windows(rows)
     layers: list[Layer] = []
     cells, origins = [], []
     for colour, sensor in enumerate(records.farthest(SNAPSHOTS_SENSORS)):
@@ -431,7 +431,7 @@ def _snapshots_chart(key: str, name: str, records: Records, kept: list[tuple[str
             cells.append((stretch, quantity, int(known.sum()), middle, told, unit))
             origins.append(row.origin)
         layers.append(Intervals(quantity, [x + 0.05 * (colour - 1.5) for x in order.x], mean, low, high, colour))
-    columns = columns_of(
+    columns = chart_columns(
         "flight", "reading", "records", "median residual, standard deviations", "median residual", "unit"
     )
     rules = {
@@ -445,7 +445,7 @@ def _snapshots_chart(key: str, name: str, records: Records, kept: list[tuple[str
         order.axis,
         Axis("residual, standard deviations"),
         layers,
-        Table(columns, cells, origins),
+        ChartTable(columns, cells, origins),
         f"Median residual of each flight's records {rules[name].replace('%', ' %')}; the bars hold the middle half. "
         "The line named is that of the first record.",
     )

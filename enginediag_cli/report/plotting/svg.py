@@ -22,8 +22,8 @@ from enginediag_cli.report.plotting import (
     QUIET,
     Band,
     Bars,
-    Cells,
     Chart,
+    HeatCells,
     Intervals,
     Layer,
     Line,
@@ -189,7 +189,7 @@ class Panel:
     x_range: tuple[float, float]
     y_range: tuple[float, float]
 
-    def at(self, x: float, y: float) -> tuple[float, float]:
+    def to_pixels(self, x: float, y: float) -> tuple[float, float]:
         """Pixels of a point of the data; what lies outside is put on the edge."""
         u = (min(max(x, self.x_range[0]), self.x_range[1]) - self.x_range[0]) / _span(self.x_range)
         v = (min(max(y, self.y_range[0]), self.y_range[1]) - self.y_range[0]) / _span(self.y_range)
@@ -199,11 +199,11 @@ class Panel:
         """Frame, grid, ticks and names of the axes."""
         bottom = self.top + self.height
         for x in ticks(*self.x_range):
-            u, _ = self.at(x, self.y_range[0])
+            u, _ = self.to_pixels(x, self.y_range[0])
             on.line(u, self.top, u, bottom, FAINT)
             on.words(u, bottom + 17, _signed(x), anchor="middle")
         for y in ticks(*self.y_range):
-            _, v = self.at(self.x_range[0], y)
+            _, v = self.to_pixels(self.x_range[0], y)
             on.line(self.left, v, self.left + self.width, v, INK if y == 0 else FAINT)
             on.words(self.left - 6, v + 4, _signed(y), anchor="end")
         on.rectangle(self.left, self.top, self.width, self.height, "none", edge=Edge(INK))
@@ -284,22 +284,22 @@ FOOT = 46.0
 """Pixels of numbers and label of the x axis."""
 
 
-class _Rows(Panel):
+class _RowPanel(Panel):
     """A panel whose rows are counted from the top."""
 
-    def at(self, x: float, y: float) -> tuple[float, float]:
-        return super().at(x, self.y_range[0] + self.y_range[1] - y)
+    def to_pixels(self, x: float, y: float) -> tuple[float, float]:
+        return super().to_pixels(x, self.y_range[0] + self.y_range[1] - y)
 
 
 def picture(chart: Chart, *, titled: bool = True) -> Drawing:
     """The drawing; `titled`: with title and caption, which a page says itself."""
     head = _head(chart) if titled else []
-    legend = [layer for layer in chart.layers if layer.name and not isinstance(layer, Cells)]
+    legend = [layer for layer in chart.layers if layer.name and not isinstance(layer, HeatCells)]
     rows = _legend_rows(legend)
     top = MARGIN + (26 if titled else 0) + LINE * len(head) + 18 * len(rows) + (16 if chart.marks else 6)
-    left = _left(chart)
+    left = _left_margin(chart)
     height = _height(chart)
-    turned = _turned(chart)
+    turned = _label_height(chart)
     on = Drawing(WIDTH, top + height + (turned or FOOT) + 6, f"{chart.title}. {chart.caption}".strip())
     y = MARGIN
     if titled:
@@ -310,7 +310,7 @@ def picture(chart: Chart, *, titled: bool = True) -> Drawing:
         y += LINE * len(head)
     for number, row in enumerate(rows):
         _legend(on, row, y + 12 + 18 * number)
-    kind = _Rows if chart.lying else Panel
+    kind = _RowPanel if chart.lying else Panel
     panel = kind(left, top, WIDTH - left - MARGIN, height, x_range(chart), y_range(chart))
     _frame(on, chart, panel, turned)
     for layer in chart.layers:
@@ -323,7 +323,7 @@ def _head(chart: Chart) -> list[str]:
     return textwrap.wrap(chart.caption, int((WIDTH - 2 * MARGIN) / LETTER))
 
 
-def _left(chart: Chart) -> float:
+def _left_margin(chart: Chart) -> float:
     if not chart.lying:
         return LEFT
     longest = max((len(name) for name in chart.y.categories), default=0)
@@ -333,11 +333,11 @@ def _left(chart: Chart) -> float:
 def _height(chart: Chart) -> float:
     if not chart.lying:
         return HEIGHT
-    heat = any(isinstance(layer, Cells) for layer in chart.layers)
+    heat = any(isinstance(layer, HeatCells) for layer in chart.layers)
     return max(len(chart.y.categories), 2) * (CELL if heat else ROW) + (0 if heat else 6)
 
 
-def _turned(chart: Chart) -> float:
+def _label_height(chart: Chart) -> float:
     """Pixels of names of columns that stand turned below the panel; 0 where there are none."""
     if not chart.x.categories:
         return 0.0
@@ -352,22 +352,22 @@ def _frame(on: Drawing, chart: Chart, panel: Panel, turned: float) -> None:
         return
     bottom = panel.top + panel.height
     for number, name in enumerate(chart.y.categories):
-        _, v = panel.at(panel.x_range[0], number)
+        _, v = panel.to_pixels(panel.x_range[0], number)
         words = textwrap.shorten(name, MOST_LABEL, placeholder=" …")
         on.words(panel.left - 8, v + 4, words, anchor="end")
     if chart.x.categories:
         for number, name in enumerate(chart.x.categories):
-            u, _ = panel.at(number, panel.y_range[0])
+            u, _ = panel.to_pixels(number, panel.y_range[0])
             words = textwrap.shorten(name, MOST_LABEL, placeholder=" …")
             on.words(u + 4, bottom + 14, words, letters=SMALL, anchor="end", turned=-45.0)
     else:
         for x in ticks(*panel.x_range):
-            u, _ = panel.at(x, panel.y_range[0])
+            u, _ = panel.to_pixels(x, panel.y_range[0])
             on.line(u, panel.top, u, bottom, INK if x == 0 else FAINT)
             on.words(u, bottom + 17, f"{x:g}".replace("-", "−"), anchor="middle")
     if not chart.lying:
         for y in ticks(*panel.y_range):
-            _, v = panel.at(panel.x_range[0], y)
+            _, v = panel.to_pixels(panel.x_range[0], y)
             on.line(panel.left, v, panel.left + panel.width, v, INK if y == 0 else FAINT)
             on.words(panel.left - 6, v + 4, f"{y:g}".replace("-", "−"), anchor="end")
         _y_label(on, chart, panel)
@@ -381,25 +381,25 @@ def _y_label(on: Drawing, chart: Chart, panel: Panel) -> None:
 
 def _draw(on: Drawing, layer: Layer, panel: Panel) -> None:
     ink = colour(getattr(layer, "colour", 0))
-    if isinstance(layer, Cells):
+    if isinstance(layer, HeatCells):
         _cells(on, layer, panel)
     elif isinstance(layer, Band):
-        upper = [panel.at(x, y) for x, y in zip(layer.x, layer.high, strict=True) if math.isfinite(y)]
-        lower = [panel.at(x, y) for x, y in zip(layer.x, layer.low, strict=True) if math.isfinite(y)]
+        upper = [panel.to_pixels(x, y) for x, y in zip(layer.x, layer.high, strict=True) if math.isfinite(y)]
+        lower = [panel.to_pixels(x, y) for x, y in zip(layer.x, layer.low, strict=True) if math.isfinite(y)]
         on.area([*upper, *reversed(lower)], ink)
     elif isinstance(layer, Bars):
         for y, x in zip(layer.y, layer.x, strict=True):
             if math.isfinite(x):
-                (u, v), (zero, _) = panel.at(x, y + layer.shift), panel.at(0.0, y)
+                (u, v), (zero, _) = panel.to_pixels(x, y + layer.shift), panel.to_pixels(0.0, y)
                 thick = layer.thick * ROW
                 on.rectangle(min(u, zero), v - thick / 2, max(abs(u - zero), 1.0), thick, ink)
     elif isinstance(layer, Line):
         for run in _runs(layer):
-            on.path([panel.at(x, y) for x, y in run], ink, dashed=layer.dashed)
+            on.path([panel.to_pixels(x, y) for x, y in run], ink, dashed=layer.dashed)
     elif isinstance(layer, Intervals):
         _intervals(on, layer, panel, ink)
     else:
-        points = [panel.at(x, y) for x, y in _finite(layer)]
+        points = [panel.to_pixels(x, y) for x, y in _finite(layer)]
         if layer.small:
             on.specks(points, ink)
         else:
@@ -411,17 +411,17 @@ def _intervals(on: Drawing, layer: Intervals, panel: Panel, ink: str) -> None:
         if not (math.isfinite(x) and math.isfinite(y)):
             continue
         if math.isfinite(low) and math.isfinite(high):
-            one = panel.at(low, y) if layer.lying else panel.at(x, low)
-            other = panel.at(high, y) if layer.lying else panel.at(x, high)
+            one = panel.to_pixels(low, y) if layer.lying else panel.to_pixels(x, low)
+            other = panel.to_pixels(high, y) if layer.lying else panel.to_pixels(x, high)
             on.line(*one, *other, ink, width=1.6)
-    on.dots([panel.at(x, y) for x, y in _finite(layer)], ink, radius=3.5)
+    on.dots([panel.to_pixels(x, y) for x, y in _finite(layer)], ink, radius=3.5)
 
 
-def _cells(on: Drawing, layer: Cells, panel: Panel) -> None:
+def _cells(on: Drawing, layer: HeatCells, panel: Panel) -> None:
     width = panel.width / (panel.x_range[1] - panel.x_range[0])
     words = layer.words or [""] * len(layer.x)
     for x, y, value, text in zip(layer.x, layer.y, layer.value, words, strict=True):
-        u, v = panel.at(x, y)
+        u, v = panel.to_pixels(x, y)
         if not math.isfinite(value):
             on.rectangle(u - width / 2 + 1, v - CELL / 2 + 1, width - 2, CELL - 2, "#eeeeee", hint="not known")
             continue
@@ -434,14 +434,14 @@ def _cells(on: Drawing, layer: Cells, panel: Panel) -> None:
 def _marks(on: Drawing, chart: Chart, panel: Panel) -> None:
     right = panel.left + panel.width
     for level in chart.levels:
-        _, v = panel.at(panel.x_range[0], level.y)
+        _, v = panel.to_pixels(panel.x_range[0], level.y)
         on.line(panel.left, v, right, v, QUIET, width=1.4, dashed=True)
         on.words(right - 4, v - 4, level.words, letters=Letters(SMALL.size, fill=QUIET), anchor="end")
     taken = -math.inf
     for mark in sorted(chart.marks, key=lambda m: m.x):
-        u, _ = panel.at(mark.x, panel.y_range[0])
-        if mark.until is not None and mark.until > mark.x:
-            end, _ = panel.at(mark.until, panel.y_range[0])
+        u, _ = panel.to_pixels(mark.x, panel.y_range[0])
+        if mark.end is not None and mark.end > mark.x:
+            end, _ = panel.to_pixels(mark.end, panel.y_range[0])
             corners = ((u, panel.top), (end, panel.top), (end, panel.top + panel.height), (u, panel.top + panel.height))
             on.area(corners, QUIET, opacity=0.15)
         on.line(u, panel.top, u, panel.top + panel.height, QUIET, width=1.4, dashed=True)

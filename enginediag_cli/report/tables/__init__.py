@@ -39,7 +39,7 @@ class Column(Field):
     """
 
     value: Callable[[Any], Any] = _no_value
-    only_with: str = ""
+    option: str = ""
 
 
 class Columns(Generic[Source]):
@@ -57,7 +57,7 @@ class Columns(Generic[Source]):
     ) -> Column:
         """A column; without a value the attribute of the result that has the column's name. kind: "number?" may be
         empty."""
-        return Column(name, *_kind(kind, help), unit, value=value or attrgetter(name), only_with=only_with)
+        return Column(name, *_kind(kind, help), unit, value=value or attrgetter(name), option=only_with)
 
     def part(self, get: Callable[[Source], Any], columns: Sequence[Column]) -> tuple[Column, ...]:
         """Columns of a part of the result; cells are empty where there is no such part."""
@@ -75,7 +75,7 @@ def _kind(kind: str, help: str) -> tuple[str, str, Any]:
 
 def column(name: str, kind: str, help: str, unit: str = "", *, only_with: str = "") -> Column:
     """A column, or a key of a document, of results that are mappings; kind: "number?" may be empty (null in JSON)."""
-    return Column(name, *_kind(kind, help), unit, value=itemgetter(name), only_with=only_with)
+    return Column(name, *_kind(kind, help), unit, value=itemgetter(name), option=only_with)
 
 
 def part(name: str, help: str, fields: Sequence[Field] = (), *, many: bool = False, empty: bool = False) -> Field:
@@ -84,7 +84,7 @@ def part(name: str, help: str, fields: Sequence[Field] = (), *, many: bool = Fal
     return Field(name, kind, help, default=None if empty else REQUIRED, section=Section(name, help, tuple(fields)))
 
 
-def as_column(field: Field, value: Callable[[Any], Any], only_with: str = "") -> Column:
+def object_column(field: Field, value: Callable[[Any], Any], only_with: str = "") -> Column:
     """An object inside a document as a column of rows."""
     return Column(
         field.name,
@@ -94,7 +94,7 @@ def as_column(field: Field, value: Callable[[Any], Any], only_with: str = "") ->
         field.unit,
         section=field.section,
         value=value,
-        only_with=only_with,
+        option=only_with,
     )
 
 
@@ -135,13 +135,13 @@ class Table(Generic[Source]):
     @property
     def names(self) -> tuple[str, ...]:
         """The columns that are always there, in their order."""
-        return tuple(c.name for c in self.columns if not c.only_with)
+        return tuple(c.name for c in self.columns if not c.option)
 
     def row(self, source: Source, optional: Collection[str] = ()) -> Row:
         """The cells of one result in the order of the columns, families behind; `optional`: names of columns and
         families that are there only with an option and are wanted here. A value that is missing is an error."""
-        shown = {c.name: c.value(source) for c in self.columns if not c.only_with or c.name in optional}
-        if self.family_cells is None or not all(not f.only_with or f.name in optional for f in self.families):
+        shown = {c.name: c.value(source) for c in self.columns if not c.option or c.name in optional}
+        if self.family_cells is None or not all(not f.option or f.name in optional for f in self.families):
             return shown
         place = [*shown].index(self.families_after) + 1 if self.families_after else len(shown)
         cells = [*shown.items()]
@@ -169,7 +169,7 @@ class Table(Generic[Source]):
         else:
             body = {"type": "array", "items": row}
         csv = {"empty": "", "list": CSV_LIST, "boolean": ["false", "true"]}
-        columns = [*map(_schema_line, self.columns), *(_schema_line(replace(f, only_with="")) for f in self.families)]
+        columns = [*map(_schema_line, self.columns), *(_schema_line(replace(f, option="")) for f in self.families)]
         return {**head, **body, "version": self.version, "csv": {**csv, "columns": columns}}
 
     def _row_schema(self) -> Schema:
@@ -191,7 +191,7 @@ def pattern(name: str) -> str:
 def _schema_line(c: Column) -> Schema:
     """A column as a line of the schema's list: name, type, unit, whether it may be empty, and its option."""
     line = {"name": c.name, "type": c.kind, "unit": c.unit, "nullable": not c.required}
-    return {**line, "only_with": c.only_with} if c.only_with else line
+    return {**line, "only_with": c.option} if c.option else line
 
 
 def _with_unit(c: Column) -> Schema:
@@ -213,7 +213,7 @@ PREFIX = "output/"
 OUTPUTS = {
     "detect": "detection:DETECT",
     "detect/follow": "detection:FOLLOW",
-    "detect/method": "detection:BY_METHOD",
+    "detect/method": "detection:METHOD",
     "isolate": "isolation:ISOLATE",
     "isolate/components": "isolation:COMPONENTS",
     "trend": "trend:TREND",

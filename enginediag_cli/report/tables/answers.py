@@ -29,13 +29,13 @@ from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.sentences import (
     change,
     count,
+    format_quantity,
     further_records,
     listed,
     parameter_words,
     probability,
     rounded,
     spelled,
-    with_unit,
 )
 from enginediag_cli.report.tables import column, part
 from enginediag_cli.report.tables.formulas import suggestion
@@ -71,8 +71,8 @@ def next_recording(found: NextRecording | None) -> list[str]:
     records that each takes; empty where the answer has no rival."""
     if found is None:
         return []
-    words = [listed(parameter_words(found.meaning, names)) or "no change" for names in found.alternatives]
-    lines = [f"to tell {words[0]} from {words[1]}:"]
+    words = [listed(parameter_words(found.known, names)) or "no change" for names in found.rivals]
+    lines = [f"to separate {words[0]} from {words[1]}:"]
     for one in found.conditions:
         where = ", ".join(f"{column} {value:.4g}" for column, value in one.values.items())
         unseen = "" if one.inside_envelope else " (beyond the operating points identified)"
@@ -83,7 +83,7 @@ def next_recording(found: NextRecording | None) -> list[str]:
     useful = [one for one in found.flights if isfinite(one.records)]
     lines += [f"a whole flight: {suggestion(one)}" for one in useful[:WHOLE_FLIGHTS]]
     if found.flights and not useful:
-        lines.append("no whole flight of those tried would tell all of them apart")
+        lines.append("no whole flight of those tried would separate all of them")
     return lines
 
 
@@ -123,8 +123,8 @@ def _cells(flip: ConclusionChange, first: Sequence[str], words: Words) -> dict[s
         "stated": flip.stated,
         "stated_as": origin,
         "times": flip.times,
-        "becomes": " & ".join(flip.conclusion) or "nothing",
-        "words": f"the answer would {_to(flip, first, words)}",
+        "becomes": " & ".join(flip.becomes) or "nothing",
+        "words": f"the answer would {_outcome(flip, first, words)}",
     }
 
 
@@ -140,7 +140,7 @@ def _condition(flip: ConclusionChange, words: Words) -> str:
         return f"that were {size} times as probable before the data"
     error = flip.error
     times = f"{rounded(flip.times, digits=2)} times"
-    size = with_unit(abs(flip.size), flip.unit, digits=2)
+    size = format_quantity(abs(flip.size), flip.unit, digits=2)
     if flip.kind == MAP:
         (name,) = words([error.name])
         by = {ACCURACY: "what training leaves open", STATED: "its stated accuracy"}.get(
@@ -165,15 +165,15 @@ def flips_sentence(flips: SensitivityAnalysis, words: Words) -> str:
     errors = [flip for flip in flips.changes if flip.error is not None]
     prior = [flip for flip in flips.changes if flip.error is None]
     if errors:
-        return f"the answer would {'; or '.join(_to(flip, flips.conclusion, words) for flip in flips.changes[:TOLD])}"
-    rest = f"; it would {_to(prior[0], flips.conclusion, words)}" if prior else ""
+        return f"the answer would {'; or '.join(_outcome(flip, flips.first, words) for flip in flips.found[:TOLD])}"
+    rest = f"; it would {_outcome(prior[0], flips.first, words)}" if prior else ""
     return (
         f"no single error of a map, a sensor or an input would change the name within {flips.most:g} times what is "
         f"stated of it ({flips.tried} tried){rest}"
     )
 
 
-def _to(flip: ConclusionChange, first: Sequence[str], words: Words) -> str:
+def _outcome(flip: Flip, first: Sequence[str], words: Words) -> str:
     """For instance "hold fan flow capacity as well if T45 read 1.2 K higher"."""
     more, less = [n for n in flip.conclusion if n not in first], [n for n in first if n not in flip.conclusion]
     if not flip.conclusion:
@@ -251,7 +251,7 @@ def work_scope_sentences(scope: WorkScope) -> Iterator[str]:
     """For instance "restoring the HPC would lower T45 by 6.1 K ± 0.6 K and fuel flow by 0.40 % ± 0.04 % at equal
     thrust (design point)"."""
     if scope.reason:
-        yield f"what restoring would bring cannot be told: {scope.reason}"
+        yield f"the gain of restoring is unknown: {scope.reason}"
     for gain in scope.gains:
         if scope.reference is not None:
             yield _restoring(gain, scope.reference)
@@ -260,8 +260,8 @@ def work_scope_sentences(scope: WorkScope) -> Iterator[str]:
 def _restoring(gain: Gain, reference: PowerReference) -> str:
     module = spelled(gain.module)
     if gain.temperature.value < 0 and gain.fuel.value < 0:
-        return f"the {module} has become better, which {_told(_reversed(gain), reference, past=True)}"
-    return f"restoring the {module} would {_told(gain, reference)}"
+        return f"the {module} has become better, which {_gain_sentence(_reversed(gain), reference, past=True)}"
+    return f"restoring the {module} would {_gain_sentence(gain, reference)}"
 
 
 def _reversed(gain: Gain) -> Gain:
@@ -272,22 +272,22 @@ def _reversed(gain: Gain) -> Gain:
 def gain_words(gain: Gain, reference: PowerReference) -> str:
     """What maintenance did: "lowered T45 by 6.1 K ± 0.6 K and lowered fuel flow by 0.40 % ± 0.04 % at equal thrust
     (design point)"."""
-    return _told(gain, reference, past=True)
+    return _gain_sentence(gain, reference, past=True)
 
 
-def _told(gain: Gain, reference: PowerReference, past: bool = False) -> str:
+def _gain_sentence(gain: Gain, reference: Reference, past: bool = False) -> str:
     quantity, unit = split_column(reference.temperature)
     name = quantity if reference.recorded else f"{quantity} (of the model)"
-    held = "power" if reference.held_column == POWER else "thrust"
-    first = _moved(name, gain.temperature, unit, past)
+    held = "power" if reference.held == POWER else "thrust"
+    first = _change_words(name, gain.temperature, unit, past)
     share = Quantity(PERCENT * gain.fuel.share, PERCENT * gain.fuel.share_deviation, 0.0, 0.0)
-    return f"{first} and {_moved('fuel flow', share, '%', past)} at equal {held} ({reference.words})"
+    return f"{first} and {_change_words('fuel flow', share, '%', past)} at equal {held} ({reference.words})"
 
 
-def _moved(name: str, gain: Quantity, unit: str, past: bool) -> str:
+def _change_words(name: str, gain: Quantity, unit: str, past: bool) -> str:
     verb = ("lowered", "raised") if past else ("lower", "raise")
     half = NORMAL_95 * gain.deviation
-    return f"{verb[gain.value < 0]} {name} by {with_unit(abs(gain.value), unit, half)}"
+    return f"{verb[gain.value < 0]} {name} by {format_quantity(abs(gain.value), unit, half)}"
 
 
 def maintenance_sentence(
@@ -302,8 +302,8 @@ def maintenance_sentence(
     ]
     what = f"{listed(parts)} (probability {probability(found.probability)}; {sides})"
     if found.gain is None or reference is None:
-        return f"{what}; what that brought cannot be told: {found.reason}"
-    return f"it {_told(found.gain, reference, past=True)}: {what}"
+        return f"{what}; the gain is unknown: {found.reason}"
+    return f"it {_gain_sentence(found.gain, reference, past=True)}: {what}"
 
 
 def maintenance_cell(found: MaintenanceEffect, reference: PowerReference | None) -> dict[str, Any]:
@@ -326,7 +326,7 @@ MAINTENANCE = "maintenance"
 """`kind` of the rows of what maintenance did bring."""
 
 
-def tell_scope(messages: Messages, engine: str, scope: WorkScope | None) -> None:
+def report_work_scope(messages: Messages, engine: str, scope: WorkScope | None) -> None:
     """What restoring the components of the events would bring, in words."""
     name = f"engine {engine}: " if engine else ""
     for sentence in work_scope_sentences(scope) if scope is not None else ():
@@ -340,9 +340,7 @@ def work_scope_cells(scope: WorkScope | None, form: str) -> tuple[Any, tuple[str
     return None if scope is None else list(work_scope_sentences(scope)), ("work_scope",) if form else ()
 
 
-def tell_maintenance(
-    messages: Messages, engine: str, found: MaintenanceEffect, series: Series, scoping: WorkScopeEstimator
-) -> None:
+def report_maintenance(messages: Messages, engine: str, found: Maintenance, series: Series, scoping: Scoping) -> None:
     """What maintenance did bring, in words."""
     name = f"engine {engine}: " if engine else ""
     label = series.stretches[engine][found.flight - 1].window.flight or str(found.flight)

@@ -16,48 +16,50 @@ if TYPE_CHECKING:
     from enginediag_cli.methods.base import Method, Verdicts, WindowVerdict
     from enginediag_cli.report.messages import Messages
 
-of_verdict: Columns[Verdict] = Columns()
-of_block: Columns[BlockReport] = Columns()
-of_part: Columns[Any] = Columns()
+verdict_column: Columns[Verdict] = Columns()
+block_column: Columns[BlockReport] = Columns()
+part_column: Columns[Any] = Columns()
 
-SOURCE = of_part("source", "text", "file that holds the window")
-FLIGHT = of_part("flight", "text", "flight, as its recording calls it; empty where it does not say")
-ENGINE = of_part("engine", "text", "engine, as its recording calls it; empty where it does not say")
+SOURCE = part_column("source", "text", "file that holds the window")
+FLIGHT = part_column("flight", "text", "flight, as its recording calls it; empty where it does not say")
+ENGINE = part_column("engine", "text", "engine, as its recording calls it; empty where it does not say")
 STRETCH = (
-    of_part("first_line", "integer", "first line of the window in its file, from 1"),
-    of_part("last_line", "integer", "last line of the window"),
-    of_part("start_s", "number?", "time of the first record", unit="s"),
-    of_part("end_s", "number?", "time of the last record", unit="s"),
-    of_part("records", "integer", "records in the window"),
-    of_part("outside", "integer", "of these, outside the operating points identified and not judged"),
-    of_part("incomplete", "integer", "of these, without an input or any reading"),
-    of_part("failed", "integer", "of these, not computed by the engine's model"),
+    part_column("first_line", "integer", "first line of the window in its file, from 1"),
+    part_column("last_line", "integer", "last line of the window"),
+    part_column("start_s", "number?", "time of the first record", unit="s"),
+    part_column("end_s", "number?", "time of the last record", unit="s"),
+    part_column("records", "integer", "records in the window"),
+    part_column("outside", "integer", "of these, outside the operating points identified and not judged"),
+    part_column("incomplete", "integer", "of these, without an input or any reading"),
+    part_column("failed", "integer", "of these, not computed by the engine's model"),
 )
 SENSORS = (
-    of_part("sensors", "integer", "sensors that gave a reading"),
-    of_part("sensors_of", "integer", "sensors that there are"),
+    part_column("sensors", "integer", "sensors that gave a reading"),
+    part_column("sensors_of", "integer", "sensors that there are"),
 )
 PLACE = (
     *(SOURCE, FLIGHT, ENGINE, *STRETCH, *SENSORS),
-    of_part("extrapolated", "integer", "records judged beyond the operating points identified, with limits as wider"),
+    part_column(
+        "extrapolated", "integer", "records judged beyond the operating points identified, with limits as wider"
+    ),
 )
-REASON = of_part("reason", "text", "why there is no verdict; empty where there is one")
+REASON = part_column("reason", "text", "why there is no verdict; empty where there is one")
 WINDOW = (*PLACE, REASON)
 """The columns of `residuals.flat.window_row`."""
 
-INSTRUMENTS = of_part(
+INSTRUMENTS = part_column(
     "instruments",
     "texts?",
     "instruments that are stuck or scatter, in words",
     lambda of: [instrument_fault(fault) for fault in of.instruments],
 )
-GROSS = of_part(
+GROSS = part_column(
     "gross_readings",
     "integer?",
-    "readings rejected as gross errors; empty of statistics, which do not tell",
+    "readings rejected as gross errors; empty for statistics, which do not hold it",
     lambda window: window.gross.rejected if window.gross.judged else None,
 )
-VERDICT = of_part("verdict", "text", "healthy, fault or no verdict")
+VERDICT = part_column("verdict", "text", "healthy, fault or no verdict")
 
 
 def _not_excited(verdict: Verdict) -> list[str] | None:
@@ -79,33 +81,35 @@ DETECT: Table[Verdict] = Table(
     1,
     "one row per window: has the engine departed from nominal?",
     (
-        *of_verdict.part(lambda v: v.window, PLACE),
+        *verdict_column.part(lambda v: v.window, PLACE),
         REASON,
-        of_verdict(
+        verdict_column(
             "judged",
             "integer",
             "records that the test rests on",
             lambda v: v.window.statistics.n if v.window.statistics else 0,
         ),
-        *of_verdict.part(
+        *verdict_column.part(
             lambda v: v.test,
             (
-                of_part("statistic", "number?", "generalised likelihood ratio, χ² with `dof` where nothing changed"),
-                of_part("dof", "integer?", "degrees of freedom of the statistic"),
-                of_part("threshold", "number?", "value of the statistic from which there is an alarm"),
-                of_part("p_value", "number?", "probability of such a statistic where nothing changed"),
-                of_part("alarm", "boolean?", "whether the statistic is beyond its threshold"),
+                part_column(
+                    "statistic", "number?", "generalised likelihood ratio, χ² with `dof` where nothing changed"
+                ),
+                part_column("dof", "integer?", "degrees of freedom of the statistic"),
+                part_column("threshold", "number?", "value of the statistic from which there is an alarm"),
+                part_column("p_value", "number?", "probability of such a statistic where nothing changed"),
+                part_column("alarm", "boolean?", "whether the statistic is beyond its threshold"),
             ),
         ),
-        of_verdict(
+        verdict_column(
             "fit",
             "number?",
             "χ² per degree of freedom that no change of parameters explains",
             lambda v: v.fit.ratio if v.fit else None,
         ),
         VERDICT,
-        *of_verdict.part(lambda v: v.window, (INSTRUMENTS, GROSS)),
-        of_verdict(
+        *verdict_column.part(lambda v: v.window, (INSTRUMENTS, GROSS)),
+        verdict_column(
             "not_excited",
             "texts?",
             "changes that the window could not have shown",
@@ -115,7 +119,7 @@ DETECT: Table[Verdict] = Table(
     ),
     terminal=("flight", "engine", "verdict", "p_value", "fit", "records", "start_s", "end_s", "reason", "source"),
     families=(
-        of_verdict(
+        verdict_column(
             "detectable:<parameter>",
             "number?",
             "smallest change that the window would have shown",
@@ -133,34 +137,34 @@ FOLLOW: Table[BlockReport] = Table(
     1,
     "detect --follow: one row per block of a flight, as it comes",
     (
-        of_block("source", "text", SOURCE.help, lambda b: b.key[0]),
-        of_block("flight", "text", FLIGHT.help, lambda b: b.key[1]),
-        of_block("engine", "text", ENGINE.help, lambda b: b.key[2]),
-        of_block("block", "integer", "number of the block in its flight, from 0"),
+        block_column("source", "text", SOURCE.help, lambda b: b.key[0]),
+        block_column("flight", "text", FLIGHT.help, lambda b: b.key[1]),
+        block_column("engine", "text", ENGINE.help, lambda b: b.key[2]),
+        block_column("block", "integer", "number of the block in its flight, from 0"),
         *STRETCH,
-        of_block("repeated", "integer", "records whose readings are those of the record before, not judged"),
-        of_block("judged", "integer", "records that were judged"),
+        block_column("repeated", "integer", "records whose readings are those of the record before, not judged"),
+        block_column("judged", "integer", "records that were judged"),
         *SENSORS,
-        of_block("log10_e", "number", "evidence that something changed since the flight began, as a power of ten"),
-        of_block("alarm", "boolean", "whether the evidence has reached 1/false-alarm, now or before"),
-        *of_block.part(
+        block_column("log10_e", "number", "evidence that something changed since the flight began, as a power of ten"),
+        block_column("alarm", "boolean", "whether the evidence has reached 1/false-alarm, now or before"),
+        *block_column.part(
             lambda b: b.change,
             (
-                of_part("kind", "text?", "what the change looks like in time"),
-                of_part("leading", "text?", "the leading kind where several are possible"),
-                of_part("probability", "number?", "probability of the leading kind"),
-                of_part(
+                part_column("kind", "text?", "what the change looks like in time"),
+                part_column("leading", "text?", "the leading kind where several are possible"),
+                part_column("probability", "number?", "probability of the leading kind"),
+                part_column(
                     "likely", "text?", "parameter that the change is likeliest one of", lambda change: change.parameter
                 ),
-                of_part("onset_s", "number?", "since when", unit="s"),
-                of_part(
+                part_column("onset_s", "number?", "since when", unit="s"),
+                part_column(
                     "onset_low_s",
                     "number?",
                     "lower end of the 95 % interval of the onset",
                     lambda change: change.low_s,
                     "s",
                 ),
-                of_part(
+                part_column(
                     "onset_high_s",
                     "number?",
                     "upper end of the 95 % interval of the onset",
@@ -169,9 +173,9 @@ FOLLOW: Table[BlockReport] = Table(
                 ),
             ),
         ),
-        of_block("reason", "text", "why the block tells nothing; empty where it does"),
+        block_column("reason", "text", "why the block has no result; empty where it has one"),
         INSTRUMENTS,
-        of_block("gross_readings", "integer?", GROSS.help, lambda b: b.gross.rejected),
+        block_column("gross_readings", "integer?", GROSS.help, lambda b: b.gross.rejected),
     ),
     terminal=("flight", "block", "log10_e", "alarm", "kind", "likely", "onset_s", "end_s", "records", "source"),
 )
@@ -180,26 +184,26 @@ FOLLOW: Table[BlockReport] = Table(
 class MethodRow(NamedTuple):
     """What another method says of a window."""
 
-    found: WindowVerdict
+    window_verdict: WindowVerdict
     method: Method
 
     @property
     def verdicts(self) -> Verdicts | None:
         """None of a window without a verdict."""
-        return None if self.found.reason else self.found.verdicts
+        return None if self.window_verdict.reason else self.window_verdict.verdicts
 
     @property
     def isolated(self) -> list[str]:
-        names = self.verdicts.isolated_names(self.found.number) if self.verdicts is not None else None
+        names = self.verdicts.isolated_names(self.window_verdict.number) if self.verdicts is not None else None
         return list(names or ())
 
     @property
     def probability(self) -> float | None:
         stated = self.verdicts.probability if self.verdicts is not None and self.isolated else None
-        return None if stated is None else float(stated[self.found.number])
+        return None if stated is None else float(stated[self.window_verdict.number])
 
 
-of_method: Columns[MethodRow] = Columns()
+method_column: Columns[MethodRow] = Columns()
 TEST_COLUMNS = ("statistic", "threshold", "p_value")
 
 
@@ -207,41 +211,43 @@ def _tests(of: MethodRow) -> dict[str, Any]:
     """Cells of each test of the method; empty without a verdict."""
     tests = {test.name: test for test in of.verdicts.tests} if of.verdicts is not None else {}
     return {
-        f"{name}:{figure}": getattr(tests[name], figure)[of.found.number] if name in tests else None
+        f"{name}:{figure}": getattr(tests[name], figure)[of.window_verdict.number] if name in tests else None
         for name in of.method.tests
         for figure in TEST_COLUMNS
     }
 
 
-BY_METHOD: Table[MethodRow] = Table(
+METHOD: Table[MethodRow] = Table(
     "detect/method",
     1,
     "detect --method: one row per window, judged by another method",
     (
-        *of_method.part(lambda of: of.found.window.place, PLACE),
-        *of_method.part(lambda of: of.found, (REASON,)),
-        of_method("judged", "integer", "records that the verdict rests on", lambda of: of.found.window.judged),
-        of_method("method", "text", "the method", lambda of: of.method.name),
-        of_method(
+        *method_column.part(lambda of: of.window_verdict.window.place, PLACE),
+        *method_column.part(lambda of: of.window_verdict, (REASON,)),
+        method_column(
+            "judged", "integer", "records that the verdict rests on", lambda of: of.window_verdict.window.judged
+        ),
+        method_column("method", "text", "the method", lambda of: of.method.name),
+        method_column(
             "alarm",
             "boolean?",
             "whether any test is beyond its threshold",
-            lambda of: bool(of.verdicts.alarm[of.found.number]) if of.verdicts is not None else None,
+            lambda of: bool(of.verdicts.alarm[of.window_verdict.number]) if of.verdicts is not None else None,
         ),
-        of_method("isolated", "texts", "what the method names"),
-        of_method(
+        method_column("isolated", "texts", "what the method names"),
+        method_column(
             "isolated_kind",
             "text?",
             "whether it names parameters or sensors",
             lambda of: of.verdicts.kind if of.verdicts is not None and of.isolated else None,
         ),
-        of_method("probability", "number?", "probability that the method states for what it names"),
-        *of_method.part(lambda of: of.found, (VERDICT,)),
+        method_column("probability", "number?", "probability that the method states for what it names"),
+        *method_column.part(lambda of: of.window_verdict, (VERDICT,)),
     ),
     families=(
-        of_method("<test>:statistic", "number?", "value of a test"),
-        of_method("<test>:threshold", "number?", "value from which the test alarms"),
-        of_method("<test>:p_value", "number?", "probability of such a value where nothing changed"),
+        method_column("<test>:statistic", "number?", "value of a test"),
+        method_column("<test>:threshold", "number?", "value from which the test alarms"),
+        method_column("<test>:p_value", "number?", "probability of such a value where nothing changed"),
     ),
     family_cells=_tests,
     families_after="method",
@@ -327,23 +333,23 @@ RECORDS: Table[dict[str, Any]] = Table(
 )
 
 
-def tell_window(messages: Messages, verdict: Verdict, *, in_words: bool) -> None:
+def report_window(messages: Messages, verdict: Verdict, *, in_words: bool) -> None:
     """Instruments that are stuck or scatter, where they are told in words; a window that is not healthy, for the log
     alone: its rows say more."""
     if in_words and verdict.window.instruments:
-        from enginediag_cli.report.tables.isolation import tell_instruments
+        from enginediag_cli.report.tables.isolation import report_instruments
 
-        tell_instruments(messages, verdict)
+        report_instruments(messages, verdict)
     if verdict.verdict == "healthy" or messages.log is None:
         return
-    from enginediag_cli.report.tables.isolation import about, where
+    from enginediag_cli.report.tables.isolation import window_fields, window_words
 
-    told = f"{where(verdict)}: {verdict.verdict}" + (f", {verdict.reason}" if verdict.reason else "")
+    told = f"{window_words(verdict)}: {verdict.verdict}" + (f", {verdict.reason}" if verdict.reason else "")
     p_value = verdict.test.p_value if verdict.test else None
-    messages.record("note", told, verdict=verdict.verdict, p_value=p_value, **about(verdict))
+    messages.record("note", told, verdict=verdict.verdict, p_value=p_value, **window_fields(verdict))
 
 
-def tell_new_instruments(messages: Messages, report: BlockReport, known: set[str]) -> None:
+def report_new_instruments(messages: Messages, report: BlockReport, known: set[str]) -> None:
     """Instruments of a flight that are found stuck or scattering for the first time, beside those that are `known`."""
     from enginediag_cli.report.sentences import instrument_fault
 

@@ -15,8 +15,8 @@ from enginediag_cli.report.tables.explanation_text import (
     control_document,
     control_rows,
     headline,
+    rejection_words,
     sentences,
-    why_rejected,
 )
 from enginediag_cli.report.tables.formulas import advice_document, follows_document, law_document
 
@@ -81,7 +81,7 @@ EXPLAIN: Table[Mapping[str, Any]] = Table(
         part("control", "a control that the model lacks", empty=True),
         part(
             "explanations",
-            "those that cannot be told apart, likeliest first",
+            "those that are indistinguishable, likeliest first",
             (
                 column("name", "text", "effect@place, joined by +"),
                 column("in_words", "text", "the same in words"),
@@ -101,7 +101,7 @@ EXPLAIN: Table[Mapping[str, Any]] = Table(
         part("rejected", "explanations that were rejected, and why"),
         part("places", "leading places of the map", _PLACE, many=True),
         part("curves", "free-form curves", _PLACE, many=True),
-        part("law", "a law that no library holds", empty=True),
+        part("law", "an empirical correction (formula) that is not in the library", empty=True),
         part("hidden", "what acts without a recorded driver", many=True),
         part(
             "follows",
@@ -206,7 +206,7 @@ def document(story: ExplanationResult, provenance: tuple[str, ...]) -> dict[str,
         "unexplained": a.unexplained,
         "in_part": a.in_part,
         "rest": [_place(c) for c in a.rest[:CELLS]],
-        "rejected": {label: why_rejected(r) for label, r in a.rejected.items()},
+        "rejected": {label: rejection_words(r) for label, r in a.rejected.items()},
         "places": [_place(c) for c in a.cells[:CELLS]],
         "curves": [_curve(c) for c in story.curves],
         "law": None if a.law is None else law_document(a.law),
@@ -219,10 +219,10 @@ def document(story: ExplanationResult, provenance: tuple[str, ...]) -> dict[str,
                     {
                         "flight": s.flight,
                         "record": s.record + 1,
-                        "after_s": _told(s.before_s),
-                        "until_s": _told(s.time_s),
-                        "earliest_s": _told(s.earliest_s),
-                        "latest_s": _told(s.latest_s),
+                        "after_s": _finite(s.before_s),
+                        "until_s": _finite(s.time_s),
+                        "earliest_s": _finite(s.earliest_s),
+                        "latest_s": _finite(s.latest_s),
                         "on": s.on,
                         "probability": s.probability,
                     }
@@ -232,8 +232,8 @@ def document(story: ExplanationResult, provenance: tuple[str, ...]) -> dict[str,
                     {
                         "flight": d.flight,
                         "records": d.records,
-                        "first_s": _told(d.first_s),
-                        "last_s": _told(d.last_s),
+                        "first_s": _finite(d.first_s),
+                        "last_s": _finite(d.last_s),
                     }
                     for d in f.doubtful
                 ],
@@ -242,7 +242,7 @@ def document(story: ExplanationResult, provenance: tuple[str, ...]) -> dict[str,
         ],
         "unseen": list(a.unseen),
         "unseen_kinds": [
-            {"name": u.label, "driver": u.driver.word, "switching_from": _told(u.switching), "unit": u.unit}
+            {"name": u.label, "driver": u.driver.word, "switching_from": _finite(u.switching), "unit": u.unit}
             for u in story.unseen
         ],
         "map_accuracy": story.evidence.settings.map_accuracy,
@@ -259,7 +259,7 @@ def document(story: ExplanationResult, provenance: tuple[str, ...]) -> dict[str,
     }
 
 
-def _told(value: float) -> float | None:
+def _finite(value: float) -> float | None:
     """A time or size, None where there is none."""
     return value if math.isfinite(value) else None
 
@@ -305,8 +305,8 @@ def amplitude_rows(story: ExplanationResult) -> Iterator[dict[str, Any]]:
             "standard_error": float(f.standard_error[k]),
             "unit": f.unit,
             "probability_on": None if f.states is None else float(f.states[k]),
-            "changed_from_s": None if change is None else _told(change.between[0]),
-            "changed_to_s": None if change is None else _told(change.between[1]),
+            "changed_from_s": None if change is None else _finite(change.between[0]),
+            "changed_to_s": None if change is None else _finite(change.between[1]),
         }
 
 

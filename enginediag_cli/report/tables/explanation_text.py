@@ -17,18 +17,18 @@ from enginediag_cli.mismatch.explain.answer import FORMULA, HIDDEN_STATE, IDENTI
 from enginediag_cli.mismatch.explain.curves import best_places
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.fit.options import FORMULA_OPTION as LAW_OPTION
-from enginediag_cli.physics.registry import separate_effects
-from enginediag_cli.report.sentences import change, count, listed, probability, rounded, spelled, with_unit
+from enginediag_cli.physics.registry import each
+from enginediag_cli.report.sentences import change, count, format_quantity, listed, probability, rounded, spelled
 from enginediag_cli.report.tables.answers import explanation_flips
 from enginediag_cli.report.tables.formulas import (
     advice_sentences,
     equations,
     hidden_sentences,
+    is_long,
     law_sentences,
     law_statement,
-    left_sentence,
     nearest_law,
-    of_many,
+    residual_sentence,
 )
 from enginediag_cli.units import split_column
 
@@ -52,7 +52,7 @@ def control_headline(law: ControlLaw) -> str:
     quantity, unit = split_column(law.hold)
     a = law.actuator
     stops = [f"{rounded(v)} {a.unit}" for v in (law.low, law.high)]
-    return f"{a.words}: {quantity} is held at {with_unit(law.set_point, unit, digits=5)} between {listed(stops)}"
+    return f"{a.words}: {quantity} is held at {format_quantity(law.set_point, unit, digits=5)} between {listed(stops)}"
 
 
 def control_sentences(f: ControlSearchResult) -> Iterator[str]:
@@ -61,8 +61,8 @@ def control_sentences(f: ControlSearchResult) -> Iterator[str]:
     still = f.still
     yield f"Missing: a control. {_start(control_headline(law))}."
     yield (
-        f"  {law.hold} stands within {with_unit(still.scatter, unit)} there, where the model without it says "
-        f"{with_unit(still.predicted, unit)}; it holds in {_share(f.held)} of the records"
+        f"  {law.hold} stays within {format_quantity(still.scatter, unit)} there, whereas the model without it "
+        f"predicts {format_quantity(still.predicted, unit)}; it holds in {_share(f.held)} of the records"
         + "".join(f", is at its {q} stop in {_share(v)}" for q, v in f.at_limit.items() if v > 0.0)
         + (f", and does not act in {_share(f.released)}" if f.released > 0.0 else "")
         + "."
@@ -71,14 +71,14 @@ def control_sentences(f: ControlSearchResult) -> Iterator[str]:
         e = law.enabled
         side = "at most" if e.side == "at_most" else "at least"
         yield (
-            f"  It acts while {e.column} is {side} {rounded(e.value, digits=5)}, which tells all but {_share(e.wrong)} "
-            f"of the records; else the {law.actuator.words} stand at {rounded(law.actuator.neutral)} "
+            f"  It acts while {e.column} is {side} {rounded(e.value, digits=5)}, which is right for all but "
+            f"{_share(e.wrong)} of the records; else the {law.actuator.words} are at {rounded(law.actuator.neutral)} "
             f"{law.actuator.unit}."
         )
     for key, error in f.standard_errors.items():
         of = unit if key == "set_point" else law.actuator.unit
         told = key.replace("_", " ") if key == "set_point" else f"{key} stop"
-        yield f"  {told}: {with_unit(getattr(law, key), of, error)}"
+        yield f"  {told}: {format_quantity(getattr(law, key), of, error)}"
     if law.assumed:
         yield f"  Positions rest on {law.assumed}, which is assumed: readings only know what they give together."
     yield (
@@ -86,7 +86,8 @@ def control_sentences(f: ControlSearchResult) -> Iterator[str]:
         f"smaller (mean over the sensors), in {_share(f.best.blocks)} of {BLOCKS} runs of records."
     )
     if f.rivals:
-        yield f"These flights cannot tell it from {listed([control_headline(t.law) for t in f.rivals], 'or')}."
+        others = listed([control_headline(t.law) for t in f.rivals], "or")
+        yield f"In these flights it is indistinguishable from {others}."
     for t in f.worse:
         yield f"Tried and worse: {control_headline(t.law)} ({rounded(_times(t))} times smaller)."
 
@@ -132,12 +133,12 @@ def control_document(f: ControlSearchResult) -> dict[str, Any]:
         "released_share": f.released,
         "errors_smaller_by": _times(f.best),
         "runs_gained": f.best.blocks,
-        "rivals": [_rival(t) for t in f.rivals],
-        "worse": [_rival(t) for t in f.worse],
+        "rivals": [_alternative(t) for t in f.rivals],
+        "worse": [_alternative(t) for t in f.worse],
     }
 
 
-def _rival(t: FittedControlLaw) -> dict[str, Any]:
+def _alternative(t: FittedControlLaw) -> dict[str, Any]:
     return {
         "name": t.law.label,
         "in_words": control_headline(t.law),
@@ -163,7 +164,7 @@ def gated_sentences(g: UnsteadyRecords | None) -> Iterator[str]:
     if g is not None:
         yield (
             f"Not looked for: {count(len(g.effects), 'effect')} with memory ({', '.join(g.effects)}), which would show "
-            f"in the {g.records:,} of {g.of:,} {g.unit} that the recorder left out as not steady. A recorder file "
+            f"in the {g.records:,} of {g.of:,} {g.unit} that the recorder excluded as not steady. A recorder file "
             "without `steady:` and `average_s:` lets them be looked for."
         )
 
@@ -176,7 +177,7 @@ PLACES = 3
 """Places that are told one by one."""
 
 
-def share_left(a: Answer) -> str:
+def residual_share_words(a: Answer) -> str:
     """How much of the excess χ² stays with what is named; empty where there is none to explain."""
     if a.unexplained is None or a.in_part:
         return ""
@@ -211,7 +212,7 @@ def rest_sentences(a: Answer) -> Iterator[str]:
     )
 
 
-def why_rejected(r: Rejected) -> str:
+def rejection_words(r: Rejected) -> str:
     """Why something that was fitted is no explanation."""
     return {
         Reason.NOT_CONVERGED: lambda: f"did not converge: {r.what}",
@@ -241,7 +242,7 @@ def sentences(story: ExplanationResult) -> Iterator[str]:
         return
     if a.status == NO_DISCREPANCY:
         yield (
-            f"Nothing is missing that these flights can show: {a.reason} (the effect that stands out most: −ln p "
+            f"Nothing is missing that these flights can show: {a.reason} (the largest effect: −ln p "
             f"{rounded(a.surprise)}; chance alone reaches {rounded(a.gates[0])})."
         )
     elif a.status == IDENTIFIED:
@@ -257,7 +258,7 @@ def sentences(story: ExplanationResult) -> Iterator[str]:
     yield from _floor(story)
     yield from explanation_flips(story)
     yield from advice_sentences(story.advice, all_kinds=story.planned)
-    yield from _unseen(story)
+    yield from _not_identifiable(story)
     yield from gated_sentences(story.gated)
     yield from _searched(story)
 
@@ -276,14 +277,14 @@ def _searched(story: ExplanationResult) -> Iterator[str]:
         )
     elif s.judged:
         yield (
-            f"Searched in {of}; what is named, and rivals not surely worse there, were fitted to all records and "
+            f"Searched in {of}; what is named, and alternatives not surely worse there, were fitted to all records and "
             "judged on all. Sizes from which effects show, and effects whose driver is not recorded, are of the share."
         )
     else:
         yield f"Searched in, and judged on, {of}; the other records had no say."
 
 
-def _unseen(story: ExplanationResult) -> Iterator[str]:
+def _not_identifiable(story: ExplanationResult) -> Iterator[str]:
     """What identification takes up, by the kind of effect that was looked for; what of it would be seen to switch."""
     switched = {e.label for effects in story.hidden_effects[:1] for e in effects if story.answer.status == HIDDEN_STATE}
     told = [u for u in story.unseen if u.label not in switched]
@@ -337,12 +338,12 @@ def _named(story: ExplanationResult) -> Iterator[str]:
             yield "  It begins at that time and holds over all operating conditions, which no effect does."
     if a.law is not None:
         yield from law_sentences(a.law)
-    yield _gained(story, share_left(a))
+    yield _gained(story, residual_share_words(a))
     yield from rest_sentences(a)
     yield from doubt_sentence(a)
     if len(a.explanations) > 1:
         others = [f"{headline(other)} ({probability(other.probability)})" for other in a.explanations[1:]]
-        yield f"These flights cannot tell it from {listed(others, 'or')}."
+        yield f"In these flights it is indistinguishable from {listed(others, 'or')}."
 
 
 def _gained(story: ExplanationResult, left: str = "") -> str:
@@ -367,16 +368,16 @@ def _law(story: ExplanationResult) -> Iterator[str]:
         yield from law_statement(e, a.law)
         yield from _coefficients(x, e)
     yield from law_sentences(a.law)
-    yield left_sentence(a.law)
+    yield residual_sentence(a.law)
     yield _gained(story)
     if len(a.explanations) > 1:
         others = [f"{equations(other.options)} ({probability(other.probability)})" for other in a.explanations[1:]]
-        yield f"These flights cannot tell it from {listed(others, 'or')}."
+        yield f"In these flights it is indistinguishable from {listed(others, 'or')}."
 
 
 def _coefficients(x: Explanation, effect: Effect) -> Iterator[str]:
     """Those of an effect, each in a line; of a law with many its curve is told in their place."""
-    if not of_many(effect.term):
+    if not is_long(effect.term):
         for c in x.coefficients:
             if c.name in effect.amplitudes:
                 yield f"  {coefficient(c, effect)}"
@@ -396,11 +397,11 @@ def coefficient(c: Coefficient, effect: Effect) -> str:
             else ""
         )
         return f"{declared.name} = {declared.absent:g}: not seen to be anything else{most} ({what})."
-    told = as_rate(effect, declared, (c.value, c.low, c.high)) if declared else ""
+    told = rate_words(effect, declared, (c.value, c.low, c.high)) if declared else ""
     return f"{declared.name if declared else c.name} = {size}, 95 % interval {interval}: {what}{told}."
 
 
-def as_rate(effect: Effect, declared: Declared, times: tuple[float, float, float]) -> str:
+def rate_words(effect: Effect, declared: Declared, times: tuple[float, float, float]) -> str:
     """A time for a full scale, with its bounds, as the rate that it stands for; empty where it is none."""
     rates = [effect.site.rate(declared, max(t, 0.0)) for t in times]
     if rates[0] is None:
@@ -444,11 +445,11 @@ def curve_in_words(c: Curve) -> str:
     factor, unit = (100.0, "%") if percent else (1.0, c.unit)
     fall = f"χ² falls by {rounded(c.gain)} with {count(c.dof, 'coefficient')}"
     if c.driver.driver == CONSTANT:
-        size = with_unit(factor * c.change[0], unit, factor * NORMAL_95 * c.standard_error[0])
+        size = format_quantity(factor * c.change[0], unit, factor * NORMAL_95 * c.standard_error[0])
         return f"{place(c)} is off by {size} in every record ({fall})."
     ends = []
     for k in (0, -1):
-        size = with_unit(factor * c.change[k], unit, factor * NORMAL_95 * c.standard_error[k])
+        size = format_quantity(factor * c.change[k], unit, factor * NORMAL_95 * c.standard_error[k])
         ends.append(f"{size} at {c.driver.short} {_driver_value(c, k)}")
     return f"{place(c)} goes from {ends[0]} to {ends[1]}, about its mean ({fall})."
 
@@ -457,13 +458,13 @@ def _driver_value(c: Curve, k: int) -> str:
     value, driver = float(c.values[k]), c.driver.driver
     if driver.quantity_unit:
         return rounded(math.exp(value))
-    return rounded(value) if driver.unit == "1" else with_unit(value, driver.unit)
+    return rounded(value) if driver.unit == "1" else format_quantity(value, driver.unit)
 
 
 def _rejected(story: ExplanationResult) -> Iterator[str]:
     rejected = story.answer.rejected
     if rejected:
-        told = [f"{label} ({why_rejected(r)})" for label, r in list(rejected.items())[:SHOWN]]
+        told = [f"{label} ({rejection_words(r)})" for label, r in list(rejected.items())[:SHOWN]]
         more = f", and {len(rejected) - SHOWN} more" if len(rejected) > SHOWN else ""
         yield f"Fitted and rejected: {'; '.join(told)}{more}."
 
@@ -498,4 +499,4 @@ def _floor(story: ExplanationResult) -> Iterator[str]:
 
 
 def _size(value: float, unit: str) -> str:
-    return "no size" if value == float("inf") else with_unit(value, "" if unit == "1" else unit, digits=2)
+    return "no size" if value == float("inf") else format_quantity(value, "" if unit == "1" else unit, digits=2)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.sentences import count, instrument_in_flights
-from enginediag_cli.report.tables.margin import taken_off_words
-from enginediag_cli.report.tables.recordings import elsewhere_lines, not_judged_lines
+from enginediag_cli.report.tables.margin import removal_words
+from enginediag_cli.report.tables.recordings import not_judged_lines, outside_envelope_lines
 
 if TYPE_CHECKING:
     from enginediag_cli.fleets.findings import EngineFinding, IntervalEstimate
@@ -185,7 +185,7 @@ def _model(model: BuildModel) -> dict[str, Any]:
     return told
 
 
-def tell_models(messages: Messages, result: FleetRun) -> None:
+def report_models(messages: Messages, result: FleetRun) -> None:
     """What each build is held against, on stderr."""
     for name, model in result.models.items():
         found = model.identified
@@ -196,26 +196,24 @@ def tell_models(messages: Messages, result: FleetRun) -> None:
         messages.note(f"build {name}: common model from {of} ({engines})")
 
 
-def tell_result(messages: Messages, result: FleetRun) -> None:
+def report_fleet(messages: Messages, result: FleetRun) -> None:
     """What was left out, and what is common, on stderr."""
     for name, why in result.left_out[:SHOWN]:
-        messages.warning(f"{name}: left out: {why}")
+        messages.warning(f"{name}: excluded: {why}")
     if len(result.left_out) > SHOWN:
-        messages.warning(f"{len(result.left_out) - SHOWN} more recordings left out; --format json lists all")
-    if result.unknown_engines:
-        messages.warning(
-            f"events name engines of which there is no recording: {', '.join(result.unknown_engines[:SHOWN])}"
-        )
-    for line in (*not_judged_lines(result.counts), *elsewhere_lines(result.outside_training)):
+        messages.warning(f"{len(result.left_out) - SHOWN} more recordings excluded; --format json lists all")
+    if result.unknown:
+        messages.warning(f"events name engines of which there is no recording: {', '.join(result.unknown[:SHOWN])}")
+    for line in (*not_judged_lines(result.counts), *outside_envelope_lines(result.elsewhere)):
         messages.note(line)
     counts = result.counts
     judged = len(result.recordings) - len(result.left_out)
     messages.note(
         f"{count(len(result.finding.engines), 'engine')}, {count(judged, 'recording')}, "
-        f"{count(counts['records'], 'record')}; {count(counts['fresh'], 'recording')} condensed anew"
+        f"{count(counts['records'], 'record')}; {count(counts['fresh'], 'recording')} newly reduced to statistics"
     )
     if result.consumed_limit_K and result.fleet.judge["taken_off"]:
-        messages.note(taken_off_words(result.consumed_limit_K))
+        messages.note(removal_words(result.consumed_limit_K))
     wrong = [(x.serial, found) for x in result.finding.engines for found in x.instruments]
     for serial, found in wrong[:SHOWN]:
         messages.note(f"engine {serial}: {instrument_in_flights(found)}", engine=serial)
@@ -235,11 +233,12 @@ def status_rows(standing: StoreStatus) -> Iterator[dict[str, Any]]:
         yield {"recording": recorded.name, "build": recorded.build, "engine": recorded.serial, "state": state}
 
 
-def tell_standing(messages: Messages, standing: StoreStatus) -> None:
+def report_standing(messages: Messages, standing: Standing) -> None:
     """How many recordings are there, and what else, on stderr."""
     there = sum(bool(key) for _, key in standing.recordings)
     messages.note(
-        f"{there} of {count(len(standing.recordings), 'recording')} condensed; {standing.bytes / 1e6:.1f} MB in all"
+        f"{there} of {count(len(standing.known), 'recording')} reduced to statistics; "
+        f"{standing.bytes / 1e6:.1f} MB in all"
     )
     for build, known in standing.models.items():
         if not known:
@@ -248,16 +247,16 @@ def tell_standing(messages: Messages, standing: StoreStatus) -> None:
         messages.note(f"{count(len(standing.others), 'recording')} of other fleets or settings; prune removes them")
 
 
-def tell_merged(messages: Messages, other: str, merged: MergeCounts) -> None:
+def report_merged(messages: Messages, other: str, merged: Merged) -> None:
     """What came out of another store, on stderr."""
     came = f"{count(merged.copied, 'recording')} and {count(merged.models, 'model')} copied"
     messages.note(f"{other}: {came}; {count(merged.present, 'recording')} were there")
     if merged.damaged:
-        messages.warning(f"{other}: {count(len(merged.damaged), 'damaged file')} left out")
+        messages.warning(f"{other}: {count(len(merged.damaged), 'damaged file')} ignored")
     if merged.other_models:
         messages.warning(
             f"{other}: {count(len(merged.other_models), 'model')} differ from those here, which stay: what was "
-            "condensed by theirs will be condensed anew; stores that are to merge need one nominal file, named in the "
+            "reduced by theirs will be reduced anew; stores that are to merge need one nominal file, named in the "
             "fleet file"
         )
 

@@ -21,7 +21,7 @@ from enginediag_cli.physics.engine_file import law_entry
 from enginediag_cli.physics.law import Law
 from enginediag_cli.planning.flights import DURATION_S, MANOEUVRE, RECORDS
 from enginediag_cli.planning.separation import SAME, SENSOR, SWITCH, best_of_each_kind
-from enginediag_cli.report.sentences import count, listed, probability, rounded, with_unit
+from enginediag_cli.report.sentences import count, format_quantity, listed, probability, rounded
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.term import Effect, Term
@@ -47,14 +47,14 @@ ALONG = 5
 """Points of such a curve that are told."""
 
 
-def of_many(term: Term) -> TypeGuard[Law]:
+def is_long(term: Term) -> TypeGuard[Law]:
     """Whether a law has more coefficients, or a longer formula, than a reader follows."""
     return isinstance(term, Law) and (len(term.COEFFICIENTS) > MANY or len(term.expression.text) > LONG)
 
 
 def equation(term: Term) -> str:
     """What an effect says, as a line has it."""
-    if of_many(term):
+    if is_long(term):
         of = f"formula of {len(term.COEFFICIENTS)} coefficients" if len(term.COEFFICIENTS) > MANY else "long formula"
         return f"{term.changed}, f a {of} that varies with {term.driver_words()}: JSON and `refine` write it whole"
     return term.EQUATION.replace(",  ", ", ")
@@ -68,31 +68,31 @@ def equations(options: Sequence[Option]) -> str:
 def law_statement(e: Effect, found: LawFinding | None) -> Iterator[str]:
     """What a law says, as the likeliest where what it varies with is not settled."""
     settled = found is None or len(found.along) == 1
-    yield f"  {'' if settled else 'The likeliest of those that these flights cannot tell apart: '}{e.term.STATEMENT}"
-    yield f"  {equation(e.term)}." if of_many(e.term) else f"  {e.term.EQUATION}"
+    yield f"  {'' if settled else 'The likeliest of those that these flights do not separate: '}{e.term.STATEMENT}"
+    yield f"  {equation(e.term)}." if is_long(e.term) else f"  {e.term.EQUATION}"
 
 
 def law_sentences(found: LawFinding) -> Iterator[str]:
     """What is known of a law, beside its coefficients."""
     first = found.laws[0]
-    yield f"  {_where(found)}"
-    yield f"  {_settled('What it varies with', [(_groups(g), q) for g, q in found.drivers])}"
+    yield f"  {_location_sentence(found)}"
+    yield f"  {_certainty_sentence('What it varies with', [(_groups(g), q) for g, q in found.drivers])}"
     yield from _averaged(found)
     alike = [v.words for group in found.drivers[0][0] for v in group[1:]]
     if alike:
         more = [f"{len(alike) - MOST} more"] if len(alike) > MOST else []
-        yield f"  In these flights it cannot be told from {listed([*alike[:MOST], *more], 'or')}."
+        yield f"  In these flights it is indistinguishable from {listed([*alike[:MOST], *more], 'or')}."
     least, most = (_size(x, found.unit) for x in found.moves)
     what = first.location.words or first.location.name
     yield f"  Over the records it changes {what} by {least} to {most} about the mean."
     if found.band is not None:
-        yield from _along(found.band, ALONG if of_many(first.option.hypothesis.effects[0].term) else 2)
+        yield from _curve_sentences(found.band, ALONG if is_long(first.option.hypothesis.effects[0].term) else 2)
 
 
-def left_sentence(found: LawFinding) -> str:
+def residual_sentence(found: LawFinding) -> str:
     """How much of the mismatch it explains, and what remains; nothing where the recordings alone say what noise is."""
     if found.explained is None:
-        return "  What remains cannot be told from noise, whose size these recordings alone say."
+        return "  The residual is indistinguishable from noise, whose size these recordings alone give."
     return (
         f"  It explains {_percent(found.explained)} of what is beyond the noise (χ² {rounded(found.excess)}); "
         f"{_percent(1.0 - found.explained)} remains."
@@ -159,21 +159,21 @@ def _band(b: Band) -> dict[str, Any]:
     }
 
 
-def _settled(what: str, of: Sequence[tuple[str, float]]) -> str:
+def _certainty_sentence(what: str, of: Sequence[tuple[str, float]]) -> str:
     likely = [(words, q) for words, q in of if q > POSSIBLE][:MOST]
     if likely[0][1] >= TOGETHER:
         return f"{what} is settled: {likely[0][0]} (probability {probability(likely[0][1])})."
     return f"{what} is not settled: {listed([f'{words} ({probability(q)})' for words, q in likely], 'or')}."
 
 
-def _where(found: LawFinding) -> str:
+def _location_sentence(found: LawFinding) -> str:
     alike = {p.name for p in found.alike}
     likely = [(p, q) for p, q in found.places[1:] if p.name in alike and q > POSSIBLE][:MOST]
     if not likely or found.together < TOGETHER:
-        return _settled("Where", [(p.words or p.name, q) for p, q in found.places])
+        return _certainty_sentence("Where", [(p.words or p.name, q) for p, q in found.places])
     words = [f"{p.words or p.name} ({probability(q)})" for p, q in (found.places[0], *likely)]
     return (
-        f"Where is settled but for places that these flights cannot tell apart: {listed(words, 'or')}, together "
+        f"Where is settled but for places that these flights do not separate: {listed(words, 'or')}, together "
         f"{probability(found.together)}."
     )
 
@@ -182,7 +182,7 @@ def _groups(groups: Sequence[Group]) -> str:
     return listed([g[0].words for g in groups], "and")
 
 
-def _along(b: Band, points: int) -> Iterator[str]:
+def _curve_sentences(b: Band, points: int) -> Iterator[str]:
     """The curve at so many points, the ends among them."""
     ends = [
         f"{_size(float(b.change[k]), b.unit, float(NORMAL_95 * b.standard_error[k]))} at {rounded(float(b.at[k]))}"
@@ -228,7 +228,7 @@ def _form(x: Share, first: Set[str]) -> str:
 
 def _size(x: float, unit: str, half: float | None = None) -> str:
     factor, words = (100.0, "%") if unit in ("", "1") else (1.0, unit)
-    return with_unit(factor * x, words, None if half is None else factor * half)
+    return format_quantity(factor * x, words, None if half is None else factor * half)
 
 
 def _percent(share: float) -> str:
@@ -259,7 +259,7 @@ def hidden_sentences(story: ExplanationResult, f: HiddenFinding, effects: tuple[
         half = 0.5 * (f.interval[1] - f.interval[0])
         yield (
             f"An effect at {where}{rivals} switches between two states that no column records: "
-            f"{count(len(f.switches), 'change')} within flights, of size {with_unit(f.coefficient, unit, half)} "
+            f"{count(len(f.switches), 'change')} within flights, of size {format_quantity(f.coefficient, unit, half)} "
             f"({likelier})."
         )
         yield from _switched(f.switches)
@@ -285,7 +285,7 @@ def hidden_sentences(story: ExplanationResult, f: HiddenFinding, effects: tuple[
     if story.switched:
         best = story.switched[0].objective
         told = [
-            f"{t.label} ({', '.join(with_unit(v, '', NORMAL_95 * e) for v, e in t.coefficients.values())}"
+            f"{t.label} ({', '.join(format_quantity(v, '', NORMAL_95 * e) for v, e in t.coefficients.values())}"
             + (f", χ² {rounded(t.objective - best)} worse)" if t is not story.switched[0] else ")")
             for t in story.switched
         ]
@@ -329,8 +329,8 @@ def _switched(switches: Sequence[Switch]) -> Iterator[str]:
         yield f"  In {flight} switched {told}{last}."
     timed = sum(s.narrowed for s in shown)
     if timed:
-        rest = "" if timed == len(shown) else "; where that is not said, they do not tell it closer than steady ones"
-        yield f"  Times of 95 % are told by unsteady records between steady ones, to which nothing was fitted{rest}."
+        rest = "" if timed == len(shown) else "; where no time is given, they narrow it no further than steady ones"
+        yield f"  Times of 95 % come from unsteady records between steady ones, to which nothing was fitted{rest}."
 
 
 def moment(s: Switch) -> str:
@@ -369,7 +369,7 @@ def advice_sentences(advice: Advice | None, *, all_kinds: bool = False) -> Itera
     if advice is None:
         return
     rivals = [f"{label} ({probability(p)})" for label, p in advice.rivals]
-    yield f"To tell {rivals[0]} from {listed(rivals[1:], 'or')}:"
+    yield f"To separate {rivals[0]} from {listed(rivals[1:], 'or')}:"
     kinds = best_of_each_kind(advice.suggestions)
     useful = [s for s in kinds if math.isfinite(s.records)]
     if not useful:
@@ -386,7 +386,7 @@ def suggestion(s: Suggestion) -> str:
         SENSOR: f"records like these with {s.what} recorded",
     }.get(s.kind, s.what)
     beyond = "" if s.known else " (beyond the conditions flown)"
-    settled = f"after {RECORDS} the right one stands out with probability {probability(s.chance)}"
+    settled = f"after {RECORDS} the right one is found with probability {probability(s.chance)}"
     if not math.isfinite(s.records):
         return f"{what}{beyond}: {settled}"
     if s.kind == MANOEUVRE:

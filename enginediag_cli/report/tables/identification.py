@@ -67,21 +67,21 @@ def _records_line(result: Identification) -> str:
     outside = result.records.get(OUTSIDE_MAPS, 0)
     used += f" ({outside:,} of them outside the maps)" if outside else ""
     left = [f"{n:,} {why}" for why, n in result.records.items() if why not in ("used", OUTSIDE_MAPS) and n]
-    return used + (f"; left out: {', '.join(left)}" if left else "; none left out")
+    return used + (f"; excluded: {', '.join(left)}" if left else "; none excluded")
 
 
 def repeat_lines(repeats: Iterable[Repeat]) -> Iterator[str]:
     """What was given twice and is counted once."""
     for r in repeats:
         what = f"all {r.records:,} records" if r.whole else f"{r.records:,} records"
-        yield f"{r.label}: {what} stand in {r.of}, too, and are counted once"
+        yield f"{r.label}: {what} are in {r.of}, too, and are counted once"
 
 
 def bounds_line(bounds: Sequence[AtBound]) -> str:
     """Why parameters at their bounds are no nominal state, and what can be done."""
     named = ", ".join(map(str, bounds))
     what = (
-        "the model lacks something, or is told the wrong sizes: look at the sensors that fit worst, state what is "
+        "the model lacks something, or has wrong sizes: look at the sensors that fit worst, state what is "
         "known of the engine, or hold parameters with `fixed:`; --allow-bounds writes it as it is"
     )
     return f"no nominal state: {named}; nothing is written ({what})"
@@ -116,7 +116,7 @@ def noise_lines(result: Identification) -> Iterator[str]:
 
 def fit_table(result: Identification) -> list[str]:
     """Per sensor and regime: RMS in sample, by left-out blocks and held out; and the noise of each sensor."""
-    found = [_by_place(q) for q in (result.in_sample, result.cross_validated, result.held_out)]
+    found = [_index_by_place(q) for q in (result.in_sample, result.cross_validated, result.held_out)]
     rows: list[tuple[str, ...]] = [
         ("sensor", "regime", "records", "RMS in sample", "cross-validated", "held out", "chi2/N", "rho1")
     ]
@@ -221,9 +221,9 @@ def lagging_lines(result: Identification) -> Iterator[str]:
     told = [r for r in result.lagging if r.left < PLAINLY * r.moved] or [most]
     named = ", ".join(f"{r.sensor} {rounded(r.moved)}, {rounded(r.left)} without that" for r in told)
     yield (
-        f"readings lag behind the model when power changes (RMS while it does: {named}): it lacks something that "
-        "remembers, such as heat soak or the lag of a probe; counted as uncertain when recordings are judged, and "
-        "looked for by `enginediag explain`"
+        f"readings lag behind the model when power changes (RMS while it does: {named}): it lacks a dynamic "
+        "effect (with memory), such as heat soak or the lag of a probe; counted as uncertain when recordings are "
+        "judged, and looked for by `enginediag explain`"
     )
 
 
@@ -240,7 +240,7 @@ def combination_lines(result: Identification) -> list[str]:
     ]
 
 
-def _by_place(quality: Sequence[SensorQuality]) -> dict[tuple[str, str], SensorQuality]:
+def _index_by_place(quality: Sequence[SensorQuality]) -> dict[tuple[str, str], SensorQuality]:
     return {(q.sensor, q.regime): q for q in quality}
 
 
@@ -260,8 +260,8 @@ def probe_lines(found: Iterable[WrongProbe], *, kept: bool) -> Iterator[str]:
             others = ", ".join(w.columns[1:])
             yield (
                 f"heat balances contradict {w.columns[0]} {numbers}, or as well {others}, {told}; which of them "
-                "cannot be told, and all stay in the fit"
+                "is unknown, and all stay in the fit"
             )
             continue
-        ends = "it stays in the fit (--keep-probes)" if kept else "it is left out of the fit (--keep-probes keeps it)"
+        ends = "it stays in the fit (--keep-probes)" if kept else "it is excluded from the fit (--keep-probes keeps it)"
         yield f"heat balances contradict {w.columns[0]} {numbers} {told}; {ends}"

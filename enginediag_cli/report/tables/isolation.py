@@ -16,13 +16,13 @@ from enginediag_cli.isolation.results import Adequacy
 from enginediag_cli.parameters import spelled
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.sentences import (
+    ambiguity_words,
     change,
     instrument_fault,
     listed,
     named_fault,
     no_verdict,
     not_listed,
-    one_of,
     outside_physics,
     parameter_words,
     probability,
@@ -30,7 +30,7 @@ from enginediag_cli.report.sentences import (
     unexplained,
     wrong_file,
 )
-from enginediag_cli.report.tables import Columns, Table, as_column
+from enginediag_cli.report.tables import Columns, Table, object_column
 from enginediag_cli.report.tables.answers import (
     FLIPS,
     WORK_SCOPE,
@@ -77,18 +77,18 @@ class IsolatedPart(NamedTuple):
 class IsolationRow(NamedTuple):
     """A window and one of the parts that are isolated in it; flips and work_scope: the cells of these columns."""
 
-    found: IsolatedWindow
+    isolated_window: IsolatedWindow
     part: IsolatedPart | None = None
     flips: Mapping[str, Any] = {}
     work_scope: Any = None
 
     @property
     def window(self) -> WindowStatistics:
-        return self.found.verdict.window
+        return self.isolated_window.verdict.window
 
     @property
     def diagnosis(self) -> Diagnosis | None:
-        return self.found.diagnosis
+        return self.isolated_window.diagnosis
 
     @property
     def result(self) -> SetIsolation | None:
@@ -96,19 +96,19 @@ class IsolationRow(NamedTuple):
 
     @property
     def components(self) -> ComponentIsolation | None:
-        return self.found.components
+        return self.isolated_window.components
 
     @property
     def adequacy(self) -> Adequacy | None:
-        answer = self.components if self.found.to_components else self.diagnosis
+        answer = self.components if self.isolated_window.by_component else self.diagnosis
         return answer.adequacy if answer else None
 
     @property
     def verdict(self) -> str:
         """That of the test, or that the answer to what it found does not stand; an instrument that is stuck or
         scatters is a fault whatever the test says of the rest."""
-        stands = self.adequacy is None or self.adequacy.is_listed
-        return self.found.verdict.with_instruments if stands else CANNOT_TELL
+        stands = self.adequacy is None or self.adequacy.stands
+        return self.isolated_window.verdict.with_instruments if stands else CANNOT_TELL
 
     @property
     def isolated(self) -> list[str] | None:
@@ -124,22 +124,22 @@ class IsolationRow(NamedTuple):
     @property
     def note(self) -> str:
         """Why there is no verdict, or what a bad fit did to the answer."""
-        known = self.found.meaning
+        known = self.isolated_window.known
         if self.components is not None:
             larger = "" if self.components.complete else "larger sets of parameters were not considered"
             return "; ".join(filter(None, [reservation(self.components.adequacy, known), larger]))
         if self.diagnosis is None or self.result is None:
-            return self.found.verdict.reason
+            return self.isolated_window.verdict.reason
         caution = reservation(self.diagnosis.adequacy, known)
         return "; ".join(filter(None, [caution, *_forms(self.result, known), self.result.note]))
 
 
-of_row: Columns[IsolationRow] = Columns()
-of_class: Columns[AmbiguityGroup] = Columns()
-of_named: Columns[NamedIsolation] = Columns()
-of_result: Columns[SetIsolation] = Columns()
-of_components: Columns[ComponentIsolation] = Columns()
-of_part: Columns[Any] = Columns()
+row_column: Columns[IsolationRow] = Columns()
+class_column: Columns[Class] = Columns()
+named_column: Columns[NamedIsolation] = Columns()
+result_column: Columns[IsolationResult] = Columns()
+components_column: Columns[ComponentIsolation] = Columns()
+part_column: Columns[Any] = Columns()
 
 
 def _figure(get: Callable[[Adequacy], float]) -> Callable[[IsolationRow], float | None]:
@@ -152,45 +152,47 @@ def _figure(get: Callable[[Adequacy], float]) -> Callable[[IsolationRow], float 
     return figure
 
 
-def with_chances(sets: Sequence[Any]) -> list[str]:
+def format_sets(sets: Sequence[Any]) -> list[str]:
     """Sets of parameters with their probabilities, as cells have them: "hpc.efficiency & T3.bias (0.02)"."""
     return [f"{' & '.join(r.parameters) or 'nothing'} ({r.probability:.2g})" for r in sets]
 
 
 _TESTED = (
-    of_row("verdict", "text", "healthy, fault, no verdict, or cannot tell where the leading answer does not stand"),
-    of_row(
+    row_column("verdict", "text", "healthy, fault, no verdict, or cannot tell where the leading answer does not stand"),
+    row_column(
         "p_value",
         "number?",
         "probability of such a statistic where nothing changed",
-        lambda row: row.found.verdict.test.p_value if row.found.verdict.test else None,
+        lambda row: row.isolated_window.verdict.test.p_value if row.isolated_window.verdict.test else None,
     ),
-    of_row("fit_before", "number?", "χ² per degree of freedom without any answer", _figure(lambda a: a.fit_before)),
-    of_row("fit", "number?", "χ² per degree of freedom that the answer leaves", _figure(lambda a: a.fit)),
-    of_row("explained", "number?", "share of the excess χ² that the answer takes away", _figure(lambda a: a.explained)),
-    of_row(
+    row_column("fit_before", "number?", "χ² per degree of freedom without any answer", _figure(lambda a: a.before)),
+    row_column("fit", "number?", "χ² per degree of freedom that the answer leaves", _figure(lambda a: a.fit)),
+    row_column(
+        "explained", "number?", "share of the excess χ² that the answer takes away", _figure(lambda a: a.explained)
+    ),
+    row_column(
         "unlisted",
         "number?",
         "probability that it is something that is not among the suspects",
         lambda row: row.adequacy.unlisted if row.adequacy else None,
     ),
-    *of_row.part(lambda row: row.window, (INSTRUMENTS,)),
+    *row_column.part(lambda row: row.window, (INSTRUMENTS,)),
 )
 _CLASS = (
-    of_class("class", "number?", "probability that one of `members` is it", lambda c: c.probability),
-    of_class(
+    class_column("class", "number?", "probability that one of `members` is it", lambda c: c.probability),
+    class_column(
         "members",
         "texts?",
-        "answers that the data cannot tell apart",
+        "answers that the data do not separate",
         lambda c: [" & ".join((*c.shared, *member)) for member in c.members],
     ),
-    of_class("would_tell", "texts?", "sensors that would tell the members apart", lambda c: list(c.separating_sensors)),
+    class_column("would_tell", "texts?", "sensors that would separate the members", lambda c: list(c.would_tell)),
 )
-_NOTE = of_row("note", "text", "why there is no verdict, or what a bad fit did to the answer")
+_NOTE = row_column("note", "text", "why there is no verdict, or what a bad fit did to the answer")
 _BESIDE = (
-    as_column(FLIPS[0], lambda row: row.flips["flips"], "--flips, or json"),
-    as_column(FLIPS[1], lambda row: row.flips["flips_told"], "json"),
-    as_column(WORK_SCOPE, lambda row: row.work_scope, "--work-scope, or json"),
+    object_column(FLIPS[0], lambda row: row.flips["flips"], "--flips, or json"),
+    object_column(FLIPS[1], lambda row: row.flips["flips_told"], "json"),
+    object_column(WORK_SCOPE, lambda row: row.work_scope, "--work-scope, or json"),
 )
 
 ISOLATE: Table[IsolationRow] = Table(
@@ -198,87 +200,82 @@ ISOLATE: Table[IsolationRow] = Table(
     1,
     "one row per window and isolated parameter, a single one where none is isolated",
     (
-        *of_row.part(lambda row: row.window, WINDOW),
+        *row_column.part(lambda row: row.window, WINDOW),
         *_TESTED,
-        of_row("isolated", "texts?", "the set of parameters that changed, with the instruments that are wrong"),
-        of_row(
+        row_column("isolated", "texts?", "the set of parameters that changed, with the instruments that are wrong"),
+        row_column(
             "probability",
             "number?",
             "probability that these changed and nothing else that matters; with those of all others and `unlisted`, 1",
         ),
-        *of_row.part(lambda row: row.result and row.result.ambiguity, _CLASS),
-        *of_row.part(
+        *row_column.part(lambda row: row.result and row.result.one_of, _CLASS),
+        *row_column.part(
             lambda row: row.part,
             (
-                of_part("parameter", "text?", "the parameter that this row is about"),
-                of_part("inclusion", "number?", "probability that this parameter changed, in any set"),
-                of_part("change", "number?", "its change from nominal", unit="of the parameter"),
-                of_part(
+                part_column("parameter", "text?", "the parameter that this row is about"),
+                part_column("inclusion", "number?", "probability that this parameter changed, in any set"),
+                part_column("change", "number?", "its change from nominal", unit="of the parameter"),
+                part_column(
                     "lower", "number?", "lower end of the change's interval (--confidence)", unit="of the parameter"
                 ),
-                of_part(
+                part_column(
                     "upper", "number?", "upper end of the change's interval (--confidence)", unit="of the parameter"
                 ),
-                of_part("unit", "text?", "unit of the change; 1 is a share of nominal"),
-                of_part("percent", "number?", "the change in per cent of nominal", unit="%"),
+                part_column("unit", "text?", "unit of the change; 1 is a share of nominal"),
+                part_column("percent", "number?", "the change in per cent of nominal", unit="%"),
             ),
         ),
-        *of_row.part(
+        *row_column.part(
             lambda row: row.result,
             (
-                of_result(
+                result_column(
                     "rivals",
                     "texts?",
                     "other sets that cannot be excluded, with their probabilities",
-                    lambda result: with_chances(result.alternatives),
+                    lambda result: format_sets(result.rivals),
                 ),
-                of_result(
-                    "rivals_left_out",
-                    "integer?",
-                    "rivals that are not listed",
-                    lambda result: result.alternatives_omitted,
-                ),
+                result_column("rivals_left_out", "integer?", "alternatives that are not listed"),
             ),
         ),
         _NOTE,
-        *of_row.part(
-            lambda row: row.diagnosis and row.diagnosis.catalogue,
+        *row_column.part(
+            lambda row: row.diagnosis and row.diagnosis.named,
             (
-                of_named(
+                named_column(
                     "named",
                     "texts?",
                     "faults of the catalogue that it is",
                     lambda named: list(named.faults) or (["unlisted"] if named.free else []),
                     only_with="--catalogue",
                 ),
-                of_named(
+                named_column(
                     "named_probability",
                     "number?",
                     "probability of exactly these faults",
                     lambda named: named.probability,
                     only_with="--catalogue",
                 ),
-                of_named(
+                named_column(
                     "severity",
                     "texts?",
                     "size of each named fault with its interval, 1 as the catalogue has it",
                     lambda named: [f"{s.value:.3g} ({s.lower:.3g} to {s.upper:.3g})" for s in named.severities],
                     only_with="--catalogue",
                 ),
-                of_named(
+                named_column(
                     "named_rivals",
                     "texts?",
                     "other faults that cannot be excluded",
-                    lambda named: with_chances(named.alternatives),
+                    lambda named: format_sets(named.rivals),
                     only_with="--catalogue",
                 ),
             ),
         ),
-        of_row(
+        row_column(
             "advice",
             "texts",
             "what to record next, in sentences",
-            lambda row: next_recording(row.found.advice) if row.diagnosis else [],
+            lambda row: next_recording(row.isolated_window.advice) if row.diagnosis else [],
             only_with="--advise",
         ),
         *_BESIDE,
@@ -307,20 +304,20 @@ COMPONENTS: Table[IsolationRow] = Table(
     1,
     "isolate --by component: one row per window",
     (
-        *of_row.part(lambda row: row.window, WINDOW),
+        *row_column.part(lambda row: row.window, WINDOW),
         *_TESTED,
-        *of_row.part(
+        *row_column.part(
             lambda row: row.components,
             (
-                of_components("components", "texts?", "the components that changed", lambda c: list(c.components)),
-                of_components("probability", "number?", "probability of exactly these"),
+                components_column("components", "texts?", "the components that changed", lambda c: list(c.components)),
+                components_column("probability", "number?", "probability of exactly these"),
             ),
         ),
-        *of_row.part(lambda row: row.components and row.components.ambiguity, _CLASS),
-        *of_row.part(
+        *row_column.part(lambda row: row.components and row.components.one_of, _CLASS),
+        *row_column.part(
             lambda row: row.components,
             (
-                of_components(
+                components_column(
                     "inclusion",
                     "texts?",
                     "each component with the probability that it changed, likeliest first",
@@ -330,11 +327,11 @@ COMPONENTS: Table[IsolationRow] = Table(
                         if chance >= LEAST_INCLUSION
                     ],
                 ),
-                of_components(
+                components_column(
                     "rivals",
                     "texts?",
                     "other sets of components, with their probabilities",
-                    lambda c: with_chances(c.alternatives),
+                    lambda c: format_sets(c.rivals),
                 ),
             ),
         ),
@@ -359,7 +356,7 @@ def isolated_rows(
     """
     forms = forms or {}
     flips = forms.get("flips")
-    cells = (flip_cells if flips == "nested" else flip_column)(found.sensitivity, words_of(found)) if flips else {}
+    cells = (flip_cells if flips == "nested" else flip_column)(found.flips, name_formatter(found)) if flips else {}
     restored, asked = work_scope_cells(scope, forms.get("work_scope", ""))
     optional = [*cells, *asked]
     if found.to_components:
@@ -395,7 +392,7 @@ def reservation(adequacy: Adequacy, known: Mapping[str, Parameter]) -> str:
     return not_listed(adequacy.fit, adequacy.unlisted)
 
 
-def words_of(found: IsolatedWindow) -> Callable[[Sequence[str]], list[str]]:
+def name_formatter(found: IsolatedWindow) -> Callable[[Sequence[str]], list[str]]:
     """How the names of an answer are said: of parameters, else of components."""
 
     def words(names: Sequence[str]) -> list[str]:
@@ -404,25 +401,25 @@ def words_of(found: IsolatedWindow) -> Callable[[Sequence[str]], list[str]]:
     return words
 
 
-def tell_isolated(messages: Messages, found: IsolatedWindow, scope: WorkScope | None = None) -> None:
+def report_isolation(messages: Messages, found: IsolatedWindow, scope: WorkScope | None = None) -> None:
     """The answer for one window in words."""
 
-    of = about(found.verdict)
-    tell_instruments(messages, found.verdict)
+    of = window_fields(found.verdict)
+    report_instruments(messages, found.verdict)
     if found.components is not None:
-        messages.note(f"{where(found.verdict)}: {component_sentence(found.components, found.meaning)}", **of)
-    elif not found.to_components:
-        tell(messages, found.verdict, found.diagnosis, found.meaning, next_recording(found.advice))
-    if found.sensitivity is not None and found.named:
-        messages.note(f"{where(found.verdict)}: {flips_sentence(found.sensitivity, words_of(found))}")
+        messages.note(f"{window_words(found.verdict)}: {component_sentence(found.components, found.known)}", **of)
+    elif not found.by_component:
+        report_diagnosis(messages, found.verdict, found.diagnosis, found.known, next_recording(found.advice))
+    if found.flips is not None and found.named:
+        messages.note(f"{window_words(found.verdict)}: {flips_sentence(found.flips, name_formatter(found))}")
     for sentence in work_scope_sentences(scope) if scope is not None else ():
-        messages.note(f"{where(found.verdict)}: {sentence}")
+        messages.note(f"{window_words(found.verdict)}: {sentence}")
 
 
-def tell_instruments(messages: Messages, verdict: Verdict) -> None:
+def report_instruments(messages: Messages, verdict: Verdict) -> None:
     """Instruments of a window that are stuck or scatter, in words."""
     for fault in verdict.window.instruments:
-        messages.note(f"{where(verdict)}: {instrument_fault(fault)}", **about(verdict))
+        messages.note(f"{window_words(verdict)}: {instrument_fault(fault)}", **window_fields(verdict))
 
 
 def _forms(result: SetIsolation, known: Mapping[str, Parameter]) -> list[str]:
@@ -437,14 +434,14 @@ def _forms(result: SetIsolation, known: Mapping[str, Parameter]) -> list[str]:
     return found
 
 
-def where(verdict: Verdict) -> str:
+def window_words(verdict: Verdict) -> str:
     """Which window it is: its flight and engine, or else file and lines."""
     window = verdict.window
     names = (window.flight and f"flight {window.flight}", window.engine and f"engine {window.engine}")
     return " ".join(filter(None, names)) or f"{window.source}:{window.first_line}-{window.last_line}"
 
 
-def about(verdict: Verdict) -> dict[str, Any]:
+def window_fields(verdict: Verdict) -> dict[str, Any]:
     """Which window it is, for a log."""
     window = verdict.window
     return {
@@ -455,7 +452,7 @@ def about(verdict: Verdict) -> dict[str, Any]:
     }
 
 
-def tell(
+def report_diagnosis(
     messages: Messages,
     verdict: Verdict,
     diagnosis: Diagnosis | None,
@@ -464,7 +461,7 @@ def tell(
 ) -> None:
     """The answer for one window in words."""
 
-    here, of = where(verdict), about(verdict)
+    here, of = window_words(verdict), window_fields(verdict)
     if diagnosis is None:
         messages.note(no_verdict(verdict.reason, where=here), **of)
         return
@@ -486,8 +483,8 @@ def tell(
     messages.note(f"{here}: {leading}{what}{alone}{left and f'; {left}'}", **of)
     for sentence in _forms(result, known):
         messages.note(f"{here}: {sentence}", **of)
-    if result.ambiguity is not None:
-        messages.note(f"{here}: {one_of(result.ambiguity, lambda names: parameter_words(known, names))}", **of)
+    if result.one_of is not None:
+        messages.note(f"{here}: {ambiguity_words(result.one_of, lambda names: parameter_words(known, names))}", **of)
     if diagnosis.nonlinear:
         messages.note(f"{here}: a large change, judged with the full model", **of)
     if diagnosis.sensor_ambiguity is not None and result.ambiguity is None:  # else it is told among the members
@@ -534,13 +531,11 @@ def component_sentence(found: ComponentIsolation, known: Mapping[str, Parameter]
         besides = [f"{spelled(c)} ({probability(found.inclusion[c])})" for c in found.possible]
         sentence = f"{words(found.components)} changed (probability {probability(found.p_all)})"
         sentence += f", perhaps {listed(besides)} as well; exactly this: probability {probability(found.probability)}"
-    if found.alternatives:
-        sentence += (
-            f"; next: {words(found.alternatives[0].parameters)} ({probability(found.alternatives[0].probability)})"
-        )
-    if found.ambiguity is not None:
-        sentence += f"; {one_of(found.ambiguity, lambda names: [spelled(c) for c in names])}"
-    left = unexplained(found.adequacy.fit_before, found.adequacy.fit, found.adequacy.explained)
+    if found.rivals:
+        sentence += f"; next: {words(found.rivals[0].parameters)} ({probability(found.rivals[0].probability)})"
+    if found.one_of is not None:
+        sentence += f"; {ambiguity_words(found.one_of, lambda names: [spelled(c) for c in names])}"
+    left = unexplained(found.adequacy.before, found.adequacy.fit, found.adequacy.explained)
     sentence += left and f"; {left}"
     caution = reservation(found.adequacy, known)
     leading = "" if found.adequacy.is_listed else "leading, but not to be relied on: "

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from enginediag_cli.drivers import CONSTANT, TIME
 from enginediag_cli.intervals import NORMAL_95
-from enginediag_cli.report.sentences import listed, p_value, rounded, with_unit
+from enginediag_cli.report.sentences import format_quantity, listed, p_value, rounded
 from enginediag_cli.report.tables import Columns, Table, column
 
 if TYPE_CHECKING:
@@ -20,17 +20,17 @@ if TYPE_CHECKING:
     from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
     from enginediag_cli.mismatch.unrecorded.per_record import PerRecord
     from enginediag_cli.mismatch.unrecorded.per_record_effects import SimilarEffect
-    from enginediag_cli.report.plotting.discrepancy import Scatter
+    from enginediag_cli.report.plotting.discrepancy import ScatterData
 
 
 LOCATE: Table[Mapping[str, Any]] = Table(
     "locate",
     1,
-    "one row per place within reach of the best; a single one where there is no place to tell",
+    "one row per place within reach of the best; a single one where there is no place",
     (
         column("verdict", "text", "what kind of mismatch it is, or that there is none"),
         column("rank", "integer?", "rank of the place, from 1"),
-        column("driver", "text?", "what it varies with; what these flights cannot tell apart as a = b"),
+        column("driver", "text?", "what it varies with; what these flights do not separate as a = b"),
         column("along", "text?", "the driver of the group that was scored"),
         column("location", "text?", "where it acts"),
         column("component", "text?", "component of the place"),
@@ -66,30 +66,32 @@ class PlaceFit(NamedTuple):
     best: float
 
 
-of_fit: Columns[PlaceFit] = Columns()
+fit_column: Columns[PlaceFit] = Columns()
 
 PER_RECORD: Table[PlaceFit] = Table(
     "locate/per-record",
     1,
     "locate --per-record: one row per place with a free amplitude in every record, best first",
     (
-        of_fit("rank", "integer", "rank of the place, from 1"),
-        of_fit(
+        fit_column("rank", "integer", "rank of the place, from 1"),
+        fit_column(
             "location", "text", "where the amplitude acts; nothing for the model as it is", lambda row: row.fit.name
         ),
-        of_fit(
+        fit_column(
             "component",
             "text?",
             "component of the place",
             lambda row: row.fit.location.component if row.fit.location else None,
         ),
-        of_fit("chi2_per_record", "number", "χ² per record that is left", lambda row: row.fit.per_record),
-        of_fit(
+        fit_column("chi2_per_record", "number", "χ² per record that is left", lambda row: row.fit.per_record),
+        fit_column(
             "times_best", "number", "that over the χ² per record of the best", lambda row: row.fit.per_record / row.best
         ),
-        of_fit("at_bound", "integer", "identified parameters that end at a bound", lambda row: len(row.fit.at_bound)),
-        of_fit("failed", "integer", "records that could not be computed", lambda row: row.fit.failed),
-        of_fit("converged", "boolean", "whether the fit converged", lambda row: row.fit.converged),
+        fit_column(
+            "at_bound", "integer", "identified parameters that end at a bound", lambda row: len(row.fit.at_bound)
+        ),
+        fit_column("failed", "integer", "records that could not be computed", lambda row: row.fit.failed),
+        fit_column("converged", "boolean", "whether the fit converged", lambda row: row.fit.converged),
     ),
     terminal=("rank", "location", "chi2_per_record", "times_best", "at_bound", "failed", "converged", "component"),
 )
@@ -101,7 +103,7 @@ TESTS = {
 }
 
 
-def verdict_of(kind: Kind) -> str:
+def kind_words(kind: Kind) -> str:
     """The kinds as one cell: "effect", or "fault or sensor fault" where the flights do not tell."""
     return " or ".join(kind.names)
 
@@ -111,7 +113,7 @@ def located_rows(located: Located, kind: Kind, everything: bool) -> Iterator[dic
 
     What has no recorded driver comes first, with 2 ln of its likelihood ratio as statistic.
     """
-    empty: dict[str, Any] = dict.fromkeys(LOCATE.names) | {"verdict": verdict_of(kind)}
+    empty: dict[str, Any] = dict.fromkeys(LOCATE.names) | {"verdict": kind_words(kind)}
     hidden = kind.hidden
     found = [] if hidden is None else list(_hidden_places(hidden))
     leads = {lead.group: lead.stability for lead in located.leads}
@@ -169,9 +171,9 @@ def sentences(located: Located, kind: Kind, engine: Engine) -> Iterator[str]:
     if kind.hidden is not None:
         yield _hidden(kind)
     elif located.within:
-        yield from _where(located)
+        yield from _place_sentences(located)
         yield _kind(located, kind)
-    yield from (_worn(d, engine) for d in kind.worn)
+    yield from (_outlier_sentence(d, engine) for d in kind.worn)
     if len(located.found.evidence.engines) == 1:
         yield (
             "one engine is recorded: what is constant on it is identified with its parameters and is no mismatch; "
@@ -181,17 +183,17 @@ def sentences(located: Located, kind: Kind, engine: Engine) -> Iterator[str]:
 
 def _test(test: Test) -> str:
     value = f"{test.statistic:.0f}" if test.name == "omnibus" else rounded(test.statistic)
-    what = TESTS[test.name].format(value=value, about=_about(test))
+    what = TESTS[test.name].format(value=value, about=_test_words(test))
     p = p_value(test.p)
     return f"{what}, p {p if p.startswith('<') else '= ' + p}"
 
 
-def _about(test: Test) -> str:
+def _test_words(test: Test) -> str:
     """ "hpc.efficiency along mach" in words; where it is the order of residuals, of a sensor's column."""
     return f"{test.where} along {test.along}" if test.along else test.about
 
 
-def _where(located: Located) -> Iterator[str]:
+def _place_sentences(located: Located) -> Iterator[str]:
     first = next(lead for lead in located.leads if lead.within)
     constant = first.driver == CONSTANT.word
     told = [lead for lead in located.leads if lead.told] or [first]
@@ -200,11 +202,13 @@ def _where(located: Located) -> Iterator[str]:
     others = [name for lead in located.leads if lead.within and lead not in (first, *varying) for name in lead.words]
     stability = min(1.0, sum(lead.stability for lead in told))
     if constant:
-        whether = f" (whether it varies with {listed(members, 'or')} these recordings cannot tell)" if members else ""
+        whether = (
+            f" (whether it varies with {listed(members, 'or')} is not known from these recordings)" if members else ""
+        )
         varies = f"it need not vary with anything{whether}"
     else:
         varies = f"it varies with {listed(members, 'or')}"
-        varies += " (which these recordings cannot tell apart)" if len(members) > 1 else ""
+        varies += " (which these recordings do not separate)" if len(members) > 1 else ""
     rivals = f"; {listed(others, 'or')} cannot be excluded" if others else ""
     yield f"{varies}: first in {100 * stability:.0f} % of resamples of {located.resampled}{rivals}"
     place = located.within[0]
@@ -238,7 +242,7 @@ def _kind(located: Located, kind: Kind) -> str:
     }
     told = listed([what[n] for n in kind.names], "or")
     if not kind.certain:
-        told = f"these flights do not tell which: {told}"
+        told = f"these flights do not separate them: {told}"
     if kind.engines is not None and {kinds.COMMON_EFFECT, kinds.ONE_ENGINE} & set(kind.names):
         own = ", ".join(f"{name} {rounded(T)}" for name, T in kind.engines.statistics.items())
         told += f" (χ² by engine: {own}; p of one coefficient for all {p_value(kind.engines.p)})"
@@ -261,13 +265,13 @@ def _hidden(kind: Kind) -> str:
     return f"it varies with something that no column records and acts at {where} ({likelier})"
 
 
-def _worn(d: Difference, engine: Engine) -> str:
+def _outlier_sentence(d: Difference, engine: Engine) -> str:
     parameter = engine.parameters[d.parameter]
     factor, shown = (1.0, parameter.shown_unit) if parameter.shown_unit else (100.0, "%")
-    size = with_unit(factor * abs(d.value), shown, factor * NORMAL_95 * d.standard_error)
+    size = format_quantity(factor * abs(d.value), shown, factor * NORMAL_95 * d.standard_error)
     way = "above" if d.value > 0 else "below"
     return (
-        f"engine {d.engine} stands out of the fleet: {parameter.words} {size} {way} the others' "
+        f"engine {d.engine} differs from the fleet: {parameter.words} {size} {way} the others' "
         f"(p {p_value(d.p)}); constant, so identified and no missing physics"
     )
 
@@ -276,14 +280,14 @@ def picture(located: Located, kind: Kind, title: str, notes: Sequence[str]) -> s
     """The SVG of a map that was judged."""
     import math
 
-    from enginediag_cli.report.plotting.discrepancy import mismatch_picture, rows_of
+    from enginediag_cli.report.plotting.discrepancy import build_heat_map, mismatch_picture
 
     assert located.presence is not None
     gate = math.log(located.presence.looks / (0.5 * located.presence.false_alarm))
     told = [
         (p.cell.location.words, _column(p.words), p.surprise, p.within and kind.hidden is None) for p in located.places
     ]
-    heat = rows_of(told, [_column(lead.words) for lead in located.leads], gate)
+    heat = build_heat_map(told, [_column(lead.words) for lead in located.leads], gate)
     if kind.hidden is not None:
         return mismatch_picture(title, notes, heat, _amplitude(kind.hidden))
     return mismatch_picture(title, notes, heat, _residuals(located) if located.within else None)
@@ -293,12 +297,12 @@ def _column(members: Sequence[str]) -> str:
     return " = ".join(members)
 
 
-def _residuals(located: Located) -> Scatter:
+def _residuals(located: Located) -> ScatterData:
     """Residuals of the sensor that shows the first place most, against its driver."""
     import math
 
     from enginediag_cli.mismatch.locate.residual_curve import residual_curve_points
-    from enginediag_cli.report.plotting.discrepancy import Scatter
+    from enginediag_cli.report.plotting.discrepancy import ScatterData
 
     assert located.projection is not None
     cell = located.within[0].cell
@@ -306,9 +310,9 @@ def _residuals(located: Located) -> Scatter:
     driver = cell.driver.driver
     label = cell.driver.short + ("" if driver.unit == "1" else f" [{driver.unit}]")
     scale: Callable[[float], float] = float
-    if driver.quantity_unit:  # people read the quantity, not its logarithm
-        label, scale = f"{cell.driver.short} ({driver.quantity_unit})", math.exp
-    return Scatter(
+    if driver.counted_in:  # people read the quantity, not its logarithm
+        label, scale = f"{cell.driver.short} ({driver.counted_in})", math.exp
+    return ScatterData(
         label,
         f"{s.sensor.rsplit('_', 1)[0]}: measured − model [{s.unit}]",
         f"What shows it most: {s.sensor.rsplit('_', 1)[0]}. Dots: readings; black: their means with 95 % intervals; "
@@ -320,9 +324,9 @@ def _residuals(located: Located) -> Scatter:
     )
 
 
-def _amplitude(f: HiddenFinding) -> Scatter:
+def _amplitude(f: HiddenFinding) -> ScatterData:
     """Amplitude of an effect without a recorded driver, record by record, and its two states where it has them."""
-    from enginediag_cli.report.plotting.discrepancy import Scatter
+    from enginediag_cli.report.plotting.discrepancy import ScatterData
 
     number = (f.number + 1).tolist()
     line: list[tuple[float, float]] = []
@@ -334,7 +338,7 @@ def _amplitude(f: HiddenFinding) -> Scatter:
     caption = "Dots: amplitude of each record, about its mean" + ("; orange: its two states" if line else "")
     unit = f" [{f.unit}]" if f.unit not in ("", "1") else ""
     label = f"{f.location.words}{unit}"
-    return Scatter("record", label, caption, number, f.amplitude.tolist(), [], line)
+    return ScatterData("record", label, caption, number, f.amplitude.tolist(), [], line)
 
 
 SEPARATED = 5.0
@@ -362,16 +366,16 @@ def per_record_sentences(
     yield (
         f"An amplitude in every record at {best.words} leaves a χ² of {rounded(best.per_record)} per "
         f"record, of {rounded(none.per_record)} without. "
-        + (_rivals(rivals) if rivals else f"The next place leaves {rounded(_next(found))}.")
+        + (_alternatives_sentence(rivals) if rivals else f"The next place leaves {rounded(_next(found))}.")
     )
     if stop.bands:
         yield _end(best, stop)
     else:
-        yield "Too few records tell whether it lies against an end, and what a control may hold away from it."
+        yield "Too few records show whether it lies against an end, and what a control may hold away from it."
     standing = [h for h in held if h.held]
     for h in standing[:1]:
         yield (
-            f"Away from it {h.sensor} stands at {rounded(h.value)} within {rounded(h.scatter)}, where it would "
+            f"Away from it {h.sensor} stays at {rounded(h.value)} within {rounded(h.scatter)}, where it would "
             f"scatter by {rounded(h.free_scatter)}: a control moves what acts there to hold it."
         )
     for h in standing[1:]:
@@ -393,8 +397,8 @@ def _end(best: PerRecord, stop: Stop) -> str:
     )
 
 
-def _rivals(rivals: Sequence[PerRecord]) -> str:
-    return "Not told from it: " + ", ".join(f"{f.words} ({rounded(f.per_record)})" for f in rivals) + "."
+def _alternatives_sentence(rivals: Sequence[PerRecord]) -> str:
+    return "Indistinguishable from it: " + ", ".join(f"{f.words} ({rounded(f.per_record)})" for f in rivals) + "."
 
 
 def _next(found: Sequence[PerRecord]) -> float:

@@ -13,10 +13,10 @@ from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.sentences import (
     change,
     count,
+    format_quantity,
     listed,
     maintained,
     rounded,
-    with_unit,
 )
 from enginediag_cli.report.tables import Column, Columns, Table
 from enginediag_cli.report.tables.answers import gain_cells, gain_words
@@ -28,19 +28,19 @@ if TYPE_CHECKING:
     from enginediag_cli.fleets.maintenance import EngineMargin, EventEffect, SeriesMargins
     from enginediag_cli.fleets.work_scope import Gain, PowerReference
     from enginediag_cli.parameters import Parameter
-    from enginediag_cli.report.plotting.fleet import MarginFound
+    from enginediag_cli.report.plotting.fleet import EngineMargin
 
 
-of_part: Columns[Any] = Columns()
+part_column: Columns[Any] = Columns()
 FLIGHT, MAINTENANCE, WHOLE = "flight", "maintenance", "margin"
 """What a row tells, in its cell `row`."""
 NO_LIMIT = "no limit is stated"
 """The reason that can be mended by an option."""
-AS_MUCH = "until as much is lost as when engines are taken off"
+AS_MUCH = "until as much is lost as when engines are removed from wing"
 """The limit where no temperature is stated."""
 
 
-def with_ends(name: str) -> tuple[str, str, str]:
+def interval_columns(name: str) -> tuple[str, str, str]:
     """A column of the margin's table, and those of its interval: used_K, used_low, used_high."""
     stem = name.removesuffix("_K")
     return name, f"{stem}_low", f"{stem}_high"
@@ -53,11 +53,11 @@ class MarginRow(NamedTuple):
     row: str
     number: int
     stretches: Sequence[Stretch]
-    used: IntervalEstimate = IntervalEstimate()
-    left: IntervalEstimate = IntervalEstimate()
+    used: Estimate = Estimate()
+    remaining: Estimate = Estimate()
     event: EventRow | None = None
-    brought: EventEffect | None = None
-    known: Mapping[str, Parameter] = {}
+    effect: Brought | None = None
+    parameters: Mapping[str, Parameter] = {}
 
     @property
     def margin(self) -> Margin:
@@ -73,8 +73,8 @@ class MarginRow(NamedTuple):
         return self.stretches[self.number - 1].window if self.number else None
 
     @property
-    def gain(self) -> tuple[Gain, PowerReference] | None:
-        found, reference = self.brought, self.followed.reference
+    def gain(self) -> tuple[Gain, Reference] | None:
+        found, reference = self.effect, self.followed.reference
         return None if found is None or found.gain is None or reference is None else (found.gain, reference)
 
     @property
@@ -87,23 +87,23 @@ class MarginRow(NamedTuple):
 
     @property
     def reason(self) -> str | None:
-        if self.event is not None and self.brought is not None:
-            return self.event.reason or self.brought.reason
+        if self.event is not None and self.effect is not None:
+            return self.event.reason or self.effect.reason
         return self.whole.reason if self.whole else None
 
 
-def _gain_in(row: MarginRow, value: str, low: str, high: str) -> IntervalEstimate:
+def _gain_estimate(row: MarginRow, value: str, low: str, high: str) -> Estimate:
     """Cells of what maintenance gained."""
     cells = gain_cells(*row.gain) if row.gain else {}
     return IntervalEstimate(*(cells.get(name, math.nan) for name in (value, low, high)))
 
 
-def _known(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
     """A cell that holds nothing where a number is not known or has no end."""
     return value if math.isfinite(value) else None
 
 
-of_margin: Columns[MarginRow] = Columns()
+margin_column: Columns[MarginRow] = Columns()
 _OF_FLIGHTS = "of all flights together; in a row of a flight, by that flight alone"
 
 
@@ -114,11 +114,11 @@ def _estimate(
     helps = (help, f"lower end of its {level} interval", f"upper end of its {level} interval")
     ends: tuple[Callable[[IntervalEstimate], float], ...] = (lambda x: x.value, lambda x: x.low, lambda x: x.high)
 
-    def cell(end: Callable[[IntervalEstimate], float]) -> Callable[[MarginRow], float | None]:
-        return lambda row: _known(end(get(row) or IntervalEstimate()))
+    def cell(end: Callable[[Estimate], float]) -> Callable[[MarginRow], float | None]:
+        return lambda row: _finite_or_none(end(get(row) or Estimate()))
 
-    columns = zip(with_ends(name), helps, ends, strict=True)
-    return tuple(of_margin(n, "number?", words, cell(end), unit) for n, words, end in columns)
+    columns = zip(interval_columns(name), helps, ends, strict=True)
+    return tuple(margin_column(n, "number?", words, cell(end), unit) for n, words, end in columns)
 
 
 MARGIN: Table[MarginRow] = Table(
@@ -126,31 +126,31 @@ MARGIN: Table[MarginRow] = Table(
     1,
     "trend --what margin: one row per flight, one per event of maintenance, and one with the margin of each engine",
     (
-        of_margin("engine", "text", "engine, as its recording calls it", lambda row: row.followed.finding.serial),
-        of_margin("row", "text", "what the row tells: flight, maintenance or margin"),
-        of_margin(
+        margin_column("engine", "text", "engine, as its recording calls it", lambda row: row.followed.finding.serial),
+        margin_column("row", "text", "what the row is about: flight, maintenance or margin"),
+        margin_column(
             "number",
             "integer?",
             "flight, counted from 1; the first after maintenance; the last",
             lambda row: row.number or None,
         ),
-        *of_margin.part(
+        *margin_column.part(
             lambda row: row.window,
             (
-                of_part("flight", "text?", "that flight, as its recording calls it"),
-                of_part("source", "text?", "file that holds it"),
+                part_column("flight", "text?", "that flight, as its recording calls it"),
+                part_column("source", "text?", "file that holds it"),
             ),
         ),
-        *of_margin.part(
+        *margin_column.part(
             lambda row: row.margin,
             (
-                of_part("column", "text?", "the hottest recorded temperature of burnt gas, whose margin it is"),
-                of_part("condition", "text?", "reference condition of the margin"),
-                of_part(
+                part_column("column", "text?", "the hottest recorded temperature of burnt gas, whose margin it is"),
+                part_column("condition", "text?", "reference condition of the margin"),
+                part_column(
                     "limit_K",
                     "number?",
                     "limit of the temperature there, as stated",
-                    lambda margin: _known(margin.limit_K),
+                    lambda margin: _finite_or_none(margin.limit_K),
                     "K",
                 ),
             ),
@@ -158,7 +158,7 @@ MARGIN: Table[MarginRow] = Table(
         *_estimate(
             "used_K", f"kelvins that wear has taken since the baseline, {_OF_FLIGHTS}", lambda row: row.used, "K"
         ),
-        *_estimate("margin_K", f"kelvins to the limit, {_OF_FLIGHTS}", lambda row: row.left, "K"),
+        *_estimate("margin_K", f"kelvins to the limit, {_OF_FLIGHTS}", lambda row: row.remaining, "K"),
         *_estimate(
             "remaining_flights",
             "flights until the limit; empty: no end in sight",
@@ -172,20 +172,20 @@ MARGIN: Table[MarginRow] = Table(
             lambda row: row.whole.rate_K_per_flight if row.whole else None,
             "K",
         ),
-        of_margin(
+        margin_column(
             "event", "text?", "wash, overhaul or exchange", lambda row: row.event.event.kind if row.event else None
         ),
-        of_margin(
+        margin_column(
             "component",
             "text?",
             "component that it was done to; empty: the engine",
             lambda row: row.event.event.component if row.event else None,
         ),
-        of_margin(
+        margin_column(
             "brought",
             "texts",
             "what each parameter gained, with its 95 % interval",
-            lambda row: changes(row.brought, row.known) if row.brought else [],
+            lambda row: changes(row.effect, row.parameters) if row.effect else [],
         ),
         *_estimate(
             "recovered_K",
@@ -196,17 +196,17 @@ MARGIN: Table[MarginRow] = Table(
         *_estimate(
             "temperature_gain_K",
             "by how much turbine temperature fell at equal power",
-            lambda row: _gain_in(row, "temperature_gain", "temperature_low", "temperature_high"),
+            lambda row: _gain_estimate(row, "temperature_gain", "temperature_low", "temperature_high"),
             "K",
         ),
         *_estimate(
             "fuel_gain_percent",
             "by how much fuel flow fell at equal power",
-            lambda row: _gain_in(row, "fuel_gain_percent", "fuel_low_percent", "fuel_high_percent"),
+            lambda row: _gain_estimate(row, "fuel_gain_percent", "fuel_low_percent", "fuel_high_percent"),
             "%",
         ),
-        of_margin("held", "text?", "at which power and operating point that is"),
-        of_margin("reason", "text?", "why something cannot be told"),
+        margin_column("held", "text?", "at which power and operating point that is"),
+        margin_column("reason", "text?", "why something is unknown"),
     ),
     (
         "engine",
@@ -241,14 +241,16 @@ def margin_rows(margins: SeriesMargins) -> Iterator[dict[str, Any]]:
                     IntervalEstimate(whole - used, whole - (used + half), whole - (used - half)),
                 )
                 yield MARGIN.row(MarginRow(followed, FLIGHT, flight.number, stretches, taken, left))
-        for event, brought in zip(finding.events, followed.effects, strict=True):
-            row = MarginRow(followed, MAINTENANCE, event.number, stretches, event=event, brought=brought, known=known)
+        for event, brought in zip(finding.events, followed.brought, strict=True):
+            row = MarginRow(
+                followed, MAINTENANCE, event.number, stretches, event=event, effect=brought, parameters=known
+            )
             yield MARGIN.row(row)
         taken, left = finding.margin.consumed_K, finding.margin.now_K
         yield MARGIN.row(MarginRow(followed, WHOLE, len(stretches), stretches, taken, left))
 
 
-def tell_margins(messages: Messages, margins: SeriesMargins) -> None:
+def report_margins(messages: Messages, margins: Margins) -> None:
     """Margins, what maintenance brought, and what is odd about the events, in words."""
     for engine, one in margins.engines.items():
         name = f"engine {engine}: " if engine else ""
@@ -256,14 +258,14 @@ def tell_margins(messages: Messages, margins: SeriesMargins) -> None:
         for event, brought in zip(one.finding.events, one.effects, strict=True):
             messages.note(f"{name}{_maintenance_words(event, brought, one.reference, margins.series)}")
     if margins.learnt_K is not None:
-        messages.note(taken_off_words(margins.learnt_K))
+        messages.note(removal_words(margins.learnt_K))
     for line in odd_events(margins):
         messages.warning(line)
 
 
-def taken_off_words(limit_K: tuple[float, float]) -> str:
+def removal_words(limit_K: tuple[float, float]) -> str:
     """What engines that were taken off tell of how far the others may go."""
-    return "engines were taken off with {:.0f} K of their margin lost, give or take {:.0f} K".format(*limit_K)
+    return "engines were removed from wing with {:.0f} K of their margin lost, give or take {:.0f} K".format(*limit_K)
 
 
 def odd_events(margins: SeriesMargins) -> Iterator[str]:
@@ -284,9 +286,9 @@ def _maintenance_words(event: EventRow, found: EventEffect, reference: PowerRefe
     head = f"{what} before flight {when}" if event.event.flight else f"{what} {when}"
     parts = changes(found, series.known)
     if not parts:
-        return f"{head}: cannot tell what it brought, because {event.reason or found.reason or 'nothing changed'}"
+        return f"{head}: its effect is unknown: {event.reason or found.reason or 'nothing changed'}"
     if found.gain is None or reference is None:
-        return f"{head}: {listed(parts)}; what that brought cannot be told: {found.reason}"
+        return f"{head}: {listed(parts)}; the gain is unknown: {found.reason}"
     return f"{head}: {listed(parts)}; it {gain_words(found.gain, reference)}"
 
 
@@ -296,23 +298,23 @@ def changes(found: EventEffect, known: Mapping[str, Parameter]) -> list[str]:
     return [change(known[name], size, NORMAL_95 * error) for name, size, error in sizes]
 
 
-def margin_words(m: Margin | MarginFound) -> str:
+def margin_words(m: Margin | EngineMargin) -> str:
     """For instance "T5 margin 147 K ± 2 K of the limit 1150 K; 108 flights to it (90 %: 99 to 119)"."""
     if not m.column or not math.isfinite(m.consumed_K.value):
-        return f"cannot tell the margin of the turbine temperature, because {m.reason or 'no flight tells of it'}"
+        return f"the margin of the turbine temperature is unknown: {m.reason or 'no flight shows it'}"
     quantity = split_column(m.column)[0]
     if not math.isfinite(m.now_K.value):
         used = f"wear has taken {_size(m.consumed_K)} of the {quantity} margin"
         if not m.reason and not math.isnan(m.remaining_flights.value):
             return f"{used}; {remaining_words(m.remaining_flights, AS_MUCH)}"
         mend = f": --limit {m.column} KELVIN states it" if m.reason == NO_LIMIT else ""
-        return f"{used}; cannot tell how much is left, because {m.reason or NO_LIMIT}{mend}"
+        return f"{used}; what is left is unknown: {m.reason or NO_LIMIT}{mend}"
     if m.now_K.value <= 0:
         over = IntervalEstimate(-m.now_K.value, -m.now_K.high, -m.now_K.low)
         return f"{quantity} has passed its limit of {m.limit_K:g} K by {_size(over)} at the reference condition"
     told = f"{quantity} margin {_size(m.now_K)} to the limit of {m.limit_K:g} K"
     if m.reason:
-        return f"{told}; cannot tell how many flights that is, because {m.reason}"
+        return f"{told}; the number of flights is unknown: {m.reason}"
     return f"{told}; {remaining_words(m.remaining_flights)}"
 
 
@@ -325,5 +327,5 @@ def remaining_words(left: IntervalEstimate, until: str = "to it") -> str:
     return f"{count(round(left.value), 'flight')} {until} (90 %: {left.low:,.0f} to {end})"
 
 
-def _size(x: IntervalEstimate) -> str:
-    return with_unit(x.value, "K", (x.high - x.low) / 2)
+def _size(x: Estimate) -> str:
+    return format_quantity(x.value, "K", (x.high - x.low) / 2)

@@ -18,8 +18,8 @@ from enginediag_cli.engine.overview import design_table, heating_value_doubts
 from enginediag_cli.intake.loader import GrossCounts, LeftOut
 from enginediag_cli.intake.selection import Baseline
 from enginediag_cli.report.messages import Messages
-from enginediag_cli.report.sentences import count, rounded, with_unit
-from enginediag_cli.report.tables import Table, as_column, column, part
+from enginediag_cli.report.sentences import count, format_quantity, rounded
+from enginediag_cli.report.tables import Table, column, object_column, part
 from enginediag_cli.residuals.windows import Elsewhere
 from enginediag_cli.units import split_column
 
@@ -48,7 +48,7 @@ CHECK: Table[Mapping[str, Any]] = Table(
         column("count", "integer?", "records, readings or columns"),
         column("found", "text?", "what is so"),
         column("problem", "text?", "what is wrong"),
-        column("hint", "text?", "how to mend it"),
+        column("hint", "text?", "how to fix it"),
     ),
     ("file", "level", "line", "problem", "found", "hint"),
 )
@@ -74,16 +74,18 @@ LOG: Table[Mapping[str, Any]] = Table(
         column("process", "integer", "its process", only_with=_BEGIN),
         column("exit_code", "integer", "how the run ended", only_with=_END),
         column("seconds", "number", "how long it took", "s", only_with=_END),
-        as_column(part("outputs", "every file written: file, sha256, bytes", many=True), itemgetter("outputs"), _END),
+        object_column(
+            part("outputs", "every file written: file, sha256, bytes", many=True), itemgetter("outputs"), _END
+        ),
         column("file", "text", "file that a message is about", only_with=_ABOUT),
         column("flight", "text", "flight that a message is about", only_with=_ABOUT),
         column("engine", "text", "engine that a message is about", only_with=_ABOUT),
         column("lines", "numbers", "its first and last line in the file", only_with=_ABOUT),
         column("flights", "integer", "flights that a message is about", only_with=_ABOUT),
-        as_column(part("counts", "what was counted"), itemgetter("counts"), _ABOUT),
+        object_column(part("counts", "what was counted"), itemgetter("counts"), _ABOUT),
         column("line", "integer?", "line of the file", only_with=_ABOUT),
         column("column", "integer?", "character of the line", only_with=_ABOUT),
-        column("hint", "text", "how to mend it", only_with=_ABOUT),
+        column("hint", "text", "how to fix it", only_with=_ABOUT),
         column("verdict", "text", "fault or no verdict, of a window of detect", only_with="detect"),
         column("p_value", "number?", "of that window", only_with="detect"),
         column("lock", "text", "file whose lock the run holds", only_with="--lock"),
@@ -115,7 +117,7 @@ SOME_LINES = 5
 """Lines of the file that a sentence names: enough to look at; JSON holds more."""
 
 
-def tell_left_out(
+def report_excluded(
     messages: Messages,
     left_out: Iterable[LeftOut],
     records: Mapping[str, int] | None = None,
@@ -127,16 +129,16 @@ def tell_left_out(
     for text in undecided_lines(dict.fromkeys(text for left in left_out for text in left.undecided)):
         messages.warning(text)
     for left in left_out:
-        tell_absent(messages, left)
-        for line in left_out_lines(left):
+        report_absent(messages, left)
+        for line in excluded_lines(left):
             messages.note(line, file=left.file, engine=left.engine)
     for line in not_judged_lines(records or {}):
         messages.note(line, counts=dict(records or {}))
-    for line in elsewhere_lines(elsewhere or {}):
+    for line in outside_envelope_lines(elsewhere or {}):
         messages.note(line)
 
 
-def tell_thinning(messages: Messages, thinning: Thinning) -> None:
+def report_thinning(messages: Messages, thinning: Thinning) -> None:
     """How many records were taken where there are more than memory should hold."""
     if thinning.halved:
         from enginediag_cli.intake.loader import RUN
@@ -153,13 +155,13 @@ def undecided_lines(undecided: Collection[str]) -> Iterator[str]:
         yield f"the recorder leaves open: {text}"
 
 
-def tell_mismatches(messages: Messages, mismatches: Iterable[Disagreement]) -> None:
+def report_mismatches(messages: Messages, mismatches: Iterable[Disagreement]) -> None:
     """Recordings that cannot be of the engine or in these units, where that was accepted."""
     for one in mismatches:
         messages.warning(f"{one}; accepted", file=one.source, engine=one.engine)
 
 
-def tell_absent(messages: Messages, left: LeftOut) -> None:
+def report_absent(messages: Messages, left: LeftOut) -> None:
     """Sensors of the engine that a recording has no column of: nothing can be said of them."""
     if not left.absent:
         return
@@ -170,7 +172,7 @@ def tell_absent(messages: Messages, left: LeftOut) -> None:
     )
 
 
-def left_out_lines(left: LeftOut) -> Iterator[str]:
+def excluded_lines(left: LeftOut) -> Iterator[str]:
     """One line per column that lost readings, and one per reason for which whole records went."""
     place = _place(left)
     yield from (f"{place}: {line}" for line in left.reading.report_lines())
@@ -230,7 +232,7 @@ def not_judged_lines(records: Mapping[str, int]) -> Iterator[str]:
             yield f"{count(records[key], 'record')} {what}"
 
 
-def elsewhere_lines(elsewhere: Mapping[Elsewhere, int]) -> Iterator[str]:
+def outside_envelope_lines(elsewhere: Mapping[Elsewhere, int]) -> Iterator[str]:
     """Of records outside the operating points identified: which input it is, and what became of them."""
     for judged, what in ((True, "judged with limits as much wider"), (False, "too far to be judged")):
         by = {w.column: n for w, n in elsewhere.items() if w.judged == judged and n}
@@ -247,7 +249,7 @@ def _place(left: LeftOut) -> str:
     return name + (f", engine {left.engine}" if left.engine else "")
 
 
-def tell_baseline(messages: Messages, baseline: Baseline, engine_instance: str = "") -> None:
+def report_baseline(messages: Messages, baseline: Baseline, engine_instance: str = "") -> None:
     """A changed engine file, a nominal file without its checksum, and recordings of another engine."""
     if baseline.changed_engine:
         messages.warning(
@@ -279,7 +281,7 @@ class Remark:
     masked, gate, envelope; name: the column that it concerns; count: records, readings or columns."""
 
     level: str
-    about: str
+    topic: str
     text: str
     hint: str = ""
     name: str = ""
@@ -287,21 +289,21 @@ class Remark:
     count: int | None = None
 
     @property
-    def told(self) -> str:
-        """In words, with how to mend it."""
+    def text_with_hint(self) -> str:
+        """In words, with how to fix it."""
         return self.text + (f" ({self.hint})" if self.hint else "")
 
     @property
     def line(self) -> str:
         """As a line of the page."""
-        return ("warning: " if self.level == WARNING else "") + self.told
+        return ("warning: " if self.level == WARNING else "") + self.text_with_hint
 
 
 def headline(report: Accepted) -> str:
     """What a file holds, in one line."""
     place = report.file if report.file != "-" else "<stdin>"
     place += f", engine {report.engine}" if report.engine else ""
-    return f"{place}: {'ok' if report.usable else 'not fit to be judged'}, {_found(report)}"
+    return f"{place}: {'ok' if report.usable else 'not fit to be judged'}, {_content_words(report)}"
 
 
 def acceptance_rows(report: Accepted) -> Iterator[dict[str, Any]]:
@@ -314,7 +316,7 @@ def acceptance_rows(report: Accepted) -> Iterator[dict[str, Any]]:
         "level": NOTE if report.usable else PROBLEM,
         "about": "recording",
         "count": report.acceptance.records,
-        "found": _found(report),
+        "found": _content_words(report),
     }
     for remark in remarks(report):
         lines = remark.lines or (None, None)
@@ -322,7 +324,7 @@ def acceptance_rows(report: Accepted) -> Iterator[dict[str, Any]]:
             **start,
             "ok": remark.level != PROBLEM,
             "level": remark.level,
-            "about": remark.about,
+            "about": remark.topic,
             "line": lines[0],
             "last_line": lines[1],
             "name": remark.name or None,
@@ -332,7 +334,7 @@ def acceptance_rows(report: Accepted) -> Iterator[dict[str, Any]]:
         }
 
 
-def _found(report: Accepted) -> str:
+def _content_words(report: Accepted) -> str:
     acceptance = report.acceptance
     numbers = acceptance.numeric + int(acceptance.timed)
     found = f"{count(acceptance.records, 'record')}, {count(numbers, 'column')} of numbers"
@@ -463,7 +465,7 @@ def _masks(report: Accepted) -> Iterator[Remark]:
         yield Remark(PROBLEM, "gate", report.refused, count=0)
     elif left.gate is not None:
         why = ", ".join(f"{reason} {n}" for reason, n in left.gate.reasons.items() if n)
-        told = f"kept {left.gate.kept} of {left.gate.total} {left.gate.unit}" + (f" (left out: {why})" if why else "")
+        told = f"kept {left.gate.kept} of {left.gate.total} {left.gate.unit}" + (f" (excluded: {why})" if why else "")
         yield Remark(NOTE, "gate", told, count=left.gate.kept)
 
 
@@ -508,9 +510,9 @@ def overview_rows(engine: Engine) -> Iterator[dict[str, Any]]:
     table = design_table(engine)
     for point, values, reason in zip(table.points, table.values, table.reasons, strict=True):
         known = dict(zip(table.columns, values.tolist(), strict=True))
-        shown = [_shown(c, v) for c, v in known.items() if np.isfinite(v)]
+        shown = [_design_value(c, v) for c, v in known.items() if np.isfinite(v)]
         if "Fn_N" not in known and known.get("power_W", 0.0) > 0.0 and "Wf_kg_s" in known:
-            shown.insert(2, f"SFC {with_unit(known['Wf_kg_s'] / known['power_W'] * PER_KWH, 'kg/(kW h)')}")
+            shown.insert(2, f"SFC {format_quantity(known['Wf_kg_s'] / known['power_W'] * PER_KWH, 'kg/(kW h)')}")
         found = ", ".join(shown) if not reason else f"no operating point: {reason}"
         yield {"level": "note", "about": "design", "name": point, "found": found}
     for doubt in heating_value_doubts(engine):
@@ -524,9 +526,9 @@ def overview_rows(engine: Engine) -> Iterator[dict[str, Any]]:
         }
 
 
-def _shown(column: str, value: float) -> str:
+def _design_value(column: str, value: float) -> str:
     if column == "SFC_kg_Ns":
-        return f"SFC {with_unit(value * SFC, 'mg/(N s)')}"
+        return f"SFC {format_quantity(value * SFC, 'mg/(N s)')}"
     quantity, unit = split_column(column)
     factor, words = SHOWN.get(unit, (1.0, unit.replace("_", "/")))
-    return f"{quantity} {with_unit(value * factor, words)}"
+    return f"{quantity} {format_quantity(value * factor, words)}"

@@ -11,9 +11,9 @@ from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.controlled.fitted import BLOCKS
 from enginediag_cli.mismatch.refine.criteria import BETTER, LEVEL, Criterion, Records, Significance, Verdict
 from enginediag_cli.report.output import short_cell
-from enginediag_cli.report.sentences import count, p_value, rounded, spelled, with_unit
+from enginediag_cli.report.sentences import count, format_quantity, p_value, rounded, spelled
 from enginediag_cli.report.tables import Table, column, part
-from enginediag_cli.report.tables.explanation_text import as_rate, control_headline
+from enginediag_cli.report.tables.explanation_text import control_headline, rate_words
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.term import Coefficient, Effect
@@ -52,7 +52,7 @@ REFINE: Table[Mapping[str, Any]] = Table(
         column("still_missing", "text?", "what the fitted flights show beyond"),
         part("effects", "terms with their coefficients", many=True),
         part("standard_errors", "of the coefficients"),
-        part("criteria", "what was asked, what was found", many=True),
+        part("criteria", "what was required, what was found", many=True),
         column("log_likelihood_gain", "number?", "on unseen flights"),
         part("flights", "log likelihood of each unseen flight", many=True),
         part("chi2_per_reading", "on unseen flights", empty=True),
@@ -112,7 +112,7 @@ def rows(r: Refinement) -> Iterator[dict[str, Any]]:
         yield _row("fit of detect", "median", "1", one_a.fit, other_a.fit, one_a.judged)
 
 
-def before_and_after(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+def comparison_lines(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """The rows as lines of a table."""
     width = max((len(f"{r['what']}, {r['of']}") for r in rows), default=0)
     if rows:
@@ -131,10 +131,10 @@ def sentences(r: Refinement) -> Iterator[str]:
             if c.name in e.values:
                 error = r.standard_errors.get(e.parameter_name(c.name))
                 half, value = NORMAL_95 * (error or 0.0), e.values[c.name]
-                yield f"  {_coefficient(c, value, error)}{as_rate(e, c, (value, value - half, value + half))}"
+                yield f"  {_coefficient(c, value, error)}{rate_words(e, c, (value, value - half, value + half))}"
     yield from map(criterion_in_words, r.criteria)
     if r.unseen is not None:
-        yield f"{unseen_in_words(r)}."
+        yield f"{unseen_flights_words(r)}."
         if r.unseen.lost:
             yield f"{count(r.unseen.lost, 'unseen record')} could not be computed by both models."
         for name, (before, after) in (r.unseen.states or {}).items():
@@ -159,7 +159,7 @@ def named_effect(e: Effect) -> str:
 def _coefficient(declared: Coefficient, value: float, error: float | None) -> str:
     """A coefficient with what it is, its unit and its 95 % interval."""
     unit = "" if declared.unit == "1" else declared.unit
-    size = with_unit(value, unit, NORMAL_95 * error if error else None)
+    size = format_quantity(value, unit, NORMAL_95 * error if error else None)
     return f"{declared.name} = {size}{' (95 %)' if error else ''}: {declared.description}"
 
 
@@ -167,7 +167,7 @@ def criterion_in_words(c: Criterion) -> str:
     """What was asked, what was found, and whether it is enough."""
     if isinstance(c, Significance):
         differs = "differs" if c.met else "does not differ"
-        asked = f"Wald's test, p {_equal(c.p)}; below {LEVEL:g} is asked"
+        asked = f"Wald's test, p {_equal(c.p)}; below {LEVEL:g} is required"
         return f"Fitted flights: {c.label} {differs} from nothing ({asked})."
     about = ABOUT[c.of]
     if not c.information > 0.0:
@@ -175,10 +175,10 @@ def criterion_in_words(c: Criterion) -> str:
     share = f"{rounded(c.share, c.standard_error)} ± {rounded(c.standard_error, c.standard_error)}"
     found = (
         f"Unseen flights{about}: the readings ask for {share} of the change that is predicted, where χ² falls above "
-        f"{BETTER:g} (p {_equal(c.p)}; below {LEVEL:g} is asked)"
+        f"{BETTER:g} (p {_equal(c.p)}; below {LEVEL:g} is required)"
     )
     if c.met is None:
-        return f"{found}: too few records tell of it to judge."
+        return f"{found}: too few records to judge."
     return f"{found}: predicted better." if c.met else f"{found}: not predicted better."
 
 
@@ -194,7 +194,7 @@ def refusal(r: Refinement) -> str:
     return text.removesuffix(".") if refused else f"cannot be judged on these flights. {text.removesuffix('.')}"
 
 
-def unseen_in_words(r: Refinement) -> str:
+def unseen_flights_words(r: Refinement) -> str:
     """What the unseen flights say of the fit, or nothing."""
     u = r.unseen
     if u is None:
@@ -338,7 +338,7 @@ def control_refinement_sentences(r: ControlRefinement) -> Iterator[str]:
     if told:
         yield f"{'RMS on unseen flights':{width}}  {'before':>10}  {'after':>10}  {'records':>8}"
     for name, row in zip(names, told, strict=True):
-        one, other = (with_unit(row[k], row["unit"]) for k in ("before", "after"))
+        one, other = (format_quantity(row[k], row["unit"]) for k in ("before", "after"))
         yield f"{name:{width}}  {one:>10}  {other:>10}  {row['n']:>8,}"
     yield from fall_in_words(r)
 

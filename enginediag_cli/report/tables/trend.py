@@ -19,7 +19,7 @@ from enginediag_cli.report.sentences import (
     listed,
     probability,
 )
-from enginediag_cli.report.tables import Columns, Table, as_column
+from enginediag_cli.report.tables import Columns, Table, object_column
 from enginediag_cli.report.tables.answers import WORK_SCOPE, work_scope_cells
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class Onset(NamedTuple):
     onset_s: float | None
 
 
-class Size(NamedTuple):
+class ChangeSize(NamedTuple):
     """Change up to the last flight and, where it grows, its mean rate since the onset, with 95 % intervals."""
 
     change: float
@@ -80,15 +80,15 @@ class TrendRow(NamedTuple):
         return self.member.parameters.index(self.parameter) if self.member else 0
 
     @property
-    def size(self) -> Size | None:
+    def size(self) -> ChangeSize | None:
         if self.event is None or self.member is None:
             return None
         x, half = self.member.change[self.place], NORMAL_95 * self.member.deviation[self.place]
         sizes = (x, x - half, x + half)
         if self.event.kind == "step":
-            return Size(*sizes)
+            return ChangeSize(*sizes)
         span = max(self.story.flights - self.event.onset, 1)
-        return Size(*sizes, *(size / span for size in sizes))
+        return ChangeSize(*sizes, *(size / span for size in sizes))
 
     @property
     def probability(self) -> float:
@@ -106,62 +106,62 @@ class TrendRow(NamedTuple):
     def rivals(self) -> list[str]:
         """The other suspects."""
         suspects = self.event.members if self.event and self.member else ()
-        return _with_chances(self.event, [m for m in suspects if self.member and m.component != self.member.component])
+        return _format_suspects(
+            self.event, [m for m in suspects if self.member and m.component != self.member.component]
+        )
 
 
-def _with_chances(event: SeriesEvent | None, members: Sequence[EventSuspect]) -> list[str]:
+def _format_suspects(event: Event | None, members: Sequence[Member]) -> list[str]:
     chance = event.probability if event else 1.0
     return [f"{m.component} ({chance * m.probability:.2g})" for m in members]
 
 
-of_row: Columns[TrendRow] = Columns()
-of_story: Columns[SeriesDiagnosis] = Columns()
-of_onset: Columns[Onset] = Columns()
-of_size: Columns[Size] = Columns()
-of_part: Columns[Any] = Columns()
+row_column: Columns[TrendRow] = Columns()
+story_column: Columns[Story] = Columns()
+onset_column: Columns[Onset] = Columns()
+size_column: Columns[ChangeSize] = Columns()
+part_column: Columns[Any] = Columns()
 
 _SERIES = (
-    of_row("engine", "text", "engine, as its recording calls it"),
-    of_row("flights", "integer", "flights, or windows, of the series", lambda row: row.story.flights),
+    row_column("engine", "text", "engine, as its recording calls it"),
+    row_column("flights", "integer", "flights, or windows, of the series", lambda row: row.story.flights),
 )
 _FIT = (
-    *of_row.part(
+    *row_column.part(
         lambda row: row.story,
         (
-            of_story(
+            story_column(
                 "verdict",
                 "text",
                 "of the engine: changed, steady, differs from nominal from the first flight on, or cannot tell",
             ),
-            of_story(
+            story_column(
                 "fit_before", "number?", "χ² per degree of freedom without any change", lambda story: story.fit.before
             ),
-            of_story(
-                "fit", "number?", "χ² per degree of freedom with what is told here", lambda story: story.fit.after
-            ),
-            of_story("unlisted", "number?", "probability that it is something that is not among the suspects"),
+            story_column("fit", "number?", "χ² per degree of freedom with this change", lambda story: story.fit.after),
+            story_column("unlisted", "number?", "probability that it is something that is not among the suspects"),
         ),
     ),
-    of_row(
+    row_column(
         "instruments",
         "texts?",
         "instruments that are stuck or scatter, in words",
         lambda row: [instrument_in_flights(found) for found in row.series.instruments.get(row.engine, ())],
     ),
 )
-_ONSET = of_row.part(
+_ONSET = row_column.part(
     lambda row: row.onset,
     (
-        of_onset("onset", "integer?", "flight from which on, counted from 1 in the series"),
-        of_onset("onset_low", "integer?", "lower end of its 95 % interval"),
-        of_onset("onset_high", "integer?", "upper end of its 95 % interval"),
-        of_onset("onset_flight", "text?", "that flight, as its recording calls it"),
-        of_onset("onset_source", "text?", "file that holds it"),
-        of_onset("onset_line", "integer?", "its first line there"),
-        of_onset("onset_s", "number?", "its time, where the recording has one", unit="s"),
+        onset_column("onset", "integer?", "flight from which on, counted from 1 in the series"),
+        onset_column("onset_low", "integer?", "lower end of its 95 % interval"),
+        onset_column("onset_high", "integer?", "upper end of its 95 % interval"),
+        onset_column("onset_flight", "text?", "that flight, as its recording calls it"),
+        onset_column("onset_source", "text?", "file that holds it"),
+        onset_column("onset_line", "integer?", "its first line there"),
+        onset_column("onset_s", "number?", "its time, where the recording has one", unit="s"),
     ),
 )
-_SCOPE = as_column(WORK_SCOPE, lambda row: row.work_scope, "--work-scope, or json")
+_SCOPE = object_column(WORK_SCOPE, lambda row: row.work_scope, "--work-scope, or json")
 _PARAMETER = "of the parameter"
 _COURSE = ("onset_low", "onset_high", "onset_flight", "onset_line", "flights", "fit_before", "fit", "rivals")
 """What a terminal shows last of every change over flights, whatever changed."""
@@ -172,39 +172,39 @@ TREND: Table[TrendRow] = Table(
     "one row per parameter: what changed over flights, and since when",
     (
         *_SERIES,
-        of_row("parameter", "text", "the parameter"),
+        row_column("parameter", "text", "the parameter"),
         *_FIT,
-        of_row(
+        row_column(
             "component",
             "text",
             "component or instrument that it belongs to",
             lambda row: row.member.component if row.member else row.series.known[row.parameter].component,
         ),
-        of_row(
+        row_column(
             "kind",
             "text",
-            "steady, step, deterioration, or cannot tell where the series is not steady and nothing is told of it",
+            "steady, step, deterioration, or cannot tell where the series is not steady and no change is named",
         ),
-        of_row("probability", "number", "probability that it changed at all"),
+        row_column("probability", "number", "probability that it changed at all"),
         *_ONSET,
-        *of_row.part(
+        *row_column.part(
             lambda row: row.size,
             (
-                of_size("change", "number?", "change from before the onset to the last flight", unit=_PARAMETER),
-                of_size("change_low", "number?", "lower end of its 95 % interval", unit=_PARAMETER),
-                of_size("change_high", "number?", "upper end of its 95 % interval", unit=_PARAMETER),
-                of_size("rate_per_flight", "number?", "mean rate since the onset", unit=_PARAMETER),
-                of_size("rate_low", "number?", "lower end of its 95 % interval", unit=_PARAMETER),
-                of_size("rate_high", "number?", "upper end of its 95 % interval", unit=_PARAMETER),
+                size_column("change", "number?", "change from before the onset to the last flight", unit=_PARAMETER),
+                size_column("change_low", "number?", "lower end of its 95 % interval", unit=_PARAMETER),
+                size_column("change_high", "number?", "upper end of its 95 % interval", unit=_PARAMETER),
+                size_column("rate_per_flight", "number?", "mean rate since the onset", unit=_PARAMETER),
+                size_column("rate_low", "number?", "lower end of its 95 % interval", unit=_PARAMETER),
+                size_column("rate_high", "number?", "upper end of its 95 % interval", unit=_PARAMETER),
             ),
         ),
-        of_row(
+        row_column(
             "unit",
             "text",
             "unit of change and rate; 1 is a share of nominal",
             lambda row: row.series.known[row.parameter].unit,
         ),
-        of_row("rivals", "texts", "other suspects of the same change, with their probabilities"),
+        row_column("rivals", "texts", "other suspects of the same change, with their probabilities"),
         _SCOPE,
     ),
     ("engine", "verdict", "parameter", "kind", "probability", "onset", "rate_per_flight", "change", "unit", *_COURSE),
@@ -222,7 +222,7 @@ def _likelihood(row: TrendRow) -> float:
 def _suspects(row: TrendRow) -> list[str]:
     """Of the event; without one those of which it cannot be told whether they changed."""
     undecided = row.story.undecided.members if row.story.undecided else ()
-    return _with_chances(row.event, row.event.members if row.event else undecided)
+    return _format_suspects(row.event, row.event.members if row.event else undecided)
 
 
 EVENTS: Table[TrendRow] = Table(
@@ -232,18 +232,18 @@ EVENTS: Table[TrendRow] = Table(
     (
         *_SERIES,
         *_FIT,
-        of_row(
+        row_column(
             "components",
             "texts",
-            "the component that changed, or those that cannot be told apart",
+            "the component that changed, or those that are indistinguishable",
             lambda row: [m.component for m in row.event.named] if row.event else [],
         ),
-        of_row(
+        row_column(
             "probability", "number", "probability of the change; without an event, that nothing changed", _likelihood
         ),
-        of_row("kind", "text?", "step or deterioration", lambda row: row.event.kind if row.event else None),
+        row_column("kind", "text?", "step or deterioration", lambda row: row.event.kind if row.event else None),
         *_ONSET,
-        of_row("rivals", "texts", "all suspects, with their probabilities", _suspects),
+        row_column("rivals", "texts", "all suspects, with their probabilities", _suspects),
         _SCOPE,
     ),
     ("engine", "verdict", "components", "probability", "kind", "onset", *_COURSE),
@@ -280,7 +280,7 @@ def component_rows(
         yield EVENTS.row(TrendRow(engine, story, series, event, work_scope=restored), optional)
 
 
-class FlightRow(NamedTuple):
+class FlightChange(NamedTuple):
     """The change of a parameter in one flight of a series."""
 
     engine: str
@@ -293,27 +293,27 @@ class FlightRow(NamedTuple):
     unit: str
 
 
-of_flight: Columns[FlightRow] = Columns()
+flight_column: Columns[FlightChange] = Columns()
 
-FLIGHTS: Table[FlightRow] = Table(
+FLIGHTS: Table[FlightChange] = Table(
     "trend/flights",
     1,
     "trend --what flights: one row per flight and parameter",
     (
-        of_flight("engine", "text", "engine, as its recording calls it"),
-        of_flight("source", "text", "file that holds the flight", lambda row: row.stretch.window.source),
-        of_flight("flight", "text", "flight, as its recording calls it", lambda row: row.stretch.window.flight),
-        of_flight("number", "integer", "its number in the series, from 1"),
-        of_flight("records", "integer", "records judged"),
-        of_flight("parameter", "text", "the parameter"),
-        of_flight("change", "number", "its change from nominal", unit=_PARAMETER),
-        of_flight(
+        flight_column("engine", "text", "engine, as its recording calls it"),
+        flight_column("source", "text", "file that holds the flight", lambda row: row.stretch.window.source),
+        flight_column("flight", "text", "flight, as its recording calls it", lambda row: row.stretch.window.flight),
+        flight_column("number", "integer", "its number in the series, from 1"),
+        flight_column("records", "integer", "records judged"),
+        flight_column("parameter", "text", "the parameter"),
+        flight_column("change", "number", "its change from nominal", unit=_PARAMETER),
+        flight_column(
             "low", "number", "lower end of the 95 % interval", lambda r: r.change - NORMAL_95 * r.error, _PARAMETER
         ),
-        of_flight(
+        flight_column(
             "high", "number", "upper end of the 95 % interval", lambda r: r.change + NORMAL_95 * r.error, _PARAMETER
         ),
-        of_flight("unit", "text", "unit of the change; 1 is a share of nominal"),
+        flight_column("unit", "text", "unit of the change; 1 is a share of nominal"),
     ),
     ("engine", "number", "flight", "parameter", "change", "low", "high", "unit", "records", "source"),
 )
@@ -328,10 +328,10 @@ def flight_rows(series: Series) -> Iterator[dict[str, Any]]:
             found = flight_change(stretch.statistics)
             for name, size, error in zip(found.parameters, found.change, found.standard_error, strict=True):
                 unit = series.known[name].unit
-                yield FLIGHTS.row(FlightRow(engine, counts[engine], stretch, found.records, name, size, error, unit))
+                yield FLIGHTS.row(FlightChange(engine, counts[engine], stretch, found.records, name, size, error, unit))
 
 
-def tell_instruments_in_flights(messages: Messages, series: Series) -> None:
+def report_instruments_over_flights(messages: Messages, series: Series) -> None:
     """Instruments that are stuck or scatter in some flights of the engines of a series, in words."""
     for engine, wrong in series.instruments.items():
         for found in wrong:
@@ -339,46 +339,46 @@ def tell_instruments_in_flights(messages: Messages, series: Series) -> None:
             messages.note(f"{name}{instrument_in_flights(found)}", engine=engine)
 
 
-def tell_story(messages: Messages, engine: str, story: SeriesDiagnosis, series: Series) -> None:
+def report_trend(messages: Messages, engine: str, story: Story, series: Series) -> None:
     """What happened during a series, in words."""
     name = f"engine {engine}: " if engine else ""
     if not story.converged:
-        messages.warning(f"{name}the search for onsets did not settle", engine=engine)
+        messages.warning(f"{name}the search for onsets did not converge", engine=engine)
     if story.events:
         messages.note(
-            f"{name}chi2 per degree of freedom, by the scatter of the series: {story.fit.before:.3g} before what "
-            f"follows, {story.fit.after:.3g} after",
+            f"{name}chi2 per degree of freedom, by the scatter of the series: {story.fit.before:.3g} without, "
+            f"{story.fit.after:.3g} with the change below",
             engine=engine,
         )
     if story.differs_from_start:
         messages.warning(
             f"{name}differs from nominal from the first flight on ({len(story.departures)} of {story.flights} flights):"
-            " another engine, a column or unit read wrong, or a change before that; check and isolate say more",
+            " another engine, a wrong column or unit, or a change before that; run check and isolate",
             engine=engine,
         )
     elif story.departures and not story.events:
         first = series.stretches[engine][story.departures[0] - 1].window
         since = f"flight {first.flight}" if first.flight else f"line {first.first_line} of {first.source}"
         messages.warning(
-            f"{name}cannot tell: {len(story.departures)} of {story.flights} flights differ from nominal for certain,"
-            f" the first of them {since}, and no change that is listed explains the series; isolate says more",
+            f"{name}no conclusion: {len(story.departures)} of {story.flights} flights differ from nominal for certain,"
+            f" the first of them {since}, and no listed change explains the series; run isolate",
             engine=engine,
         )
     if story.unlisted >= HALF:
         messages.warning(
-            f"{name}cannot tell: something that is not among the suspects (probability {probability(story.unlisted)}); "
+            f"{name}no conclusion: probably none of the suspects (probability {probability(story.unlisted)}); "
             f"the best listed change leaves chi2 per degree of freedom {story.fit.after:.3g}",
             engine=engine,
         )
     if story.undecided:
         suspects = listed([m.component for m in story.undecided.named])
         messages.note(
-            f"{name}cannot tell: if the readings scatter from each flight to the next alone, {suspects} changed; if "
+            f"{name}no conclusion: if the readings scatter from each flight to the next alone, {suspects} changed; if "
             "they wander by themselves, as instruments and unrecorded operation do, nothing did",
             engine=engine,
         )
     for event in story.events:
-        since = _since(event, series.stretches[engine])
+        since = _onset_words(event, series.stretches[engine])
         members = event.named
         parts = []
         for member in members:
@@ -395,10 +395,10 @@ def tell_story(messages: Messages, engine: str, story: SeriesDiagnosis, series: 
             messages.note(f"{name}{since}: {text} (probability {probability(chance)})", engine=engine)
         else:
             each = "; or ".join(f"{text} ({probability(chance)})" for text, chance in parts)
-            messages.note(f"{name}{since}: cannot tell: {each}", engine=engine)
+            messages.note(f"{name}{since}: not separated: {each}", engine=engine)
 
 
-def _since(event: SeriesEvent, stretches: Sequence[Stretch]) -> str:
+def _onset_words(event: Event, stretches: Sequence[Stretch]) -> str:
     """When it began: flights by their labels, else seconds, else lines, with the interval."""
     at, low, high = (stretches[k - 1].window for k in (event.onset, event.low, event.high))
     word = "at once, from" if event.kind == "step" else "growing, from"
@@ -411,7 +411,7 @@ def _since(event: SeriesEvent, stretches: Sequence[Stretch]) -> str:
     return f"{word} {text} on ({interval})" if low is not high else f"{word} {text} on"
 
 
-def tell_too_few(messages: Messages, engine: str, count: int) -> None:
+def report_too_few_flights(messages: Messages, engine: str, count: int) -> None:
     """Why an engine has no trend."""
     name = f"engine {engine}: " if engine else ""
     told = f"{name}{count} flights are too few for a trend, which needs three; --window cuts long flights"

@@ -18,7 +18,7 @@ _RATE = (
     column("of", "integer", "trials, or answers, that the rate is of"),
     column("low", "number?", "lower end of its 95 % interval"),
     column("high", "number?", "upper end of its 95 % interval"),
-    column("target", "text?", "what was asked; empty where nothing was"),
+    column("target", "text?", "target of the score; empty where there is none"),
     column("met", "text?", "yes or no; empty without a target"),
 )
 
@@ -26,7 +26,7 @@ _RUN = (
     column("trials", "integer", "trials that were run"),
     column("failed_records", "integer", "records that could not be simulated"),
     column("seed", "integer", "seed of everything random"),
-    column("truths", "texts", "truths that were asked for"),
+    column("truths", "texts", "truths that were chosen"),
     part("versions", "of the program and its libraries"),
 )
 _SCHEMA = column("schema", "text", "name and version of this schema")
@@ -51,7 +51,7 @@ PROVE: Table[Mapping[str, Any]] = Table(
         column("unscored", "integer", "trials that could not be scored"),
         column("kinds", "texts", "kinds of trials that were drawn"),
         part("model_error", "accuracy of the maps that the explainer allows for, by truth"),
-        column("false_alarm", "number", "probability of a false finding that was asked for"),
+        column("false_alarm", "number", "required probability of a false finding"),
         column("engine", "text", "engine file"),
         *_RUN,
     ),
