@@ -358,7 +358,7 @@ class MethodResult(VerdictResult):
         self.unread = files.intake.unread
 
     def _learnt(self, healthy: Source | None) -> FittedMethod:
-        from enginediag_cli.methods.base import learnt_windows
+        from enginediag_cli.methods.base import training_windows
         from enginediag_cli.report.tables.recordings import report_excluded
         from enginediag_cli.residuals.gross_gate import GrossErrorGate
 
@@ -373,7 +373,7 @@ class MethodResult(VerdictResult):
         return self._method.train(self._monitor, windows)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.methods.base import judged_windows, recorded_windows
+        from enginediag_cli.methods.base import judge_windows, recorded_windows
         from enginediag_cli.report.tables.detection import METHOD, MethodRow
         from enginediag_cli.residuals.gross_gate import GrossErrorGate
 

@@ -90,7 +90,8 @@ class FleetResult(DocumentResult):
 
     def plot(self) -> Picture:
         """Engines by severity with 95 % intervals, as on the page of `report`. Raises NoVerdictError where no engine
-        has a severity."""
+        has a severity.
+        """
         from enginediag_cli.report.plotting.fleet import fleet_ranking, read_engines
         from enginediag_cli.report.plotting.models import chart_svg
 
@@ -284,13 +285,13 @@ def merge_stores(into: str | Path, *others: str | Path, messages: Messages | Non
     ------
     DataError, OSError
     """
-    from enginediag_cli.fleets.models import merge
-    from enginediag_cli.fleets.store import Store
+    from enginediag_cli.fleets.models import merge_stores
+    from enginediag_cli.fleets.store import FleetStore
     from enginediag_cli.report.tables.fleet import report_merged
 
     found = []
     for other in others:
-        found.append(merge(Store(into), Store(other)))
+        found.append(merge_stores(FleetStore(into), FleetStore(other)))
         report_merged(_log(messages), str(other), found[-1])
     return found
 

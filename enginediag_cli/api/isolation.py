@@ -207,7 +207,8 @@ class IsolationResult(Result):
 
     def plot(self) -> Picture:
         """The fingerprint of the last window in which something was isolated. Raises NoVerdictError where no window
-        was judged, and by component."""
+        was judged, and by component.
+        """
         from enginediag_cli.report.plotting.models import chart_svg, isolation_chart
 
         _ = self.rows

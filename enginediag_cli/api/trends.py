@@ -155,7 +155,7 @@ class TrendResult(Result):
     def _read(self) -> tuple[Series, SeriesMargins | None, JudgedFiles]:
         """Read the series of flights, with margins if requested, and the files it comes from."""
         from enginediag_cli.detection.series import series_of
-        from enginediag_cli.fleets.maintenance import margins_of
+        from enginediag_cli.fleets.maintenance import assess_margins
         from enginediag_cli.report.tables.margin import report_margins
         from enginediag_cli.report.tables.trend import report_instruments_over_flights
         from enginediag_cli.residuals.reduced import for_comparison
@@ -164,7 +164,7 @@ class TrendResult(Result):
         question = choices.margin.question(healthy=self._healthy, sensors=choices.sensors)
         if choices.follows_margin and monitor is not None:
             files = self._comparison.files(for_comparison(monitor), summed=self._whole, series=True)
-            margins = margins_of(files, monitor, question)
+            margins = assess_margins(files, monitor, question)
             report_margins(self.messages, margins)
             if choices.what == "margin":
                 return margins.series, margins, files
@@ -197,16 +197,16 @@ class TrendResult(Result):
     def _changes(self) -> Iterator[Row]:
         """Make the rows of changes in each engine, and of maintenance."""
         from enginediag_cli.detection.series import FEWEST
-        from enginediag_cli.fleets.work_scope import Scoping
-        from enginediag_cli.isolation.timeline import stories_of
+        from enginediag_cli.fleets.work_scope import WorkScopeEstimator
+        from enginediag_cli.isolation.timeline import diagnose_engines
         from enginediag_cli.report.tables.trend import report_too_few_flights
 
         choices, series = self._choices, self._series
         for engine, stretches in series.stretches.items():
             if len(stretches) < FEWEST:
                 report_too_few_flights(self.messages, engine, len(stretches))
-        scoping = None if self._monitor is None or choices.work_scope == "" else Scoping(self._monitor)
-        stories = stories_of(
+        scoping = None if self._monitor is None or choices.work_scope == "" else WorkScopeEstimator(self._monitor)
+        stories = diagnose_engines(
             series, reference=self._healthy, sensors=choices.sensors, generic=self._generic, against_nominal=True
         )
         rows: list[Row] = []
@@ -214,8 +214,10 @@ class TrendResult(Result):
             rows += self._of_engine(engine, story, scoping, rows)
         return iter(rows)
 
-    def _of_engine(self, engine: str, story: Any, scoping: Scoping | None, before: Sequence[Row]) -> list[Row]:
-        from enginediag_cli.fleets.maintenance import conditions_of, maintenance_of
+    def _of_engine(
+        self, engine: str, story: Any, scoping: WorkScopeEstimator | None, before: Sequence[Row]
+    ) -> list[Row]:
+        from enginediag_cli.fleets.maintenance import maintenance_effects, mean_conditions
         from enginediag_cli.report.tables.answers import (
             maintenance_row,
             report_maintenance,
@@ -229,18 +231,19 @@ class TrendResult(Result):
         report_trend(messages, engine, story, series)
         scope = None
         if scoping is not None and story.events and (form or not messages.quiet):
-            scope = scoping.of_story(story, series.known, conditions_of(series.stretches[engine]))
+            scope = scoping.of_story(story, series.known, mean_conditions(series.stretches[engine]))
         report_work_scope(messages, engine, scope)
         rows = list(as_rows(engine, story, series, scope, form))
         if scoping is not None:
-            for found in maintenance_of(scoping, series, engine, tuple(choices.events)):
+            for found in maintenance_effects(scoping, series, engine, tuple(choices.events)):
                 report_maintenance(messages, engine, found, series, scoping)
                 rows.append(maintenance_row(engine, found, series, scoping, form, [*before, *rows]))
         return rows
 
     def plot(self) -> Picture:
         """The health of the engine that changed, or the margin, over flights. Raises NoVerdictError where there is
-        nothing to draw."""
+        nothing to draw.
+        """
         from enginediag_cli.report.plotting.models import chart_svg, margin_chart, trend_chart
 
         rows = self.rows

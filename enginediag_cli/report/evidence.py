@@ -187,7 +187,6 @@ def _detection_rows(question: RecordingsQuestion, left_out: list[str]) -> Iterat
 def _isolation_rows(question: RecordingsQuestion, windows: list[WindowStatistics]) -> Iterator[Row]:
     from enginediag_cli.isolation.diagnosis import DiagnosisOptions
     from enginediag_cli.isolation.methods import IsolationOptions
-    from enginediag_cli.isolation.windows import WindowIsolation
     from enginediag_cli.report.tables.isolation import isolated_rows
     from enginediag_cli.residuals.long_windows import KeptRecords
 
@@ -206,7 +205,6 @@ def _isolation_rows(question: RecordingsQuestion, windows: list[WindowStatistics
 @stage("following the series")
 def _trend_rows(question: RecordingsQuestion) -> dict[kinds.ResultKind, list[Row]]:
     from enginediag_cli.detection.series import series_of
-    from enginediag_cli.isolation.timeline import diagnose_engines
     from enginediag_cli.report.tables.trend import flight_rows, trend_rows
     from enginediag_cli.residuals.reduced import of_series
 
@@ -224,7 +222,7 @@ def _trend_rows(question: RecordingsQuestion) -> dict[kinds.ResultKind, list[Row
 
 @stage("following the margin")
 def _margin_rows(question: RecordingsQuestion, left_out: list[str]) -> list[Row]:
-    from enginediag_cli.fleets.maintenance import margins_of
+    from enginediag_cli.fleets.maintenance import assess_margins
     from enginediag_cli.report.tables.margin import margin_rows, odd_events
     from enginediag_cli.residuals.reduced import for_comparison, of_series
 

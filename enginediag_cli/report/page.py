@@ -14,7 +14,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from enginediag_cli import __version__
-from enginediag_cli.fleets.findings import IntervalEstimate
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.answer import FORMULA, IDENTIFIED, NO_DISCREPANCY, NOT_CONVERGED
 from enginediag_cli.report import result_files as kinds

@@ -16,7 +16,6 @@ from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
     from enginediag_cli.intake.agreement import Disagreement
-    from enginediag_cli.isolation.results import AmbiguityGroup
     from enginediag_cli.residuals.instruments import FaultInFlights, InstrumentFault
 
 

@@ -13,7 +13,7 @@ from enginediag_cli.report.tables.recordings import not_judged_lines, outside_en
 
 if TYPE_CHECKING:
     from enginediag_cli.fleets.findings import EngineFinding, IntervalEstimate
-    from enginediag_cli.fleets.models import BuildModel, MergeCounts, StoreStatus
+    from enginediag_cli.fleets.models import BuildModel, StoreStatus
     from enginediag_cli.fleets.run import FleetRun
     from enginediag_cli.residuals.instruments import FaultInFlights
 

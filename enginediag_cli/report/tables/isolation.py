@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from enginediag_cli.fleets.work_scope import WorkScope
     from enginediag_cli.isolation.catalogue import NamedIsolation
     from enginediag_cli.isolation.diagnosis import ComponentIsolation, Diagnosis
-    from enginediag_cli.isolation.results import AmbiguityGroup, SetIsolation
+    from enginediag_cli.isolation.results import SetIsolation
     from enginediag_cli.isolation.windows import IsolatedWindow
     from enginediag_cli.parameters import Parameter
     from enginediag_cli.residuals.windows import WindowStatistics
