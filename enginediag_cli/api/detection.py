@@ -190,7 +190,7 @@ class DetectionResult(VerdictResult):
             yield DETECT.row(verdict, DETECTABLE if self._detectable else ())
 
     def plot(self) -> Picture:
-        """The statistic of every window over its threshold. Raises NoVerdictError where nothing was judged."""
+        """Draw the statistic of every window over its threshold. Raises NoVerdictError where nothing was judged."""
         from enginediag_cli.report.plotting.models import chart_svg, detection_chart
 
         return Picture(chart_svg(detection_chart(self.rows)))
@@ -284,7 +284,7 @@ class FollowResult(Result):
         for report in following.reports():
             alarms[report.key] = report.alarm
             report_new_instruments(self.messages, report, wrong.setdefault(report.key, set()))
-            self.found = sum(alarms.values()) + sum(map(bool, wrong.values()))
+            self.findings = sum(alarms.values()) + sum(map(bool, wrong.values()))
             self.judged += 0 if report.reason else report.judged
             yield FOLLOW.row(report)
         report_mismatches(self.messages, intake.mismatches)

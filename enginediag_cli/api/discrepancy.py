@@ -70,7 +70,7 @@ class Inquiry:
     scratch: tuple[Any, ...] = ()  # keeps the files of what was given as objects alive
 
     def tell(self, loaded: LoadedCase) -> None:
-        """What should be known of the nominal state, and what was left out of the recordings."""
+        """Report doubts about the nominal state, and excluded data."""
         from enginediag_cli.report.tables.recordings import (
             report_baseline,
             report_excluded,
@@ -232,7 +232,7 @@ class LocateResult(Result):
 
     @property
     def verdict(self) -> str:
-        """What kind of mismatch it is, or that there is none; "" where there is no verdict."""
+        """The kind of mismatch, or that there is none; "" without a verdict."""
         from enginediag_cli.report.tables.location import kind_words
 
         return kind_words(self._kind) if self.converged else ""

@@ -447,7 +447,7 @@ def list_effects(engine: EngineLike | None = None) -> Listing:
     terms = [term(name) for name in term_names()]
     if engine is None:
         return Listing([term_row(t) for t in terms], _head("physics"))
-    model = as_engine(engine)
+    model = resolve_engine(engine)
     carried = effect_blocks(model)
     rows = [site_row(t, site, carried) for t in [*terms, *_laws(model)] for site in t.sites(model.network)]
     return Listing(rows, _head("physics", model))
@@ -481,13 +481,7 @@ def describe_effect(name: str, engine: EngineLike | None = None) -> Description:
     ['exponent']
     """
     from enginediag_cli.physics.registry import term, term_names
-    from enginediag_cli.report.reference import (
-        coefficient_rows,
-        effect_blocks,
-        physics_page,
-        site_row,
-        term_row,
-    )
+    from enginediag_cli.report.reference import coefficient_rows, effect_blocks, physics_page, site_row, term_row
 
     model = None if engine is None else resolve_engine(engine)
     laws = {law.NAME: law for law in (_laws(model) if model is not None else ())}

@@ -89,9 +89,7 @@ class FleetResult(DocumentResult):
         return document(self.run, provenance)
 
     def plot(self) -> Picture:
-        """Engines by severity with 95 % intervals, as on the page of `report`. Raises NoVerdictError where no engine
-        has a severity.
-        """
+        """Draw the engines by severity with 95 % intervals. Raises NoVerdictError where no engine has a severity."""
         from enginediag_cli.report.plotting.fleet import fleet_ranking, read_engines
         from enginediag_cli.report.plotting.models import chart_svg
 

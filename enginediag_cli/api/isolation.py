@@ -206,9 +206,7 @@ class IsolationResult(Result):
         return self._scoping.window_scope(found, self._options.prior, self._options.largest)
 
     def plot(self) -> Picture:
-        """The fingerprint of the last window in which something was isolated. Raises NoVerdictError where no window
-        was judged, and by component.
-        """
+        """Draw the fingerprint of the last window with an isolated change. Raises NoVerdictError, also by component."""
         from enginediag_cli.report.plotting.models import chart_svg, isolation_chart
 
         _ = self.rows

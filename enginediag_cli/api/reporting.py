@@ -108,7 +108,7 @@ def make_report(
 
 
 def _results(comparison: Comparison) -> tuple[list[ResultFile], list[str]]:
-    """What can be read of the files, and why others cannot, which ends nothing as long as one can. Raises DataError."""
+    """Read the results, with reasons for unreadable files. Raises DataError if none can be read."""
     from enginediag_cli.report.result_files import read_result
 
     source: Source = comparison.source
@@ -130,7 +130,7 @@ def _results(comparison: Comparison) -> tuple[list[ResultFile], list[str]]:
 def _evidence(
     comparison: Comparison, results: list[ResultFile], false_alarm: float, margin: MarginOptions
 ) -> tuple[ReportEvidence, list[str]]:
-    """What the results say, with what recordings say that are judged here."""
+    """Collect the findings of the results and of recordings that are judged here."""
     from enginediag_cli.report import result_files as kinds
     from enginediag_cli.report.evidence import RecordingsQuestion, collect_evidence, judge_recordings
     from enginediag_cli.report.result_files import known_parameters, nominal_result

@@ -218,11 +218,7 @@ class TrendResult(Result):
         self, engine: str, story: Any, scoping: WorkScopeEstimator | None, before: Sequence[Row]
     ) -> list[Row]:
         from enginediag_cli.fleets.maintenance import maintenance_effects, mean_conditions
-        from enginediag_cli.report.tables.answers import (
-            maintenance_row,
-            report_maintenance,
-            report_work_scope,
-        )
+        from enginediag_cli.report.tables.answers import maintenance_row, report_maintenance, report_work_scope
         from enginediag_cli.report.tables.trend import component_rows, report_trend, trend_rows
 
         choices, series, messages = self._choices, self._series, self.messages
@@ -231,7 +227,7 @@ class TrendResult(Result):
         report_trend(messages, engine, story, series)
         scope = None
         if scoping is not None and story.events and (form or not messages.quiet):
-            scope = scoping.of_story(story, series.known, mean_conditions(series.stretches[engine]))
+            scope = scoping.series_scope(story, series.known, mean_conditions(series.stretches[engine]))
         report_work_scope(messages, engine, scope)
         rows = list(as_rows(engine, story, series, scope, form))
         if scoping is not None:
@@ -241,9 +237,7 @@ class TrendResult(Result):
         return rows
 
     def plot(self) -> Picture:
-        """The health of the engine that changed, or the margin, over flights. Raises NoVerdictError where there is
-        nothing to draw.
-        """
+        """Draw the health of the engine that changed, or the margin, over flights. Raises NoVerdictError."""
         from enginediag_cli.report.plotting.models import chart_svg, margin_chart, trend_chart
 
         rows = self.rows

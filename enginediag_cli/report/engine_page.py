@@ -17,7 +17,7 @@ from enginediag_cli.report.evidence import EngineEvidence, ReportEvidence
 from enginediag_cli.report.html import Block, EngineState, Lead, PageSection, Paragraph, TableBlock, next_step
 from enginediag_cli.report.plotting import Chart, ChartTable, EventMark, Value, chart_columns, display_scale
 from enginediag_cli.report.plotting.health import (
-    MaintenanceEffect,
+    MaintenanceGain,
     TrendCourse,
     flight_order,
     group_by_parameter,
@@ -369,7 +369,7 @@ COLUMNS = chart_columns(
 )
 
 
-def _maintenance_table(events: Sequence[MaintenanceEffect]) -> Iterator[Block]:
+def _maintenance_table(events: Sequence[MaintenanceGain]) -> Iterator[Block]:
     if not events:
         return
     rows: list[tuple[Value, ...]] = []
@@ -391,7 +391,7 @@ def _maintenance_table(events: Sequence[MaintenanceEffect]) -> Iterator[Block]:
     yield TableBlock(title, ChartTable(COLUMNS, rows, [x.event.origin for x in events]))
 
 
-def _fall_words(gain: Estimate, unit: str) -> str:
+def _fall_words(gain: IntervalEstimate, unit: str) -> str:
     """A gain is a fall of temperature or fuel."""
     if not math.isfinite(gain.value):
         return ""

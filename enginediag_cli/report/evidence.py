@@ -187,6 +187,7 @@ def _detection_rows(question: RecordingsQuestion, left_out: list[str]) -> Iterat
 def _isolation_rows(question: RecordingsQuestion, windows: list[WindowStatistics]) -> Iterator[Row]:
     from enginediag_cli.isolation.diagnosis import DiagnosisOptions
     from enginediag_cli.isolation.methods import IsolationOptions
+    from enginediag_cli.isolation.windows import WindowIsolation
     from enginediag_cli.report.tables.isolation import isolated_rows
     from enginediag_cli.residuals.long_windows import KeptRecords
 
@@ -195,7 +196,9 @@ def _isolation_rows(question: RecordingsQuestion, windows: list[WindowStatistics
         kept = KeptRecords(question.suspicious, short_windows=not judging.plan.whole)
     nonlinear = "auto" if judging.linearise == "estimate" else "never"
     options = DiagnosisOptions(isolation=IsolationOptions(false_alarm=question.false_alarm), nonlinear=nonlinear)
-    isolating = Isolating(_judged_files(question, question.suspicious), options, question.false_alarm, kept=kept)
+    isolating = WindowIsolation(
+        _judged_files(question, question.suspicious), options, question.false_alarm, kept_records=kept
+    )
     for found in each(isolating.windows(), "windows isolated"):
         windows.append(found.verdict.window)
         for row in isolated_rows(found, False, advice=False):
@@ -205,6 +208,7 @@ def _isolation_rows(question: RecordingsQuestion, windows: list[WindowStatistics
 @stage("following the series")
 def _trend_rows(question: RecordingsQuestion) -> dict[kinds.ResultKind, list[Row]]:
     from enginediag_cli.detection.series import series_of
+    from enginediag_cli.isolation.timeline import diagnose_engines
     from enginediag_cli.report.tables.trend import flight_rows, trend_rows
     from enginediag_cli.residuals.reduced import of_series
 
@@ -214,7 +218,7 @@ def _trend_rows(question: RecordingsQuestion) -> dict[kinds.ResultKind, list[Row
         window = series.stretches[row["engine"]][row["number"] - 1].window
         told[kinds.FLIGHTS].append(Row(row, _window_origin(window)))
     generic = question.suspicious.slopes is not None
-    for engine, story in stories_of(series, reference=question.judging.reference, generic=generic):
+    for engine, story in diagnose_engines(series, reference=question.judging.reference, generic=generic):
         last = _window_origin(series.stretches[engine][-1].window)
         told[kinds.TREND] += [Row(row, last) for row in trend_rows(engine, story, series)]
     return told

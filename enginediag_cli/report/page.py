@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from enginediag_cli import __version__
+from enginediag_cli.fleets.findings import IntervalEstimate
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.answer import FORMULA, IDENTIFIED, NO_DISCREPANCY, NOT_CONVERGED
 from enginediag_cli.report import result_files as kinds
@@ -117,7 +118,7 @@ def _step(e: FleetEngine) -> str:
     )
 
 
-def _remaining_words(left: Estimate) -> str:
+def _remaining_words(left: IntervalEstimate) -> str:
     """Flights to the limit with their 90 % interval."""
     if not math.isfinite(left.value):
         return ""

@@ -16,6 +16,7 @@ from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
     from enginediag_cli.intake.agreement import Disagreement
+    from enginediag_cli.isolation.results import AmbiguityGroup
     from enginediag_cli.residuals.instruments import FaultInFlights, InstrumentFault
 
 
@@ -184,14 +185,14 @@ def unexplained(before: float, after: float, explained: float) -> str:
     return told if not math.isfinite(explained) else f"{told}: {100 * explained:.0f} % of the excess is explained"
 
 
-def ambiguity_words(found: Class, words: Callable[[Sequence[str]], Sequence[str]]) -> str:
+def ambiguity_words(found: AmbiguityGroup, words: Callable[[Sequence[str]], Sequence[str]]) -> str:
     """A class instead of a name: "cannot tell: HPC isentropic efficiency or T3 sensor bias (together probability 0.97);
     T45 would tell". words: how names are said."""
     members = [listed(list(words(member))) for member in found.members]
     more = f", or one of {found.members_omitted} more" if found.members_omitted else ""
     beside = f" beside {listed(list(words(found.shared)))}" if found.shared else ""
     told = f"ambiguous: {listed(members, 'or')}{more}{beside} (together probability {probability(found.probability)})"
-    sensors = [split_column(column)[0] for column in found.would_tell]
+    sensors = [split_column(column)[0] for column in found.separating_sensors]
     return f"{told}; {listed(sensors, 'or')} would separate them" if sensors else told
 
 

@@ -114,7 +114,7 @@ def test_a_reading_of_an_input_and_one_of_an_output_that_read_alike_are_a_class_
 
 
 def test_the_sentence_names_all_members_and_what_would_tell():
-    found = Class((("a",), ("b", "c")), ("d",), 0.97, 2, ("T3_K",))
+    found = AmbiguityGroup((("a",), ("b", "c")), ("d",), 0.97, 2, ("T3_K",))
     assert ambiguity_words(found, lambda names: [n.upper() for n in names]) == (
-        "cannot tell: A or B and C, or one of 2 more beside D (together probability 0.97); T3 would tell"
+        "ambiguous: A or B and C, or one of 2 more beside D (together probability 0.97); T3 would separate them"
     )

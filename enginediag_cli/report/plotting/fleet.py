@@ -79,7 +79,7 @@ class FlightEvidence:
 
 
 @dataclass(frozen=True)
-class EngineMargin:
+class MarginRecord:
     """The margin of the hottest temperature of an engine."""
 
     column: str
@@ -92,7 +92,7 @@ class EngineMargin:
 
 
 @dataclass(frozen=True)
-class MaintenanceEvent:
+class MaintenanceRecord:
     """Maintenance; `number`: of the first flight after it, 0 where there is none."""
 
     kind: str
@@ -125,8 +125,8 @@ class FleetEngine:
     severity_unit: str
     health: Sequence[ParameterHealth]
     by_flight: Sequence[FlightEvidence]
-    events: Sequence[MaintenanceEvent]
-    margin: EngineMargin
+    events: Sequence[MaintenanceRecord]
+    margin: MarginRecord
     origin: RowOrigin
     instruments: Sequence[str] = ()
 
@@ -155,8 +155,8 @@ def _engine(e: Mapping[str, Any], file: str, place: str) -> FleetEngine:
         since=tuple(int(e.get(name) or 0) for name in ("since", "since_low", "since_high")),
         health=parts(ParameterHealth, "health", lambda x: {"parameter": _parameter(x)}),
         by_flight=parts(FlightEvidence, "by_flight", lambda x: {"number": int(x["number"])}),
-        events=parts(MaintenanceEvent, "events", _event),
-        margin=_read(EngineMargin, e.get("margin") or {}),
+        events=parts(MaintenanceRecord, "events", _event),
+        margin=_read(MarginRecord, e.get("margin") or {}),
         origin=RowOrigin(file, place),
         instruments=[str(x["words"]) for x in e.get("instruments") or ()],
     )

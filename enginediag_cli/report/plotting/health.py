@@ -31,7 +31,7 @@ from enginediag_cli.report.plotting import (
     chart_columns,
     display_scale,
 )
-from enginediag_cli.report.plotting.fleet import NAN, EngineMargin, FlightEvidence, MaintenanceEvent
+from enginediag_cli.report.plotting.fleet import NAN, FlightEvidence, MaintenanceRecord, MarginRecord
 from enginediag_cli.report.result_files import Order, Row, order_windows
 from enginediag_cli.report.tables.margin import FLIGHT, MAINTENANCE, WHOLE, interval_columns
 from enginediag_cli.units import split_column
@@ -172,11 +172,11 @@ class MarginSource(Protocol):
     """An engine whose margin can be drawn."""
 
     @property
-    def margin(self) -> EngineMargin: ...
+    def margin(self) -> MarginRecord: ...
     @property
     def by_flight(self) -> Sequence[FlightEvidence]: ...
     @property
-    def events(self) -> Sequence[MaintenanceEvent]: ...
+    def events(self) -> Sequence[MaintenanceRecord]: ...
 
 
 def margin_forecast(key: str, engine: MarginSource, marks: Sequence[EventMark] = ()) -> Chart | None:
@@ -248,10 +248,10 @@ def _flights_words(flights: float) -> str:
 
 
 @dataclass(frozen=True)
-class MaintenanceEffect:
+class MaintenanceGain:
     """One event of maintenance, and what it brought: `gains` in words, and how much temperature and fuel fell."""
 
-    event: MaintenanceEvent
+    event: MaintenanceRecord
     flight: str
     gains: Sequence[str]
     temperature_K: IntervalEstimate
@@ -263,9 +263,9 @@ class MaintenanceEffect:
 class OwnMargin:
     """An engine's margin, flight by flight and as a whole, with its maintenance."""
 
-    margin: EngineMargin
+    margin: MarginRecord
     by_flight: Sequence[FlightEvidence]
-    events: Sequence[MaintenanceEvent]
+    events: Sequence[MaintenanceRecord]
 
 
 def read_margin(rows: Sequence[Row]) -> OwnMargin | None:
@@ -273,7 +273,7 @@ def read_margin(rows: Sequence[Row]) -> OwnMargin | None:
     whole = next((row for row in rows if row.text("row") == WHOLE), None)
     if whole is None:
         return None
-    m = EngineMargin(
+    m = MarginRecord(
         whole.text("column"),
         whole.text("condition"),
         whole.number("limit_K"),
@@ -286,7 +286,7 @@ def read_margin(rows: Sequence[Row]) -> OwnMargin | None:
     return OwnMargin(m, flights, [found.event for found in read_maintenance(rows)])
 
 
-def read_maintenance(rows: Sequence[Row]) -> list[MaintenanceEffect]:
+def read_maintenance(rows: Sequence[Row]) -> list[MaintenanceGain]:
     """The events of maintenance, in the order of their flights."""
     found = [_maintenance_effect(row) for row in rows if row.text("row") == MAINTENANCE]
     return sorted(found, key=lambda x: x.event.number or math.inf)
@@ -295,7 +295,7 @@ def read_maintenance(rows: Sequence[Row]) -> list[MaintenanceEffect]:
 def estimate(row: Row, name: str) -> IntervalEstimate:
     """A value with the cells of its interval."""
     value, low, high = map(row.number, interval_columns(name))
-    return Estimate(value, low, high)
+    return IntervalEstimate(value, low, high)
 
 
 def _flight(row: Row) -> FlightEvidence:
@@ -304,11 +304,11 @@ def _flight(row: Row) -> FlightEvidence:
     return FlightEvidence(row.count("number"), row.text("flight"), NAN, NAN, "", used.value, error, row.origin)
 
 
-def _maintenance_effect(row: Row) -> MaintenanceEffect:
+def _maintenance_effect(row: Row) -> MaintenanceGain:
     kind, component = row.text("event"), row.text("component")
     recovered, reason = estimate(row, "recovered_K"), row.text("reason")
-    event = MaintenanceEvent(kind, component, row.count("number"), recovered, reason, row.origin)
+    event = MaintenanceRecord(kind, component, row.count("number"), recovered, reason, row.origin)
     gains, fuel = row.list("brought"), estimate(row, "fuel_gain_percent")
-    return MaintenanceEffect(
+    return MaintenanceGain(
         event, row.text("flight"), gains, estimate(row, "temperature_gain_K"), fuel, row.text("held")
     )

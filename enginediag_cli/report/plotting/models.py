@@ -257,7 +257,7 @@ def isolation_chart(windows: Sequence[IsolatedWindow]) -> Chart:
         rivals = [(tuple(r.parameters), r.probability) for r in result.alternatives]
         answers = [(tuple(result.isolated), result.probability), *rivals] if result.isolated else []
         place = RowOrigin(window.source, f"{window.first_line}–{window.last_line}")
-        chart = window_fingerprint("isolate", window, place, answers, found.known)
+        chart = window_fingerprint("isolate", window, place, answers, found.meaning)
         if chart is not None:
             return chart
     raise NoVerdictError("--picture: no window that was judged has statistics with every sensor's error")

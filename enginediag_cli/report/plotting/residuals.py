@@ -202,7 +202,7 @@ def window_fingerprint(
     name = f"flight {window.flight}" if window.flight else lines
     told = [
         PredictedAnswer(listed([p.words for p in meanings(known, names).values()]), chance, list(values))
-        for (names, chance), values in zip(shown, found.foretold.tolist(), strict=True)
+        for (names, chance), values in zip(shown, found.predicted.tolist(), strict=True)
     ]
     deviations = Deviations(name, sensors, units, found.deviation.tolist(), found.error.tolist(), origin)
     return fingerprint(key, deviations, told)

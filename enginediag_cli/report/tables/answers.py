@@ -71,7 +71,7 @@ def next_recording(found: NextRecording | None) -> list[str]:
     records that each takes; empty where the answer has no rival."""
     if found is None:
         return []
-    words = [listed(parameter_words(found.known, names)) or "no change" for names in found.rivals]
+    words = [listed(parameter_words(found.meaning, names)) or "no change" for names in found.alternatives]
     lines = [f"to separate {words[0]} from {words[1]}:"]
     for one in found.conditions:
         where = ", ".join(f"{column} {value:.4g}" for column, value in one.values.items())
@@ -123,7 +123,7 @@ def _cells(flip: ConclusionChange, first: Sequence[str], words: Words) -> dict[s
         "stated": flip.stated,
         "stated_as": origin,
         "times": flip.times,
-        "becomes": " & ".join(flip.becomes) or "nothing",
+        "becomes": " & ".join(flip.conclusion) or "nothing",
         "words": f"the answer would {_outcome(flip, first, words)}",
     }
 
@@ -165,15 +165,17 @@ def flips_sentence(flips: SensitivityAnalysis, words: Words) -> str:
     errors = [flip for flip in flips.changes if flip.error is not None]
     prior = [flip for flip in flips.changes if flip.error is None]
     if errors:
-        return f"the answer would {'; or '.join(_outcome(flip, flips.first, words) for flip in flips.found[:TOLD])}"
-    rest = f"; it would {_outcome(prior[0], flips.first, words)}" if prior else ""
+        return (
+            f"the answer would {'; or '.join(_outcome(flip, flips.conclusion, words) for flip in flips.changes[:TOLD])}"
+        )
+    rest = f"; it would {_outcome(prior[0], flips.conclusion, words)}" if prior else ""
     return (
         f"no single error of a map, a sensor or an input would change the name within {flips.most:g} times what is "
         f"stated of it ({flips.tried} tried){rest}"
     )
 
 
-def _outcome(flip: Flip, first: Sequence[str], words: Words) -> str:
+def _outcome(flip: ConclusionChange, first: Sequence[str], words: Words) -> str:
     """For instance "hold fan flow capacity as well if T45 read 1.2 K higher"."""
     more, less = [n for n in flip.conclusion if n not in first], [n for n in first if n not in flip.conclusion]
     if not flip.conclusion:
@@ -275,10 +277,10 @@ def gain_words(gain: Gain, reference: PowerReference) -> str:
     return _gain_sentence(gain, reference, past=True)
 
 
-def _gain_sentence(gain: Gain, reference: Reference, past: bool = False) -> str:
+def _gain_sentence(gain: Gain, reference: PowerReference, past: bool = False) -> str:
     quantity, unit = split_column(reference.temperature)
     name = quantity if reference.recorded else f"{quantity} (of the model)"
-    held = "power" if reference.held == POWER else "thrust"
+    held = "power" if reference.held_column == POWER else "thrust"
     first = _change_words(name, gain.temperature, unit, past)
     share = Quantity(PERCENT * gain.fuel.share, PERCENT * gain.fuel.share_deviation, 0.0, 0.0)
     return f"{first} and {_change_words('fuel flow', share, '%', past)} at equal {held} ({reference.words})"
@@ -340,7 +342,9 @@ def work_scope_cells(scope: WorkScope | None, form: str) -> tuple[Any, tuple[str
     return None if scope is None else list(work_scope_sentences(scope)), ("work_scope",) if form else ()
 
 
-def report_maintenance(messages: Messages, engine: str, found: Maintenance, series: Series, scoping: Scoping) -> None:
+def report_maintenance(
+    messages: Messages, engine: str, found: MaintenanceEffect, series: Series, scoping: WorkScopeEstimator
+) -> None:
     """What maintenance did bring, in words."""
     name = f"engine {engine}: " if engine else ""
     label = series.stretches[engine][found.flight - 1].window.flight or str(found.flight)

@@ -13,7 +13,7 @@ from enginediag_cli.report.tables.recordings import not_judged_lines, outside_en
 
 if TYPE_CHECKING:
     from enginediag_cli.fleets.findings import EngineFinding, IntervalEstimate
-    from enginediag_cli.fleets.models import BuildModel, StoreStatus
+    from enginediag_cli.fleets.models import BuildModel, MergeCounts, StoreStatus
     from enginediag_cli.fleets.run import FleetRun
     from enginediag_cli.residuals.instruments import FaultInFlights
 
@@ -202,9 +202,11 @@ def report_fleet(messages: Messages, result: FleetRun) -> None:
         messages.warning(f"{name}: excluded: {why}")
     if len(result.left_out) > SHOWN:
         messages.warning(f"{len(result.left_out) - SHOWN} more recordings excluded; --format json lists all")
-    if result.unknown:
-        messages.warning(f"events name engines of which there is no recording: {', '.join(result.unknown[:SHOWN])}")
-    for line in (*not_judged_lines(result.counts), *outside_envelope_lines(result.elsewhere)):
+    if result.unknown_engines:
+        messages.warning(
+            f"events name engines of which there is no recording: {', '.join(result.unknown_engines[:SHOWN])}"
+        )
+    for line in (*not_judged_lines(result.counts), *outside_envelope_lines(result.outside_training)):
         messages.note(line)
     counts = result.counts
     judged = len(result.recordings) - len(result.left_out)
@@ -233,11 +235,11 @@ def status_rows(standing: StoreStatus) -> Iterator[dict[str, Any]]:
         yield {"recording": recorded.name, "build": recorded.build, "engine": recorded.serial, "state": state}
 
 
-def report_standing(messages: Messages, standing: Standing) -> None:
+def report_standing(messages: Messages, standing: StoreStatus) -> None:
     """How many recordings are there, and what else, on stderr."""
     there = sum(bool(key) for _, key in standing.recordings)
     messages.note(
-        f"{there} of {count(len(standing.known), 'recording')} reduced to statistics; "
+        f"{there} of {count(len(standing.recordings), 'recording')} reduced to statistics; "
         f"{standing.bytes / 1e6:.1f} MB in all"
     )
     for build, known in standing.models.items():
@@ -247,7 +249,7 @@ def report_standing(messages: Messages, standing: Standing) -> None:
         messages.note(f"{count(len(standing.others), 'recording')} of other fleets or settings; prune removes them")
 
 
-def report_merged(messages: Messages, other: str, merged: Merged) -> None:
+def report_merged(messages: Messages, other: str, merged: MergeCounts) -> None:
     """What came out of another store, on stderr."""
     came = f"{count(merged.copied, 'recording')} and {count(merged.models, 'model')} copied"
     messages.note(f"{other}: {came}; {count(merged.present, 'recording')} were there")

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from enginediag_cli.fleets.work_scope import WorkScope
     from enginediag_cli.isolation.catalogue import NamedIsolation
     from enginediag_cli.isolation.diagnosis import ComponentIsolation, Diagnosis
-    from enginediag_cli.isolation.results import SetIsolation
+    from enginediag_cli.isolation.results import AmbiguityGroup, SetIsolation
     from enginediag_cli.isolation.windows import IsolatedWindow
     from enginediag_cli.parameters import Parameter
     from enginediag_cli.residuals.windows import WindowStatistics
@@ -100,14 +100,14 @@ class IsolationRow(NamedTuple):
 
     @property
     def adequacy(self) -> Adequacy | None:
-        answer = self.components if self.isolated_window.by_component else self.diagnosis
+        answer = self.components if self.isolated_window.to_components else self.diagnosis
         return answer.adequacy if answer else None
 
     @property
     def verdict(self) -> str:
         """That of the test, or that the answer to what it found does not stand; an instrument that is stuck or
         scatters is a fault whatever the test says of the rest."""
-        stands = self.adequacy is None or self.adequacy.stands
+        stands = self.adequacy is None or self.adequacy.is_listed
         return self.isolated_window.verdict.with_instruments if stands else CANNOT_TELL
 
     @property
@@ -124,7 +124,7 @@ class IsolationRow(NamedTuple):
     @property
     def note(self) -> str:
         """Why there is no verdict, or what a bad fit did to the answer."""
-        known = self.isolated_window.known
+        known = self.isolated_window.meaning
         if self.components is not None:
             larger = "" if self.components.complete else "larger sets of parameters were not considered"
             return "; ".join(filter(None, [reservation(self.components.adequacy, known), larger]))
@@ -135,9 +135,9 @@ class IsolationRow(NamedTuple):
 
 
 row_column: Columns[IsolationRow] = Columns()
-class_column: Columns[Class] = Columns()
+class_column: Columns[AmbiguityGroup] = Columns()
 named_column: Columns[NamedIsolation] = Columns()
-result_column: Columns[IsolationResult] = Columns()
+result_column: Columns[SetIsolation] = Columns()
 components_column: Columns[ComponentIsolation] = Columns()
 part_column: Columns[Any] = Columns()
 
@@ -165,7 +165,7 @@ _TESTED = (
         "probability of such a statistic where nothing changed",
         lambda row: row.isolated_window.verdict.test.p_value if row.isolated_window.verdict.test else None,
     ),
-    row_column("fit_before", "number?", "χ² per degree of freedom without any answer", _figure(lambda a: a.before)),
+    row_column("fit_before", "number?", "χ² per degree of freedom without any answer", _figure(lambda a: a.fit_before)),
     row_column("fit", "number?", "χ² per degree of freedom that the answer leaves", _figure(lambda a: a.fit)),
     row_column(
         "explained", "number?", "share of the excess χ² that the answer takes away", _figure(lambda a: a.explained)
@@ -186,7 +186,9 @@ _CLASS = (
         "answers that the data do not separate",
         lambda c: [" & ".join((*c.shared, *member)) for member in c.members],
     ),
-    class_column("would_tell", "texts?", "sensors that would separate the members", lambda c: list(c.would_tell)),
+    class_column(
+        "would_tell", "texts?", "sensors that would separate the members", lambda c: list(c.separating_sensors)
+    ),
 )
 _NOTE = row_column("note", "text", "why there is no verdict, or what a bad fit did to the answer")
 _BESIDE = (
@@ -208,7 +210,7 @@ ISOLATE: Table[IsolationRow] = Table(
             "number?",
             "probability that these changed and nothing else that matters; with those of all others and `unlisted`, 1",
         ),
-        *row_column.part(lambda row: row.result and row.result.one_of, _CLASS),
+        *row_column.part(lambda row: row.result and row.result.ambiguity, _CLASS),
         *row_column.part(
             lambda row: row.part,
             (
@@ -232,14 +234,16 @@ ISOLATE: Table[IsolationRow] = Table(
                     "rivals",
                     "texts?",
                     "other sets that cannot be excluded, with their probabilities",
-                    lambda result: format_sets(result.rivals),
+                    lambda result: format_sets(result.alternatives),
                 ),
-                result_column("rivals_left_out", "integer?", "alternatives that are not listed"),
+                result_column(
+                    "rivals_left_out", "integer?", "alternatives that are not listed", lambda r: r.alternatives_omitted
+                ),
             ),
         ),
         _NOTE,
         *row_column.part(
-            lambda row: row.diagnosis and row.diagnosis.named,
+            lambda row: row.diagnosis and row.diagnosis.catalogue,
             (
                 named_column(
                     "named",
@@ -266,7 +270,7 @@ ISOLATE: Table[IsolationRow] = Table(
                     "named_rivals",
                     "texts?",
                     "other faults that cannot be excluded",
-                    lambda named: format_sets(named.rivals),
+                    lambda named: format_sets(named.alternatives),
                     only_with="--catalogue",
                 ),
             ),
@@ -313,7 +317,7 @@ COMPONENTS: Table[IsolationRow] = Table(
                 components_column("probability", "number?", "probability of exactly these"),
             ),
         ),
-        *row_column.part(lambda row: row.components and row.components.one_of, _CLASS),
+        *row_column.part(lambda row: row.components and row.components.ambiguity, _CLASS),
         *row_column.part(
             lambda row: row.components,
             (
@@ -331,7 +335,7 @@ COMPONENTS: Table[IsolationRow] = Table(
                     "rivals",
                     "texts?",
                     "other sets of components, with their probabilities",
-                    lambda c: format_sets(c.rivals),
+                    lambda c: format_sets(c.alternatives),
                 ),
             ),
         ),
@@ -356,7 +360,9 @@ def isolated_rows(
     """
     forms = forms or {}
     flips = forms.get("flips")
-    cells = (flip_cells if flips == "nested" else flip_column)(found.flips, name_formatter(found)) if flips else {}
+    cells = (
+        (flip_cells if flips == "nested" else flip_column)(found.sensitivity, name_formatter(found)) if flips else {}
+    )
     restored, asked = work_scope_cells(scope, forms.get("work_scope", ""))
     optional = [*cells, *asked]
     if found.to_components:
@@ -407,11 +413,11 @@ def report_isolation(messages: Messages, found: IsolatedWindow, scope: WorkScope
     of = window_fields(found.verdict)
     report_instruments(messages, found.verdict)
     if found.components is not None:
-        messages.note(f"{window_words(found.verdict)}: {component_sentence(found.components, found.known)}", **of)
-    elif not found.by_component:
-        report_diagnosis(messages, found.verdict, found.diagnosis, found.known, next_recording(found.advice))
-    if found.flips is not None and found.named:
-        messages.note(f"{window_words(found.verdict)}: {flips_sentence(found.flips, name_formatter(found))}")
+        messages.note(f"{window_words(found.verdict)}: {component_sentence(found.components, found.meaning)}", **of)
+    elif not found.to_components:
+        report_diagnosis(messages, found.verdict, found.diagnosis, found.meaning, next_recording(found.advice))
+    if found.sensitivity is not None and found.named:
+        messages.note(f"{window_words(found.verdict)}: {flips_sentence(found.sensitivity, name_formatter(found))}")
     for sentence in work_scope_sentences(scope) if scope is not None else ():
         messages.note(f"{window_words(found.verdict)}: {sentence}")
 
@@ -483,8 +489,8 @@ def report_diagnosis(
     messages.note(f"{here}: {leading}{what}{alone}{left and f'; {left}'}", **of)
     for sentence in _forms(result, known):
         messages.note(f"{here}: {sentence}", **of)
-    if result.one_of is not None:
-        messages.note(f"{here}: {ambiguity_words(result.one_of, lambda names: parameter_words(known, names))}", **of)
+    if result.ambiguity is not None:
+        messages.note(f"{here}: {ambiguity_words(result.ambiguity, lambda names: parameter_words(known, names))}", **of)
     if diagnosis.nonlinear:
         messages.note(f"{here}: a large change, judged with the full model", **of)
     if diagnosis.sensor_ambiguity is not None and result.ambiguity is None:  # else it is told among the members
@@ -531,11 +537,13 @@ def component_sentence(found: ComponentIsolation, known: Mapping[str, Parameter]
         besides = [f"{spelled(c)} ({probability(found.inclusion[c])})" for c in found.possible]
         sentence = f"{words(found.components)} changed (probability {probability(found.p_all)})"
         sentence += f", perhaps {listed(besides)} as well; exactly this: probability {probability(found.probability)}"
-    if found.rivals:
-        sentence += f"; next: {words(found.rivals[0].parameters)} ({probability(found.rivals[0].probability)})"
-    if found.one_of is not None:
-        sentence += f"; {ambiguity_words(found.one_of, lambda names: [spelled(c) for c in names])}"
-    left = unexplained(found.adequacy.before, found.adequacy.fit, found.adequacy.explained)
+    if found.alternatives:
+        sentence += (
+            f"; next: {words(found.alternatives[0].parameters)} ({probability(found.alternatives[0].probability)})"
+        )
+    if found.ambiguity is not None:
+        sentence += f"; {ambiguity_words(found.ambiguity, lambda names: [spelled(c) for c in names])}"
+    left = unexplained(found.adequacy.fit_before, found.adequacy.fit, found.adequacy.explained)
     sentence += left and f"; {left}"
     caution = reservation(found.adequacy, known)
     leading = "" if found.adequacy.is_listed else "leading, but not to be relied on: "

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from enginediag_cli.fleets.maintenance import EngineMargin, EventEffect, SeriesMargins
     from enginediag_cli.fleets.work_scope import Gain, PowerReference
     from enginediag_cli.parameters import Parameter
-    from enginediag_cli.report.plotting.fleet import EngineMargin
+    from enginediag_cli.report.plotting.fleet import MarginRecord
 
 
 part_column: Columns[Any] = Columns()
@@ -53,10 +53,10 @@ class MarginRow(NamedTuple):
     row: str
     number: int
     stretches: Sequence[Stretch]
-    used: Estimate = Estimate()
-    remaining: Estimate = Estimate()
+    used: IntervalEstimate = IntervalEstimate()
+    remaining: IntervalEstimate = IntervalEstimate()
     event: EventRow | None = None
-    effect: Brought | None = None
+    effect: EventEffect | None = None
     parameters: Mapping[str, Parameter] = {}
 
     @property
@@ -73,7 +73,7 @@ class MarginRow(NamedTuple):
         return self.stretches[self.number - 1].window if self.number else None
 
     @property
-    def gain(self) -> tuple[Gain, Reference] | None:
+    def gain(self) -> tuple[Gain, PowerReference] | None:
         found, reference = self.effect, self.followed.reference
         return None if found is None or found.gain is None or reference is None else (found.gain, reference)
 
@@ -92,7 +92,7 @@ class MarginRow(NamedTuple):
         return self.whole.reason if self.whole else None
 
 
-def _gain_estimate(row: MarginRow, value: str, low: str, high: str) -> Estimate:
+def _gain_estimate(row: MarginRow, value: str, low: str, high: str) -> IntervalEstimate:
     """Cells of what maintenance gained."""
     cells = gain_cells(*row.gain) if row.gain else {}
     return IntervalEstimate(*(cells.get(name, math.nan) for name in (value, low, high)))
@@ -114,8 +114,8 @@ def _estimate(
     helps = (help, f"lower end of its {level} interval", f"upper end of its {level} interval")
     ends: tuple[Callable[[IntervalEstimate], float], ...] = (lambda x: x.value, lambda x: x.low, lambda x: x.high)
 
-    def cell(end: Callable[[Estimate], float]) -> Callable[[MarginRow], float | None]:
-        return lambda row: _finite_or_none(end(get(row) or Estimate()))
+    def cell(end: Callable[[IntervalEstimate], float]) -> Callable[[MarginRow], float | None]:
+        return lambda row: _finite_or_none(end(get(row) or IntervalEstimate()))
 
     columns = zip(interval_columns(name), helps, ends, strict=True)
     return tuple(margin_column(n, "number?", words, cell(end), unit) for n, words, end in columns)
@@ -241,7 +241,7 @@ def margin_rows(margins: SeriesMargins) -> Iterator[dict[str, Any]]:
                     IntervalEstimate(whole - used, whole - (used + half), whole - (used - half)),
                 )
                 yield MARGIN.row(MarginRow(followed, FLIGHT, flight.number, stretches, taken, left))
-        for event, brought in zip(finding.events, followed.brought, strict=True):
+        for event, brought in zip(finding.events, followed.effects, strict=True):
             row = MarginRow(
                 followed, MAINTENANCE, event.number, stretches, event=event, effect=brought, parameters=known
             )
@@ -250,7 +250,7 @@ def margin_rows(margins: SeriesMargins) -> Iterator[dict[str, Any]]:
         yield MARGIN.row(MarginRow(followed, WHOLE, len(stretches), stretches, taken, left))
 
 
-def report_margins(messages: Messages, margins: Margins) -> None:
+def report_margins(messages: Messages, margins: SeriesMargins) -> None:
     """Margins, what maintenance brought, and what is odd about the events, in words."""
     for engine, one in margins.engines.items():
         name = f"engine {engine}: " if engine else ""
@@ -298,7 +298,7 @@ def changes(found: EventEffect, known: Mapping[str, Parameter]) -> list[str]:
     return [change(known[name], size, NORMAL_95 * error) for name, size, error in sizes]
 
 
-def margin_words(m: Margin | EngineMargin) -> str:
+def margin_words(m: Margin | MarginRecord) -> str:
     """For instance "T5 margin 147 K ± 2 K of the limit 1150 K; 108 flights to it (90 %: 99 to 119)"."""
     if not m.column or not math.isfinite(m.consumed_K.value):
         return f"the margin of the turbine temperature is unknown: {m.reason or 'no flight shows it'}"
@@ -327,5 +327,5 @@ def remaining_words(left: IntervalEstimate, until: str = "to it") -> str:
     return f"{count(round(left.value), 'flight')} {until} (90 %: {left.low:,.0f} to {end})"
 
 
-def _size(x: Estimate) -> str:
+def _size(x: IntervalEstimate) -> str:
     return format_quantity(x.value, "K", (x.high - x.low) / 2)

@@ -111,13 +111,13 @@ class TrendRow(NamedTuple):
         )
 
 
-def _format_suspects(event: Event | None, members: Sequence[Member]) -> list[str]:
+def _format_suspects(event: SeriesEvent | None, members: Sequence[EventSuspect]) -> list[str]:
     chance = event.probability if event else 1.0
     return [f"{m.component} ({chance * m.probability:.2g})" for m in members]
 
 
 row_column: Columns[TrendRow] = Columns()
-story_column: Columns[Story] = Columns()
+story_column: Columns[SeriesDiagnosis] = Columns()
 onset_column: Columns[Onset] = Columns()
 size_column: Columns[ChangeSize] = Columns()
 part_column: Columns[Any] = Columns()
@@ -339,7 +339,7 @@ def report_instruments_over_flights(messages: Messages, series: Series) -> None:
             messages.note(f"{name}{instrument_in_flights(found)}", engine=engine)
 
 
-def report_trend(messages: Messages, engine: str, story: Story, series: Series) -> None:
+def report_trend(messages: Messages, engine: str, story: SeriesDiagnosis, series: Series) -> None:
     """What happened during a series, in words."""
     name = f"engine {engine}: " if engine else ""
     if not story.converged:
@@ -398,7 +398,7 @@ def report_trend(messages: Messages, engine: str, story: Story, series: Series) 
             messages.note(f"{name}{since}: not separated: {each}", engine=engine)
 
 
-def _onset_words(event: Event, stretches: Sequence[Stretch]) -> str:
+def _onset_words(event: SeriesEvent, stretches: Sequence[Stretch]) -> str:
     """When it began: flights by their labels, else seconds, else lines, with the interval."""
     at, low, high = (stretches[k - 1].window for k in (event.onset, event.low, event.high))
     word = "at once, from" if event.kind == "step" else "growing, from"
