@@ -21,7 +21,7 @@ import numpy as np
 from enginediag_cli import __version__
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.tape import MOMENT
-from enginediag_cli.physics.law import variables_of
+from enginediag_cli.physics.law import formula_variables
 from enginediag_cli.report.sentences import format_quantity
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ from enginediag_cli.mismatch.fit.options import FORMULA_OPTION as OF_A_LAW
 from enginediag_cli.mismatch.fit.options import effect_option, fault_options, onset, option_scores
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial import HypothesisFit
-from enginediag_cli.physics.registry import candidates
+from enginediag_cli.physics.registry import candidate_effects
 from enginediag_cli.report.tables.explanation_text import residual_share_words, rest_sentences
 
 REYNOLDS = ("reynolds_efficiency", "hpc", {"exponent": 0.1})

@@ -17,7 +17,7 @@ from enginediag_cli.mismatch.explain.answer import FORMULA, HIDDEN_STATE, IDENTI
 from enginediag_cli.mismatch.explain.curves import best_places
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.fit.options import FORMULA_OPTION as LAW_OPTION
-from enginediag_cli.physics.registry import each
+from enginediag_cli.physics.registry import separate_effects
 from enginediag_cli.report.sentences import change, count, format_quantity, listed, probability, rounded, spelled
 from enginediag_cli.report.tables.answers import explanation_flips
 from enginediag_cli.report.tables.formulas import (
