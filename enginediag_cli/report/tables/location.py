@@ -310,8 +310,8 @@ def _residuals(located: Located) -> ScatterData:
     driver = cell.driver.driver
     label = cell.driver.short + ("" if driver.unit == "1" else f" [{driver.unit}]")
     scale: Callable[[float], float] = float
-    if driver.counted_in:  # people read the quantity, not its logarithm
-        label, scale = f"{cell.driver.short} ({driver.counted_in})", math.exp
+    if driver.quantity_unit:  # people read the quantity, not its logarithm
+        label, scale = f"{cell.driver.short} ({driver.quantity_unit})", math.exp
     return ScatterData(
         label,
         f"{s.sensor.rsplit('_', 1)[0]}: measured − model [{s.unit}]",
