@@ -9,7 +9,7 @@ Three ways, each for its own kind of work:
 `ProcessPool`, `run_tasks`
     Independent tasks, such as trials and batches. Processes start fresh (spawn) and load what they need themselves.
 `QuestionProcess`, `answer_questions`
-    A process that knows nothing but the questions it is asked, one JSON object a line.
+    A process that knows nothing but its questions, one JSON object a line.
 
     for result in parallel_map(lambda k: judge(series[k]), len(series)):
         ...

@@ -18,7 +18,7 @@ from enginediag_cli.errors import ExitCode, NoVerdictError
 from enginediag_cli.report.messages import Messages
 
 if TYPE_CHECKING:
-    from enginediag_cli.validation.demonstration import Case, Flight
+    from enginediag_cli.validation.demonstration import Case, JudgedFlight
 
 COLUMNS = 110
 """Letters of a line of the demonstration: what a terminal of usual width shows without breaking it."""
@@ -95,8 +95,8 @@ def _play(messages: Messages, seed: int) -> None:
     run(messages, demonstration.identify())
     baseline = load_nominal(demonstration.NOMINAL)
     noise = {column: sensor.noise_sigma for column, sensor in baseline.engine.sensors.items()}
-    _print(demonstration.identified(baseline.nominal, noise))
-    played: list[tuple[Case, list[Flight]]] = []
+    _print(demonstration.describe_identification(baseline.nominal, noise))
+    played: list[tuple[Case, list[JudgedFlight]]] = []
     for number, case in enumerate(demonstration.CASES, start=1):
         _head(2 + number, f"Fly {case.title}")
         played.append((case, _fly(messages, case, seed + number)))
@@ -106,7 +106,7 @@ def _play(messages: Messages, seed: int) -> None:
     click.echo(f"\n{demonstration.closing([flight for _, flights in played for flight in flights])}")
 
 
-def _fly(messages: Messages, case: Case, seed: int) -> list[Flight]:
+def _fly(messages: Messages, case: Case, seed: int) -> list[JudgedFlight]:
     """Simulate the flights of a case and judge them; a case with a fault is also isolated."""
     from enginediag_cli.api.inputs import load_engine
     from enginediag_cli.validation import demonstration
@@ -116,12 +116,12 @@ def _fly(messages: Messages, case: Case, seed: int) -> list[Flight]:
     run(messages, demonstration.detect(case))
     engine = load_engine(demonstration.ENGINE)
     flights = demonstration.read_flights(engine, truth, detected)
-    _print(map(demonstration.verdict, flights))
+    _print(map(demonstration.describe_verdict, flights))
     if not case.fault:
         return flights
     run(messages, demonstration.isolate(case))
     flights = demonstration.read_flights(engine, truth, detected, isolated)
-    _print(map(demonstration.isolated, flights))
+    _print(map(demonstration.describe_isolation, flights))
     return flights
 
 
@@ -134,7 +134,7 @@ def _play_missing_physics(messages: Messages, seed: int) -> None:
     story.prepare()
     for line in story.preparations():
         click.echo(f"   $ {line}")
-    _print(story.concealed())
+    _print(story.describe_concealed())
     run(messages, story.fly(story.RECORDED, story.FITTED_FLIGHTS, seed))
     run(messages, story.fly(story.UNSEEN, story.UNSEEN_FLIGHTS, seed + 1))
     _head(2, "Where do model and recordings differ?")
@@ -143,19 +143,19 @@ def _play_missing_physics(messages: Messages, seed: int) -> None:
     _print(_wrapped(kept.notes))
     _head(3, "Which physics is missing?")
     run(messages, story.explain())
-    _print(_wrapped(story.read(story.EXPLAINED)["sentences"]))
+    _print(_wrapped(story.read_json(story.EXPLAINED)["sentences"]))
     effects = story.named_effects(Path(story.EXPLAINED))
     if not effects:
         raise NoVerdictError("explain named no effect that a model could carry: there is nothing to refine")
     _head(4, "Add it to the model, and judge by unseen flights")
     run(messages, story.refine(effects))
-    _print(_wrapped(story.read(story.REPORT)["sentences"]))
+    _print(_wrapped(story.read_json(story.REPORT)["sentences"]))
     _head(5, "Does detect give false alarms on healthy flights?")
     for engine in (story.ENGINE, story.REFINED, story.TRUTH):
         run(messages, story.identify(engine))
         run(messages, story.detect(engine))
-        _print([story.judged(story.read(story.detected_by(engine)), engine)])
-    found = story.read_found()
+        _print([story.describe_alarms(story.read_json(story.verdict_file(engine)), engine)])
+    found = story.read_results()
     click.echo("\nTruth and findings")
     _print(story.comparison(found))
     click.echo(f"\n{story.closing(found)}")

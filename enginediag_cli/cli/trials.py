@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -19,10 +19,9 @@ from enginediag_cli.report.output import Output
 from enginediag_cli.validation import kinds as trial_kinds
 
 if TYPE_CHECKING:
-    from enginediag_cli.validation import explain_trials, isolation_trials
-    from enginediag_cli.validation.rows import Results
     from enginediag_cli.validation.studies import Study
-    from enginediag_cli.validation.trials import Journal
+    from enginediag_cli.validation.study_runs import Results
+    from enginediag_cli.validation.trials import Journal, TrialPlan
 
 Key = TypeVar("Key")
 Value = TypeVar("Value")
@@ -97,14 +96,13 @@ def study(
     command with -o or --journal resumes an interrupted study.
     """
     from enginediag_cli.parallel import run_tasks
-    from enginediag_cli.validation.rows import totals
     from enginediag_cli.validation.studies import load_study
-    from enginediag_cli.validation.study_runs import batches, run_batch, study_journal, study_key
+    from enginediag_cli.validation.study_runs import batches, run_batch, study_journal, totals
 
     described = load_study(file)
     seed = described.seed if seed is None else seed
     path = Path(journal) if journal else None if output.to_stdout else Path(output.path + ".journal")
-    kept = study_journal(path, study_key(described, seed, repetitions)) if path else None
+    kept = study_journal(path, described, seed, repetitions) if path else None
     every, finished = batches(described, repetitions), kept.read() if kept else {}
     todo = [batch for batch in every if batch not in finished]
     running = run_tasks(partial(run_batch, described.path, seed), todo, processes or os.cpu_count() or 1)
@@ -117,16 +115,16 @@ def study(
 def _write_study(described: Study, results: Results, seed: int, show: str, output: Output, file: str) -> None:
     from enginediag_cli.api.results import header_lines
     from enginediag_cli.report.tables.trials import COUNTS, RELIABILITY, STUDY
-    from enginediag_cli.validation.rows import as_json, shortened, study_rows
+    from enginediag_cli.validation.study_runs import short_rates, study_document, study_rows
 
     found, columns = study_rows(described, results, show)
     declared = {"rates": STUDY, "counts": COUNTS, "reliability": RELIABILITY}[show]
     head = header_lines("study", seed=seed, configs=[file], notes=declared.notes)
     if output.chosen_format() == "table" and show == "rates" and not (output.wide or output.columns):
-        found = [shortened(row) for row in found]
+        found = [short_rates(row) for row in found]
         columns = tuple(found[0])
     output.write_document(
-        lambda: as_json(described, results, seed), found, columns, summary=STUDY.terminal, provenance=head
+        lambda: study_document(described, results, seed), found, columns, summary=STUDY.terminal, provenance=head
     )
 
 
@@ -211,17 +209,17 @@ class TrialChoices:
         """The kinds of the trials."""
         if self.question == ISOLATE:
             return self.chosen or trial_kinds.ISOLATION_KINDS
-        return trial_kinds.all_of(self.chosen) or trial_kinds.KINDS
+        return trial_kinds.expand_choices(self.chosen) or trial_kinds.KINDS
 
     @property
     def moving(self) -> bool:
         """Whether recordings are unsteady in some of the trials."""
-        return self.question == EXPLAIN and any(map(trial_kinds.moves, self.kinds))
+        return self.question == EXPLAIN and any(map(trial_kinds.is_dynamic, self.kinds))
 
     @property
     def choices(self) -> frozenset[str]:
         """The kinds that are drawn only on request."""
-        return frozenset(map(trial_kinds.choice, self.kinds)) if self.question == EXPLAIN else frozenset()
+        return frozenset(map(trial_kinds.special_choice, self.kinds)) if self.question == EXPLAIN else frozenset()
 
     def engines(self, given: str | None) -> tuple[str, ...]:
         """The engine file given, or shipped ones. Raises DataError."""
@@ -273,7 +271,7 @@ class TrialChoices:
     metavar="KIND",
     help=f"Only trials of this kind. Repeatable. For explain: {', '.join(trial_kinds.KINDS)}; only on request dynamic "
     "(unsteady recordings, effects with memory), law (formulas outside the library), planned (what to fly next), "
-    f"several ({', '.join(kind for own in trial_kinds.APART.values() for kind in own)}). For isolate: "
+    f"several ({', '.join(kind for own in trial_kinds.SPECIAL_KINDS.values() for kind in own)}). For isolate: "
     f"{', '.join(trial_kinds.ISOLATION_KINDS)}; only on request {trial_kinds.FIELD} (whole flights with everything at "
     "once, a quarter of them healthy).",
 )
@@ -330,24 +328,24 @@ def prove(
     noise and maps. The default of ENGINE.yaml is turbofan.yaml. Realistic trials other than field use turbofan,
     turbojet, power_plant and turboshaft in turn. The same seed gives the same sheet, whatever --jobs.
     """
+    from enginediag_cli.validation.trials import TrialPlan
+
     if resume and not trials_output:
         raise click.UsageError("--resume needs --trials-output FILE")
     choices = TrialChoices(question, truth, kind)
     choices.check()
-    engines = choices.engines(engine)
+    plan = TrialPlan(question, choices.engines(engine), seed, choices.truths, choices.kinds)
     run = partial(_finished_trials, messages, trials, jobs or os.cpu_count() or 1, trials_output, resume)
     if question == ISOLATE:
         from enginediag_cli.validation import isolation_trials
 
-        plan = isolation_trials.Plan(engines, seed, choices.truths, choices.kinds)
-        records = run(engines, isolation_trials.plan_key(plan), partial(isolation_trials.run_trials, plan))
+        records = run(plan, isolation_trials.run_group)
         _report_cost(messages, records, "isolator_seconds", "to identify and isolate")
         _write_isolation(plan, records, output)
         return
     from enginediag_cli.validation import explain_trials
 
-    sealed = explain_trials.Plan(engines[0], seed, choices.truths, choices.kinds, engines=engines)
-    records = run(engines, explain_trials.plan_key(sealed), partial(explain_trials.run_trials, sealed))
+    records = run(plan, explain_trials.run_group)
     _report_cost(messages, records, "explainer_seconds", "to explain")
     unscored = sum(not r["scorer_converged"] for r in records)
     if unscored:
@@ -355,7 +353,7 @@ def prove(
     for r in records:
         if r["error"]:
             messages.warning(f"trial {r['trial']}: the explainer failed: {r['error']}")
-    _write_explanations(sealed, records, sizes, output)
+    _write_explanations(plan, records, sizes, output)
 
 
 def _finished_trials(
@@ -364,27 +362,34 @@ def _finished_trials(
     jobs: int,
     path: str | None,
     resume: bool,
-    engines: Sequence[str],
-    key: str,
-    run_trials: Callable[[Iterable[int], int], Generator[tuple[int, dict[str, Any]], None, None]],
+    plan: TrialPlan,
+    run_group: Callable[[TrialPlan, Sequence[int]], list[dict[str, Any]]],
 ) -> list[Record]:
     """Run the trials that the journal does not have; all of them in their order. Raises DataError."""
     from enginediag_cli.errors import DataError
     from enginediag_cli.validation.causes import check_engine
-    from enginediag_cli.validation.explain_trials import trials_journal
+    from enginediag_cli.validation.trials import run_trials, trials_journal
 
-    for engine in engines:
+    for engine in plan.engines:
         check_engine(engine)
-    journal = trials_journal(Path(path), key) if path else None
+    journal = trials_journal(Path(path), plan.key) if path else None
     finished: dict[int, Record] = {}
     if journal:
         finished = journal.read() if resume else {}
         if not finished:
-            if not resume and journal.begun:
+            if not resume and journal.has_lines:
                 raise DataError(f"{journal.path} has trials already: continue with --resume, or remove it")
             journal.write({})
     todo = [k for k in range(total) if k not in finished]
-    _collect(messages, run_trials(todo, jobs), "prove", todo, finished, journal, "the same command with --resume")
+    _collect(
+        messages,
+        run_trials(run_group, plan, todo, jobs),
+        "prove",
+        todo,
+        finished,
+        journal,
+        "the same command with --resume",
+    )
     if journal:
         journal.write(dict(sorted(finished.items())))
     return [finished[k] for k in range(total)]
@@ -397,32 +402,32 @@ def _report_cost(messages: Messages, records: Sequence[Record], name: str, what:
     messages.note(f"{len(records)} trials; CPU time per trial: {diagnosis:.1f} s {what}, {total:.1f} s to score")
 
 
-def _write_explanations(plan: explain_trials.Plan, records: list[Record], sizes: bool, output: Output) -> None:
+def _write_explanations(plan: TrialPlan, records: list[Record], sizes: bool, output: Output) -> None:
     from enginediag_cli.api.results import header_lines
     from enginediag_cli.report.tables.trials import PROVE
-    from enginediag_cli.validation.rows import bin_rows, rows, score_sheet_document, size_rows, table
+    from enginediag_cli.validation.score_sheet import bin_rows, score_sheet_document, sheet_rows, sheet_table, size_rows
 
     found = score_sheet_document(plan, records, sizes)
     notes = PROVE.notes | {"trials": str(len(records))}
-    head = header_lines("prove", seed=plan.seed, configs=[plan.engine], notes=notes)
+    head = header_lines("prove", seed=plan.seed, configs=[plan.engines[0]], notes=notes)
     scores = {name: found[name] for name in found["scores"]}
     if output.chosen_format() != "table" or output.columns:
-        output.write_document(found, rows(scores, found["bins"]), PROVE.names, provenance=head)
+        output.write_document(found, sheet_rows(scores, found["bins"]), PROVE.names, provenance=head)
         return
     binned = ("lambda", "lambda_sep", "signal_to_noise")
-    parts = [table(scores), *(bin_rows(found["bins"], what) for what in binned)]
+    parts = [sheet_table(scores), *(bin_rows(found["bins"], what) for what in binned)]
     output.write_tables([*parts, *([size_rows(found["detectable_size"])] if sizes else [])])
 
 
-def _write_isolation(plan: isolation_trials.Plan, records: list[Record], output: Output) -> None:
+def _write_isolation(plan: TrialPlan, records: list[Record], output: Output) -> None:
     from enginediag_cli.api.results import header_lines
     from enginediag_cli.report.tables.trials import ISOLATED
-    from enginediag_cli.validation.rows import document, isolation_sheet_rows, tables
+    from enginediag_cli.validation.isolation_trials import isolation_document, isolation_sheet_rows, isolation_tables
 
-    found = document(plan, records)
+    found = isolation_document(plan, records)
     notes = ISOLATED.notes | {"trials": str(len(records))}
     head = header_lines("prove", seed=plan.seed, configs=list(plan.engines), notes=notes)
     if output.chosen_format() != "table" or output.columns:
         output.write_document(found, isolation_sheet_rows(found), ISOLATED.names, provenance=head)
         return
-    output.write_tables(tables(found))
+    output.write_tables(isolation_tables(found))

@@ -1,16 +1,12 @@
-"""What is wrong in a trial, or is said to be: effects, and steps in time of a health parameter or of a sensor.
+"""What may be wrong in a trial: causes, the effects that can be drawn, and how often each is drawn.
 
-The same words for the sealed truth and for an explainer's answer, so that the scorer compares like with like.
+The concealed truth and the answer are written in the same terms, so that the scorer compares like with like. An effect
+that identification absorbs at any size is drawn seldom: its trial shows little more than one with nothing concealed.
 
-What remembers, drawn for blind trials of kind dynamic: rate limits, lags, delays, heat soak, inertia.
-
-The kind of effect is drawn first and its place after that: an engine has more probes than fuel controls. Sizes are in
-seconds that recordings of some minutes at 1 Hz can show; a rotor's inertia is drawn as the time in which its whole
-design power would bring it to speed, since kilogram metres squared of a model jet say nothing about a fan.
-
-How often each effect is drawn: one that identification absorbs at any size tells little more than a null trial.
-
-Whether an engine can be flown in blind trials, before any worker is started.
+Dynamic effects are rate limits, lags, delays, heat soak and inertia. Their kind is drawn first and their location after
+that, since an engine has more probes than fuel controls. Sizes are in seconds that recordings of some minutes at 1 Hz
+can show. A rotor's inertia is drawn as the time in which its whole design power would bring it to speed: kilogram
+metres squared of a model jet say nothing about a fan.
 """
 
 from __future__ import annotations
@@ -53,8 +49,8 @@ from enginediag_cli.physics.terms.control import (
 from enginediag_cli.physics.terms.probe import ClockShift, ProbeLag
 from enginediag_cli.physics.terms.turbomachinery import HeatSoak, RotorInertia
 from enginediag_cli.units import RAD_S_PER_RPM
-from enginediag_cli.validation.trial_flights import check_engine as check_flights
-from enginediag_cli.validation.trial_flights import draw_flights, hour_columns, stack
+from enginediag_cli.validation.trial_flights import check_flyable as check_flights
+from enginediag_cli.validation.trial_flights import draw_flights, hour_columns, stack_flights
 
 
 @dataclass(frozen=True)
@@ -69,7 +65,7 @@ class Cause:
     def is_step(self) -> bool:
         return self.first >= 0
 
-    def as_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         return {"name": self.name, "first": self.first}
 
     @classmethod
@@ -77,9 +73,9 @@ class Cause:
         return cls(str(values["name"]), int(values["first"]))
 
 
-Begun = tuple[Sequence[Cause], Mapping[str, float]]
+FittedCauses = tuple[Sequence[Cause], Mapping[str, float]]
 """Causes, and coefficients at which effects that are tried at some size are begun."""
-Key = frozenset[str]
+CauseNames = frozenset[str]
 """A set of causes by name: when a step began is no part of its identity."""
 
 
@@ -88,11 +84,11 @@ def instrument_place(column: str) -> str:
     return f"reading {column}"
 
 
-def key(causes: Sequence[Cause]) -> Key:
+def cause_names(causes: Sequence[Cause]) -> CauseNames:
     return frozenset(c.name for c in causes)
 
 
-def causes_of(options: Sequence[Option]) -> tuple[Cause, ...]:
+def causes_from_options(options: Sequence[Option]) -> tuple[Cause, ...]:
     """The causes that an explanation's options stand for."""
     found = [Cause(own.label) for o in options for e in o.hypothesis.effects for own in separate_effects(e)]
     for o in options:
@@ -101,38 +97,38 @@ def causes_of(options: Sequence[Option]) -> tuple[Cause, ...]:
     return tuple(found)
 
 
-def effect_of(engine: Engine, cause: Cause) -> Effect:
+def effect_from_cause(engine: Engine, cause: Cause) -> Effect:
     """The effect that a cause names."""
     term, _, site = cause.name.partition("@")
     return effect(engine, term, site)
 
 
-def hypothesis(
+def causes_hypothesis(
     engine: Engine, causes: Sequence[Cause], records: int, values: Mapping[str, float] | None = None
 ) -> Hypothesis:
     """The causes as something to fit to evidence of so many records of one engine. `values`: coefficients by parameter
-    at which effects begin whose derivative at absence tells nothing."""
-    effects = tuple(_begun(effect_of(engine, c), values or {}) for c in causes if not c.is_step)
+    at which effects start whose derivative at absence is uninformative."""
+    effects = tuple(_start_at_sizes(effect_from_cause(engine, c), values or {}) for c in causes if not c.is_step)
     steps = [c for c in causes if c.is_step]
     curves = {f"since record {c.first}": (np.arange(records) >= c.first).astype(float) for c in steps}
     found = tuple(Discrepancy(c.name, f"since record {c.first}", engine.parameters[c.name].prior_sigma) for c in steps)
     return Hypothesis(effects, found, curves)
 
 
-def _begun(effect: Effect, values: Mapping[str, float]) -> Effect:
-    if not effect.trial_names:
+def _start_at_sizes(effect: Effect, values: Mapping[str, float]) -> Effect:
+    if not effect.tried:
         return effect
     known = {c.name: effect.parameter_name(c.name) for c in effect.term.amplitudes()}
     return replace(effect, values={**effect.values, **{c: values[n] for c, n in known.items() if n in values}})
 
 
-def components(engine: Engine, cause: Cause) -> frozenset[str]:
+def cause_components(engine: Engine, cause: Cause) -> frozenset[str]:
     """Where an engineer would look: the effect's component, and those whose parameters it acts through (a variation
     of cooling flow is of the turbine and of the cooling bleed)."""
     if cause.is_step:
         return frozenset({engine.parameters[cause.name].component})
-    site = effect_of(engine, cause).site
-    leaves = {engine.parameters[leaf].component for leaf in site.targets if leaf in engine.parameters}
+    site = effect_from_cause(engine, cause).site
+    leaves = {engine.parameters[leaf].component for leaf in site.acts_on if leaf in engine.parameters}
     return frozenset({site.component} | leaves)
 
 
@@ -185,14 +181,14 @@ def _size(engine: Engine, effect: Effect, c: Coefficient, rng: np.random.Generat
         assert engine.network.design_point is not None
         shaft = engine.network.design_point.shafts[effect.site.name]
         omega = RAD_S_PER_RPM * scalar(shaft.speed_rpm)
-        return _between(*ACCELERATION_S, rng) * scalar(shaft.supply_W) / omega**2
+        return _log_uniform(*ACCELERATION_S, rng) * scalar(shaft.supply_W) / omega**2
     # of an effect that this file does not know, the size that it calls typical
     low, high = SIZES.get(effect.term.NAME, {}).get(c.name, (0.5 * c.typical, c.typical))
     sign = rng.choice((-1.0, 1.0)) if effect.term.NAME in EITHER_SIGN else 1.0
-    return float(np.clip(sign * _between(low, high, rng), c.lower, c.upper))
+    return float(np.clip(sign * _log_uniform(low, high, rng), c.lower, c.upper))
 
 
-def _between(low: float, high: float, rng: np.random.Generator) -> float:
+def _log_uniform(low: float, high: float, rng: np.random.Generator) -> float:
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
@@ -203,17 +199,17 @@ VISIBLE = 25.0
 """λ from which a cause counts as visible: five standard deviations."""
 
 
-def drawable(engine: Engine) -> list[Effect]:
+def drawable_effects(engine: Engine) -> list[Effect]:
     """Every term at every site that can act on this engine with what its recordings hold."""
     known = {*engine.inputs, *engine.optional_inputs, *hour_columns()}
     return [e for e in candidate_effects(engine) if set(e.term.INPUTS) <= known]
 
 
 @lru_cache(maxsize=4)
-def weights(path: str, largest: float) -> dict[str, float]:
+def draw_weights(path: str, largest: float) -> dict[str, float]:
     """Label of each drawable effect of the engine file → weight; `largest`: largest size drawn, over the typical."""
     engine = load_engine(path)
-    library = drawable(engine)
+    library = drawable_effects(engine)
     flights, training = draw_flights(engine, np.random.default_rng(0))
     found = noise_free_fit(engine, flights[:training], 0.0)
     result = {}
@@ -249,7 +245,7 @@ def true_readings(
     truth: Engine, flights: Sequence[Mapping[str, np.ndarray]], theta: Mapping[str, float | np.ndarray]
 ) -> np.ndarray:
     """What an engine's sensors read without noise over all flights (N, m), NaN where it has no solution."""
-    u = stack(flights)
+    u = stack_flights(flights)
     p = truth.predict({c: u[c] for c in (*truth.inputs, *truth.optional_inputs) if c in u}, theta)
     return np.where(p.ok[:, None], p.y, np.nan)
 
@@ -263,5 +259,5 @@ def check_engine(path: str) -> None:
         raise DataError(
             f"{engine.name}: blind trials need the noise of every sensor; none is stated for {', '.join(silent)}"
         )
-    if not engine.monitored or not drawable(engine):
+    if not engine.monitored or not drawable_effects(engine):
         raise DataError(f"{engine.name}: nothing to conceal: no monitored parameter, or no effect that can act")

@@ -1,24 +1,19 @@
-"""A concealed law: where it acts, what it varies with, by how much, and its curve over records.
+"""Concealed formulas: location, variables and form at random, and a size that the readings show.
 
-Forms of concealed laws: some of the grammar that a search tries, and more that it does not have.
+Forms are some of the grammar that the search tries, and more that it does not have. In a form's text x and y are the
+variables, x0 and y0 their values at the design point, u and v both less a place within the records, over a width, and s
+is u limited to −1 and 1. The form is 0 at the design point and multiplied by the size a.
 
-In a form's text x and y stand for variables, x0 and y0 for what they are at the design point, u and v for both less a
-place within the records over a width, s for u kept within −1 and 1. What stands there is taken to be 0 at the design
-point and multiplied by the law's size a.
+The size gives the non-centrality wanted. With c the column ∂y/∂θ · f/a at the engine without the formula, and c⊥ its
+part that identification does not absorb,
 
-A natural cubic spline: the free curve that a law is compared with.
+    λ = a² |c⊥|²,     corrected once by the λ of flights that have the formula: a → a √(λ wanted/λ)
 
-Knots t₁ … t_K at quantiles of the variable over the records that are fitted; beyond the outer knots it is straight. In
-the basis of T. Hastie, R. Tibshirani, J. Friedman, The Elements of Statistical Learning, 2nd ed. (2009), eq. 5.4–5.5,
+The free curve that a formula is compared with is a natural cubic spline: knots t₁ … t_K at quantiles of the variable
+over the fitted records, straight beyond the outer knots. In the basis of T. Hastie, R. Tibshirani, J. Friedman, The
+Elements of Statistical Learning, 2nd ed. (2009), eq. 5.4–5.5,
 
     N₁ = x,   N_{k+1} = d_k − d_{K−1},   d_k = ((x − t_k)³₊ − (x − t_K)³₊)/(t_K − t_k)
-
-What a trial of a law conceals: place, variables and form at random, and a size that the readings show.
-
-The size a is that of the non-centrality wanted: with c the column ∂y/∂θ · f/a at the engine without the law, and c⊥
-what identification leaves of it,
-
-    λ = a² |c⊥|²,     corrected once by the λ that flights with the law really leave: a → a √(λ wanted/λ)
 """
 
 from __future__ import annotations
@@ -43,15 +38,15 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.laws.grammar import FORMS, Form, span
 from enginediag_cli.mismatch.laws.scan import KnownVariable, known_variables
 from enginediag_cli.physics.expression import Expression, ExpressionError
-from enginediag_cli.physics.law import Law, LawPlace, Variable
-from enginediag_cli.validation.causes import VISIBLE, drawable, noise_free_fit, true_readings
+from enginediag_cli.physics.law import Acts, Law, Variable
+from enginediag_cli.validation.causes import VISIBLE, drawable_effects, noise_free_fit, true_readings
 from enginediag_cli.validation.trial_flights import draw_higher
 
 Columns = Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True)
-class LawTruth:
+class ConcealedFormula:
     """`effect`: the law with its size; `place`: where it acts; `form`, `outside`: by name, and whether no grammar holds
     it; `higher`: inputs of flights four kilometres above the others, `at_ceiling`: share of their records that the
     engine's envelope keeps lower."""
@@ -59,13 +54,13 @@ class LawTruth:
     effect: Effect
     place: Location
     form: str
-    outside: bool
+    outside_grammar: bool
     higher: tuple[Columns, ...] = ()
-    at_ceiling: float = 0.0
+    ceiling_share: float = 0.0
 
     @property
     def law(self) -> Law:
-        return law_of(self.effect)
+        return formula_term(self.effect)
 
     @property
     def values(self) -> dict[str, float]:
@@ -73,14 +68,16 @@ class LawTruth:
         return {self.effect.parameter_name(c): v for c, v in self.effect.values.items()}
 
 
-def law_of(effect: Effect) -> Law:
+def formula_term(effect: Effect) -> Law:
     """The law that an effect is. Raises TypeError for any other effect."""
     if not isinstance(effect.term, Law):
         raise TypeError(f"{effect.label} is no law")
     return effect.term
 
 
-def along(engine: Engine, inputs: Columns, theta: Mapping[str, Any], of: Sequence[Variable]) -> dict[str, np.ndarray]:
+def evaluate_variables(
+    engine: Engine, inputs: Columns, theta: Mapping[str, Any], of: Sequence[Variable]
+) -> dict[str, np.ndarray]:
     """Values (N,) of variables at operating points of an engine, by name; NaN where it has no solution."""
     columns = tuple(dict.fromkeys(c for v in of if not v.recorded for c in v.columns))
     at: dict[str, np.ndarray] = {c: np.asarray(x, float) for c, x in inputs.items()}
@@ -93,9 +90,9 @@ def along(engine: Engine, inputs: Columns, theta: Mapping[str, Any], of: Sequenc
     return {v.name: np.broadcast_to(v.values(at), (n,)) for v in of}
 
 
-def curve(effect: Effect, values: Mapping[str, np.ndarray]) -> np.ndarray:
+def evaluate_formula(effect: Effect, values: Mapping[str, np.ndarray]) -> np.ndarray:
     """f (N,) of a law where its variables have these values."""
-    law = law_of(effect)
+    law = formula_term(effect)
     numbers = {c.name: effect.values.get(c.name, c.absent) for c in law.COEFFICIENTS}
     n = len(next(iter(values.values()))) if values else 1
     with np.errstate(all="ignore"):
@@ -140,7 +137,7 @@ OUTSIDE: Mapping[str, str] = {
     "Pagie": "u ** 4 / (1 + u ** 4) + v ** 4 / (1 + v ** 4)",
     "Kotanchek": "exp(-u ** 2) / (1.2 + v ** 2)",
 }
-"""Forms that no grammar holds, by name; of two variables where y or v stands in them. Those with the name of a person
+"""Forms that no grammar holds, by name; of two variables where they contain y or v. Those with the name of a person
 are of lists on which others have tried symbolic regression: C. Runge (1901); M. Keijzer, EuroGP (2003) 70–82; L. Pagie,
 P. Hogeweg, Evol. Comput. 5 (1997) 401–418; E. Vladislavleva et al., IEEE Trans. Evol. Comput. 13 (2009) 333–349."""
 RATIOS = ("rational", "odd powers", "ratio with offset")
@@ -148,38 +145,40 @@ RATIOS = ("rational", "odd powers", "ratio with offset")
 
 
 @dataclass(frozen=True)
-class Shaped:
+class FormText:
     """A form with numbers in it: `text` in the names of its variables and the size a, `outside` the grammar or not."""
 
     name: str
-    outside: bool
+    outside_grammar: bool
     text: str
 
 
-def of_grammar(of: Sequence[KnownVariable], rng: np.random.Generator) -> Shaped:
+def draw_grammar_form(of: Sequence[KnownVariable], rng: np.random.Generator) -> FormText:
     """A form that the search has, with a shape that it need not try."""
     pairs = len(of) == 2
     static = (f for f in FORMS if not f.remembers)  # marks compare curves over what variables are
-    usable = [f for f in static if f.pairs == pairs and not (f.ratios and _recorded(of))]
+    usable = [f for f in static if f.pairs == pairs and not (f.ratios and _any_recorded(of))]
     form = usable[int(rng.integers(len(usable)))]
-    return Shaped(form.name, False, _written(form.text, of, _shape(form, of, rng)))
+    return FormText(form.name, False, _substitute(form.text, of, _shape(form, of, rng)))
 
 
-def of_none(of: Sequence[KnownVariable], rng: np.random.Generator) -> Shaped:
+def draw_foreign_form(of: Sequence[KnownVariable], rng: np.random.Generator) -> FormText:
     """A form that the grammar does not have."""
     pairs = len(of) == 2
-    usable = [n for n, t in OUTSIDE.items() if _pairs(t) == pairs and not (n in RATIOS and _recorded(of))]
+    usable = [
+        n for n, t in OUTSIDE.items() if _has_two_variables(t) == pairs and not (n in RATIOS and _any_recorded(of))
+    ]
     name = usable[int(rng.integers(len(usable)))]
     text = re.sub(r"\bs\b", "max(min(u, 1), -1)", OUTSIDE[name])
     letters = {n: draw(rng) for n, draw in _LETTERS.items()}
     for letter, known in zip("uv", of, strict=False):
-        along = "xy"["uv".index(letter)]
+        variable = "xy"["uv".index(letter)]
         place, width = _place(known, rng), _width(known, rng)
-        text = re.sub(rf"\b{letter}\b", f"(({along} - {place:.{DIGITS}g}) / {width:.{DIGITS}g})", text)
-    text = _written(text, of, letters)
+        text = re.sub(rf"\b{letter}\b", f"(({variable} - {place:.{DIGITS}g}) / {width:.{DIGITS}g})", text)
+    text = _substitute(text, of, letters)
     names = {k.variable.name: k.variable.reference for k in of}
-    there = float(np.asarray(Expression.parse(text).evaluate(names)))
-    return Shaped(name, True, f"a * ({text} - ({there!r}))")
+    there = float(np.asarray(Expression.parsed(text).at(names)))
+    return FormText(name, True, f"a * ({text} - ({there!r}))")
 
 
 def _shape(form: Form, of: Sequence[KnownVariable], rng: np.random.Generator) -> dict[str, str]:
@@ -210,18 +209,18 @@ def _width(x: KnownVariable, rng: np.random.Generator) -> float:
     return float(span(x.values) * np.exp(rng.uniform(*np.log(WIDTH))))
 
 
-def _written(text: str, of: Sequence[KnownVariable], letters: Mapping[str, str]) -> str:
+def _substitute(text: str, of: Sequence[KnownVariable], letters: Mapping[str, str]) -> str:
     """With variables by their names and letters by their numbers."""
     by = {letter: k.variable for letter, k in zip("xy", of, strict=False)}
     words = dict(letters) | {n: v.name for n, v in by.items()} | {f"{n}0": f"{v.reference!r}" for n, v in by.items()}
     return re.sub(r"\b[a-z]\d?\b", lambda m: words.get(m[0], m[0]), text)
 
 
-def _pairs(text: str) -> bool:
+def _has_two_variables(text: str) -> bool:
     return bool(re.search(r"\b[yv]\b", text))
 
 
-def _recorded(of: Sequence[KnownVariable]) -> bool:
+def _any_recorded(of: Sequence[KnownVariable]) -> bool:
     return any(k.variable.recorded for k in of)
 
 
@@ -231,7 +230,7 @@ MANY_KNOTS = (0.02, 0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 0.98)
 """Of a curve that is to follow whatever one variable can say."""
 
 
-def spline(x: np.ndarray, fitted: np.ndarray | None = None, knots: Sequence[float] = KNOTS) -> np.ndarray:
+def spline_basis(x: np.ndarray, fitted: np.ndarray | None = None, knots: Sequence[float] = KNOTS) -> np.ndarray:
     """Its functions (N, K − 1) of a variable (N,), each of mean 0 and standard deviation 1 over the records `fitted`
     (all of them when not given), whose quantiles the knots are."""
     own = x if fitted is None else fitted
@@ -271,32 +270,32 @@ KEPT = 60
 rarer for it."""
 
 
-class NothingShownError(DataError):
+class NothingVisibleError(DataError):
     """The flights of a trial show nothing that it could conceal: others may."""
 
 
 @dataclass(frozen=True)
-class Ground:
+class FormulaDesign:
     """What laws are drawn on: an engine, the fit to its flights without noise, places, and what moves."""
 
     engine: Engine
-    found: IdentifiedHypothesis
+    fit: IdentifiedHypothesis
     projection: Projection
     columns: ColumnsColumns
     places: tuple[Location, ...]
-    known: tuple[KnownVariable, ...]
+    variables: tuple[KnownVariable, ...]
 
     @staticmethod
-    def of(engine: Engine, flights: Sequence[Mapping[str, np.ndarray]], model_error: float) -> Ground:
+    def from_flights(engine: Engine, flights: Sequence[Mapping[str, np.ndarray]], model_error: float) -> FormulaDesign:
         """Of the flights that are not held back. Raises NothingShownError where nothing can be fitted or nothing
         moves."""
         found = noise_free_fit(engine, flights, model_error)
         places = tuple(p for p in list_locations(engine, found.problem.sensors) if p.through is None)
         known = tuple(k for k in known_variables(found) if span(k.values) > MOVES * max(np.ptp(k.values), _size(k)))
         if not found.converged or not known or not places:
-            raise NothingShownError(f"{engine.name}: laws need variables that move, and a fit that converges")
+            raise NothingVisibleError(f"{engine.name}: laws need variables that move, and a fit that converges")
         columns = ColumnsColumns(found, [p.parameter for p in places], [])
-        return Ground(engine, found, Projection(found), columns, places, known)
+        return FormulaDesign(engine, found, Projection(found), columns, places, known)
 
     def gram(self, place: Location, curves: np.ndarray) -> np.ndarray:
         """Products (k, k) of the place's derivative times curves (N, k), after projection."""
@@ -305,76 +304,78 @@ class Ground:
         return Sums(self.projection, self.columns, family).gram(np.column_stack([np.zeros(k, int), np.arange(k)]))
 
 
-def draw_law(
+def draw_formula(
     engine: Engine,
     flights: Sequence[Mapping[str, np.ndarray]],
     training: int,
     model_error: float,
     rng: np.random.Generator,
-) -> LawTruth:
+) -> ConcealedFormula:
     """A law that these flights show, with a plausible size, that no effect or fault of the library says as well.
 
     Raises NothingShownError where none is found.
     """
-    ground = Ground.of(engine, flights[:training], model_error)
+    design = FormulaDesign.from_flights(engine, flights[:training], model_error)
     higher, at_ceiling = draw_higher(engine, rng)
-    flown, sort = 0, Sort.drawn(rng)
+    flown, sort = 0, FormulaRequest.draw(rng)
     for k in range(TRIES):
-        sort = Sort.drawn(rng) if k % KEPT == KEPT - 1 else sort
-        drawn = shaped_law(ground, sort, rng)
+        sort = FormulaRequest.draw(rng) if k % KEPT == KEPT - 1 else sort
+        drawn = draft_formula(design, sort, rng)
         if drawn is None:
             continue
         flown += 1
-        found = _corrected(ground, drawn, flights[:training], model_error, sort.wanted)
-        if found is not None and _plausible_at(engine, found, (*flights, *higher)):
-            return replace(found, higher=higher, at_ceiling=at_ceiling)
+        found = _correct_size(design, drawn, flights[:training], model_error, sort.target_lambda)
+        if found is not None and _is_plausible_in_flight(engine, found, (*flights, *higher)):
+            return replace(found, higher=higher, ceiling_share=at_ceiling)
         if flown >= FLOWN:
             break
-    raise NothingShownError(f"{engine.name}: no law was found that these flights show and the library lacks")
+    raise NothingVisibleError(f"{engine.name}: no law was found that these flights show and the library lacks")
 
 
 @dataclass(frozen=True)
-class Sort:
+class FormulaRequest:
     """What is decided first: of two variables or of one, whether no grammar holds the form, the λ wanted."""
 
-    two: bool
-    outside: bool
-    wanted: float
+    two_variables: bool
+    outside_grammar: bool
+    target_lambda: float
 
     @staticmethod
-    def drawn(rng: np.random.Generator) -> Sort:
-        return Sort(
+    def draw(rng: np.random.Generator) -> FormulaRequest:
+        return FormulaRequest(
             bool(rng.random() < TWO), bool(rng.random() < OUTSIDE_SHARE), float(np.exp(rng.uniform(*np.log(LAMBDA))))
         )
 
 
-def shaped_law(ground: Ground, sort: Sort, rng: np.random.Generator) -> LawTruth | None:
+def draft_formula(design: FormulaDesign, sort: FormulaRequest, rng: np.random.Generator) -> ConcealedFormula | None:
     """One place, one or two variables, one form, and the size of the λ wanted by projection; None where the law would
     be implausible, says nothing, or, of two variables, one would do."""
-    place = ground.places[int(rng.integers(len(ground.places)))]
-    of = _variables(ground.known, sort.two, rng)
+    place = design.places[int(rng.integers(len(design.places)))]
+    of = _variables(design.variables, sort.two_variables, rng)
     sign = float(rng.choice((-1.0, 1.0)))
     try:
-        shaped = (of_none if sort.outside else of_grammar)(of, rng)
-        unit = _law(ground, place, of, shaped, 1.0, 1.0)
+        shaped = (draw_foreign_form if sort.outside_grammar else draw_grammar_form)(of, rng)
+        unit = _build_formula(design, place, of, shaped, 1.0, 1.0)
     except ExpressionError:  # too long
         return None
-    f = curve(unit.effect, {k.variable.name: k.values for k in of})
+    f = evaluate_formula(unit.effect, {k.variable.name: k.values for k in of})
     if not np.isfinite(f).all() or np.ptp(f) < 1e-9:
         return None
-    length = ground.gram(place, f[:, None])[0, 0]
+    length = design.gram(place, f[:, None])[0, 0]
     if length <= 0.0:
         return None
-    size = sign * float(np.sqrt(sort.wanted / length))
-    if not _within(ground.engine, place, size * f):
+    size = sign * float(np.sqrt(sort.target_lambda / length))
+    if not _is_plausible(design.engine, place, size * f):
         size = -size
-    if not _within(ground.engine, place, size * f) or (len(of) == 2 and _one_would_do(ground, place, of, size * f)):
+    if not _is_plausible(design.engine, place, size * f) or (
+        len(of) == 2 and _one_variable_suffices(design, place, of, size * f)
+    ):
         return None
-    return _law(ground, place, of, shaped, size, float(np.std(f)))
+    return _build_formula(design, place, of, shaped, size, float(np.std(f)))
 
 
 def _variables(known: Sequence[KnownVariable], two: bool, rng: np.random.Generator) -> tuple[KnownVariable, ...]:
-    """One variable or two that the records tell apart, every group of them equally often."""
+    """One variable, or two that the records separate, every group of them equally often."""
     groups = list(dict.fromkeys(k.group for k in known))
     count = min(2 if two else 1, len(groups))
     found = []
@@ -384,11 +385,11 @@ def _variables(known: Sequence[KnownVariable], two: bool, rng: np.random.Generat
     return tuple(found)
 
 
-def _law(
-    ground: Ground, place: Location, of: Sequence[KnownVariable], shaped: Shaped, size: float, spread: float
-) -> LawTruth:
+def _build_formula(
+    design: FormulaDesign, place: Location, of: Sequence[KnownVariable], shaped: FormText, size: float, spread: float
+) -> ConcealedFormula:
     """`spread`: standard deviation of the formula of size 1 over the records."""
-    p = ground.engine.parameters[place.parameter]
+    p = design.engine.parameters[place.parameter]
     factor = p.nominal == 1.0 and p.unit in ("", "1")
     unit = "1" if factor else p.unit or "1"
     coefficient = Coefficient(
@@ -396,45 +397,47 @@ def _law(
     )
     acts = LawPlace(p.name, p.component, unit, factor)
     variables = {k.variable.name: k.variable for k in of}
-    law = Law(NAME, acts, Expression.parse(shaped.text), variables, (coefficient,))
-    return LawTruth(Effect(law, acts.site, {SIZE: size}), place, shaped.name, shaped.outside)
+    law = Law(NAME, acts, Expression.parsed(shaped.text), variables, (coefficient,))
+    return ConcealedFormula(Effect(law, acts.site, {SIZE: size}), place, shaped.name, shaped.outside_grammar)
 
 
-def _within(engine: Engine, place: Location, f: np.ndarray, most: float = LARGEST) -> bool:
+def _is_plausible(engine: Engine, place: Location, f: np.ndarray, most: float = LARGEST) -> bool:
     """Whether a change f (N,) at a place is plausible, and leaves the parameter within its bounds."""
     p = engine.parameters[place.parameter]
     value = p.nominal + f
     return bool(np.abs(f).max() <= most * place.scale and p.lower <= value.min() and value.max() <= p.upper)
 
 
-def _one_would_do(ground: Ground, place: Location, of: Sequence[KnownVariable], f: np.ndarray) -> bool:
-    """Whether a free curve of one variable, its own or any group's, leaves too little of a law of two to tell that both
-    are needed."""
-    firsts = [next(k for k in ground.known if k.group == g) for g in dict.fromkeys(k.group for k in ground.known)]
+def _one_variable_suffices(design: FormulaDesign, place: Location, of: Sequence[KnownVariable], f: np.ndarray) -> bool:
+    """Whether a free curve of one variable, its own or any group's, leaves too little of a formula of two variables to
+    show that both are needed."""
+    firsts = [
+        next(k for k in design.variables if k.group == g) for g in dict.fromkeys(k.group for k in design.variables)
+    ]
     for x in (k.values for k in (*of, *firsts)):
-        G = ground.gram(place, np.column_stack([f, np.ones(len(f)), spline(x, knots=MANY_KNOTS)]))
+        G = design.gram(place, np.column_stack([f, np.ones(len(f)), spline_basis(x, knots=MANY_KNOTS)]))
         a, B = G[0, 1:], G[1:, 1:]
         if G[0, 0] - a @ np.linalg.pinv(B, rcond=1e-10, hermitian=True) @ a < VISIBLE:
             return True
     return False
 
 
-def _corrected(
-    ground: Ground,
-    drawn: LawTruth,
+def _correct_size(
+    design: FormulaDesign,
+    drawn: ConcealedFormula,
     flights: Sequence[Mapping[str, np.ndarray]],
     model_error: float,
     wanted: float,
-) -> LawTruth | None:
+) -> ConcealedFormula | None:
     """The law with the size that leaves that λ; None where it cannot be flown, or where the library says the same."""
-    engine = ground.engine
-    truth = engine.replace_effects((*engine.effects, drawn.effect))
+    engine = design.engine
+    truth = engine.with_effects((*engine.effects, drawn.effect))
     found = noise_free_fit(engine, flights, model_error, true_readings(truth, flights, {}))
     if not found.converged:
         return None
     projection = Projection(found)
     total = projection.objective
-    options = [*map(effect_option, drawable(engine)), *fault_options(found)]
+    options = [*map(effect_option, drawable_effects(engine)), *fault_options(found)]
     scores = option_scores(found, projection, options)
     # what identification takes nearly all of is no rival that anybody would believe
     best = max((s.score.statistic for s in scores if s.score.dof and s.feasible), default=0.0)
@@ -444,12 +447,14 @@ def _corrected(
     return replace(drawn, effect=replace(drawn.effect, values={SIZE: size}))
 
 
-def _plausible_at(engine: Engine, drawn: LawTruth, flights: Sequence[Mapping[str, np.ndarray]]) -> bool:
+def _is_plausible_in_flight(
+    engine: Engine, drawn: ConcealedFormula, flights: Sequence[Mapping[str, np.ndarray]]
+) -> bool:
     """Whether the law is plausible over all these flights, those that nobody is shown included."""
     for flight in flights:
         inputs = {c: flight[c] for c in engine.inputs}
-        f = curve(drawn.effect, along(engine, inputs, {}, tuple(drawn.law.variables.values())))
-        if not np.isfinite(f).any() or not _within(engine, drawn.place, f[np.isfinite(f)], LARGEST_ABOVE):
+        f = evaluate_formula(drawn.effect, evaluate_variables(engine, inputs, {}, tuple(drawn.law.variables.values())))
+        if not np.isfinite(f).any() or not _is_plausible(engine, drawn.place, f[np.isfinite(f)], LARGEST_ABOVE):
             return False
     return True
 

@@ -1,8 +1,7 @@
-"""The steps of the demonstration as the command lines that a user would type.
+"""The demonstration of `enginediag demo`: its command lines, and the truth compared with the findings.
 
-What was put into each flight, and what the commands said about it, read back from the files they wrote.
-
-The demonstration in plain words: each step's result, and at the end what was found beside what was put in.
+The steps are the command lines that a user would type. The truth of each flight and the answers of the commands are
+read back from the files that they wrote.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from enginediag_cli.report.sentences import change, departed, listed, no_verdict
 from enginediag_cli.units import split_column
 
 ENGINE = "turbofan.yaml"
-HEALTHY, NOMINAL = "healthy.csv", "nominal.yaml"
+HEALTHY, NOMINAL, PAGE = "healthy.csv", "nominal.yaml", "report.html"
 HEALTHY_FLIGHTS = 3
 """Enough to identify noise and its correlation, few enough that the story takes less than a minute."""
 
@@ -66,49 +65,40 @@ INGREDIENTS = (ENGINE, *(case.fault for case in CASES if case.fault))
 
 
 def record_healthy(seed: int) -> list[str]:
-    return ["simulate", ENGINE, "--flights", str(HEALTHY_FLIGHTS), "--seed", str(seed), "-o", HEALTHY]
+    """Command line that records the healthy flights."""
+    return f"simulate {ENGINE} --flights {HEALTHY_FLIGHTS} --seed {seed} -o {HEALTHY}".split()
 
 
 def identify() -> list[str]:
-    return ["identify", ENGINE, HEALTHY, "--no-cross-validation", "-o", NOMINAL]
+    """Command line that identifies the engine on them."""
+    return f"identify {ENGINE} {HEALTHY} --no-cross-validation -o {NOMINAL}".split()
 
 
 def fly(case: Case, seed: int) -> list[str]:
-    fault = ["--fault", case.fault] if case.fault else []
-    return [
-        "simulate",
-        ENGINE,
-        *fault,
-        "--flights",
-        str(case.flights),
-        "--seed",
-        str(seed),
-        "--truth",
-        case.truth,
-        "-o",
-        case.recording,
-    ]
+    """Command line that records the flights of a case."""
+    fault = f"--fault {case.fault} " if case.fault else ""
+    flights = f"--flights {case.flights} --seed {seed} --truth {case.truth}"
+    return f"simulate {ENGINE} {fault}{flights} -o {case.recording}".split()
 
 
 def detect(case: Case) -> list[str]:
-    return ["detect", "-n", NOMINAL, case.recording, "-o", case.detected]
+    """Command line that judges the flights of a case."""
+    return f"detect -n {NOMINAL} {case.recording} -o {case.detected}".split()
 
 
 def isolate(case: Case) -> list[str]:
-    return ["isolate", "-n", NOMINAL, case.recording, "-o", case.isolated]
+    """Command line that isolates what has changed in a case."""
+    return f"isolate -n {NOMINAL} {case.recording} -o {case.isolated}".split()
 
 
 def report() -> list[str]:
-    """The engine that wears, as a page."""
+    """Command line that reports the engine that wears as a page."""
     worn = next(case for case in CASES if case.fault)
-    return ["report", "-n", NOMINAL, worn.recording, "-o", PAGE]
-
-
-PAGE = "report.html"
+    return f"report -n {NOMINAL} {worn.recording} -o {PAGE}".split()
 
 
 @dataclass(frozen=True)
-class PutIn:
+class TrueChange:
     """A change of a parameter that was simulated, in its unit."""
 
     parameter: Parameter
@@ -116,7 +106,7 @@ class PutIn:
 
 
 @dataclass(frozen=True)
-class Size:
+class IsolatedChange:
     """An isolated change of a parameter in its unit, with the ends of its interval."""
 
     parameter: Parameter
@@ -127,16 +117,16 @@ class Size:
 
 
 @dataclass(frozen=True)
-class Flight:
+class JudgedFlight:
     """One flight: `put_in` is the mean true change of each parameter that is wrong.
 
     detection: the row of `detect`. isolated is None where `isolate` was not asked or could not judge.
     """
 
     name: str
-    put_in: Mapping[str, PutIn]
+    true_changes: Mapping[str, TrueChange]
     detection: Mapping[str, Any]
-    isolated: Mapping[str, Size] | None = None
+    isolated: Mapping[str, IsolatedChange] | None = None
     rivals: tuple[str, ...] = ()
     reason: str = ""
 
@@ -146,14 +136,14 @@ class Flight:
         return str(self.detection["verdict"])
 
 
-def read_flights(engine: Engine, truth: Path, detected: Path, isolated: Path | None = None) -> list[Flight]:
+def read_flights(engine: Engine, truth: Path, detected: Path, isolated: Path | None = None) -> list[JudgedFlight]:
     """Flights in the order of `detected`, a JSON file of `detect`, with the truth that `simulate` wrote."""
-    put_in = dict(true_changes(engine, truth))
+    put_in = dict(read_true_changes(engine, truth))
     found = {name: list(rows) for name, rows in groupby(_rows(isolated), itemgetter("flight"))} if isolated else {}
     return [_flight(engine, row, put_in[row["flight"]], found.get(row["flight"], [])) for row in _rows(detected)]
 
 
-def true_changes(engine: Engine, path: Path) -> Iterator[tuple[str, dict[str, PutIn]]]:
+def read_true_changes(engine: Engine, path: Path) -> Iterator[tuple[str, dict[str, TrueChange]]]:
     """(flight, mean change of each parameter that changed) from a file of `simulate --truth`.
 
     Changes count from the first record, which lies before the onset of every fault of the demonstration.
@@ -165,7 +155,7 @@ def true_changes(engine: Engine, path: Path) -> Iterator[tuple[str, dict[str, Pu
     for flight, group in groupby(records, itemgetter("flight")):
         rows = list(group)
         means = {c: sum(float(row[c]) - float(records[0][c]) for row in rows) / len(rows) for c in columns}
-        yield flight, {known[c].name: PutIn(known[c], change) for c, change in means.items() if change}
+        yield flight, {known[c].name: TrueChange(known[c], change) for c, change in means.items() if change}
 
 
 def _columns_of_truth(engine: Engine) -> dict[str, Parameter]:
@@ -181,22 +171,22 @@ def _rows(path: Path) -> list[dict[str, Any]]:
 
 
 def _flight(
-    engine: Engine, detection: Mapping[str, Any], put_in: Mapping[str, PutIn], rows: list[dict[str, Any]]
-) -> Flight:
+    engine: Engine, detection: Mapping[str, Any], put_in: Mapping[str, TrueChange], rows: list[dict[str, Any]]
+) -> JudgedFlight:
     """One flight from its row of `detect` and its rows of `isolate`, one for each isolated parameter."""
     judged = [row for row in rows if row["isolated"] is not None]
     sizes = {row["parameter"]: _size(engine.parameters[row["parameter"]], row) for row in judged if row["parameter"]}
     rivals = tuple(judged[0]["rivals"] or ()) if judged else ()
-    return Flight(
+    return JudgedFlight(
         str(detection["flight"]), put_in, detection, sizes if judged else None, rivals, str(detection["reason"] or "")
     )
 
 
-def _size(parameter: Parameter, row: Mapping[str, Any]) -> Size:
-    return Size(parameter, row["change"], row["lower"], row["upper"], row["inclusion"])
+def _size(parameter: Parameter, row: Mapping[str, Any]) -> IsolatedChange:
+    return IsolatedChange(parameter, row["change"], row["lower"], row["upper"], row["inclusion"])
 
 
-def identified(found: Nominal, noise_put_in: Mapping[str, float]) -> Iterator[str]:
+def describe_identification(found: Nominal, noise_put_in: Mapping[str, float]) -> Iterator[str]:
     """How many parameters were found, and how near the noise is to that of the simulated sensors."""
     own = [
         e for e in found.estimates if e.family not in (FAMILY, POINT_FAMILY)
@@ -214,7 +204,7 @@ def identified(found: Nominal, noise_put_in: Mapping[str, float]) -> Iterator[st
     )
 
 
-def verdict(flight: Flight) -> str:
+def describe_verdict(flight: JudgedFlight) -> str:
     """What `detect` said about one flight, with the numbers that the verdict rests on."""
     row, where = flight.detection, f"flight {flight.name}"
     if flight.verdict == "no verdict":
@@ -223,7 +213,7 @@ def verdict(flight: Flight) -> str:
     return say(row["statistic"], row["threshold"], row["dof"], row["p_value"], where=where)
 
 
-def isolated(flight: Flight) -> str:
+def describe_isolation(flight: JudgedFlight) -> str:
     """What `isolate` named in one flight, and what it could not exclude."""
     if flight.isolated is None:
         return no_verdict(flight.reason or "nothing could be isolated", where=f"flight {flight.name}")
@@ -232,21 +222,21 @@ def isolated(flight: Flight) -> str:
     return f"flight {flight.name}: {'; '.join(told) or 'no change that matters'}{rival}"
 
 
-def _change(size: Size) -> str:
+def _change(size: IsolatedChange) -> str:
     return change(size.parameter, size.change, (size.upper - size.lower) / 2, chance=size.inclusion)
 
 
-def comparison(case: Case, flights: Sequence[Flight]) -> Iterator[str]:
+def comparison(case: Case, flights: Sequence[JudgedFlight]) -> Iterator[str]:
     """What was put into the flights of a case beside what was found, then everything that was missed or wrong."""
-    wrong = [flight for flight in flights if flight.put_in]
-    clean = [flight for flight in flights if not flight.put_in]
+    wrong = [flight for flight in flights if flight.true_changes]
+    clean = [flight for flight in flights if not flight.true_changes]
     yield f"{case.title[0].upper()}{case.title[1:]}"
     if clean:
         healthy = sum(flight.verdict == "healthy" for flight in clean)
         yield f"  {_named(clean)}, nothing wrong: {healthy} of {len(clean)} judged healthy"
     if wrong:
         alarms = sum(flight.verdict == "fault" for flight in wrong)
-        exact = sum(flight.put_in.keys() == (flight.isolated or {}).keys() for flight in wrong)
+        exact = sum(flight.true_changes.keys() == (flight.isolated or {}).keys() for flight in wrong)
         yield (
             f"  {_named(wrong)}, something wrong: {alarms} of {len(wrong)} detected, {exact} isolated to exactly "
             "what was put in"
@@ -255,7 +245,7 @@ def comparison(case: Case, flights: Sequence[Flight]) -> Iterator[str]:
     yield from (f"  ! {mistake}" for flight in flights for mistake in mistakes(flight))
 
 
-def closing(flights: Sequence[Flight]) -> str:
+def closing(flights: Sequence[JudgedFlight]) -> str:
     """One sentence on whether all was found."""
     wrong = [mistake for flight in flights for mistake in mistakes(flight)]
     if not wrong:
@@ -267,35 +257,35 @@ def closing(flights: Sequence[Flight]) -> str:
     return f"In {len(flights)} flights {len(wrong)} {things} missed or wrong; they are marked with ! above."
 
 
-def mistakes(flight: Flight) -> Iterator[str]:
+def mistakes(flight: JudgedFlight) -> Iterator[str]:
     """False alarm, missed fault, wrong or missing parameter, and true size outside its interval."""
     where = f"flight {flight.name}"
     if flight.verdict == "no verdict":
         yield f"{where} could not be judged: {flight.reason}"
-    elif flight.verdict == "fault" and not flight.put_in:
+    elif flight.verdict == "fault" and not flight.true_changes:
         yield f"{where}: a false alarm"
-    elif flight.verdict == "healthy" and flight.put_in:
+    elif flight.verdict == "healthy" and flight.true_changes:
         yield f"{where}: the fault was not detected"
     if flight.isolated is None:
         return
-    for name, true in flight.put_in.items():
+    for name, true in flight.true_changes.items():
         if name not in flight.isolated:
             yield f"{where}: {true.parameter.words} was not named"
     for name, size in flight.isolated.items():
-        if name not in flight.put_in:
+        if name not in flight.true_changes:
             yield f"{where}: {size.parameter.words} was named although nothing is wrong with it"
-        elif not size.lower <= flight.put_in[name].change <= size.upper:
+        elif not size.lower <= flight.true_changes[name].change <= size.upper:
             yield f"{where}: the true change of {size.parameter.words} lies outside its 95 % interval"
 
 
-def _last(flight: Flight) -> Iterator[str]:
+def _last(flight: JudgedFlight) -> Iterator[str]:
     """True and found changes of one flight, one above the other."""
     where = f"flight {flight.name}"
-    for name, true in flight.put_in.items():
+    for name, true in flight.true_changes.items():
         size = (flight.isolated or {}).get(name)
         yield f"  {where}  put in: {change(true.parameter, true.change)}"
         yield f"  {' ' * len(where)}  found:  {_change(size) if size else 'nothing of the kind'}"
 
 
-def _named(flights: Sequence[Flight]) -> str:
+def _named(flights: Sequence[JudgedFlight]) -> str:
     return f"flight{'s' if len(flights) > 1 else ''} {listed([flight.name for flight in flights])}"

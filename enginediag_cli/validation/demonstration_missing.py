@@ -1,6 +1,7 @@
-"""An effect that the model lacks and no column shows, as the command lines that a user would type to find it.
+"""The demonstration of missing physics: an effect that the model lacks and no column shows.
 
-What was concealed beside what was found, read back from the files that locate, explain, refine and detect wrote.
+The steps are the command lines that a user would type to find it. What was concealed is compared with the answers, read
+back from the files that locate, explain, refine and detect wrote.
 """
 
 from __future__ import annotations
@@ -8,7 +9,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import comb
 from pathlib import Path
 from typing import Any
 
@@ -65,69 +65,53 @@ def _write(path: str, text: str) -> None:
 
 
 def fly(recording: str, flights: int, seed: int) -> list[str]:
-    return [
-        "simulate",
-        TRUTH,
-        "--flight",
-        FLIGHTS,
-        "--flights",
-        str(flights),
-        "--seed",
-        str(seed),
-        "--no-header",
-        "-o",
-        recording,
-    ]
+    """Command line that records flights of the engine that has the effect."""
+    flown = f"--flight {FLIGHTS} --flights {flights} --seed {seed}"
+    return f"simulate {TRUTH} {flown} --no-header -o {recording}".split()
 
 
 def locate() -> list[str]:
-    return ["locate", ENGINE, RECORDED, "--picture", MAP, "-o", LOCATED]
+    """Command line that shows where model and recordings differ."""
+    return f"locate {ENGINE} {RECORDED} --picture {MAP} -o {LOCATED}".split()
 
 
 def explain() -> list[str]:
-    return ["explain", ENGINE, RECORDED, "--no-advice", "-o", EXPLAINED]
+    """Command line that searches for the missing effect."""
+    return f"explain {ENGINE} {RECORDED} --no-advice -o {EXPLAINED}".split()
 
 
 def refine(effects: Sequence[str]) -> list[str]:
-    """With the effects that `explain` named."""
-    named = [word for label in effects for word in ("--term", label)]
-    return [
-        "refine",
-        ENGINE,
-        RECORDED,
-        *named,
-        "--test",
-        UNSEEN,
-        "--window",
-        str(WINDOW),
-        "-o",
-        REFINED,
-        "--report",
-        REPORT,
-        "--picture",
-        BEFORE_AFTER,
-    ]
+    """Command line that adds effects to the model and compares both on unseen flights."""
+    terms = " ".join(f"--term {label}" for label in effects)
+    judged = f"--test {UNSEEN} --window {WINDOW}"
+    return (
+        f"refine {ENGINE} {RECORDED} {terms} {judged} -o {REFINED} --report {REPORT} --picture {BEFORE_AFTER}".split()
+    )
 
 
-def nominal_of(engine: str) -> str:
+def nominal_file(engine: str) -> str:
+    """Nominal file of an engine file."""
     return f"{Path(engine).stem}_nominal.yaml"
 
 
-def detected_by(engine: str) -> str:
+def verdict_file(engine: str) -> str:
+    """File of the verdicts of an engine file on unseen flights."""
     return f"{Path(engine).stem}_detected.json"
 
 
 def identify(engine: str) -> list[str]:
-    return ["identify", engine, RECORDED, "--no-cross-validation", "-o", nominal_of(engine)]
+    """Command line that identifies an engine on the recorded flights."""
+    return f"identify {engine} {RECORDED} --no-cross-validation -o {nominal_file(engine)}".split()
 
 
 def detect(engine: str) -> list[str]:
-    return ["detect", "-n", nominal_of(engine), UNSEEN, "--window", str(WINDOW), "-o", detected_by(engine)]
+    """Command line that judges the unseen flights by an engine."""
+    return f"detect -n {nominal_file(engine)} {UNSEEN} --window {WINDOW} -o {verdict_file(engine)}".split()
 
 
 def report() -> list[str]:
-    """All answers as one page."""
-    return ["report", LOCATED, EXPLAINED, REPORT, "-o", PAGE]
+    """Command line that reports all answers as one page."""
+    return f"report {LOCATED} {EXPLAINED} {REPORT} -o {PAGE}".split()
 
 
 def named_effects(explained: Path) -> list[str]:
@@ -141,11 +125,11 @@ def named_effects(explained: Path) -> list[str]:
 SENSORS_TOLD = 3
 """Those whose residual fell most; the others are in the file."""
 NOMINAL, SURPRISING = 0.01, 0.01
-"""Rate of false alarms that detect states, and the probability below which more of them are told as wrong."""
+"""Rate of false alarms that detect states, and the probability below which a higher count is reported as wrong."""
 
 
 @dataclass(frozen=True)
-class Found:
+class MissingPhysicsResults:
     """Answers as the commands wrote them: rows of `locate`, documents of `explain` and `refine`, and rows of `detect`
     on unseen flights, with the engine as it was given, as it was refined, and as it flew."""
 
@@ -157,37 +141,30 @@ class Found:
     true: Sequence[Mapping[str, Any]]
 
 
-def read_found() -> Found:
+def read_results() -> MissingPhysicsResults:
     """From the working folder."""
-    paths = (
-        LOCATED,
-        EXPLAINED,
-        REPORT,
-        detected_by(ENGINE),
-        detected_by(REFINED),
-        detected_by(TRUTH),
-    )
-    return Found(*(read(path) for path in paths))
+    paths = (LOCATED, EXPLAINED, REPORT, *map(verdict_file, (ENGINE, REFINED, TRUTH)))
+    return MissingPhysicsResults(*(read_json(path) for path in paths))
 
 
-def read(path: str) -> Any:
+def read_json(path: str) -> Any:
     return json.loads(Path(path).read_text(encoding="utf-8"))
 
 
-def concealed() -> Iterator[str]:
+def describe_concealed() -> Iterator[str]:
     """What is done, before any of it."""
     yield f"{TRUTH} is {ENGINE} with these lines added:"
     yield from (f"  {line}" for line in CARRIED.splitlines())
     yield "It flies; what follows is given its recordings and the engine file without these lines."
 
 
-def judged(rows: Sequence[Mapping[str, Any]], engine: str) -> str:
+def describe_alarms(rows: Sequence[Mapping[str, Any]], engine: str) -> str:
     """What `detect` did on the unseen flights, which are healthy."""
     alarms, windows = _alarms(rows)
     return f"{engine}: {alarms} of {windows} windows of healthy flights raise an alarm (nominal 1 %)"
 
 
-def comparison(found: Found) -> Iterator[str]:
+def comparison(found: MissingPhysicsResults) -> Iterator[str]:
     """Concealed and found, before and after, and everything that is wrong."""
     place = found.located[0]
     yield f"concealed: {TERM}@{SITE}, {COEFFICIENT} {SIZE:g}"
@@ -200,7 +177,7 @@ def comparison(found: Found) -> Iterator[str]:
     yield from (f"! {mistake}" for mistake in mistakes(found))
 
 
-def table(found: Found) -> Iterator[str]:
+def table(found: MissingPhysicsResults) -> Iterator[str]:
     """Before and after on the unseen flights: totals, then the sensors that gain most."""
     chi2 = found.refined["chi2_per_reading"]
     one, other, true = (f"{a} of {n}" for a, n in map(_alarms, (found.before, found.after, found.true)))
@@ -219,8 +196,10 @@ def table(found: Found) -> Iterator[str]:
     yield f"with the engine that flew, {true} windows have a false alarm"
 
 
-def mistakes(found: Found) -> Iterator[str]:
-    """A wrong place or name, rivals that were not excluded, and what did not become better."""
+def mistakes(found: MissingPhysicsResults) -> Iterator[str]:
+    """A wrong place or name, alternatives that were not excluded, and what did not improve."""
+    from scipy.stats import binom
+
     wanted = f"{TERM}@{SITE}"
     names = [x["name"] for x in found.explained["explanations"]]
     if found.located[0]["component"] != SITE:
@@ -237,14 +216,14 @@ def mistakes(found: Found) -> Iterator[str]:
     if _alarms(found.after)[0] > _alarms(found.before)[0]:
         yield "the refined engine raises more false alarms"
     alarms, windows = _alarms(found.after)
-    if _at_least(alarms, windows) < SURPRISING:
+    if binom.sf(alarms - 1, windows, NOMINAL) < SURPRISING:
         yield (
             f"the refined engine raises {alarms} alarms in {windows} windows, more than chance at nominal 1 %; the "
             f"engine that flew, {_alarms(found.true)[0]} in {_alarms(found.true)[1]}"
         )
 
 
-def closing(found: Found) -> str:
+def closing(found: MissingPhysicsResults) -> str:
     """One sentence."""
     wrong = sum(1 for _ in mistakes(found))
     if not wrong:
@@ -261,12 +240,7 @@ def _alarms(rows: Sequence[Mapping[str, Any]]) -> tuple[int, int]:
     return verdicts.count("fault"), len(verdicts) - verdicts.count("no verdict")
 
 
-def _at_least(count: int, of: int) -> float:
-    """Probability of so many alarms or more in so many independent windows at the nominal rate."""
-    return 1.0 - sum(comb(of, k) * NOMINAL**k * (1.0 - NOMINAL) ** (of - k) for k in range(count))
-
-
-def _coefficients(found: Found) -> Iterator[tuple[str, str, float, float, float]]:
+def _coefficients(found: MissingPhysicsResults) -> Iterator[tuple[str, str, float, float, float]]:
     """Name, its effect, value and 95 % interval of what refine fitted."""
     for e in found.refined["effects"]:
         label = f"{e['term']}@{e['at']}"
@@ -275,6 +249,6 @@ def _coefficients(found: Found) -> Iterator[tuple[str, str, float, float, float]
             yield name, label, value, value - NORMAL_95 * error, value + NORMAL_95 * error
 
 
-def _fitted(found: Found) -> Iterator[str]:
+def _fitted(found: MissingPhysicsResults) -> Iterator[str]:
     for name, label, value, low, high in _coefficients(found):
         yield f"{label}, {name} {rounded(value, (high - low) / 2)} (95 % interval {low:.3f} to {high:.3f})"

@@ -51,16 +51,16 @@ from enginediag_cli.residuals.files import JudgedFiles
 from enginediag_cli.residuals.long_windows import KeptRecords
 from enginediag_cli.residuals.monitor import monitor_of
 from enginediag_cli.units import split_column
-from enginediag_cli.validation.causes import causes_of, instrument_place
-from enginediag_cli.validation.formula_marks import entries, law_told
+from enginediag_cli.validation.causes import causes_from_options, instrument_place
+from enginediag_cli.validation.formula_marks import formula_entries, formula_json
 from enginediag_cli.validation.trials import ISOLATE, LOCATE, PLAN
 
 
-def planned_as_json(search: Search, said: Answer) -> dict[str, Any]:
-    """`flights`, best first, and the `chance` that the first of them tells."""
+def planned_as_json(search: Search, result: Answer) -> dict[str, Any]:
+    """`flights`, best first, and the `chance` that the first of them resolves the alternatives."""
     advice = (
-        advise_flights_for_explanations(search.base.found, near_alternatives(said, search.fitted))
-        if said.status == IDENTIFIED
+        advise_flights_for_explanations(search.base.found, near_alternatives(result, search.fitted))
+        if result.status == IDENTIFIED
         else None
     )
     flights = [] if advice is None else [s for s in advice.suggestions if s.flight is not None]
@@ -88,7 +88,7 @@ def explain(question: Mapping[str, Any]) -> dict[str, Any]:
     )
     case = RecordedCase(question["engine"], Source(tuple(question["recordings"])), asked=asked)
     searched = question["task"] != LOCATE
-    evidence = _with_known_noise(load_case(case, identified=searched).evidence, question)
+    evidence = _set_known_noise(load_case(case, identified=searched).evidence, question)
     if not searched:
         located = locate(evidence)
         found: dict[str, Any] = {
@@ -100,14 +100,14 @@ def explain(question: Mapping[str, Any]) -> dict[str, Any]:
             evidence = refit_noise_without_switches(evidence)
         effects = list(candidate_effects(evidence.engine, question["without"]))
         search = Search(evidence, effects, hidden_search(evidence))
-        said = search.run()
-        found = _as_json(said)
+        result = search.run()
+        found = _answer_json(result)
         if question["task"] == PLAN:
-            found |= planned_as_json(search, said)
+            found |= planned_as_json(search, result)
     return found | {"seconds": process_time() - begun}
 
 
-def _with_known_noise(evidence: Dataset, question: Mapping[str, Any]) -> Dataset:
+def _set_known_noise(evidence: Dataset, question: Mapping[str, Any]) -> Dataset:
     """The evidence with what is known of the noise: lag-1 correlation of all sensors, noise of the inputs. Where not
     even its size is said, all is as by default."""
     if question["noise"] is None:
@@ -121,7 +121,7 @@ def _with_known_noise(evidence: Dataset, question: Mapping[str, Any]) -> Dataset
     return replace(evidence, noise=noise)
 
 
-def _as_json(a: Answer) -> dict[str, Any]:
+def _answer_json(a: Answer) -> dict[str, Any]:
     return {
         "status": a.status,
         "reason": a.reason,
@@ -132,13 +132,13 @@ def _as_json(a: Answer) -> dict[str, Any]:
         "objective": float(a.objective),
         "readings": int(a.readings),
         "rejected": {label: r.reason.value for label, r in a.rejected.items()},
-        **law_told(a),
+        **formula_json(a),
     }
 
 
 def _explanation(x: Explanation) -> dict[str, Any]:
     return {
-        "causes": [c.as_json() for c in causes_of(x.options)],
+        "causes": [c.to_json() for c in causes_from_options(x.options)],
         "kinds": [o.kind for o in x.options],
         "sensors": [d.target for o in x.options if o.kind == SENSOR_FAULT for d in o.hypothesis.discrepancies],
         "probability": float(x.probability),
@@ -146,7 +146,7 @@ def _explanation(x: Explanation) -> dict[str, Any]:
         "flights": float(x.flights),
         "left": float(x.left),
         "coefficients": {c.name: [float(c.value), float(c.low), float(c.high)] for c in x.coefficients},
-        "laws": entries(x),
+        "laws": formula_entries(x),
     }
 
 
@@ -181,7 +181,7 @@ FALSE_ALARM = 0.01
 
 
 @dataclass(frozen=True)
-class Identified:
+class IdentifiedEngine:
     """What `identify` made of healthy recordings: the nominal file, None where it did not converge."""
 
     engine: Engine
@@ -191,7 +191,7 @@ class Identified:
 
 
 @lru_cache(maxsize=1)
-def identified(engine_path: Path, healthy: tuple[str, ...]) -> Identified:
+def identify_once(engine_path: Path, healthy: tuple[str, ...]) -> IdentifiedEngine:
     """The engine identified on these files; kept while questions are about the same ones."""
     begun = process_time()
     engine = load_engine(engine_path)
@@ -203,17 +203,17 @@ def identified(engine_path: Path, healthy: tuple[str, ...]) -> Identified:
         path = engine_path.parent / NOMINAL
         # whether it is smooth, which `identify` finds out as well, is asked by `detect` alone
         write_nominal(found.nominal(engine_path.name, sha256_of(engine_path), {}), str(path))
-    return Identified(engine, path, found.reason, process_time() - begun)
+    return IdentifiedEngine(engine, path, found.reason, process_time() - begun)
 
 
 def isolate(question: Mapping[str, Any]) -> dict[str, Any]:
     """What is said of the recording that is to be judged."""
     begun = process_time()
-    found = identified(Path(question["engine"]), tuple(question["healthy"]))
-    told: dict[str, Any] = {"identified": found.nominal is not None, "reason": found.reason}
+    found = identify_once(Path(question["engine"]), tuple(question["healthy"]))
+    reported: dict[str, Any] = {"identified": found.nominal is not None, "reason": found.reason}
     if found.nominal is not None:
-        told["windows"] = [_window(w, found.engine) for w in _windows(found.nominal, question["judged"])]
-    return told | {"identify_seconds": found.seconds, "seconds": process_time() - begun}
+        reported["windows"] = [_window(w, found.engine) for w in _windows(found.nominal, question["judged"])]
+    return reported | {"identify_seconds": found.seconds, "seconds": process_time() - begun}
 
 
 def _windows(nominal: Path, judged: str) -> Sequence[IsolatedWindow]:
@@ -227,30 +227,30 @@ def _window(found: IsolatedWindow, engine: Engine) -> dict[str, Any]:
     """The answer for one window: verdict, sets of places with their probabilities (the answer first, with the
     instruments that are stuck or scatter), sizes; `changed`: of each place of the answer the probability that it
     changed, whatever else did."""
-    told: dict[str, Any] = {"verdict": found.verdict.with_instruments, "why": found.verdict.reason}
-    told["named"] = found.named
+    reported: dict[str, Any] = {"verdict": found.verdict.with_instruments, "why": found.verdict.reason}
+    reported["named"] = found.named
     if found.diagnosis is None:
-        return told
+        return reported
     result, place = found.diagnosis.result, _places(found.meaning, engine)
     sets = [(result.isolated, result.probability), *((r.parameters, r.probability) for r in result.alternatives)]
-    told["stands"] = found.diagnosis.adequacy.is_listed
-    told["fit"] = _finite(found.diagnosis.adequacy.fit)
-    told["sets"] = [[place[n] for n in names] for names, _ in sets]
-    told["sets"][0] += [instrument_place(fault.column) for fault in found.instruments]
-    told["probabilities"] = [_finite(p) for _, p in sets]
-    told["changed"] = [_finite(result.inclusion[n]) for n in result.isolated]
-    told["changed"] += [_finite(fault.probability) for fault in found.instruments]
+    reported["stands"] = found.diagnosis.adequacy.is_listed
+    reported["fit"] = _finite(found.diagnosis.adequacy.fit)
+    reported["sets"] = [[place[n] for n in names] for names, _ in sets]
+    reported["sets"][0] += [instrument_place(fault.column) for fault in found.instruments]
+    reported["probabilities"] = [_finite(p) for _, p in sets]
+    reported["changed"] = [_finite(result.inclusion[n]) for n in result.isolated]
+    reported["changed"] += [_finite(fault.probability) for fault in found.instruments]
     one_of = getattr(result, "ambiguity", None)  # the ambiguity group of which the answer is a member, if it is one
     if one_of is not None:
-        told["class"] = [[place[n] for n in (*one_of.shared, *member)] for member in one_of.members]
-        told["class_probability"] = _finite(one_of.probability)
-    told["left_out"] = result.alternatives_omitted
-    told["complete"] = result.complete
-    told["sizes"] = [
+        reported["class"] = [[place[n] for n in (*one_of.shared, *member)] for member in one_of.members]
+        reported["class_probability"] = _finite(one_of.probability)
+    reported["left_out"] = result.alternatives_omitted
+    reported["complete"] = result.complete
+    reported["sizes"] = [
         [place[s.parameter], found.meaning[s.parameter].quantity, float(s.change), _finite(s.lower), _finite(s.upper)]
         for s in result.sizes
     ]
-    return told
+    return reported
 
 
 def _places(known: Mapping[str, Parameter], engine: Engine) -> dict[str, str]:

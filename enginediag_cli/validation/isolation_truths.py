@@ -15,15 +15,19 @@ import numpy as np
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.table import Recording
-from enginediag_cli.recordings.write import CsvWriter, output
 from enginediag_cli.simulation.flights import default_plan, generate_flights
 from enginediag_cli.validation import kinds
-from enginediag_cli.validation.causes import SELDOM, drawable, instrument_place, weights
+from enginediag_cli.validation.causes import SELDOM, draw_weights, drawable_effects, instrument_place, true_readings
 from enginediag_cli.validation.concealed_effects import EFFECT_SIZE as SIZE
-from enginediag_cli.validation.concealed_effects import copy_engine, draw_health, stream
-from enginediag_cli.validation.trial_flights import draw_flights, stack
-from enginediag_cli.validation.truth_instruments import Realistic, draw_realistic, input_spread, noisy, realistic_engine
+from enginediag_cli.validation.concealed_effects import copy_engine_file, draw_health, random_stream, write_recording
+from enginediag_cli.validation.trial_flights import draw_flights, stack_flights
+from enginediag_cli.validation.truth_instruments import (
+    RealisticErrors,
+    add_sensor_noise,
+    draw_realistic,
+    input_spread,
+    realistic_engine,
+)
 
 FAULT = (0.003, 0.03)
 """Relative change of a component's parameter, from and to, on a logarithmic scale."""
@@ -48,7 +52,7 @@ TRIAL_STREAM, TRUTH_STREAM, CHANGE_STREAM = 10, 11, 12
 
 
 @dataclass(frozen=True)
-class Change:
+class ConcealedChange:
     """One thing that is wrong in the flight to be judged. `place`: the parameter's name, `reading` and column of an
     instrument, or the effect's label; `size`: in the parameter's unit, the column's unit, or the share of the reading
     where `share`; `instrument`: it is an instrument's error."""
@@ -58,12 +62,12 @@ class Change:
     share: bool = False
     instrument: bool = False
 
-    def as_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         return {"place": self.place, "size": self.size, "share": self.share}
 
 
 @dataclass(frozen=True)
-class Sealed:
+class ConcealedChanges:
     """The answer of a trial. `flights`: inputs of every flight, the last one to be judged and the others healthy;
     `values`: coefficients of `effects` in that last one; `realistic`: what else is wrong, None where nothing is; every:
     how many points of a flight there are for each that is recorded."""
@@ -72,46 +76,43 @@ class Sealed:
     truth: str
     kind: str
     health: Mapping[str, float]
-    changes: tuple[Change, ...]
+    changes: tuple[ConcealedChange, ...]
     effects: tuple[Effect, ...]
     values: Mapping[str, float]
     flights: Sequence[Mapping[str, np.ndarray]]
-    realistic: Realistic | None
+    realistic: RealisticErrors | None
     noise_seed: int
     every: int = 1
 
 
-def draw(engine: Engine, seed: int, trial: int, truths: Sequence[str], chosen: Sequence[str]) -> Sealed:
+def draw_changes(
+    engine: Engine, seed: int, trial: int, truths: Sequence[str], chosen: Sequence[str]
+) -> ConcealedChanges:
     """Trial number `trial` of a seed, of one of these truths and kinds."""
     if tuple(chosen) == (kinds.FIELD,):
-        return _draw_in_field(engine, seed, trial, truths)
-    rng = stream(seed, trial, TRIAL_STREAM)
+        return _draw_field_changes(engine, seed, trial, truths)
+    rng = random_stream(seed, trial, TRIAL_STREAM)
     truth = str(rng.choice(list(truths)))
     share = np.array([kinds.ISOLATION_WEIGHTS[k] for k in chosen], float)
     kind = str(rng.choice(list(chosen), p=share / share.sum()))
     health = draw_health(engine, rng)
     flights, training = draw_flights(engine, rng)
     flights = flights[: training + 1]
-    own = stream(seed, trial, TRUTH_STREAM)
+    own = random_stream(seed, trial, TRUTH_STREAM)
     realistic = draw_realistic(engine, flights, own) if truth == kinds.REALISTIC else None
     sensors = realistic.sensors if realistic else tuple(engine.sensors)
-    effects, values = _physics(engine, rng) if kind == kinds.PHYSICS else ((), {})
-    changes = [Change(e.label, 0.0) for e in effects]
+    effects, values = _draw_effect(engine, rng) if kind == kinds.PHYSICS else ((), {})
+    changes = [ConcealedChange(e.label, 0.0) for e in effects]
     changes += _changes(engine, kind, sensors, rng)
-    return Sealed(
+    return ConcealedChanges(
         trial, truth, kind, health, tuple(changes), effects, values, flights, realistic, int(rng.integers(2**62))
     )
 
 
-def group_of(trial: int, chosen: Sequence[str]) -> int:
-    """The number that trials of one engine, with one set of healthy flights, share."""
-    return trial // kinds.FIELD_JUDGED if tuple(chosen) == (kinds.FIELD,) else trial
-
-
-def _draw_in_field(engine: Engine, seed: int, trial: int, truths: Sequence[str]) -> Sealed:
+def _draw_field_changes(engine: Engine, seed: int, trial: int, truths: Sequence[str]) -> ConcealedChanges:
     """Engine, healthy flights and errors from the number of the group; what is wrong from that of the trial."""
     group, number = divmod(trial, kinds.FIELD_JUDGED)
-    rng, own = stream(seed, group, TRIAL_STREAM), stream(seed, group, TRUTH_STREAM)
+    rng, own = random_stream(seed, group, TRIAL_STREAM), random_stream(seed, group, TRUTH_STREAM)
     truth = str(rng.choice(list(truths)))
     health = draw_health(engine, rng)
     noise_seed = int(rng.integers(2**62))
@@ -119,11 +120,13 @@ def _draw_in_field(engine: Engine, seed: int, trial: int, truths: Sequence[str])
     at = [*range(FIELD_HEALTHY), FIELD_HEALTHY + number]
     realistic = None
     if truth == kinds.REALISTIC:
-        realistic = draw_realistic(engine, flights, own, airline=0.0).only(at)
+        realistic = draw_realistic(engine, flights, own, airline=0.0).select_flights(at)
     flights = [flights[k] for k in at]
     kind = kinds.field_kind(trial)
-    changes = _field_changes(engine, kind, flights[-1], stream(seed, trial, CHANGE_STREAM))
-    return Sealed(trial, truth, kind, health, tuple(changes), (), {}, flights, realistic, noise_seed, FIELD_EVERY)
+    changes = _field_changes(engine, kind, flights[-1], random_stream(seed, trial, CHANGE_STREAM))
+    return ConcealedChanges(
+        trial, truth, kind, health, tuple(changes), (), {}, flights, realistic, noise_seed, FIELD_EVERY
+    )
 
 
 def field_flights(engine: Engine, count: int, rng: np.random.Generator) -> list[dict[str, np.ndarray]]:
@@ -142,36 +145,38 @@ def field_flights(engine: Engine, count: int, rng: np.random.Generator) -> list[
 
 def _field_changes(
     engine: Engine, kind: str, flight: Mapping[str, np.ndarray], rng: np.random.Generator
-) -> list[Change]:
+) -> list[ConcealedChange]:
     """Changes in the field: an instrument's error is an offset as often as a scale."""
     if kind == kinds.OUTPUT_SENSOR:
-        return [_field_sensor(engine, flight, rng)]
+        return [_field_sensor_change(engine, flight, rng)]
     if kind == kinds.INPUT_CHANNEL:
-        return [_of_input(engine, rng)]
+        return [_input_change(engine, rng)]
     if kind == kinds.SEVERAL:
-        wrong = [_field_sensor(engine, flight, rng)] if rng.random() < SENSOR_AMONG else []
-        return [*_of_components(engine, FIELD_TOGETHER - len(wrong), rng, FIELD_FAULT), *wrong]
-    return _of_components(engine, 1, rng, FIELD_FAULT) if kind == kinds.COMPONENT else []
+        wrong = [_field_sensor_change(engine, flight, rng)] if rng.random() < SENSOR_AMONG else []
+        return [*_component_changes(engine, FIELD_TOGETHER - len(wrong), rng, FIELD_FAULT), *wrong]
+    return _component_changes(engine, 1, rng, FIELD_FAULT) if kind == kinds.COMPONENT else []
 
 
-def _field_sensor(engine: Engine, flight: Mapping[str, np.ndarray], rng: np.random.Generator) -> Change:
+def _field_sensor_change(engine: Engine, flight: Mapping[str, np.ndarray], rng: np.random.Generator) -> ConcealedChange:
     column = str(rng.choice(list(engine.sensors)))
     size, share = _sign(rng) * _log_uniform(FIELD_FAULT, rng), bool(rng.random() < 0.5)
     y = engine.predict({c: flight[c] for c in engine.inputs}, sensors=(column,)).y
-    return Change(instrument_place(column), size if share else size * float(np.nanmedian(y)), share, instrument=True)
+    return ConcealedChange(
+        instrument_place(column), size if share else size * float(np.nanmedian(y)), share, instrument=True
+    )
 
 
-def _changes(engine: Engine, kind: str, sensors: Sequence[str], rng: np.random.Generator) -> list[Change]:
+def _changes(engine: Engine, kind: str, sensors: Sequence[str], rng: np.random.Generator) -> list[ConcealedChange]:
     if kind == kinds.COMPONENT:
-        return _of_components(engine, 1, rng)
+        return _component_changes(engine, 1, rng)
     if kind == kinds.OUTPUT_SENSOR:
-        return [_of_sensor(engine, sensors, rng)]
+        return [_sensor_change(engine, sensors, rng)]
     if kind == kinds.INPUT_CHANNEL:
-        return [_of_input(engine, rng)]
+        return [_input_change(engine, rng)]
     if kind == kinds.SEVERAL:
         count = int(rng.integers(TOGETHER[0], TOGETHER[1] + 1))
-        wrong = [_of_sensor(engine, sensors, rng)] if rng.random() < SENSOR_AMONG else []
-        return [*_of_components(engine, count - len(wrong), rng), *wrong]
+        wrong = [_sensor_change(engine, sensors, rng)] if rng.random() < SENSOR_AMONG else []
+        return [*_component_changes(engine, count - len(wrong), rng), *wrong]
     return []
 
 
@@ -183,39 +188,39 @@ def _sign(rng: np.random.Generator) -> float:
     return float(rng.choice((-1.0, 1.0)))
 
 
-def _of_components(
+def _component_changes(
     engine: Engine, count: int, rng: np.random.Generator, sizes: tuple[float, float] = FAULT
-) -> list[Change]:
+) -> list[ConcealedChange]:
     """Changes of monitored parameters; what only wears never gets better."""
     found = []
     for name in rng.choice(list(engine.monitored), count, replace=False):
         p = engine.parameters[str(name)]
         size, sign = _log_uniform(sizes, rng), _sign(rng)
-        found.append(Change(p.name, (p.wear or sign) * size * (abs(p.nominal) or 1.0)))
+        found.append(ConcealedChange(p.name, (p.wear or sign) * size * (abs(p.nominal) or 1.0)))
     return found
 
 
-def _of_sensor(engine: Engine, sensors: Sequence[str], rng: np.random.Generator) -> Change:
+def _sensor_change(engine: Engine, sensors: Sequence[str], rng: np.random.Generator) -> ConcealedChange:
     column = str(rng.choice(list(sensors)))
-    return Change(
+    return ConcealedChange(
         instrument_place(column),
         _sign(rng) * _log_uniform(SENSOR, rng) * engine.sensors[column].noise_sigma,
         instrument=True,
     )
 
 
-def _of_input(engine: Engine, rng: np.random.Generator) -> Change:
+def _input_change(engine: Engine, rng: np.random.Generator) -> ConcealedChange:
     column = str(rng.choice(list(engine.inputs)))
     scale, bias = input_spread(column)
-    return Change(
+    return ConcealedChange(
         instrument_place(column), _sign(rng) * _log_uniform(INPUT, rng) * (scale or bias), bool(scale), instrument=True
     )
 
 
-def _physics(engine: Engine, rng: np.random.Generator) -> tuple[tuple[Effect, ...], dict[str, float]]:
+def _draw_effect(engine: Engine, rng: np.random.Generator) -> tuple[tuple[Effect, ...], dict[str, float]]:
     """An effect that flights show, at a size that engines have: no fault, and nothing that isolation knows."""
-    weight = weights(engine.path, SIZE[1])
-    library = [e for e in drawable(engine) if weight[e.label] > SELDOM]
+    weight = draw_weights(engine.path, SIZE[1])
+    library = [e for e in drawable_effects(engine) if weight[e.label] > SELDOM]
     e = library[int(rng.integers(len(library)))]
     values = {}
     for c in e.term.amplitudes():
@@ -225,7 +230,7 @@ def _physics(engine: Engine, rng: np.random.Generator) -> tuple[tuple[Effect, ..
 
 
 @dataclass(frozen=True)
-class Files:
+class TrialFiles:
     """The open folder: engine file, healthy recordings, the one to be judged; `failed`: records that the truth engine
     could not compute."""
 
@@ -235,59 +240,55 @@ class Files:
     failed: int
 
 
-def record(engine: Engine, sealed: Sealed, folder: Path) -> Files:
+def record_trial(engine: Engine, concealed: ConcealedChanges, folder: Path) -> TrialFiles:
     """Fly the trial and write what is recorded into the open folder."""
-    rng = np.random.default_rng(sealed.noise_seed)
-    truth = true_engine(engine, sealed)
-    drawn = sealed.realistic
+    rng = np.random.default_rng(concealed.noise_seed)
+    truth = true_engine(engine, concealed)
+    drawn = concealed.realistic
     sensors = drawn.sensors if drawn else tuple(engine.sensors)
-    paths, failed, last = [], 0, len(sealed.flights) - 1
-    for k in range(len(sealed.flights)):
+    paths, failed, last = [], 0, len(concealed.flights) - 1
+    for k in range(len(concealed.flights)):
         if k == last:  # trials of one engine share its healthy recordings, not what is judged
-            rng = np.random.default_rng((sealed.noise_seed, sealed.trial))
-        columns = _true_columns(truth, sealed, k)
+            rng = np.random.default_rng((concealed.noise_seed, concealed.trial))
+        columns = _true_columns(truth, concealed, k)
         good = np.isfinite(np.stack([columns[c] for c in sensors])).all(axis=0)
         if drawn:
             columns = drawn.read(k, columns)
-        columns = _wrong(sealed, columns) if k == last else columns
-        columns, good = {c: v[:: sealed.every] for c, v in columns.items()}, good[:: sealed.every]
+        columns = _add_instrument_errors(concealed, columns) if k == last else columns
+        columns, good = {c: v[:: concealed.every] for c, v in columns.items()}, good[:: concealed.every]
         failed += int((~good).sum())
-        columns = drawn.write(engine, columns, rng) if drawn else noisy(engine, 0.0, columns, rng)
-        path = folder / (f"judged_{sealed.trial}.csv" if k == last else f"healthy_{k + 1}.csv")
-        with output(path) as stream:
-            kept = {c: columns[c][good] for c in ("time_s", *engine.inputs, *sensors)}
-            CsvWriter(stream).write(Recording(kept))
+        columns = drawn.write(engine, columns, rng) if drawn else add_sensor_noise(engine, 0.0, columns, rng)
+        path = folder / (f"judged_{concealed.trial}.csv" if k == last else f"healthy_{k + 1}.csv")
+        write_recording(path, {c: columns[c][good] for c in ("time_s", *engine.inputs, *sensors)})
         paths.append(path)
-    return Files(copy_engine(folder, engine), tuple(paths[:-1]), paths[-1], failed)
+    return TrialFiles(copy_engine_file(folder, engine), tuple(paths[:-1]), paths[-1], failed)
 
 
-def true_engine(engine: Engine, sealed: Sealed) -> Engine:
+def true_engine(engine: Engine, concealed: ConcealedChanges) -> Engine:
     """The truth: the model itself, or its realistic relative, whose tables are read back and gone."""
-    if sealed.realistic is None:
+    if concealed.realistic is None:
         return engine
-    return realistic_engine(engine, sealed.realistic, stack(sealed.flights[:-1]))
+    return realistic_engine(engine, concealed.realistic, stack_flights(concealed.flights[:-1]))
 
 
-def _true_columns(truth: Engine, sealed: Sealed, k: int) -> dict[str, np.ndarray]:
+def _true_columns(truth: Engine, concealed: ConcealedChanges, k: int) -> dict[str, np.ndarray]:
     """Time, inputs and true outputs (N,) of flight k, the last one changed."""
-    flight, theta = sealed.flights[k], dict(sealed.health)
-    if k == len(sealed.flights) - 1:
-        truth = truth.replace_effects((*truth.effects, *sealed.effects))
-        theta |= sealed.values
-        for c in sealed.changes:
+    flight, theta = concealed.flights[k], dict(concealed.health)
+    if k == len(concealed.flights) - 1:
+        truth = truth.with_effects((*truth.effects, *concealed.effects))
+        theta |= concealed.values
+        for c in concealed.changes:
             if c.place in truth.parameters:
                 theta[c.place] = theta.get(c.place, truth.parameters[c.place].nominal) + c.size
-    p = truth.predict({c: flight[c] for c in (*truth.inputs, *truth.optional_inputs) if c in flight}, theta)
-    y = np.where(p.ok[:, None], p.y, np.nan)
     given = {c: flight[c] for c in ("time_s", *truth.inputs)}
-    return {**given, **dict(zip(p.columns, y.T, strict=True))}
+    return given | dict(zip(truth.sensors, true_readings(truth, [flight], theta).T, strict=True))
 
 
-def _wrong(sealed: Sealed, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _add_instrument_errors(concealed: ConcealedChanges, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Columns (N,) with the errors of instruments that the trial conceals."""
     by_place = {instrument_place(c): c for c in columns}
     found = dict(columns)
-    for change in sealed.changes:
+    for change in concealed.changes:
         column = by_place.get(change.place)
         if column:
             found[column] = columns[column] * (1.0 + change.size) if change.share else columns[column] + change.size

@@ -1,27 +1,19 @@
-"""The lower of two fits, where the truth of a trial is held against what was said.
+"""How far the truth is from every alternative answer, on the same flights without noise.
 
-A large effect that the model lacks may take what is identified into another valley, in which a fit that goes on from
-there stays when the effect is put in. A fit that begins at the priors, which lie near the true state or at it, finds
-the valley of the truth.
-
-How far the truth is from everything else that the explainer could say, on the same flights without noise.
-
-Priors are centred on the true state, so that the true model fits without residual and what is left with another
-model is its non-centrality after everything identified has been re-identified:
+Priors are centred on the true state, so that the true model fits without residual. The residual of another model is its
+non-centrality after everything identified has been refitted:
 
     λ(t) = χ² of the model without t        λ_sep(t, r) = χ² with r in place of t        aliases C(t): λ_sep < 11
 
-All rivals of the same or smaller size are judged by projection at the fit without t; the nearest few are refitted.
+All alternatives of the same or smaller size are judged by projection at the fit without t; the nearest few are
+refitted. A large effect that the model lacks may take the fit into another valley, where it stays when the effect is
+added. A fit that begins at the priors, which lie near the true state, finds the valley of the truth; so the lower of
+both is taken.
 
-Which places the readings cannot tell from that of a concealed law.
+The alternatives to the location of a concealed formula have its own curve f over the records, of any size and with a
+constant, at another location:
 
-A rival is the law's own curve over the records, of any size and with a constant beside it, at another place:
-
-    λ_sep(place) = χ² of the flights without noise with c₁ f + c₀ at the place, all that is identified fitted anew
-
-All places are judged by projection at the fit without a law; the nearest few are fitted.
-
-What a concealed effect truly varies with, in the records of a trial: to judge the driver that was located.
+    λ_sep(location) = χ² of the flights without noise with c₁ f + c₀ at the location, everything identified refitted
 """
 
 from __future__ import annotations
@@ -62,23 +54,30 @@ from enginediag_cli.mismatch.fit.options import (
     option_scores,
 )
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.physics.registry import candidate_effects
-from enginediag_cli.validation.causes import Begun, Cause, Key, causes_of, hypothesis, key
+from enginediag_cli.physics.registry import candidates
+from enginediag_cli.validation.causes import (
+    Cause,
+    CauseNames,
+    FittedCauses,
+    cause_names,
+    causes_from_options,
+    causes_hypothesis,
+)
 
 
-def lowest(
+def best_fit(
     evidence: Dataset, sought: Hypothesis, along: Nuisance, start: IdentifiedHypothesis, enough: float
 ) -> IdentifiedHypothesis:
     """The lower of the fits from `start` and from the priors; the first alone where it is below `enough`."""
     found = identify_with(evidence, sought, along, start)
-    least = left_by(found)
+    least = residual_chi2(found)
     if least < enough:
         return found
     anew = identify_with(evidence, sought, along)
-    return anew if left_by(anew) < least else found
+    return anew if residual_chi2(anew) < least else found
 
 
-def left_by(fit: IdentifiedHypothesis) -> float:
+def residual_chi2(fit: IdentifiedHypothesis) -> float:
     """χ² that a fit leaves, priors included; infinite where it did not converge."""
     return Projection(fit).objective if fit.converged else float(np.inf)
 
@@ -87,12 +86,12 @@ ALIAS = 11.0
 """λ_sep below which the right of two explanations wins less than 19 times out of 20."""
 
 REFITTED = 3
-"""Rivals, nearest by projection first, that are refitted. Judgement between cost and the chance that a fourth is
+"""Alternatives, nearest by projection first, that are refitted. Judgement between cost and the chance that a fourth is
 nearer."""
 REFITTED_MOVING = 5
 """Where records know their past, whatever the projection says: a limit or a long delay is no line through nothing."""
 NEAR = 30.0
-"""λ_sep by projection, beyond 5 % of λ, from which a rival is not worth a refit."""
+"""λ_sep by projection, beyond 5 % of λ, from which an alternative is not refitted."""
 
 MOST_IN_PAIRS = 60
 """Options that pairs are made of, as in the search itself."""
@@ -102,15 +101,21 @@ SLACK = 0.05  # of the range of a coefficient, which projection knows only rough
 @dataclass(frozen=True)
 class Separability:
     """`total`: λ of everything that is concealed; `given`: per cause, λ of it when the others are in the model;
-    `nearest`: smallest λ_sep of all rivals, `rival` its name; `aliases`: rivals with λ_sep < 11; `ok`: all fits
+    `nearest`: smallest λ_sep of all alternatives; `aliases`: alternatives with λ_sep < 11; `ok`: all fits
     converged."""
 
     total: float
-    given: tuple[float, ...]
+    conditional: tuple[float, ...]
     nearest: float
-    rival: str
-    aliases: frozenset[Key]
+    nearest_name: str
+    aliases: frozenset[CauseNames]
     ok: bool
+
+
+def centre_priors(evidence: Dataset, health: Mapping[str, float]) -> Dataset:
+    """The data set with priors at the true state, so that the true model leaves no residual."""
+    known = {n: health[n] for n in evidence.settings.nuisance if n in health}
+    return replace(evidence, settings=replace(evidence.settings, prior_mean=known))
 
 
 def separability(
@@ -119,14 +124,13 @@ def separability(
     health: dict[str, float],
     without: Sequence[str],
     values: Mapping[str, float] | None = None,
-    said: Begun | None = None,
+    named: FittedCauses | None = None,
 ) -> Separability:
     """Of the truth on noise-free evidence; `health`: true values of what is identified, `values`: true coefficients,
-    where effects of the truth that are tried at some size begin. Where records know their past, rivals that are tried
-    begin at the size that says most, and more of them are refitted, since scores know such effects only roughly; so is
-    what was `said`: whether that can be told from the truth is a fact that no ranking of rivals may miss."""
-    known = {n: health[n] for n in evidence.settings.nuisance if n in health}
-    evidence = replace(evidence, settings=replace(evidence.settings, prior_mean=known))
+    where effects of the truth that are tried at some size begin. Where records have a history, alternatives that are
+    tried begin at the size that says most, and more of them are refitted, since scores know such effects only roughly;
+    so is the answer, `named`: whether it is an alias must not depend on the ranking of alternatives."""
+    evidence = centre_priors(evidence, health)
     along = nuisance(evidence)
     base = identify_with(evidence, NULL_HYPOTHESIS, along)
     projection = Projection(base)
@@ -138,7 +142,7 @@ def separability(
         if not others:
             given.append(total)
             continue
-        left, good = _left(evidence, hypothesis(evidence.engine, others, n, values), along, base)
+        left, good = _fitted_chi2(evidence, causes_hypothesis(evidence.engine, others, n, values), along, base)
         given.append(left)
         ok &= good
     if not truth or not base.converged:
@@ -147,21 +151,27 @@ def separability(
     library = list(candidate_effects(evidence.engine, without))
     effects = effect_options(library) if moving else [effect_option(e) for e in library]
     scores = option_scores(base, projection, [*effects, *fault_options(base)])
-    rivals = sorted(_rivals(scores, total, len(truth), key(truth)), key=lambda r: r[0])
-    judged: list[tuple[float, Key]] = []
+    rivals = sorted(_projected_alternatives(scores, total, len(truth), cause_names(truth)), key=lambda r: r[0])
+    judged: list[tuple[float, CauseNames]] = []
     nearest = np.inf
     for k, (left, options) in enumerate(rivals):
         if (moving and k < REFITTED_MOVING) or (k < REFITTED and left < NEAR + 0.05 * total):
             # how far what is farther than another one is need not be known
             reach = nearest + MUCH_LESS_LIKELY if moving else np.inf
-            left, good = _left(evidence, combine_options(*options), along, base, reach)
+            left, good = _fitted_chi2(evidence, combine_options(*options), along, base, reach)
             nearest = min(nearest, left)
             # a rival that moves may have a valley without end: what it has reached is what it leaves, or a little more
             ok &= good or moving
-        judged.append((left, key(causes_of(options))))
-    if moving and said is not None and said[0] and key(said[0]) != key(truth) and len(said[0]) <= len(truth):
-        left, _ = _left(evidence, hypothesis(evidence.engine, said[0], n, said[1]), along, base)
-        judged.append((left, key(said[0])))
+        judged.append((left, cause_names(causes_from_options(options))))
+    if (
+        moving
+        and named is not None
+        and named[0]
+        and cause_names(named[0]) != cause_names(truth)
+        and len(named[0]) <= len(truth)
+    ):
+        left, _ = _fitted_chi2(evidence, causes_hypothesis(evidence.engine, named[0], n, named[1]), along, base)
+        judged.append((left, cause_names(named[0])))
     nearest, name = min(judged, key=lambda j: j[0], default=(total, frozenset({"nothing"})))
     return Separability(
         total,
@@ -173,26 +183,26 @@ def separability(
     )
 
 
-def _left(
+def _fitted_chi2(
     evidence: Dataset, other: Hypothesis, along: Nuisance, base: IdentifiedHypothesis, hopeless: float = np.inf
 ) -> tuple[float, bool]:
     """χ² with another hypothesis, and whether that fit converged; it is given up where it is `hopeless`."""
     if np.isfinite(hopeless):
         found = identify_with(evidence, other, along, base, reach=FitBudget(hopeless))
     else:
-        found = lowest(evidence, other, along, base, ALIAS)
+        found = best_fit(evidence, other, along, base, ALIAS)
     return Projection(found).objective, found.converged
 
 
-def _rivals(
-    scores: Sequence[OptionScore], total: float, size: int, truth: Key
+def _projected_alternatives(
+    scores: Sequence[OptionScore], total: float, size: int, truth: CauseNames
 ) -> Iterator[tuple[float, tuple[Option, ...]]]:
-    """λ_sep by projection of all rivals of at most this size, the best onset of every step only."""
+    """λ_sep by projection of all alternatives of at most this size, the best onset of every step only."""
     # what identification takes nearly all of may still be large: only physical bounds rule a rival out
     usable = [s for s in scores if s.score.dof]
-    best: dict[Key, OptionScore] = {}
+    best: dict[CauseNames, OptionScore] = {}
     for s in usable:
-        name = key(causes_of((s.option,)))
+        name = cause_names(causes_from_options((s.option,)))
         if name not in best or s.score.statistic > best[name].score.statistic:
             best[name] = s
     for name, s in best.items():
@@ -236,9 +246,10 @@ def _possible(s: OptionScore, z: float) -> bool:
 
 
 PLACES_FITTED = 4
-"""Places, nearest by projection first, that are fitted."""
+"""Locations, nearest by projection first, that are fitted."""
 BELIEVED = 10.0
-"""Prior standard deviation of a rival's curve, over what its place roams: what would have to be larger is no rival."""
+"""Prior standard deviation of an alternative's curve, over the plausible range of its location: a larger one is no
+alternative."""
 
 
 def place_separability(
@@ -258,19 +269,19 @@ def place_separability(
         left[p.name] = projection.objective - sums.score(own).statistic
     near = sorted((p for p in where if left[p.name] < NEAR + 0.05 * projection.objective), key=lambda p: left[p.name])
     for p in near[:PLACES_FITTED]:
-        rival = joined(base.hypothesis, curved(p, {"law": f - f.mean()}, base, BELIEVED))
-        fit = lowest(base.evidence, rival, along, base, ALIAS)
+        rival = combine_hypotheses(base.hypothesis, free_curve(p, {"law": f - f.mean()}, base, BELIEVED))
+        fit = best_fit(base.evidence, rival, along, base, ALIAS)
         if fit.converged:
             left[p.name] = Projection(fit).objective
     return left
 
 
-def inseparable(left: Mapping[str, float]) -> frozenset[str]:
-    """Names of the places that cannot be told from the true one."""
+def equivalent_places(left: Mapping[str, float]) -> frozenset[str]:
+    """Names of the locations that are indistinguishable from the true one."""
     return frozenset(name for name, x in left.items() if x < ALIAS)
 
 
-def joined(*hypotheses: Hypothesis) -> Hypothesis:
+def combine_hypotheses(*hypotheses: Hypothesis) -> Hypothesis:
     """All of them at once."""
     return Hypothesis(
         tuple(e for h in hypotheses for e in h.effects),
@@ -279,7 +290,7 @@ def joined(*hypotheses: Hypothesis) -> Hypothesis:
     )
 
 
-def curved(
+def free_curve(
     place: Location, curves: Mapping[str, np.ndarray], base: IdentifiedHypothesis, over: float = 1.0
 ) -> Hypothesis:
     """The place's parameter free to follow curves (N,) of the evidence's records, and to be off by a constant where it
@@ -291,7 +302,7 @@ def curved(
     return Hypothesis(() if place.through is None else (place.through,), sought, own)
 
 
-def place_named(places: Sequence[Location], name: str) -> Location | None:
+def find_place(places: Sequence[Location], name: str) -> Location | None:
     return next((p for p in places if p.name == name), None)
 
 
@@ -300,7 +311,7 @@ UNDRIVEN = (CONSTANT, SWITCH)
 
 
 def driver_is_right(evidence: Dataset, health: Mapping[str, float], driver: Driver, named: str) -> bool | None:
-    """Whether these records cannot tell the driver of that name from what `driver` stands for; None where it stands
+    """Whether the driver of that name is indistinguishable from `driver` in these records; None where it stands
     for nothing that varies here."""
     engine = evidence.engine
     inputs, theta = input_values(evidence), {n: v for n, v in health.items() if n in engine.parameters}

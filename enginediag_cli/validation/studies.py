@@ -1,8 +1,7 @@
-"""Declaration of the YAML file that describes a study, and what becomes of it.
+"""The file of a Monte-Carlo study: its declaration, its fault cases, and the monitor that it judges by.
 
-Fault cases: changes of parameters that are given, or drawn anew for every diagnosis.
-
-The monitor of an engine whose nominal state and noise are known: what the paper's experiment assumes.
+Fault cases are changes of parameters that are given, or drawn for every diagnosis. The monitor knows nominal state and
+noise exactly, as in the published experiment.
 """
 
 from __future__ import annotations
@@ -95,7 +94,7 @@ class FaultCase:
     draw: Mapping[str, Any] | None
     candidates: np.ndarray
 
-    def changes_of(self, monitor: Monitor, count: int, rng: np.random.Generator) -> np.ndarray:
+    def draw_changes(self, monitor: Monitor, count: int, rng: np.random.Generator) -> np.ndarray:
         """Changes (count, p), in parameter units, zero where a parameter has not changed."""
         if self.draw is None:
             return np.tile(self.changes, (count, 1))
@@ -288,6 +287,6 @@ def known_nominal(engine: Any, patterns: Sequence[str], noise: Mapping[str, Colu
 
 
 def standard_deviation(noise: ColumnNoise) -> float:
-    """Of the noise of one column, gross errors left out; uniform noise of range w, and rounding, have w/√12."""
+    """Of the noise of one column, gross errors excluded; uniform noise of range w, and rounding, have w/√12."""
     size = {"gaussian": noise.sigma, "uniform": noise.width / 12**0.5, "none": 0.0}[noise.distribution]
     return float(np.hypot(size, noise.quantum / 12**0.5))

@@ -1,17 +1,11 @@
-"""What a study counts of a method's verdicts.
+"""A Monte-Carlo study run: batches of diagnoses of engines with known faults, counted, and the counts as rows.
 
-A batch of trials: engines with known faults, flown by the full nonlinear model, recorded with noise.
-
-Counts of one case and method. Tallies of two batches add up, so batches may run anywhere and in any order.
-
-A study cut into batches that do not depend on each other: what a process works on.
-
-The journal of a study: its finished batches.
+A study is cut into batches that do not depend on each other. Each is flown by the full nonlinear model and recorded
+with noise. Tallies of two batches add up, so batches may run anywhere and in any order.
 """
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
@@ -24,10 +18,11 @@ import numpy as np
 from enginediag_cli import __version__
 from enginediag_cli.methods.base import PARAMETERS, FittedMethod, RecordWindows, Verdicts
 from enginediag_cli.methods.estimation import ScoredWindows
+from enginediag_cli.report.tables.trials import STUDY
 from enginediag_cli.simulation.flights import engine_inputs, generate_flights
 from enginediag_cli.simulation.noise import ColumnNoise, noise_sources
 from enginediag_cli.validation.studies import Study, load_study
-from enginediag_cli.validation.trials import Form, Journal
+from enginediag_cli.validation.trials import Journal, JournalFormat, content_hash, design_effect, exact_rate
 
 if TYPE_CHECKING:
     from enginediag_cli.residuals.monitor import Monitor
@@ -35,7 +30,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Answers:
+class MethodAnswers:
     """On W windows: judged (W,): there is a verdict; detected (W,); isolated (W, p) bool, None for a method that
     names no parameters; probability (W,) that the answer is right, NaN for a method that states none."""
 
@@ -45,10 +40,10 @@ class Answers:
     probability: np.ndarray
 
 
-def answers_of(verdicts: Verdicts, parameters: Sequence[str]) -> Answers:
+def answers_from_verdicts(verdicts: Verdicts, parameters: Sequence[str]) -> MethodAnswers:
     """Methods that name sensors, not parameters, or nothing, are judged on detection only.
 
-    A method that can say what is likeliest without an alarm is asked for that on every window.
+    The likeliest answer of a method that has one without an alarm counts on every window.
     """
     named = verdicts.isolated if verdicts.likeliest is None else verdicts.likeliest
     W = len(verdicts.converged)
@@ -57,11 +52,11 @@ def answers_of(verdicts: Verdicts, parameters: Sequence[str]) -> Answers:
         isolated = np.zeros((W, len(parameters)), bool)
         isolated[:, [list(parameters).index(name) for name in verdicts.names]] = named
     probability = np.full(W, np.nan) if verdicts.probability is None else verdicts.probability
-    return Answers(verdicts.judged, verdicts.alarm, isolated, probability)
+    return MethodAnswers(verdicts.judged, verdicts.alarm, isolated, probability)
 
 
 @dataclass(frozen=True)
-class Trials:
+class StudyTrials:
     """W windows of n records with the changes (W, p) that made them; failed: records that the engine could not
     compute, which have no reading."""
 
@@ -78,10 +73,10 @@ def make_trials(
     plan: Mapping[str, Any],
     noise: Mapping[str, ColumnNoise],
     rng: np.random.Generator,
-) -> Trials:
+) -> StudyTrials:
     """`count` trials of one case, all in one call of the engine."""
     engine = monitor.engine
-    changes = case.changes_of(monitor, count, rng)
+    changes = case.draw_changes(monitor, count, rng)
     changes = np.clip(monitor.theta0 + changes, monitor.lower, monitor.upper) - monitor.theta0
     inputs = _conditions(engine, count, records, plan, rng)
     values = {
@@ -93,9 +88,9 @@ def make_trials(
     true = np.asarray(prediction.y).reshape(count, records, -1)
     readings = {column: true[:, :, j] for j, column in enumerate(monitor.sensors)}
     readings.update({c: v.reshape(count, records) for c, v in inputs.items()})
-    read = _with_noise(readings, noise, count, rng)
+    read = _add_noise(readings, noise, count, rng)
     y = np.stack([read[column] for column in monitor.sensors], axis=2)
-    return Trials(RecordWindows({c: read[c] for c in inputs}, y), changes, int(np.sum(~np.asarray(prediction.ok))))
+    return StudyTrials(RecordWindows({c: read[c] for c in inputs}, y), changes, int(np.sum(~np.asarray(prediction.ok))))
 
 
 def _conditions(
@@ -108,10 +103,10 @@ def _conditions(
     return {column: np.concatenate([part[column] for part in parts]) for column in parts[0]}
 
 
-def _with_noise(
+def _add_noise(
     true: Mapping[str, np.ndarray], noise: Mapping[str, ColumnNoise], count: int, rng: np.random.Generator
 ) -> dict[str, np.ndarray]:
-    """Readings (count, n) by column; every window has noise of its own, also where noise remembers its past."""
+    """Readings (count, n) by column; every window has noise of its own, also where noise is correlated."""
     read = {column: np.array(values) for column, values in true.items()}
     for k in range(count):
         for column, source in noise_sources(noise, rng).items():
@@ -161,29 +156,23 @@ class Tally:
         both["isolates"] = self.isolates and other.isolates
         return Tally(**both, blocks=np.concatenate([self.blocks, other.blocks]))
 
-    def of_blocks(self, name: str) -> np.ndarray:
+    def counts_by_batch(self, name: str) -> np.ndarray:
         """Counts (B,) of each batch."""
         return np.asarray(self.blocks[:, BLOCK.index(name)])
 
-    def as_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """Plain numbers and lists."""
-        return {
-            f.name: getattr(self, f.name).tolist()
-            if isinstance(getattr(self, f.name), np.ndarray)
-            else getattr(self, f.name)
-            for f in fields(self)
-        }
+        return {name: np.asarray(value).tolist() for name, value in vars(self).items()}
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Tally:
         """Inverse of `as_json`; raises TypeError or KeyError for something else."""
-        arrays = ("counts", "counts_contained", "bins", "blocks")
         given: dict[str, Any] = {f.name: values[f.name] for f in fields(cls)}
-        given.update({name: np.array(given[name]) for name in arrays})
+        given |= {name: np.array(x) for name, x in given.items() if isinstance(x, list)}
         return cls(**given)
 
 
-def tally(changes: np.ndarray, answers: Answers, seconds: float, failed_records: int) -> Tally:
+def tally(changes: np.ndarray, answers: MethodAnswers, seconds: float, failed_records: int) -> Tally:
     """Count the answers on windows with true `changes` (W, p)."""
     truth = changes != 0
     W, p = truth.shape
@@ -228,7 +217,7 @@ TRAINING_KEY = 2**31
 
 
 @dataclass(frozen=True, order=True)
-class Batch:
+class StudyBatch:
     """Repetitions `first` … `first + count − 1` of case number `case`."""
 
     case: int
@@ -236,24 +225,24 @@ class Batch:
     count: int
 
 
-def batches(study: Study, repetitions: int | None = None) -> tuple[Batch, ...]:
+def batches(study: Study, repetitions: int | None = None) -> tuple[StudyBatch, ...]:
     """The whole study; `repetitions` replaces those of every case. Does not depend on who does the work."""
     size = max(BATCH_RECORDS // study.records, 1)
     found = []
     for k, case in enumerate(study.cases):
         total = repetitions or case.repetitions
-        found += [Batch(k, first, min(size, total - first)) for first in range(0, total, size)]
+        found += [StudyBatch(k, first, min(size, total - first)) for first in range(0, total, size)]
     return tuple(found)
 
 
-class Laboratory:
+class StudyRunner:
     """A study with its engine, and its methods once they are trained."""
 
     def __init__(self, study: Study, seed: int):
         self.study, self._seed = study, seed
         self._trained: dict[str, FittedMethod] = {}
 
-    def run(self, batch: Batch) -> dict[str, Tally]:
+    def run(self, batch: StudyBatch) -> dict[str, Tally]:
         """Tally of every method, by its name."""
         study, case = self.study, self.study.cases[batch.case]
         trained = self.trained()  # learning is not part of a diagnosis
@@ -269,7 +258,7 @@ class Laboratory:
             verdicts = method.diagnose(evidence, study.false_alarm)
             own = process_time() - begun - (sum(evidence.cost.values()) - before)
             seconds = own + sum(evidence.cost[what] for what in evidence.used)
-            answers = answers_of(verdicts, study.monitor.names)
+            answers = answers_from_verdicts(verdicts, study.monitor.names)
             result[name] = tally(trials.changes, answers, seconds, trials.failed)
         return result
 
@@ -296,50 +285,169 @@ class Laboratory:
 
 
 @lru_cache(maxsize=1)
-def laboratory(path: Path, seed: int) -> Laboratory:
+def study_runner(path: Path, seed: int) -> StudyRunner:
     """The laboratory of this process."""
-    return Laboratory(load_study(path), seed)
+    return StudyRunner(load_study(path), seed)
 
 
-def run_batch(path: Path, seed: int, batch: Batch) -> dict[str, Tally]:
-    """One batch of the study at `path`; what a worker process is asked for."""
-    return laboratory(path, seed).run(batch)
+def run_batch(path: Path, seed: int, batch: StudyBatch) -> dict[str, Tally]:
+    """One batch of the study at `path`; the task of a worker process."""
+    return study_runner(path, seed).run(batch)
 
 
 Tallies = dict[str, Tally]
 """Tally of every method, by its name."""
-Finished = dict[Batch, Tallies]
+Finished = dict[StudyBatch, Tallies]
 
 
-def study_key(study: Study, seed: int, repetitions: int | None) -> str:
-    """Hash of all that the result depends on: program version, study file, engine file, seed and repetitions."""
-    digest = hashlib.sha256(f"{__version__} {seed} {repetitions}".encode())
-    for path in (study.path, Path(study.monitor.engine.path)):  # type: ignore[attr-defined]
-        digest.update(b"\0" + path.read_bytes())
-    return digest.hexdigest()
+def study_journal(path: Path, study: Study, seed: int, repetitions: int | None) -> Journal[StudyBatch, Tallies]:
+    """The journal of a study's finished batches. It belongs to the program version, the content of the study file and
+    of the engine file, the seed and the repetitions."""
+    files = (study.path, Path(study.monitor.engine.path))  # type: ignore[attr-defined]
+    return Journal(path, content_hash(f"{__version__} {seed} {repetitions}", files), _BATCHES)
 
 
-def study_journal(path: Path, key: str) -> Journal[Batch, Tallies]:
-    """The journal at `path` of the study with this key."""
-    return Journal(path, key, _FORM)
-
-
-def _line(batch: Batch, tallies: Tallies) -> Mapping[str, Any]:
-    return {
-        "batch": [batch.case, batch.first, batch.count],
-        "methods": {name: one.as_json() for name, one in tallies.items()},
-    }
-
-
-def _entry(line: Mapping[str, Any]) -> tuple[Batch, Tallies]:
-    return Batch(*line["batch"]), {name: Tally.from_json(one) for name, one in line["methods"].items()}
-
-
-_FORM = Form(
+_BATCHES = JournalFormat[StudyBatch, Tallies](
     "study",
     "the journal of a study",
     "the journal of another study, or of this one before it was changed",
     "--journal",
-    _line,
-    _entry,
+    lambda batch, tallies: {
+        "batch": [batch.case, batch.first, batch.count],
+        "methods": {name: one.to_json() for name, one in tallies.items()},
+    },
+    lambda line: (StudyBatch(*line["batch"]), {name: Tally.from_json(one) for name, one in line["methods"].items()}),
 )
+
+
+Results = Mapping[tuple[str, str], Tally]
+
+
+def totals(study: Study, finished: Finished) -> dict[tuple[str, str], Tally]:
+    """Tally of every (case, method), added up in the order of the batches whoever finished first."""
+    found: dict[tuple[str, str], Tally] = {}
+    for batch in sorted(finished):
+        for method in study.methods:
+            key, one = (study.cases[batch.case].name, method), finished[batch][method]
+            found[key] = found[key] + one if key in found else one
+    return found
+
+
+def study_document(study: Study, results: Results, seed: int) -> dict[str, Any]:
+    """Everything, with counts that a script can check; `timings` alone differ from one run to the next."""
+    names = study.monitor.names
+    return {
+        "schema": STUDY.id,
+        "cases": [_entry(case, method, one, names, study.reliability) for (case, method), one in results.items()],
+        "study": study.path.name,
+        "engine": study.monitor.engine.name,
+        "records": study.records,
+        "seed": seed,
+        "parameters": list(names),
+        "timings": [
+            {"case": case, "method": method, "seconds_per_diagnosis": _seconds(one)}
+            for (case, method), one in results.items()
+        ],
+    }
+
+
+def _seconds(x: Tally) -> float:
+    """CPU time of one diagnosis."""
+    return x.seconds / x.repetitions
+
+
+def _entry(case: str, method: str, x: Tally, names: tuple[str, ...], reliability: bool) -> dict[str, Any]:
+    named = x.isolates
+    per = {name: x.counts_by_batch(name) for name in BLOCK}
+    per["changed"], per["seen"] = per["repetitions"] - per["unchanged"], per["detected"] - per["false_alarms"]
+
+    def rate_from(hits: str, of: str) -> dict[str, float] | None:
+        return exact_rate(int(per[hits].sum()), int(per[of].sum()), design_effect(per[hits], per[of]))
+
+    entry: dict[str, Any] = {
+        "case": case,
+        "method": method,
+        "repetitions": x.repetitions,
+        "no_verdict": x.repetitions - x.judged,
+        "detected": x.detected,
+        "exact": x.exact if named else None,
+        "contained": x.contained if named else None,
+        "right_size": x.right_size if named else None,
+        "mean_size": x.isolated / x.judged if named and x.judged else None,
+        "parameter_counts": dict(zip(names, map(int, x.counts), strict=True)) if named else None,
+        "parameter_counts_contained": dict(zip(names, map(int, x.counts_contained), strict=True)) if named else None,
+        "unchanged": x.unchanged,
+        "false_alarms": x.false_alarms,
+        "false_alarm_rate": rate_from("false_alarms", "unchanged"),
+        "detected_rate": rate_from("seen", "changed"),
+        "exact_rate": rate_from("exact", "repetitions") if named else None,
+        "contained_rate": rate_from("contained", "repetitions") if named else None,
+        "failed_records": x.failed_records,
+    }
+    if reliability and x.bins[:, 0].any():
+        entry["reliability"] = reliability_rows(x)
+    return entry
+
+
+def reliability_rows(x: Tally) -> list[dict[str, Any]]:
+    """Per bin of stated probability: answers, mean stated probability, how many were right, the rate."""
+    study_rows = []
+    for low, high, (count, right, stated) in zip(EDGES[:-1], EDGES[1:], x.bins, strict=True):
+        if count:
+            realised = exact_rate(int(right), int(count)) or {}
+            study_rows.append(
+                {
+                    "from": float(low),
+                    "to": min(float(high), 1.0),
+                    "answers": int(count),
+                    "stated": stated / count,
+                    "right": int(right),
+                    **realised,
+                }
+            )
+    return study_rows
+
+
+def study_rows(study: Study, results: Results, show: str) -> tuple[list[dict[str, Any]], tuple[str, ...]]:
+    """Rows and columns of one table: "rates", "counts" per parameter as in the paper, or "reliability"."""
+    found: list[dict[str, Any]] = []
+    for (case, method), x in results.items():
+        entry = _entry(case, method, x, study.monitor.names, False)
+        place = {"case": case, "method": method}
+        if show == "rates":
+            found.append(STUDY.row(place | _rates(entry) | {"seconds_per_diagnosis": _seconds(x)}))
+        elif show == "counts":
+            found.append(place | {"repetitions": x.repetitions} | (entry["parameter_counts"] or {}))
+        else:
+            found += [place | row for row in reliability_rows(x)]
+    columns = ("case", "method", "repetitions", *study.monitor.names) if show == "counts" else ()
+    return found, columns or tuple(found[0]) if found else ()
+
+
+def _rates(entry: Mapping[str, Any]) -> dict[str, Any]:
+    row = {"repetitions": entry["repetitions"], "no_verdict": entry["no_verdict"]}
+    for what in ("detected", "false_alarm", "exact", "contained"):
+        found = entry[f"{what}_rate"]
+        row[what] = found["rate"] if found else None
+        row[f"{what}_low"], row[f"{what}_high"] = (found["low"], found["high"]) if found else (None, None)
+    return row | {"mean_size": entry["mean_size"]}
+
+
+def short_rates(row: Mapping[str, Any]) -> dict[str, Any]:
+    """A row of rates for people: rate and interval in one cell, in per cent."""
+    short: dict[str, Any] = {}
+    ends = {f"{name}_{end}" for name in row for end in ("low", "high")}
+    for name, value in row.items():
+        if name in ends:
+            continue
+        if f"{name}_low" in row:
+            value = (
+                f"{100 * value:.1f} ({100 * row[f'{name}_low']:.1f}–{100 * row[f'{name}_high']:.1f})"
+                if (value is not None)
+                else ""
+            )
+            name = f"{name}_%"
+        elif isinstance(value, float):
+            value = float(f"{value:.3g}")
+        short[name] = value
+    return short

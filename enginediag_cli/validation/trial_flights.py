@@ -1,14 +1,14 @@
-"""Short flights for blind trials: climb, cruise and descent within the engine's envelope; of a machine that stays where
-it is, some days.
+"""Flights of trials: what an engine is flown through, drawn within its envelope.
 
-Days of a machine that stays where it is, for blind trials: weather, base load by day and part load at night.
-
-Recordings that move, for blind trials of kind dynamic: steps, ramps, slams and staircases of power, once a second.
-
-What the engine is told is drawn, not how it gets there: the truth is the quasi-steady network with what it conceals
-on the tape of each recording.
-
-Flights four kilometres above those that were searched: where a law must hold that nobody has flown.
+Short flights
+    climb, cruise and descent.
+Days of a machine on the ground
+    weather, base load by day and part load at night.
+Moving recordings, for dynamic effects
+    steps, ramps, slams and staircases of power, once a second. The command is drawn, not how the engine follows it: the
+    truth is the quasi-steady network with the concealed effect on the tape of each recording.
+Higher flights
+    four kilometres above those that were searched, where a formula must hold although nobody has flown there.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def draw_flights(engine: Engine, rng: np.random.Generator) -> tuple[list[dict[st
 
     Raises DataError for an engine that has inputs which nothing is known of, or whose power range is not stated.
     """
-    check_engine(engine)
+    check_flyable(engine)
     stays = "altitude_m" not in engine.inputs
     draw, step = (ground_days, GROUND_STEP_S) if stays else (_flight, STEP_S)
     training = int(rng.integers(TRAINING[0], TRAINING[1] + 1))
@@ -52,9 +52,9 @@ def draw_flights(engine: Engine, rng: np.random.Generator) -> tuple[list[dict[st
     flights = []
     for k in range(count):
         n = int(rng.integers(RECORDS[0], RECORDS[1] + 1))
-        told = draw(engine, n, rng)
-        told = {c: told[c] if c in told else _governed(engine, c, n, rng) for c in engine.inputs}
-        columns = {"time_s": step * np.arange(n), **told}
+        drawn = draw(engine, n, rng)
+        drawn = {c: drawn[c] if c in drawn else _governed(engine, c, n, rng) for c in engine.inputs}
+        columns = {"time_s": step * np.arange(n), **drawn}
         for c, start in hours.items():
             columns[c] = start[k] + columns["time_s"] / 3600.0
         flights.append(columns)
@@ -68,7 +68,7 @@ def hours_at_flights(count: int, rng: np.random.Generator) -> np.ndarray:
     return np.where(np.arange(count) < again, clock, clock - clock[again] + rng.uniform(0.0, BETWEEN_FLIGHTS_H[0]))
 
 
-def check_engine(engine: Engine) -> None:
+def check_flyable(engine: Engine) -> None:
     """Raises DataError for an engine that has inputs which nothing is known of, or whose power range is not stated."""
     known = (*CONDITIONS, *GROUND_CONDITIONS, *engine.envelope, engine.power_setting)
     odd = [c for c in engine.inputs if c not in known]
@@ -136,7 +136,7 @@ def _limit(engine: Engine, column: str, default: tuple[float, float]) -> tuple[f
     return engine.envelope.get(column, default)
 
 
-def stack(flights: Sequence[Mapping[str, np.ndarray]]) -> Mapping[str, np.ndarray]:
+def stack_flights(flights: Sequence[Mapping[str, np.ndarray]]) -> Mapping[str, np.ndarray]:
     """Columns over all flights."""
     return {c: np.concatenate([f[c] for f in flights]) for c in flights[0]}
 
@@ -205,7 +205,7 @@ no more than a trial can afford."""
 POWER = (0.25, 1.0)
 """Fractions of the power range that levels lie between."""
 LEAST_CHANGE = 0.2
-"""Of the power range, between one level and the next: less than that moves nothing that could be told."""
+"""Of the power range, between one level and the next: a smaller change is not visible."""
 HOLD_S, RAMP_S, SLAM_S, STAIR_S = (10.0, 60.0), (10.0, 60.0), (6.0, 20.0), (6.0, 20.0)
 """A level's length, a ramp's, how long a slam stays up, a stair's, from and to. Judgement: test beds and circuits."""
 STAIRS = (3, 5)
@@ -227,7 +227,7 @@ def draw_moving_flights(engine: Engine, rng: np.random.Generator) -> tuple[list[
 
     Raises DataError as `draw_flights` does.
     """
-    check_engine(engine)
+    check_flyable(engine)
     training = int(rng.integers(MOVING_TRAINING[0], MOVING_TRAINING[1] + 1))
     count = training + MOVING_HELD_BACK
     hours = {c: hours_at_flights(count, rng) for c in hour_columns()}
@@ -252,17 +252,17 @@ def power_profile(time: np.ndarray, at_once_s: float, rng: np.random.Generator) 
         t += seconds
         corners.append((t, level))
 
-    def to(new: float, seconds: float) -> None:
+    def move(new: float, seconds: float) -> None:
         nonlocal t, level
         t, level = t + max(seconds, at_once_s * abs(new - level), AT_ONCE_S), new
         corners.append((t, level))
 
     hold(rng.uniform(*HOLD_S))
     manoeuvres: Sequence[Callable[[], None]] = (
-        lambda: to(_other(level, rng), 0.0),
-        lambda: to(_other(level, rng), rng.uniform(*RAMP_S)),
-        lambda: _slam(level, to, hold, rng),
-        lambda: _staircase(level, to, hold, rng),
+        lambda: move(_other(level, rng), 0.0),
+        lambda: move(_other(level, rng), rng.uniform(*RAMP_S)),
+        lambda: _slam(level, move, hold, rng),
+        lambda: _staircase(level, move, hold, rng),
     )
     while t < time[-1]:
         manoeuvres[int(rng.integers(len(manoeuvres)))]()
@@ -272,20 +272,20 @@ def power_profile(time: np.ndarray, at_once_s: float, rng: np.random.Generator) 
 
 
 def _slam(
-    level: float, to: Callable[[float, float], None], hold: Callable[[float], None], rng: np.random.Generator
+    level: float, move: Callable[[float, float], None], hold: Callable[[float], None], rng: np.random.Generator
 ) -> None:
     """To another level at once, and back before everything has settled."""
-    to(_other(level, rng), 0.0)
+    move(_other(level, rng), 0.0)
     hold(rng.uniform(*SLAM_S))
-    to(level, 0.0)
+    move(level, 0.0)
 
 
 def _staircase(
-    level: float, to: Callable[[float, float], None], hold: Callable[[float], None], rng: np.random.Generator
+    level: float, move: Callable[[float, float], None], hold: Callable[[float], None], rng: np.random.Generator
 ) -> None:
     stairs = int(rng.integers(STAIRS[0], STAIRS[1] + 1))
     for step in np.linspace(level, _other(level, rng), stairs + 1)[1:]:
-        to(float(step), 0.0)
+        move(float(step), 0.0)
         hold(rng.uniform(*STAIR_S))
 
 

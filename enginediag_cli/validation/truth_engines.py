@@ -1,6 +1,6 @@
-"""Truth engines that are not the model: their maps, cooling and gas differ a little.
+"""Truth engines that are not the model. Nothing of this file is in the registry of effects: no search can find it.
 
-Every turbomachine's flow capacity and efficiency are changed by a smooth factor of its corrected speed
+**Map errors.** Every turbomachine's flow capacity and efficiency are changed by a smooth factor of its corrected speed
 n = (N/√T)/(N/√T)_design and, for compressors, of its corrected flow w = W√T/P over that of the design point:
 
     1 + s·[a₁ sin(2π f (n − 1) + φ) + a₂ tanh((n − n₀)/0.08) + a₃ (w − n)/0.1] − (the same at the design point)
@@ -9,31 +9,24 @@ with a ~ N(0, 1)/√(3/2), s = 0.3 % (flow) and 0.15 % (efficiency); turbines, w
 a₃ (n − 1)/0.1 in its place. Cooling and bleed fractions of the core flow change by up to ±0.8 % of the core flow in
 total, and the gas constant by up to ±0.05 %, as that much water in the air makes it: R = R_air (1 + 0.608 w).
 
-No term of this file is in the registry: an explainer cannot find it.
+**Tables.** The model's maps are sampled, distorted, and written as map files beside an engine file. A compressor's
+table has flow, pressure ratio and efficiency on speed lines and R-lines, R = 2 + 2 (x − 1) / width of the flow
+coefficient x of `compressor_map`; a turbine's, flow and efficiency against speed and pressure ratio. Flow and
+efficiency of every table are multiplied by 1 + error of a `Distortion` each, that of efficiency half as large (a
+turbine's flow along speed alone), and interpolated by parabolas. The design point is unchanged. Gas properties are
+taken at the design inlet, as map files do, which is one more difference. A health parameter keeps the model's meaning:
+less efficiency is less pressure at the same work, where an engine file's table has more work at the same pressure.
+Otherwise a truth with one changed parameter would be one with two in the model's terms.
 
-A smooth error of a component map that no polynomial of low order describes.
-
-Over a map's coordinates u (speed) and v (position on the speed line), both 0 to 1 where the engine flies, or over a
-wider range where it hardly moves,
+**Distortion.** A smooth error that no polynomial of low order describes. Over a map's coordinates u (speed) and v
+(position on the speed line), both 0 to 1 where the engine flies, or over a wider range where it hardly moves,
 
     error = Σ_k a_k sin(2π f_k (u cos ψ_k + v sin ψ_k) + φ_k) + b |u − u₀| + c_j sin(πv)
 
-with waves k of random length and direction, a kink where the flow regime of the blades changes, and a waviness c_j that
-each measured speed line j has for itself, linear between lines: maps of rigs are measured line by line. What the design
-point has is taken away, since an engine is built to its design point, and the rest scaled so that its root mean square
-about its mean, over that range, is the size asked for: the map's *shape* is wrong by that much.
-
-Truth engines on tables: the model's maps sampled, made wrong, and written as map files beside an engine file.
-
-A compressor's table holds flow, pressure ratio and efficiency on speed lines and R-lines, R = 2 + 2 (x − 1) / width of
-the flow coefficient x of `compressor_map`; a turbine's, flow and efficiency against speed and pressure ratio. Flow and
-efficiency of every table are multiplied by 1 + error of a `Distortion` each, that of efficiency half as large (a
-turbine's flow along speed alone), and read back by parabolas between the lines. The design point stays as it was. Gas
-properties are taken at the design inlet, as map files do, and that is one more difference.
-
-What a health parameter means stays the model's meaning: less efficiency is less pressure at the same work, where an
-engine file's table has more work at the same pressure. Otherwise a truth with one parameter changed would be one with
-two in the model's words.
+with waves k of random length and direction, a kink where the flow regime of the blades changes, and a waviness c_j of
+each measured speed line j, linear between lines: rigs measure maps line by line. The value at the design point is
+subtracted, since an engine is built to its design point, and the rest is scaled so that its root mean square about its
+mean, over that range, is the size wanted: the map's *shape* is wrong by that much.
 """
 
 from __future__ import annotations
@@ -89,7 +82,7 @@ def draw_map_errors(engine: Engine, rng: np.random.Generator) -> MapErrors:
     for c in engine.network.components:
         if isinstance(c, Compressor | Turbine):
             for quantity, size in (("flow_capacity", FLOW), ("efficiency", EFFICIENCY)):
-                found.append(_drawn(c.name, quantity, size, rng))
+                found.append(_draw_map_error(c.name, quantity, size, rng))
     fractions = [
         n for n, p in engine.parameters.items() if p.family == "design" and p.quantity == "fraction" and p.nominal > 0
     ]
@@ -99,11 +92,11 @@ def draw_map_errors(engine: Engine, rng: np.random.Generator) -> MapErrors:
     return MapErrors(tuple(found), parameters, float(rng.uniform(-GAS_CONSTANT, GAS_CONSTANT)) / WATER)
 
 
-def _drawn(component: str, quantity: str, size: float, rng: np.random.Generator) -> Effect:
+def _draw_map_error(component: str, quantity: str, size: float, rng: np.random.Generator) -> Effect:
     wave, kink, twist = size * rng.standard_normal(3) / np.sqrt(1.5)
     term = MapError(
         quantity,
-        Shape(
+        ErrorShape(
             float(wave),
             float(rng.uniform(1.5, 4.0)),
             float(rng.uniform(0.0, 2.0 * np.pi)),
@@ -116,7 +109,7 @@ def _drawn(component: str, quantity: str, size: float, rng: np.random.Generator)
 
 
 @dataclass(frozen=True)
-class Shape:
+class ErrorShape:
     """a₁, f, φ, a₂, n₀, a₃ of the equation above, the a with s in them."""
 
     wave: float
@@ -126,7 +119,7 @@ class Shape:
     middle: float
     twist: float
 
-    def of(self, n: Value, position: Value) -> Value:
+    def evaluate(self, n: Value, position: Value) -> Value:
         """The error at a corrected speed over that of the design point; `position` is 0 there."""
         turn = 2.0 * np.pi * self.frequency
         angle, rise = turn * (value(n) - 1.0) + self.phase, np.tanh((value(n) - self.middle) / WIDTH)
@@ -146,7 +139,7 @@ class MapError(Term):
     COEFFICIENTS = (Coefficient("present", "1", "1 where the error is there", upper=1.0, sigma=1.0, typical=1.0),)
     REFERENCE = "none: drawn"
 
-    def __init__(self, quantity: str, shape: Shape):
+    def __init__(self, quantity: str, shape: ErrorShape):
         self.NAME = f"map_error_{quantity}"
         self.quantity, self.shape = quantity, shape
 
@@ -173,7 +166,7 @@ class MapError(Term):
             n = speed(e) * (1.0 / n_design)
             compressor = isinstance(c, Compressor)
             position = flow(e) * (1.0 / w_design) - n if compressor else n - 1.0
-            return x * (1.0 + self.shape.of(n, position))
+            return x * (1.0 + self.shape.evaluate(n, position))
 
         at.change_leaf(f"{c.name}.{self.quantity}", factor)
 
@@ -196,7 +189,7 @@ GRID = 21
 
 
 @dataclass(frozen=True)
-class Range:
+class FlownRange:
     """Where an engine flies in a map: `speed` and `position` of the points flown (N,), and of the design point."""
 
     speed: np.ndarray
@@ -217,7 +210,7 @@ class Range:
 class Distortion:
     """A drawn error: `at` gives it as a share. Amplitudes are those before scaling, `factor` and `shift` scale."""
 
-    where: Range
+    where: FlownRange
     waves: np.ndarray
     middle: float
     kink: float
@@ -225,11 +218,11 @@ class Distortion:
     factor: float = 1.0
     shift: float = 0.0
 
-    def at(self, speed: np.ndarray, position: np.ndarray) -> np.ndarray:
+    def evaluate(self, speed: np.ndarray, position: np.ndarray) -> np.ndarray:
         """The error at points of the map, of the shape of both coordinates together."""
-        return self.of(*self.where.scaled(speed, position))
+        return self.evaluate_scaled(*self.where.scaled(speed, position))
 
-    def of(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    def evaluate_scaled(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         """The same at scaled coordinates."""
         a, f, psi, phi = self.waves
         along = u[..., None] * np.cos(psi) + v[..., None] * np.sin(psi)
@@ -239,7 +232,7 @@ class Distortion:
         return np.asarray(self.factor * raw - self.shift)
 
 
-def draw_distortion(where: Range, size: float, rng: np.random.Generator) -> Distortion:
+def draw_distortion(where: FlownRange, size: float, rng: np.random.Generator) -> Distortion:
     """An error whose shape has the root mean square `size`, as a share, over the range that is flown."""
     waves = np.stack(
         [
@@ -256,9 +249,9 @@ def draw_distortion(where: Range, size: float, rng: np.random.Generator) -> Dist
         float(KINK * rng.standard_normal()),
         WAVINESS * rng.standard_normal(LINES),
     )
-    spread = float(np.std(plain.of(*np.meshgrid(*[np.linspace(0.0, 1.0, GRID)] * 2))))
+    spread = float(np.std(plain.evaluate_scaled(*np.meshgrid(*[np.linspace(0.0, 1.0, GRID)] * 2))))
     factor = size / max(spread, 1e-9)
-    at_design = float(plain.at(np.array(where.design[0]), np.array(where.design[1])))
+    at_design = float(plain.evaluate(np.array(where.design[0]), np.array(where.design[1])))
     return Distortion(where, waves, plain.middle, plain.kink, plain.lines, factor, factor * at_design)
 
 
@@ -282,7 +275,7 @@ Errors = tuple[float, np.random.Generator]
 """Size of the errors, and what they are drawn from."""
 
 
-def tabulated(
+def tabulate_engine(
     engine: Engine, flown: Mapping[str, np.ndarray], size: float, rng: np.random.Generator, folder: Path
 ) -> Engine:
     """The engine on tables whose shapes are wrong by `size`, written into `folder` and read back.
@@ -294,17 +287,17 @@ def tabulated(
     p = engine.predict(dict(flown), sensors=tuple(wanted))
     state = dict(zip(p.columns, p.y[p.ok].T, strict=True))
     speed = {name: state[f"{s['speed_label']}_rpm"] for name, s in engine.network.shafts.items()}
-    document = {k: v for k, v in _plain(load_document(engine.path)).items() if k not in LEFT_OUT}
+    document = {k: v for k, v in _plain_values(load_document(engine.path)).items() if k not in LEFT_OUT}
     declared = {entry["name"]: entry for entry in document["components"]}
     for c in turbomachines:
         entry, file = declared[c.name], f"{c.name}.csv"
         entry.pop("map", None)
         where = (state, speed[c.values["shaft"]], (size, rng), folder / file)
-        told = _compressor(c, *where) if isinstance(c, Compressor) else _turbine(c, *where)
-        entry["table"] = {"file": file, "interpolation": "quadratic", **told}
+        drawn = _compressor(c, *where) if isinstance(c, Compressor) else _turbine(c, *where)
+        entry["table"] = {"file": file, "interpolation": "quadratic", **drawn}
     path = folder / ENGINE_FILE
     path.write_text(dump(document), encoding="utf-8")
-    return _with_the_models_meaning(load_engine(path))
+    return _keep_efficiency_meaning(load_engine(path))
 
 
 def _columns(engine: Engine, c: Compressor | Turbine) -> tuple[str, ...]:
@@ -314,11 +307,11 @@ def _columns(engine: Engine, c: Compressor | Turbine) -> tuple[str, ...]:
     return f"T{start}_K", f"P{start}_Pa", f"W{start}_kg_s", f"P{end}_Pa", f"{label}_rpm"
 
 
-def _plain(node: Node) -> Any:
+def _plain_values(node: Node) -> Any:
     """The values of a document without their places."""
     if node.is_mapping:
-        return {key: _plain(child) for key, child in node.value.items()}
-    return [_plain(child) for child in node.value] if node.is_list else node.value
+        return {key: _plain_values(child) for key, child in node.value.items()}
+    return [_plain_values(child) for child in node.value] if node.is_list else node.value
 
 
 def _grid(values: np.ndarray, count: int, through: float) -> np.ndarray:
@@ -339,7 +332,7 @@ def _compressor(c: Compressor, state: State, speed: np.ndarray, errors: Errors, 
     shape = c.values["map"]
     x = w / n ** shape["flow_speed_exponent"]
     size, rng = errors
-    where = Range(n, x, (1.0, 1.0))
+    where = FlownRange(n, x, (1.0, 1.0))
     flow_error, efficiency_error = (draw_distortion(where, part * size, rng) for part in (1.0, TABLE_EFFICIENCY))
     speeds, positions = _grid(n, SPEEDS, 1.0), _grid(x, POSITIONS, 1.0)
     speeds, positions = speeds[speeds > 0.1], positions[positions > 0.1]
@@ -351,13 +344,13 @@ def _compressor(c: Compressor, state: State, speed: np.ndarray, errors: Errors, 
     speeds, positions, N, X, W = speeds, positions[usable], N[:, usable], X[:, usable], W[:, usable]
     ideal = (work - loss)[:, usable] / efficiency  # relative to design
     ratio = (1.0 + ideal * (c.values["pressure_ratio"] ** AIR_EXPONENT - 1.0)) ** (1.0 / AIR_EXPONENT)
-    eta = (1.0 - loss / work)[:, usable] * (1.0 + efficiency_error.at(N, X))
+    eta = (1.0 - loss / work)[:, usable] * (1.0 + efficiency_error.evaluate(N, X))
     width = float(np.ptp(positions))
     rline = 2.0 + 2.0 * (X - 1.0) / width
     _write(
         path,
         ("Nc_map", "Rline", "Wc_map", "PR_map", "eff_map"),
-        (N, rline, W * (1.0 + flow_error.at(N, X)), ratio, eta),
+        (N, rline, W * (1.0 + flow_error.evaluate(N, X)), ratio, eta),
     )
     return {"design_speed": 1.0, "design_rline": 2.0, "pressure_ratio_scale": 1.0, "efficiency_scale": 1.0}
 
@@ -370,8 +363,8 @@ def _turbine(c: Turbine, state: State, speed: np.ndarray, errors: Errors, path: 
     shape, design = dict(c.values["map"]), c.design_ratio
     size, rng = errors
     # near choking a flow that varies with pressure ratio by itself would have several solutions
-    flow_error = draw_distortion(Range(n, np.ones(1), (1.0, 1.0)), size, rng)
-    efficiency_error = draw_distortion(Range(n, ratio, (1.0, design)), TABLE_EFFICIENCY * size, rng)
+    flow_error = draw_distortion(FlownRange(n, np.ones(1), (1.0, 1.0)), size, rng)
+    efficiency_error = draw_distortion(FlownRange(n, ratio, (1.0, design)), TABLE_EFFICIENCY * size, rng)
     speeds, ratios = _grid(n, SPEEDS, 1.0), _grid(ratio, POSITIONS, design)
     speeds, ratios = speeds[speeds > 0.1], ratios[ratios > 1.02]
     N, R = np.meshgrid(speeds, ratios, indexing="ij")
@@ -381,7 +374,7 @@ def _turbine(c: Turbine, state: State, speed: np.ndarray, errors: Errors, path: 
     _write(
         path,
         ("Nc_map", "PR_map", "Wp_map", "eff_map"),
-        (N, R, flow * (1.0 + flow_error.at(N, np.ones(1))), eta * (1.0 + efficiency_error.at(N, R))),
+        (N, R, flow * (1.0 + flow_error.evaluate(N, np.ones(1))), eta * (1.0 + efficiency_error.evaluate(N, R))),
     )
     return {
         "design_speed": 1.0,
@@ -398,14 +391,14 @@ def _write(path: Path, header: Sequence[str], columns: Sequence[np.ndarray]) -> 
         writer.writerows([[repr(float(v)) for v in row] for row in zip(*(c.ravel() for c in columns), strict=True)])
 
 
-def _with_the_models_meaning(truth: Engine) -> Engine:
+def _keep_efficiency_meaning(truth: Engine) -> Engine:
     for c in truth.network.components:
         if isinstance(c, Compressor) and c.table is not None:
-            c.evaluate = MethodType(_at_the_same_work, c)  # type: ignore[method-assign]
+            c.evaluate = MethodType(_evaluate_at_same_work, c)  # type: ignore[method-assign]
     return truth
 
 
-def _at_the_same_work(c: Compressor, e: Evaluation) -> None:
+def _evaluate_at_same_work(c: Compressor, e: Evaluation) -> None:
     """A compressor's table with the model's efficiency parameter: the table's work, and of it less as pressure."""
     assert c.table is not None
     inlet = e.flows[c.values["from"]]

@@ -1,38 +1,31 @@
-"""A realistic truth: all of what this folder holds, drawn for one trial, and recordings as they come of it.
+"""Realistic truths: instruments, clocks, probes and recorders with the errors that they have in the field.
 
-A heat-soaked probe: part of its reading is the temperature of the metal around it, which remembers.
+**Instruments** differ from flight to flight: reading = (1 + scale) · true + bias, with scale and bias drawn for every
+flight and constant in it. Errors of outputs are in proportion to the sensor's noise, so that an engine with better
+instruments has smaller ones. Errors of inputs are those of air-data computers, fuel meters and speed pick-ups.
+
+**A heat-soaked probe** reads partly the temperature of the metal around it,
 
     reading = T + k (T_m − T),        τ dT_m/dt = T − T_m
 
-with the metal's temperature T_m at the first record off by what the engine did before. The share k is small and the lag
-τ is minutes, so the reading depends on history: a climb reads low and a descent high.
+with T_m at the first record offset by what the engine did before. The share k is small and the lag τ is minutes: a
+climb reads low and a descent high.
 
-Instruments that differ from flight to flight: what a reading, of an output or of an input, is off by in one flight.
+**Airline sensors**: only what a cockpit shows is recorded. N1, N2, EGT and fuel flow of a turbofan; speed, EGT and fuel
+flow of a turbojet; torque, turbine temperature and fuel flow of a turboshaft; power and exhaust temperature of a power
+plant.
 
-reading = (1 + scale) · true + bias, with scale and bias drawn anew for every flight and constant in it. Outputs: both
-in proportion to the sensor's noise, so that an engine with better instruments has better ones here, too. Inputs: what
-air-data computers, fuel meters and speed pick-ups are good for.
+**Clocks** disagree by up to a second: a bus that collects readings of several computers stamps them on arrival. The
+reading of record k is that of the time t_k − τ, with a delay τ per column, the same in all flights of an engine, linear
+between records.
 
-Airline sensors: what a cockpit shows is all that is recorded.
-
-Shaft speeds, fuel flow, the exhaust gas temperature, and shaft power where an engine gives shaft power: N1, N2, EGT and
-fuel of a turbofan; speed, EGT and fuel of a turbojet; torque, turbine temperature and fuel of a turboshaft; power and
-exhaust temperature of a power plant.
-
-Clocks that do not agree: every column of a recording is sampled up to a second early or late.
-
-A bus that collects readings of several computers stamps them when they arrive. The reading of record k is then that of
-the time t_k − τ, with a delay τ for each column, the same in all flights of an engine; between records linear.
-
-What a recorder makes of readings: lags, steps of rounding, cells that are missing, and cells that are grossly wrong.
-
-A sensor follows its reading with a first-order lag; between records its reading is a straight line, for which the
-deviation d = shown − true obeys, with a = exp(−Δt/τ) and the slope s_k of the line that ends at record k,
+**The recorder.** A sensor follows its reading with a first-order lag. Between records the reading is a straight line,
+for which the deviation d = shown − true obeys, with a = exp(−Δt/τ) and the slope s_k of the line that ends at record k,
 
     d_k = a d_{k−1} − τ s_k (1 − a)
 
-Every reading is then rounded to a step of its own. A cell of an output is missing with probability MISSING, and any
-cell, of outputs and inputs alike, off by SPIKE times its noise with probability SPIKES.
+Readings are rounded to a step of their own. A cell of an output is missing with probability MISSING, and any cell, of
+outputs and inputs, is off by SPIKE times its noise with probability SPIKES.
 """
 
 from __future__ import annotations
@@ -47,7 +40,7 @@ import numpy as np
 from enginediag_cli.engine.components.turbine import Turbine
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.units import split_column
-from enginediag_cli.validation.truth_engines import tabulated
+from enginediag_cli.validation.truth_engines import tabulate_engine
 
 SHARE, LAG_S = (0.003, 0.02), (100.0, 900.0)
 """k and τ, from and to, drawn on a logarithmic scale."""
@@ -56,7 +49,7 @@ BEFORE_K = 60.0
 
 
 @dataclass(frozen=True)
-class HeatSoak:
+class SoakedProbe:
     """The probe's column, k, τ [s], and T_m − T at the first record of every flight [K]."""
 
     column: str
@@ -77,20 +70,20 @@ class HeatSoak:
         return {**columns, self.column: true + self.share * (metal - true)}
 
 
-def draw_heat_soak(engine: Engine, flights: int, rng: np.random.Generator) -> HeatSoak | None:
+def draw_heat_soak(engine: Engine, flights: int, rng: np.random.Generator) -> SoakedProbe | None:
     """A soaked probe, any of the engine's recorded temperatures; None for an engine that has none."""
     probes = [c for c in engine.sensors if split_column(c)[1] == "K"]
     if not probes:
         return None
     share, lag = (float(np.exp(rng.uniform(*np.log(of)))) for of in (SHARE, LAG_S))
     before = tuple(float(x) for x in BEFORE_K * rng.standard_normal(flights))
-    return HeatSoak(str(rng.choice(probes)), share, lag, before)
+    return SoakedProbe(str(rng.choice(probes)), share, lag, before)
 
 
 QUALITY = (0.3, 1.2)
 """Factor on all of the sizes below, drawn for each engine: fleets are calibrated with more care, or less."""
 BIAS = 0.5
-"""Standard deviation of an output's offset over its noise. Judgement: sixty records tell an offset of a tenth, so what
+"""Standard deviation of an output's offset over its noise. Judgement: sixty records show an offset of a tenth, so what
 is drawn here is plain to see, and far below what a check of the reading itself would find."""
 SCALE = 0.0005
 """Standard deviation of an output's scale error."""
@@ -108,7 +101,7 @@ POWER_SCALE, SPEED_SCALE, TEMPERATURE_SCALE = 0.003, 0.0003, 0.001
 
 
 @dataclass(frozen=True)
-class Instruments:
+class FlightInstruments:
     """Of every flight: column → (scale error, bias in the column's unit); `spread`: column → standard deviations of
     both."""
 
@@ -121,7 +114,7 @@ class Instruments:
         return {c: v * (1.0 + off[c][0]) + off[c][1] if c in off else v for c, v in columns.items()}
 
 
-def draw_instruments(engine: Engine, flights: int, rng: np.random.Generator) -> Instruments:
+def draw_instruments(engine: Engine, flights: int, rng: np.random.Generator) -> FlightInstruments:
     """Instruments of so many flights."""
     quality = float(rng.uniform(*QUALITY))
     sizes = {c: (SCALE, BIAS * s.noise_sigma) for c, s in engine.sensors.items()}
@@ -131,7 +124,7 @@ def draw_instruments(engine: Engine, flights: int, rng: np.random.Generator) -> 
         {c: (a * rng.standard_normal(), b * rng.standard_normal()) for c, (a, b) in spread.items()}
         for _ in range(flights)
     )
-    return Instruments(drawn, spread)
+    return FlightInstruments(drawn, spread)
 
 
 def input_spread(column: str) -> tuple[float, float]:
@@ -159,7 +152,7 @@ LARGEST_S = 1.0
 
 
 @dataclass(frozen=True)
-class Clocks:
+class ChannelClocks:
     """Column → delay [s]."""
 
     delays: Mapping[str, float]
@@ -169,9 +162,9 @@ class Clocks:
         return {c: np.interp(time_s - self.delays[c], time_s, v) if c in self.delays else v for c, v in columns.items()}
 
 
-def draw_clocks(columns: Sequence[str], rng: np.random.Generator) -> Clocks:
+def draw_clocks(columns: Sequence[str], rng: np.random.Generator) -> ChannelClocks:
     """Delays of these columns."""
-    return Clocks({c: float(rng.uniform(-LARGEST_S, LARGEST_S)) for c in columns})
+    return ChannelClocks({c: float(rng.uniform(-LARGEST_S, LARGEST_S)) for c in columns})
 
 
 RECORDER_LAG_S = (0.5, 2.0)
@@ -188,7 +181,7 @@ INPUT_QUANTUM = 0.1
 
 
 @dataclass(frozen=True)
-class Recorder:
+class RecorderErrors:
     """Column → lag [s], and → step of rounding in its unit; `sigma`: column → size by which gross errors are measured,
     in its unit, as a share of the reading where the column is among `shares`."""
 
@@ -213,7 +206,7 @@ class Recorder:
         return found
 
     def write(self, columns: Mapping[str, np.ndarray], rng: np.random.Generator) -> dict[str, np.ndarray]:
-        """Columns (N,) with noise as they stand in the recording."""
+        """Columns (N,) with noise as the recording has them."""
         found = dict(columns)
         for c, sigma in self.sigma.items():
             v = np.array(columns[c], float)
@@ -228,7 +221,7 @@ class Recorder:
         return found
 
 
-def draw_recorder(engine: Engine, flown: Mapping[str, np.ndarray], rng: np.random.Generator) -> Recorder:
+def draw_recorder(engine: Engine, flown: Mapping[str, np.ndarray], rng: np.random.Generator) -> RecorderErrors:
     """A recorder of this engine; flown: inputs (N,) of its flights, whose size says what a share of them is."""
     lags = {c: float(rng.uniform(*RECORDER_LAG_S)) for c in engine.sensors}
     sigma = {c: s.noise_sigma for c, s in engine.sensors.items()}
@@ -241,7 +234,7 @@ def draw_recorder(engine: Engine, flown: Mapping[str, np.ndarray], rng: np.rando
         quanta[c] = INPUT_QUANTUM * (share * float(np.median(np.abs(flown[c]))) or bias)
         if share:
             shares.add(c)
-    return Recorder(lags, quanta, sigma, frozenset(shares))
+    return RecorderErrors(lags, quanta, sigma, frozenset(shares))
 
 
 SHAPE = (0.003, 0.015)
@@ -257,7 +250,7 @@ Columns = Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True)
-class Realistic:
+class RealisticErrors:
     """What is wrong with the model and its instruments in one trial. `shape`: error of the maps; `maps`: seed of their
     tables; `sensors`: those recorded, those of a cockpit where `airline`; `rho`: correlation of their noise."""
 
@@ -265,13 +258,13 @@ class Realistic:
     maps: int
     airline: bool
     sensors: tuple[str, ...]
-    instruments: Instruments
-    clocks: Clocks
-    soak: HeatSoak | None
+    instruments: FlightInstruments
+    clocks: ChannelClocks
+    soak: SoakedProbe | None
     rho: float
-    recorder: Recorder
+    recorder: RecorderErrors
 
-    def only(self, flights: Sequence[int]) -> Realistic:
+    def select_flights(self, flights: Sequence[int]) -> RealisticErrors:
         """The same of these flights alone, in this order."""
         instruments = replace(self.instruments, flights=tuple(self.instruments.flights[k] for k in flights))
         soak = self.soak and replace(self.soak, before=tuple(self.soak.before[k] for k in flights))
@@ -287,17 +280,17 @@ class Realistic:
 
     def write(self, engine: Engine, columns: Columns, rng: np.random.Generator) -> dict[str, np.ndarray]:
         """What the recorder writes of such columns (N,): noise, steps of rounding, missing and gross cells."""
-        return self.recorder.write(noisy(engine, self.rho, columns, rng), rng)
+        return self.recorder.write(add_sensor_noise(engine, self.rho, columns, rng), rng)
 
 
 def draw_realistic(
     engine: Engine, flights: Sequence[Columns], rng: np.random.Generator, *, airline: float = AIRLINE
-) -> Realistic:
+) -> RealisticErrors:
     """The errors of one trial with these flights; airline: chance that only a cockpit's sensors are recorded."""
     cockpit = bool(rng.random() < airline)
     soak = draw_heat_soak(engine, len(flights), rng)
     flown = {c: np.concatenate([f[c] for f in flights]) for c in engine.inputs}
-    return Realistic(
+    return RealisticErrors(
         float(np.exp(rng.uniform(*np.log(SHAPE)))),
         int(rng.integers(2**62)),
         cockpit,
@@ -310,7 +303,7 @@ def draw_realistic(
     )
 
 
-def remembering(white: np.ndarray, rho: float) -> np.ndarray:
+def correlated_noise(white: np.ndarray, rho: float) -> np.ndarray:
     """AR(1) of unit variance from white noise (n, m): e_k = ρ e_{k−1} + √(1 − ρ²) w_k."""
     from scipy.signal import lfilter
 
@@ -321,15 +314,15 @@ def remembering(white: np.ndarray, rho: float) -> np.ndarray:
     return np.asarray(lfilter([1.0], [1.0, -rho], shocks, axis=0))
 
 
-def noisy(engine: Engine, rho: float, columns: Columns, rng: np.random.Generator) -> dict[str, np.ndarray]:
+def add_sensor_noise(engine: Engine, rho: float, columns: Columns, rng: np.random.Generator) -> dict[str, np.ndarray]:
     """Columns (N,) with the noise of the sensors, of this correlation."""
-    e = remembering(rng.standard_normal((len(columns["time_s"]), len(engine.sensors))), rho)
+    e = correlated_noise(rng.standard_normal((len(columns["time_s"]), len(engine.sensors))), rho)
     noise = {c: s.noise_sigma * e[:, j] for j, (c, s) in enumerate(engine.sensors.items())}
     return {c: v + noise[c] if c in noise else v for c, v in columns.items()}
 
 
-def realistic_engine(engine: Engine, drawn: Realistic, flown: Columns) -> Engine:
+def realistic_engine(engine: Engine, drawn: RealisticErrors, flown: Columns) -> Engine:
     """The truth engine, whose tables are written, read back and gone; flown: inputs (N,) of all flights."""
     inputs = {c: flown[c] for c in engine.inputs}
     with TemporaryDirectory(prefix="enginediag_sealed_") as folder:
-        return tabulated(engine, inputs, drawn.shape, np.random.default_rng(drawn.maps), Path(folder))
+        return tabulate_engine(engine, inputs, drawn.shape, np.random.default_rng(drawn.maps), Path(folder))

@@ -34,7 +34,13 @@ from enginediag_cli.mismatch.laws.scan import Formula, formulas, number_of_group
 from enginediag_cli.mismatch.laws.steps import prior_of, prior_of_all
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
-from enginediag_cli.validation.concealed_formulas import Ground, LawTruth, Sort, curve, shaped_law
+from enginediag_cli.validation.concealed_formulas import (
+    ConcealedFormula,
+    FormulaDesign,
+    FormulaRequest,
+    draft_formula,
+    evaluate_formula,
+)
 from enginediag_cli.validation.formula_marks import same_driver
 from enginediag_cli.validation.separability import ALIAS
 from enginediag_cli.validation.trial_flights import draw_flights
@@ -50,7 +56,7 @@ Groups = frozenset[int]
 class Flown:
     """Flights of an engine, and every formula of their variables."""
 
-    ground: Ground
+    ground: FormulaDesign
     every: Sequence[Formula]
 
 
@@ -59,7 +65,7 @@ class Case:
     """A law, its curve f (N,), and what its place says of it with noise."""
 
     flown: Flown
-    truth: LawTruth
+    truth: ConcealedFormula
     f: np.ndarray
     said: Said
 
@@ -67,7 +73,7 @@ class Case:
         return self.said.any.apart(found, self.f) < ALIAS
 
     def right(self, groups: Groups) -> bool:
-        known = self.flown.ground.known
+        known = self.flown.ground.variables
         named = [[k.variable.name for k in known if k.group == g] for g in groups]
         return same_driver(list(self.truth.law.variables), named, {k.variable.name: k.values for k in known})
 
@@ -78,8 +84,8 @@ def flown(seed: int, accuracy: float) -> list[Flown]:
         engine = load_engine(str(shipped(name)))
         for k in range(PER_ENGINE):
             flights, training = draw_flights(engine, np.random.default_rng([seed, j, k]))
-            ground = Ground.of(engine, flights[:training], accuracy)
-            found.append(Flown(ground, list(formulas(ground.known))))
+            ground = FormulaDesign.from_flights(engine, flights[:training], accuracy)
+            found.append(Flown(ground, list(formulas(ground.variables))))
     return found
 
 
@@ -88,14 +94,14 @@ def cases(seed: int, count: int, accuracy: float) -> Iterator[Case]:
     roots: dict[tuple[int, str], tuple[Said, np.ndarray]] = {}
     while count:
         at = int(rng.integers(len(grounds)))
-        ground, sort = grounds[at].ground, Sort.drawn(rng)
-        drawn = (shaped_law(ground, sort, rng) for _ in range(TRIES))
+        ground, sort = grounds[at].ground, FormulaRequest.draw(rng)
+        drawn = (draft_formula(ground, sort, rng) for _ in range(TRIES))
         truth = next((t for t in drawn if t is not None), None)
         if truth is None:
             continue
-        f = curve(truth.effect, {k.variable.name: k.values for k in ground.known})
+        f = evaluate_formula(truth.effect, {k.variable.name: k.values for k in ground.variables})
         if (at, truth.place.name) not in roots:
-            clean = Said(Carried(ground.found, ground.projection, truth.place, f, 0.0, tuple(ground.known)))
+            clean = Said(Carried(ground.fit, ground.projection, truth.place, f, 0.0, tuple(ground.variables)))
             values, vectors = np.linalg.eigh(clean.any.grams(np.eye(len(f))[:, None, :])[0])
             roots[at, truth.place.name] = clean, vectors * np.sqrt(np.maximum(values, 0.0))
         clean, root = roots[at, truth.place.name]
@@ -117,7 +123,7 @@ class Told:
 
 def answered(case: Case) -> Told:
     ground = case.flown.ground
-    groups, place = number_of_groups(ground.known), case.truth.place.name
+    groups, place = number_of_groups(ground.variables), case.truth.place.name
     here = all_said(case.said, case.flown.every, 0.0)
     # of variables that are alike the best counts, as in the search
     totals: dict[Where, dict[str, float]] = {s.where: {"": s.evidence} for s in reversed(here.smooth)}
@@ -158,7 +164,7 @@ def main() -> None:
     for case in cases(asked.seed, asked.laws, asked.map_accuracy):
         found.append((case, answered(case)))
         if asked.json:
-            print(json.dumps({"form": case.truth.form, "outside": case.truth.outside, **vars(found[-1][1])}))
+            print(json.dumps({"form": case.truth.form, "outside": case.truth.outside_grammar, **vars(found[-1][1])}))
         print(f"{len(found)} of {asked.laws}", end="\r", file=sys.stderr)
     if asked.json:
         return
@@ -166,7 +172,7 @@ def main() -> None:
     _row("all", [t for _, t in found])
     for two in (False, True):
         for outside in (False, True):
-            own = [t for c, t in found if (len(c.truth.law.variables) == 2, c.truth.outside) == (two, outside)]
+            own = [t for c, t in found if (len(c.truth.law.variables) == 2, c.truth.outside_grammar) == (two, outside)]
             if own:
                 _row(f"{'two' if two else 'one'}, {'outside' if outside else 'in'} the grammar", own)
 

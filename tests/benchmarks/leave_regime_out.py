@@ -33,7 +33,7 @@ from enginediag_cli.recordings.write import CsvWriter, output
 from enginediag_cli.simulation.flights import Conditions, default_plan, generate_flights
 from enginediag_cli.simulation.noise import KINDS, column_noise
 from enginediag_cli.simulation.simulate import recording_of, simulate
-from enginediag_cli.validation.truth_engines import tabulated
+from enginediag_cli.validation.truth_engines import tabulate_engine
 
 ENGINE = Path(__file__).resolve().parents[2] / "configs" / "turbofan.yaml"
 PHASES = ("climb", "cruise", "ground", "descent")
@@ -80,7 +80,7 @@ def truth_of(model: Engine, shape: float, seed: int, folder: Path) -> Engine:
         return model
     rng = np.random.default_rng([seed, 1])
     flown = generate_flights(default_plan(model), model, rng, flights=2)
-    return tabulated(model, {c: flown.columns[c] for c in model.inputs}, shape, rng, folder)
+    return tabulate_engine(model, {c: flown.columns[c] for c in model.inputs}, shape, rng, folder)
 
 
 def fly(model: Engine, truth: Engine, flights: int, seed: int, *, thin: bool) -> tuple[Recording, np.ndarray]:

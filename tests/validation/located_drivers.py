@@ -23,45 +23,53 @@ from enginediag_cli.mismatch.locate.locate import Located, locate
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
 from enginediag_cli.validation import kinds
-from enginediag_cli.validation.causes import components
-from enginediag_cli.validation.concealed_effects import Recorded, Sealed, draw, record, write_open
-from enginediag_cli.validation.marks import LOCATABLE, evidence_of
+from enginediag_cli.validation.causes import cause_components
+from enginediag_cli.validation.concealed_effects import (
+    ConcealedTruth,
+    TrialFlights,
+    draw_truth,
+    record_trial,
+    write_trial_files,
+)
+from enginediag_cli.validation.marks import LOCATABLE, trial_dataset
 from enginediag_cli.validation.separability import UNDRIVEN, driver_is_right
 from enginediag_cli.validation.trial_flights import hour_columns
 
 ENGINE = shipped("turbofan.yaml")
 
 
-def mapped(sealed: Sealed, recorded: Recorded, seed: int) -> Located:
+def mapped(concealed: ConcealedTruth, recorded: TrialFlights, seed: int) -> Located:
     """What `locate` says of the concealed recordings."""
     with tempfile.TemporaryDirectory() as folder:
-        path, files = write_open(Path(folder), load_engine(ENGINE), recorded, sealed.training)
-        asked = MismatchQuery(kinds.MODEL_ERROR[sealed.truth], drivers=hour_columns(), noise="specified", seed=seed)
+        path, files = write_trial_files(Path(folder), load_engine(ENGINE), recorded, concealed.training)
+        asked = MismatchQuery(kinds.MODEL_ERROR[concealed.truth], drivers=hour_columns(), noise="specified", seed=seed)
         evidence = load_case(RecordedCase(str(path), Source(tuple(map(str, files))), asked=asked)).evidence
-    known = Noise(evidence.noise.sigma, {}, dict(sealed.noise.inputs or {}), dict(sealed.noise.input_shares or {}))
+    known = Noise(
+        evidence.noise.sigma, {}, dict(concealed.noise.inputs or {}), dict(concealed.noise.input_shares or {})
+    )
     return locate(replace(evidence, noise=known))
 
 
 def judged(seed: int, trial: int) -> dict[str, object] | None:
     """One trial; None where nothing that varies was concealed, or too little to be located."""
     engine = load_engine(ENGINE)
-    sealed = draw(engine, seed, trial, (kinds.SAME_MODEL,), (kinds.SINGLE,))
-    if not sealed.effects or sealed.effects[0].term.DRIVER in UNDRIVEN:
+    concealed = draw_truth(engine, seed, trial, (kinds.SAME_MODEL,), (kinds.SINGLE,))
+    if not concealed.effects or concealed.effects[0].term.DRIVER in UNDRIVEN:
         return None
-    recorded = record(engine, sealed)
-    found, driver = mapped(sealed, recorded, seed), sealed.effects[0].term.DRIVER
+    recorded = record_trial(engine, concealed)
+    found, driver = mapped(concealed, recorded, seed), concealed.effects[0].term.DRIVER
     if max((p.statistic for p in found.places), default=0.0) < LOCATABLE:
         return None
-    clean = evidence_of(engine, sealed, recorded, clean=True)
-    right = [driver_is_right(clean, sealed.health, driver, lead.driver) for lead in found.leads]
+    clean = trial_dataset(engine, concealed, recorded, clean=True)
+    right = [driver_is_right(clean, concealed.health, driver, lead.driver) for lead in found.leads]
     told = [bool(r) for r, lead in zip(right, found.leads, strict=True) if lead.told]
     return {
         "trial": trial,
-        "concealed": sealed.effects[0].label,
+        "concealed": concealed.effects[0].label,
         "first": bool(right[0]),
         "told": any(told),
         "groups_told": len(told),
-        "component": found.places[0].component in components(engine, recorded.place(sealed.causes[0])),
+        "component": found.places[0].component in cause_components(engine, recorded.place_cause(concealed.causes[0])),
     }
 
 

@@ -162,7 +162,7 @@ def noise(sheet: Sheet) -> None:
         own = [
             entry
             for kind, entry in sheet["false_name"][truth]["kinds"].items()
-            if kind != kinds.NULL and kinds.base(kind) == kinds.NULL
+            if kind != kinds.NULL and kinds.base_kind(kind) == kinds.NULL
         ]
         print(f"| {title} | {sum(e['count'] for e in own)} of {sum(e['of'] for e in own)} |")
 

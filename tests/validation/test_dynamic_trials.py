@@ -15,11 +15,17 @@ from enginediag_cli.physics.registry import term_names
 from enginediag_cli.validation import diagnoser as explainer
 from enginediag_cli.validation import kinds
 from enginediag_cli.validation import trial_flights as moving_flights
-from enginediag_cli.validation.causes import SIZES, Cause, draw_memories, drawable_memories, hypothesis
-from enginediag_cli.validation.concealed_effects import draw, readings, record, write_open
-from enginediag_cli.validation.explain_trials import Plan, run_trial
+from enginediag_cli.validation.causes import SIZES, Cause, causes_hypothesis, draw_memories, drawable_memories
+from enginediag_cli.validation.concealed_effects import (
+    draw_truth,
+    record_trial,
+    true_flight_readings,
+    write_trial_files,
+)
+from enginediag_cli.validation.explain_trials import run_trial
 from enginediag_cli.validation.score_sheet import sheet
 from enginediag_cli.validation.trial_flights import LEAST_CHANGE, POWER, draw_moving_flights, power_profile
+from enginediag_cli.validation.trials import TrialPlan
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 NULL, SINGLE, PAIR = kinds.DYNAMIC_KINDS
@@ -32,16 +38,16 @@ def turbojet():
 
 
 def drawn(engine, kind, trial=0, seed=5):
-    return draw(engine, seed, trial, (kinds.SAME_MODEL,), (kind,))
+    return draw_truth(engine, seed, trial, (kinds.SAME_MODEL,), (kind,))
 
 
 # what is chosen
 
 
 def test_kind_dynamic_stands_for_its_null_single_and_pair_trials_and_is_never_drawn_unasked():
-    assert kinds.all_of((kinds.DYNAMIC,)) == kinds.DYNAMIC_KINDS
-    assert not set(kinds.KINDS) & set(kinds.DYNAMIC_KINDS) and not any(map(kinds.moves, kinds.KINDS))
-    assert [kinds.base(k) for k in kinds.DYNAMIC_KINDS] == [kinds.NULL, kinds.SINGLE, kinds.PAIR]
+    assert kinds.expand_choices((kinds.DYNAMIC,)) == kinds.DYNAMIC_KINDS
+    assert not set(kinds.KINDS) & set(kinds.DYNAMIC_KINDS) and not any(map(kinds.is_dynamic, kinds.KINDS))
+    assert [kinds.base_kind(k) for k in kinds.DYNAMIC_KINDS] == [kinds.NULL, kinds.SINGLE, kinds.PAIR]
 
 
 def test_moving_recordings_of_realistic_truths_are_refused():
@@ -112,7 +118,7 @@ def test_what_is_concealed_shows_in_no_column_of_the_recordings(turbojet, tmp_pa
     for kind in (NULL, SINGLE, PAIR):
         s = drawn(turbojet, kind)
         (folder := tmp_path / kind).mkdir()
-        path, files = write_open(folder, turbojet, record(turbojet, s), s.training)
+        path, files = write_trial_files(folder, turbojet, record_trial(turbojet, s), s.training)
         assert path.read_bytes() == (CONFIGS / "turbojet.yaml").read_bytes()
         texts = [f.read_text(encoding="utf-8") for f in files]
         assert not any(c.name.partition("@")[0] in t for c in s.causes for t in texts)
@@ -127,7 +133,7 @@ def test_the_same_seed_gives_the_same_bytes(tmp_path):
         engine = load_engine(CONFIGS / "turbojet.yaml")
         s = drawn(engine, SINGLE, trial=3)
         (folder := tmp_path / str(k)).mkdir()
-        _, files = write_open(folder, engine, record(engine, s), s.training)
+        _, files = write_trial_files(folder, engine, record_trial(engine, s), s.training)
         written.append([f.read_bytes() for f in files])
     assert written[0] == written[1]
 
@@ -142,7 +148,9 @@ def test_a_rate_limit_that_is_concealed_shows_only_once_the_power_has_moved(turb
     fuel = without.flights[0]["Wf_kg_s"]
     moved = int(np.argmax(np.abs(np.diff(fuel)) > 0.01 * fuel[0]))
     difference = np.abs(
-        readings(turbojet, concealed, exact_model=True) / readings(turbojet, without, exact_model=True) - 1
+        true_flight_readings(turbojet, concealed, exact_model=True)
+        / true_flight_readings(turbojet, without, exact_model=True)
+        - 1
     )
     assert moved > 5 and difference[: moved + 1].max() < 1e-9
     assert difference[moved + 1 :].max() > 1e-3
@@ -153,9 +161,12 @@ def test_a_rate_limit_that_is_concealed_shows_only_once_the_power_has_moved(turb
 
 def test_an_effect_that_is_tried_at_a_size_begins_at_the_coefficients_that_are_known(turbojet):
     rise, fall = (f"fuel_rate_limit.burner.{c}" for c in ("rise", "fall"))
-    begun = hypothesis(turbojet, [Cause("fuel_rate_limit@burner")], 10, {rise: 7.0, fall: 9.0}).effects[0]
+    begun = causes_hypothesis(turbojet, [Cause("fuel_rate_limit@burner")], 10, {rise: 7.0, fall: 9.0}).effects[0]
     assert begun.values == {"rise": 7.0, "fall": 9.0}
-    assert hypothesis(turbojet, [Cause("clock_shift@T3")], 10, {"clock_shift.T3.delay": 2.0}).effects[0].values == {}
+    assert (
+        causes_hypothesis(turbojet, [Cause("clock_shift@T3")], 10, {"clock_shift.T3.delay": 2.0}).effects[0].values
+        == {}
+    )
 
 
 def test_scores_of_moving_trials_are_told_apart_and_only_where_there_are_any():
@@ -178,10 +189,10 @@ class InProcess:
 
 @pytest.mark.parametrize(("kind", "trial"), [(NULL, 0), (SINGLE, 5)])
 def test_a_small_trial_from_its_seed_to_its_marks(monkeypatch, kind, trial):
-    monkeypatch.setattr(moving_flights, "RECORDS", (80, 100))
-    monkeypatch.setattr(moving_flights, "TRAINING", (2, 2))
+    monkeypatch.setattr(moving_flights, "MOVING_RECORDS", (80, 100))
+    monkeypatch.setattr(moving_flights, "MOVING_TRAINING", (2, 2))
     path = str(CONFIGS / "micro_gas_turbine.yaml")
-    found = run_trial(Plan(path, 11, (kinds.SAME_MODEL,), (kind,)), trial, InProcess())
+    found = run_trial(TrialPlan("explain", (str(path),), 11, (kinds.SAME_MODEL,), (kind,)), trial, InProcess())
     assert found["kind"] == kind and found["engine"] == "micro_gas_turbine" and not found["error"]
     assert found["marks"]["no_verdict"] is False and found["marks"]["false_name"] is False
     if kind == SINGLE:

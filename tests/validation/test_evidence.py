@@ -95,7 +95,7 @@ def test_the_noise_that_methods_know_is_that_of_the_readings():
 
 def test_drawn_changes_respect_number_size_sign_and_candidates():
     case = case_of(draw={"faults": [1, 3], "size": [0.01, 0.02], "sign": "fall", "among": ["*.efficiency"]})
-    changes = case.changes_of(MONITOR, 400, np.random.default_rng(2))
+    changes = case.draw_changes(MONITOR, 400, np.random.default_rng(2))
     number = np.count_nonzero(changes, axis=1)
     assert set(number) == {1, 2, 3}
     assert set(np.array(MONITOR.names)[changes.any(axis=0)]) == {n for n in MONITOR.names if n.endswith("efficiency")}

@@ -20,13 +20,14 @@ from enginediag_cli.validation.isolation_trials import (
     NO_VERDICT,
     NOT_IDENTIFIED,
     NOTHING,
-    by_kind,
+    isolation_sheet,
     marks,
     outcome,
+    outcomes_by_kind,
     reliability,
-    sheet,
 )
-from enginediag_cli.validation.isolation_truths import Change, draw, group_of, record
+from enginediag_cli.validation.isolation_truths import ConcealedChange, draw_changes, record_trial
+from enginediag_cli.validation.trials import TrialPlan
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -37,7 +38,7 @@ def turbojet():
 
 
 def drawn(engine, kind, trial=0, truth=kinds.SAME_MODEL):
-    return draw(engine, 5, trial, (truth,), (kind,))
+    return draw_changes(engine, 5, trial, (truth,), (kind,))
 
 
 # what is drawn and handed over
@@ -60,10 +61,12 @@ def test_every_kind_conceals_what_it_says(turbojet):
 
 
 def test_only_the_judged_flight_is_changed(turbojet, tmp_path):
-    sealed = replace(drawn(turbojet, kinds.NULL), changes=(Change(instrument_place("T3_K"), 25.0, instrument=True),))
-    for name, s in (("with", sealed), ("without", replace(sealed, changes=()))):
+    concealed = replace(
+        drawn(turbojet, kinds.NULL), changes=(ConcealedChange(instrument_place("T3_K"), 25.0, instrument=True),)
+    )
+    for name, s in (("with", concealed), ("without", replace(concealed, changes=()))):
         (tmp_path / name).mkdir()
-        record(turbojet, s, tmp_path / name)
+        record_trial(turbojet, s, tmp_path / name)
     files = sorted(p.name for p in (tmp_path / "with").glob("*.csv"))
     for name in files:
         a, b = (np.genfromtxt(tmp_path / w / name, delimiter=",", names=True) for w in ("with", "without"))
@@ -72,7 +75,7 @@ def test_only_the_judged_flight_is_changed(turbojet, tmp_path):
 
 
 def test_the_isolator_says_what_the_commands_say(turbojet, tmp_path):
-    files = record(turbojet, drawn(turbojet, kinds.COMPONENT, 1), tmp_path)
+    files = record_trial(turbojet, drawn(turbojet, kinds.COMPONENT, 1), tmp_path)
     healthy = [str(p) for p in files.healthy]
     told = answer({"task": "isolate", "engine": str(files.engine), "healthy": healthy, "judged": str(files.judged)})
     nominal, out = tmp_path / "by_command.yaml", tmp_path / "rows.csv"
@@ -90,17 +93,18 @@ def test_the_isolator_says_what_the_commands_say(turbojet, tmp_path):
 def test_the_field_holds_its_shares_and_one_engine_for_several_judged_flights(turbojet, tmp_path):
     cycle = [kinds.field_kind(k) for k in range(320)]
     assert cycle.count(kinds.NULL) == 80 and sum(cycle.count(k) for k in kinds.INSTRUMENTS) == 60
-    one, other = (draw(turbojet, 5, k, (kinds.REALISTIC,), (kinds.FIELD,)) for k in (1, 2))
+    one, other = (draw_changes(turbojet, 5, k, (kinds.REALISTIC,), (kinds.FIELD,)) for k in (1, 2))
     assert one.health == other.health and one.changes != other.changes
-    assert group_of(1, (kinds.FIELD,)) == group_of(2, (kinds.FIELD,)) != group_of(8, (kinds.FIELD,))
+    field = TrialPlan("isolate", (), 5, (kinds.REALISTIC,), (kinds.FIELD,))
+    assert field.group(1) == field.group(2) != field.group(8)
     for a, b in zip(one.flights[:-1], other.flights[:-1], strict=True):
         assert all(np.array_equal(a[c], b[c]) for c in a)
     assert not np.array_equal(one.flights[-1]["mach"], other.flights[-1]["mach"])
     texts = []
-    for sealed in (one, other):
-        folder = tmp_path / str(sealed.trial)
+    for concealed in (one, other):
+        folder = tmp_path / str(concealed.trial)
         folder.mkdir()
-        files = record(turbojet, sealed, folder)
+        files = record_trial(turbojet, concealed, folder)
         texts.append([p.read_text() for p in files.healthy])
         data = np.genfromtxt(files.judged, delimiter=",", names=True)
         assert np.all(np.diff(data["time_s"]) == 60.0)
@@ -119,7 +123,7 @@ def said(*sets, named=True, probabilities=(0.95, 0.03), sizes=()):
 
 @pytest.fixture(scope="module")
 def component(turbojet):
-    return replace(drawn(turbojet, kinds.COMPONENT), changes=(Change("turbine.efficiency", -0.01),))
+    return replace(drawn(turbojet, kinds.COMPONENT), changes=(ConcealedChange("turbine.efficiency", -0.01),))
 
 
 def test_the_right_set_is_right_covered_and_stated(turbojet, component):
@@ -174,13 +178,13 @@ def test_a_class_that_stands_is_cannot_tell_with_a_probability_of_its_own(turboj
 
 
 def test_of_physics_a_name_is_right_where_the_effect_acts(turbojet):
-    sealed = drawn(turbojet, kinds.PHYSICS)
-    from enginediag_cli.validation.causes import drawable
+    concealed = drawn(turbojet, kinds.PHYSICS)
+    from enginediag_cli.validation.causes import drawable_effects
 
-    effect = next(e for e in drawable(turbojet) if e.label == "reynolds_efficiency@compressor")
-    sealed = replace(sealed, effects=(effect,), changes=(Change(effect.label, 0.0),))
-    assert marks(turbojet, sealed, said(["compressor.efficiency"]))["right_name"]
-    m = marks(turbojet, sealed, said(["turbine.efficiency"]))
+    effect = next(e for e in drawable_effects(turbojet) if e.label == "reynolds_efficiency@compressor")
+    concealed = replace(concealed, effects=(effect,), changes=(ConcealedChange(effect.label, 0.0),))
+    assert marks(turbojet, concealed, said(["compressor.efficiency"]))["right_name"]
+    m = marks(turbojet, concealed, said(["turbine.efficiency"]))
     assert not m["right_name"] and "covered" not in m and "exact" not in m
 
 
@@ -215,10 +219,10 @@ def test_reliability_counts_each_name_in_the_bin_of_its_probability():
 
 
 def test_the_sheet_compares_what_is_probable_with_what_was_stated():
-    found = sheet(records((0.8, True), (0.8, True), (0.8, False), (0.8, True), (0.95, True)))
+    found = isolation_sheet(records((0.8, True), (0.8, True), (0.8, False), (0.8, True), (0.95, True)))
     assert found["right_less_stated_when_probable"]["rate"] == pytest.approx(0.75 - 0.8)
     assert found["largest_gap"]["of"] == 0  # too few names for a bin
-    many = sheet(records(*[(0.8, True)] * 9, *[(0.8, False)] * 3))["largest_gap"]
+    many = isolation_sheet(records(*[(0.8, True)] * 9, *[(0.8, False)] * 3))["largest_gap"]
     assert many["rate"] == pytest.approx(0.75 - 0.8) and many["of"] == 12
     assert found["right_when_sure"]["rate"] == 1.0 and found["right_when_sure"]["target"] == ">= 0.88"
-    assert by_kind(records((0.8, True)))["all"]["outcomes"][NAMED] == 1
+    assert outcomes_by_kind(records((0.8, True)))["all"]["outcomes"][NAMED] == 1

@@ -33,42 +33,42 @@ from enginediag_cli.validation import concealed_formulas as forms
 from enginediag_cli.validation import diagnoser as explainer
 from enginediag_cli.validation import kinds
 from enginediag_cli.validation import trial_flights as flights
-from enginediag_cli.validation.concealed_effects import draw, engine_of, record
+from enginediag_cli.validation.concealed_effects import draw_engine_file, draw_truth, record_trial
 from enginediag_cli.validation.concealed_formulas import (
     LAMBDA,
     LARGEST,
     OUTSIDE,
     RATIOS,
-    Ground,
-    Sort,
-    along,
-    curve,
-    draw_law,
-    of_none,
-    shaped_law,
-    spline,
+    FormulaDesign,
+    FormulaRequest,
+    draft_formula,
+    draw_foreign_form,
+    draw_formula,
+    evaluate_formula,
+    evaluate_variables,
+    spline_basis,
 )
-from enginediag_cli.validation.explain_trials import Plan, run_trial
+from enginediag_cli.validation.explain_trials import run_trial
 from enginediag_cli.validation.formula_marks import (
     FOUND,
     TRUE,
-    ToldLaw,
-    all_built,
-    built,
+    AnsweredFormula,
+    build_formula,
+    build_formulas,
     curve_error,
-    entries,
+    formula_entries,
+    formula_json,
     gain,
-    law_told,
+    is_worse,
     null_marks,
     same_driver,
-    worse,
 )
 from enginediag_cli.validation.formula_marks import NONE as NO_LAW
-from enginediag_cli.validation.marks import Said, evidence_of
-from enginediag_cli.validation.score_sheet import right_less_stated, sheet
+from enginediag_cli.validation.marks import ExplainAnswer, trial_dataset
+from enginediag_cli.validation.score_sheet import sheet
 from enginediag_cli.validation.separability import separability
 from enginediag_cli.validation.trial_flights import draw_flights
-from enginediag_cli.validation.trials import median
+from enginediag_cli.validation.trials import TrialPlan, median, right_less_stated
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 PATH = str(CONFIGS / "turbojet.yaml")
@@ -87,7 +87,7 @@ def few(monkeypatch):
 
 
 def drawn(engine, kind=SINGLE_LAW, trial=0, truth=kinds.SAME_MODEL):
-    return draw(engine, SEED, trial, (truth,), (kind,))
+    return draw_truth(engine, SEED, trial, (truth,), (kind,))
 
 
 class Answers:
@@ -120,18 +120,21 @@ def truthful(law):
 
 
 def run(answer, kind=SINGLE_LAW, trial=0, truth=kinds.SAME_MODEL):
-    return run_trial(Plan(PATH, SEED, (truth,), (kind,)), trial, Answers(answer))
+    return run_trial(TrialPlan("explain", (str(PATH),), SEED, (truth,), (kind,)), trial, Answers(answer))
 
 
 # what is chosen
 
 
 def test_kinds_law_and_several_stand_for_their_trials_and_are_never_drawn_unasked():
-    assert kinds.all_of((kinds.LAW,)) == kinds.LAW_KINDS and kinds.all_of((kinds.SEVERAL,)) == kinds.SEVERAL_KINDS
+    assert (
+        kinds.expand_choices((kinds.LAW,)) == kinds.LAW_KINDS
+        and kinds.expand_choices((kinds.SEVERAL,)) == kinds.SEVERAL_KINDS
+    )
     apart = {*kinds.LAW_KINDS, *kinds.SEVERAL_KINDS, *kinds.DYNAMIC_KINDS}
     assert not apart & set(kinds.KINDS) and apart < set(kinds.CHOICES)
-    assert [kinds.base(k) for k in kinds.LAW_KINDS] == [kinds.NULL, kinds.SINGLE]
-    assert kinds.beside(NULL_LAW) == kinds.LAW_KINDS and kinds.beside(kinds.NULL) == kinds.KINDS
+    assert [kinds.base_kind(k) for k in kinds.LAW_KINDS] == [kinds.NULL, kinds.SINGLE]
+    assert kinds.kinds_on_sheet(NULL_LAW) == kinds.LAW_KINDS and kinds.kinds_on_sheet(kinds.NULL) == kinds.KINDS
 
 
 @pytest.mark.parametrize("choice", [kinds.LAW, kinds.SEVERAL])
@@ -145,30 +148,30 @@ def test_realistic_truths_of_laws_and_of_several_causes_are_refused(choice):
 
 def test_a_null_trial_conceals_nothing(turbojet):
     s = drawn(turbojet, NULL_LAW)
-    assert (s.effects, s.values, s.causes, s.law) == ((), {}, (), None)
+    assert (s.effects, s.values, s.causes, s.formula) == ((), {}, (), None)
 
 
 @pytest.mark.parametrize("name", ["turbojet", "power_plant"])
 def test_a_drawn_law_is_nothing_at_the_design_point_and_plausible_where_it_flies(name):
     engine = load_engine(CONFIGS / f"{name}.yaml")
     s = drawn(engine)
-    law = s.law.law
+    law = s.formula.law
     at_design = {n: np.array([v.reference]) for n, v in law.variables.items()}
     for flight in s.flights[: s.training]:
         inputs = {c: flight[c] for c in engine.inputs}
-        f = curve(s.law.effect, along(engine, inputs, {}, tuple(law.variables.values())))
+        f = evaluate_formula(s.formula.effect, evaluate_variables(engine, inputs, {}, tuple(law.variables.values())))
         # the size is corrected once, by less than a fifth, after it was judged
-        assert np.abs(f).max() <= 1.2 * LARGEST * s.law.place.scale
-        assert np.abs(curve(s.law.effect, at_design)).max() <= 1e-4 * np.abs(f).max()
+        assert np.abs(f).max() <= 1.2 * LARGEST * s.formula.place.scale
+        assert np.abs(evaluate_formula(s.formula.effect, at_design)).max() <= 1e-4 * np.abs(f).max()
 
 
 @pytest.mark.parametrize("truth", kinds.USUAL)
 def test_the_size_of_a_law_is_that_of_the_non_centrality_that_was_drawn(few, turbojet, truth):
     for k in range(2):
         s = drawn(turbojet, trial=k, truth=truth)
-        clean = evidence_of(turbojet, s, record(turbojet, s), clean=True)
-        far = separability(clean, s.causes, dict(s.health), ())
-        assert far.ok and 0.8 * LAMBDA[0] <= far.total <= 1.25 * LAMBDA[1]
+        clean = trial_dataset(turbojet, s, record_trial(turbojet, s), clean=True)
+        separation = separability(clean, s.causes, dict(s.health), ())
+        assert separation.ok and 0.8 * LAMBDA[0] <= separation.total <= 1.25 * LAMBDA[1]
 
 
 @pytest.mark.parametrize("name", OUTSIDE)
@@ -183,37 +186,37 @@ def test_every_form_outside_the_grammar_makes_a_formula_that_is_nothing_at_the_d
         KnownVariable(known[n], np.linspace(0.55, 1.1, 40) + 0.01 * rng.standard_normal(40), k)
         for k, n in enumerate(names)
     ]
-    shaped = of_none(of[: 1 + any(letter in OUTSIDE[name].replace("exp", "") for letter in "yv")], rng)
-    f = Expression.parse(shaped.text)
-    assert abs(f.evaluate({"a": 1.0, **dict.fromkeys(names, 1.0)})) < 1e-12
-    values = np.asarray(f.evaluate({"a": 1.0, **{k.variable.name: k.values for k in of}}))
+    shaped = draw_foreign_form(of[: 1 + any(letter in OUTSIDE[name].replace("exp", "") for letter in "yv")], rng)
+    f = Expression.parsed(shaped.text)
+    assert abs(f.at({"a": 1.0, **dict.fromkeys(names, 1.0)})) < 1e-12
+    values = np.asarray(f.at({"a": 1.0, **{k.variable.name: k.values for k in of}}))
     assert np.isfinite(values).all() and np.ptp(values) > 1e-6
     assert set(RATIOS) <= set(OUTSIDE)
 
 
 def test_a_law_of_two_variables_is_one_that_no_curve_of_one_says(few, turbojet):
-    ground = Ground.of(turbojet, draw_flights(turbojet, np.random.default_rng(0))[0][:4], 0.0)
+    design = FormulaDesign.from_flights(turbojet, draw_flights(turbojet, np.random.default_rng(0))[0][:4], 0.0)
     rng = np.random.default_rng(1)
-    found = [law for _ in range(60) if (law := shaped_law(ground, Sort.drawn(rng), rng)) is not None]
+    found = [law for _ in range(60) if (law := draft_formula(design, FormulaRequest.draw(rng), rng)) is not None]
     two = [law for law in found if len(law.law.variables) == 2]
     assert two and len(two) < len(found)
-    values = {k.variable.name: k.values for k in ground.known}
+    values = {k.variable.name: k.values for k in design.variables}
     for law in two:
-        x = curve(law.effect, values)
+        x = evaluate_formula(law.effect, values)
         left = [
-            ground.gram(law.place, (x - b @ np.linalg.lstsq(b, x, rcond=None)[0])[:, None])[0, 0]
+            design.gram(law.place, (x - b @ np.linalg.lstsq(b, x, rcond=None)[0])[:, None])[0, 0]
             for k in law.law.variables
-            for b in [np.column_stack([np.ones(len(x)), spline(values[k])])]
+            for b in [np.column_stack([np.ones(len(x)), spline_basis(values[k])])]
         ]
         assert min(left) > 20.0
 
 
 def test_flights_four_kilometres_higher_stay_within_the_envelope(turbojet):
-    law = draw_law(turbojet, *draw_flights(turbojet, np.random.default_rng(2)), 0.0, np.random.default_rng(5))
+    law = draw_formula(turbojet, *draw_flights(turbojet, np.random.default_rng(2)), 0.0, np.random.default_rng(5))
     ceiling = turbojet.envelope["altitude_m"][1]
     altitude = np.concatenate([f["altitude_m"] for f in law.higher])
     assert altitude.min() >= 4000.0 and altitude.max() <= ceiling
-    assert np.mean(altitude == ceiling) == pytest.approx(law.at_ceiling)
+    assert np.mean(altitude == ceiling) == pytest.approx(law.ceiling_share)
     for f in law.higher:
         assert turbojet.predict({c: f[c] for c in turbojet.inputs}).ok.mean() > 0.9
 
@@ -223,15 +226,15 @@ def test_flights_four_kilometres_higher_stay_within_the_envelope(turbojet):
 
 def test_a_law_that_is_said_is_the_law_that_an_engine_carries(turbojet):
     s = drawn(turbojet)
-    said = built(turbojet, law_entry(s.law.effect))
-    one, other = (turbojet.replace_effects((e,)) for e in (s.law.effect, said))
+    said = build_formula(turbojet, entry_of(s.formula.effect))
+    one, other = (turbojet.with_effects((e,)) for e in (s.formula.effect, said))
     u = {c: s.flights[0][c] for c in turbojet.inputs}
     assert np.allclose(one.predict(u).y, other.predict(u).y, rtol=1e-6)
-    assert built(turbojet, {**law_entry(s.law.effect), "at": "nowhere"}) is None
+    assert build_formula(turbojet, {**entry_of(s.formula.effect), "at": "nowhere"}) is None
 
 
 def test_what_is_found_of_a_law_is_told_with_the_coefficients_that_were_fitted(turbojet):
-    law = drawn(turbojet).law
+    law = drawn(turbojet).formula
     option = Option(OPTION_LAW, law.effect.label, law.place.component, law.law.DRIVER, Hypothesis((law.effect,)))
     ((name, value),) = law.values.items()
     fitted = Coefficient(name, "1", 0.7 * value, 0.0, 0.0, 0.0)
@@ -250,14 +253,14 @@ def test_what_is_found_of_a_law_is_told_with_the_coefficients_that_were_fitted(t
     nothing = Answer(
         FORMULA, "", (explained,), (), (), (), (), (0.0, 0.0), 0.0, 0.0, 0, {}, {}, np.zeros(0, int), law=finding
     )
-    raw = {"explanations": [{"laws": entries(explained)}], **law_told(nothing)}
-    told = ToldLaw.of(json.loads(json.dumps(raw)))
+    raw = {"explanations": [{"laws": formula_entries(explained)}], **formula_json(nothing)}
+    told = AnsweredFormula.from_json(json.loads(json.dumps(raw)))
     assert told.places == ((law.place.name, 0.8),) and told.explained == 0.9
-    assert told.drivers == (((tuple(v.name for v in variables),), 0.9),) and told.along == (told.drivers[0][0],)
-    (effect,) = all_built(turbojet, told.entries)
+    assert told.drivers == (((tuple(v.name for v in variables),), 0.9),) and told.driver_groups == (told.drivers[0][0],)
+    (effect,) = build_formulas(turbojet, told.entries)
     assert effect.values["a"] == pytest.approx(0.7 * value, rel=1e-5)
     assert raw["law"]["laws"][0]["entry"] == raw["explanations"][0]["laws"][0]
-    assert ToldLaw.of({"status": UNEXPLAINED}) is None
+    assert AnsweredFormula.from_json({"status": UNEXPLAINED}) is None
 
 
 @pytest.mark.slow
@@ -268,7 +271,7 @@ def test_what_is_concealed_is_in_no_answer_of_the_explainer_but_its_own(few):
             return self.told
 
     asked = InProcess()
-    found = run_trial(Plan(PATH, SEED, (kinds.SAME_MODEL,), (SINGLE_LAW,)), 0, asked)
+    found = run_trial(TrialPlan("explain", (str(PATH),), SEED, (kinds.SAME_MODEL,), (SINGLE_LAW,)), 0, asked)
     assert not found["error"] and found["engine"] == "turbojet" and found["marks"]["no_verdict"] is False
     assert "concealed" not in str(asked.told)
     if found["status"] == FORMULA:
@@ -280,7 +283,7 @@ def test_what_is_concealed_is_in_no_answer_of_the_explainer_but_its_own(few):
 
 @pytest.mark.parametrize("truth", kinds.USUAL)
 def test_the_truth_is_right_in_everything(few, turbojet, truth):
-    law = drawn(turbojet, truth=truth).law
+    law = drawn(turbojet, truth=truth).formula
     m = run(truthful(law), truth=truth)["marks"]
     for name in (
         "place",
@@ -307,9 +310,9 @@ def test_the_truth_is_the_truth_where_a_large_law_has_driven_the_fit_without_it_
     monkeypatch.setattr(forms, "OUTSIDE", dict([*first[:3], ("swing", "u * exp(-u ** 2)"), *first[3:]]))
     engines = tuple(str(CONFIGS / f"{n}.yaml") for n in ("turbofan", "turbojet", "power_plant", "turboshaft"))
     truths, seed, trial = (kinds.SAME_MODEL, kinds.MAP_ERROR), 7601, 27
-    sealed = draw(load_engine(engine_of(engines, seed, trial)), seed, trial, truths, kinds.LAW_KINDS)
-    plan = Plan(engines[0], seed, truths, kinds.LAW_KINDS, engines=engines)
-    r = run_trial(plan, trial, Answers(truthful(sealed.law)))
+    concealed = draw_truth(load_engine(draw_engine_file(engines, seed, trial)), seed, trial, truths, kinds.LAW_KINDS)
+    plan = TrialPlan("explain", engines, seed, truths, kinds.LAW_KINDS)
+    r = run_trial(plan, trial, Answers(truthful(concealed.formula)))
     assert r["law"]["distance"] < 0.1
     assert r["marks"]["law_gain_unseen"] == [pytest.approx(1.0, abs=0.01)]
 
@@ -323,7 +326,7 @@ def test_silence_finds_nothing_and_says_nothing_false(few, status):
 
 
 def test_a_law_at_a_wrong_place_along_a_wrong_variable_is_wrong_and_predicts_worse_than_none(few, turbojet):
-    law = drawn(turbojet).law
+    law = drawn(turbojet).formula
     place = next(p for p in list_locations(turbojet, list(turbojet.sensors)) if p.name == "compressor.flow_capacity")
     assert place.name != law.place.name
     entry = law_entry(law.effect) | {
@@ -338,12 +341,14 @@ def test_a_law_at_a_wrong_place_along_a_wrong_variable_is_wrong_and_predicts_wor
 
 
 def test_where_nothing_is_concealed_any_law_is_false():
-    assert null_marks(Said.of({"status": FORMULA, "explanations": []}))["law_false"] is True
-    quiet = null_marks(Said.of({"status": NO_DISCREPANCY, "explanations": []}))
+    assert null_marks(ExplainAnswer.from_json({"status": FORMULA, "explanations": []}))["law_false"] is True
+    quiet = null_marks(ExplainAnswer.from_json({"status": NO_DISCREPANCY, "explanations": []}))
     assert not (quiet["law_false"] or quiet["law_false_name"] or quiet["law_false_finding"])
-    named = null_marks(Said.of({"status": IDENTIFIED, "explanations": []}))
+    named = null_marks(ExplainAnswer.from_json({"status": IDENTIFIED, "explanations": []}))
     assert named["law_false_name"] and not named["law_false"]
-    assert null_marks(Said.of({"error": "it broke"})) == {"no_verdict": True} and NOT_CONVERGED != FORMULA
+    assert (
+        null_marks(ExplainAnswer.from_json({"error": "it broke"})) == {"no_verdict": True} and NOT_CONVERGED != FORMULA
+    )
 
 
 def test_a_driver_is_right_where_every_variable_is_told_by_a_group_of_its_own():
@@ -363,16 +368,16 @@ def test_a_constant_is_no_error_of_a_curve():
 
 def test_gain_is_the_share_of_what_the_true_law_takes_away():
     excess = {NO_LAW: 100.0, TRUE: 20.0, FOUND: 40.0}
-    assert gain(excess, FOUND) == 0.75 and gain(excess, TRUE) == 1.0 and not worse(excess, FOUND)
-    assert worse({**excess, FOUND: 101.0}, FOUND)
+    assert gain(excess, FOUND) == 0.75 and gain(excess, TRUE) == 1.0 and not is_worse(excess, FOUND)
+    assert is_worse({**excess, FOUND: 101.0}, FOUND)
     little = {NO_LAW: 10.0, TRUE: 2.0, FOUND: 30.0}
-    assert gain(little, FOUND) is None and not worse(little, FOUND) and worse({**little, FOUND: 36.0}, FOUND)
+    assert gain(little, FOUND) is None and not is_worse(little, FOUND) and is_worse({**little, FOUND: 36.0}, FOUND)
 
 
 def test_a_spline_is_straight_beyond_its_outer_knots_and_holds_the_straight_line():
     x = np.linspace(0.0, 1.0, 200)
-    far = np.array([2.0, 3.0, 4.0])
-    B = spline(np.concatenate([x, far]), x)
+    separation = np.array([2.0, 3.0, 4.0])
+    B = spline_basis(np.concatenate([x, separation]), x)
     assert np.allclose(np.diff(B[-3:], 2, axis=0), 0.0, atol=1e-9)
     assert np.allclose(B[:200].mean(axis=0), 0.0, atol=1e-12) and np.allclose(B[:200].std(axis=0), 1.0)
     assert np.linalg.matrix_rank(np.column_stack([np.ones(200), B[:200]])) == 4

@@ -9,9 +9,9 @@ import pytest
 
 from enginediag_cli.errors import DataError, ExitCode
 from enginediag_cli.parallel import THREAD_VARIABLES, WorkerDiedError, run_tasks
-from enginediag_cli.validation.trials import Form, Journal
+from enginediag_cli.validation.trials import Journal, JournalFormat
 
-FORM = Form(
+FORM = JournalFormat(
     "run", "a journal", "the journal of something else", "--journal", lambda k, v: {k: v}, lambda x: (*x.items(),)[0]
 )
 
@@ -49,7 +49,7 @@ def test_a_worker_that_dies_is_an_error_with_words_not_a_traceback():
 
 def test_a_journal_gives_back_what_was_added_and_drops_a_torn_last_line(tmp_path):
     journal = Journal(tmp_path / "j", "abc", FORM)
-    assert not journal.begun and journal.read() == {}
+    assert not journal.has_lines and journal.read() == {}
     journal.add("a", 1)
     journal.add("b", 2)
     with open(journal.path, "a", encoding="utf-8") as stream:

@@ -13,15 +13,26 @@ from enginediag_cli.mismatch.explain.answer import HIDDEN_STATE, IDENTIFIED, NO_
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import term_names
 from enginediag_cli.validation import kinds
-from enginediag_cli.validation.causes import SELDOM, Cause, check_engine, drawable, hypothesis, key, weights
-from enginediag_cli.validation.concealed_effects import draw, readings, record, write_open
-from enginediag_cli.validation.explain_trials import trials_journal
-from enginediag_cli.validation.marks import Said, evidence_of, hidden_marks, interval_marks, marks
-from enginediag_cli.validation.rows import met
+from enginediag_cli.validation.causes import (
+    SELDOM,
+    Cause,
+    cause_names,
+    causes_hypothesis,
+    check_engine,
+    draw_weights,
+    drawable_effects,
+)
+from enginediag_cli.validation.concealed_effects import (
+    draw_truth,
+    record_trial,
+    true_flight_readings,
+    write_trial_files,
+)
+from enginediag_cli.validation.marks import ExplainAnswer, hidden_marks, interval_marks, marks, trial_dataset
 from enginediag_cli.validation.score_sheet import sheet
 from enginediag_cli.validation.separability import Separability, separability
-from enginediag_cli.validation.trial_flights import draw_flights, stack
-from enginediag_cli.validation.trials import rate, wilson
+from enginediag_cli.validation.trial_flights import draw_flights, stack_flights
+from enginediag_cli.validation.trials import rate, target_met, trials_journal, wilson
 from enginediag_cli.validation.truth_engines import draw_map_errors
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -33,23 +44,23 @@ def turbofan():
 
 
 def drawn(engine, kind, trial=0, truth=kinds.SAME_MODEL, seed=5):
-    return draw(engine, seed, trial, (truth,), (kind,))
+    return draw_truth(engine, seed, trial, (truth,), (kind,))
 
 
 # what is drawn
 
 
 def test_a_trial_does_not_depend_on_the_trials_before_it(turbofan):
-    alone = draw(turbofan, 3, 7, kinds.TRUTHS, kinds.KINDS)
+    alone = draw_truth(turbofan, 3, 7, kinds.TRUTHS, kinds.KINDS)
     for k in range(3):
-        draw(turbofan, 3, k, kinds.TRUTHS, kinds.KINDS)
-    again = draw(turbofan, 3, 7, kinds.TRUTHS, kinds.KINDS)
+        draw_truth(turbofan, 3, k, kinds.TRUTHS, kinds.KINDS)
+    again = draw_truth(turbofan, 3, 7, kinds.TRUTHS, kinds.KINDS)
     assert again.causes == alone.causes and again.health == alone.health and again.noise_seed == alone.noise_seed
     assert all(np.array_equal(a[c], b[c]) for a, b in zip(alone.flights, again.flights, strict=True) for c in a)
 
 
 def test_other_trials_and_other_seeds_are_other_engines(turbofan):
-    a, b, c = (draw(turbofan, s, k, kinds.TRUTHS, kinds.KINDS) for s, k in ((3, 7), (3, 8), (4, 7)))
+    a, b, c = (draw_truth(turbofan, s, k, kinds.TRUTHS, kinds.KINDS) for s, k in ((3, 7), (3, 8), (4, 7)))
     assert a.health != b.health and a.health != c.health
 
 
@@ -59,7 +70,7 @@ def test_every_engine_is_flown_inside_its_envelope_where_it_has_a_solution(name)
     flights, training = draw_flights(engine, np.random.default_rng(0))
     assert 4 <= training <= 6 and len(flights) == training + 2
     assert all(50 <= len(f["time_s"]) <= 70 for f in flights)
-    u = stack(flights)
+    u = stack_flights(flights)
     for column, (low, high) in engine.envelope.items():
         if column in engine.inputs:
             assert low <= u[column].min() and u[column].max() <= high
@@ -91,7 +102,7 @@ def test_every_kind_conceals_what_it_says(turbofan, kind, effects, steps):
         s = drawn(turbofan, kind, k)
         assert sum(not c.is_step for c in s.causes) == effects == len(s.effects)
         assert sum(c.is_step for c in s.causes) == steps and (s.change != 0) == bool(steps)
-        assert s.without == (tuple(e.term.NAME for e in s.effects) if kind == kinds.WITHHELD else ())
+        assert s.withheld_terms == (tuple(e.term.NAME for e in s.effects) if kind == kinds.WITHHELD else ())
         for e in s.effects:
             for c in e.term.amplitudes():
                 size = (s.values[e.parameter_name(c.name)] - c.absent) / (c.typical - c.absent)
@@ -101,13 +112,13 @@ def test_every_kind_conceals_what_it_says(turbofan, kind, effects, steps):
 
 
 def test_an_effect_that_needs_a_column_of_hours_is_drawn_because_hours_are_recorded(turbofan):
-    assert any(e.term.NAME == "fouling" for e in drawable(turbofan))
+    assert any(e.term.NAME == "fouling" for e in drawable_effects(turbofan))
     assert "hours_since_wash_h" in drawn(turbofan, kinds.NULL).flights[0]
 
 
 def test_effects_that_identification_absorbs_are_drawn_seldom(turbofan):
-    found = weights(turbofan.path, 1.5)
-    assert set(found) == {e.label for e in drawable(turbofan)} and set(found.values()) == {1.0, SELDOM}
+    found = draw_weights(turbofan.path, 1.5)
+    assert set(found) == {e.label for e in drawable_effects(turbofan)} and set(found.values()) == {1.0, SELDOM}
     assert found["reynolds_efficiency@hpc"] == 1.0 and found["fuel_heating_value@burner"] == SELDOM
 
 
@@ -116,7 +127,10 @@ def test_effects_that_identification_absorbs_are_drawn_seldom(turbofan):
 
 def test_map_errors_are_in_no_library_and_change_the_readings_by_less_than_two_per_cent(turbofan):
     s = drawn(turbofan, kinds.NULL, truth=kinds.MAP_ERROR)
-    wrong, right = readings(turbofan, s, exact_model=False), readings(turbofan, s, exact_model=True)
+    wrong, right = (
+        true_flight_readings(turbofan, s, exact_model=False),
+        true_flight_readings(turbofan, s, exact_model=True),
+    )
     assert 1e-4 < np.abs(wrong / right - 1.0).max() < 0.02
     assert not any("map_error" in n for n in term_names())
 
@@ -132,7 +146,7 @@ def test_map_errors_vanish_at_the_design_point(turbofan):
 
 def test_the_open_folder_shows_no_effect(turbofan, tmp_path):
     s = drawn(turbofan, kinds.HIDDEN_SWITCH)
-    engine, files = write_open(tmp_path, turbofan, record(turbofan, s), s.training)
+    engine, files = write_trial_files(tmp_path, turbofan, record_trial(turbofan, s), s.training)
     assert engine.read_bytes() == (CONFIGS / "turbofan.yaml").read_bytes()
     assert len(files) == s.training
     header = files[0].read_text(encoding="utf-8").splitlines()[0].split(",")
@@ -144,7 +158,7 @@ def test_the_open_folder_shows_no_effect(turbofan, tmp_path):
 def test_noise_has_the_stated_size_and_correlation(turbofan):
     s = drawn(turbofan, kinds.NULL)
     s = replace(s, noise=replace(s.noise, factor=1.5, rho=0.6), flights=s.flights * 6)
-    r = record(turbofan, s)
+    r = record_trial(turbofan, s)
     e = np.concatenate([a.columns["T45_K"] - b.columns["T45_K"] for a, b in zip(r.noisy, r.clean, strict=True)])
     # about 2 500 records worth 600 independent ones: 3 standard errors of a standard deviation are 9 %
     assert np.std(e) == pytest.approx(1.5 * turbofan.sensors["T45_K"].noise_sigma, rel=0.09)
@@ -156,30 +170,30 @@ def test_noise_has_the_stated_size_and_correlation(turbofan):
 
 def test_the_true_model_fits_noise_free_recordings_without_residual(turbofan):
     s = drawn(turbofan, kinds.SINGLE)
-    effect = next(e for e in drawable(turbofan) if e.label == "reynolds_efficiency@hpc")
+    effect = next(e for e in drawable_effects(turbofan) if e.label == "reynolds_efficiency@hpc")
     s = replace(s, effects=(effect,), causes=(Cause(effect.label),), values={"reynolds_efficiency.hpc.exponent": 0.08})
-    evidence = evidence_of(turbofan, s, record(turbofan, s), clean=True)
-    far = separability(evidence, s.causes, dict(s.health), ())
-    assert far.ok and far.given == (far.total,)
-    assert far.total > 100 and 0 < far.nearest < far.total and not far.aliases
+    evidence = trial_dataset(turbofan, s, record_trial(turbofan, s), clean=True)
+    separation = separability(evidence, s.causes, dict(s.health), ())
+    assert separation.ok and separation.conditional == (separation.total,)
+    assert separation.total > 100 and 0 < separation.nearest < separation.total and not separation.aliases
     # half the coefficient, a quarter of λ; not exactly, since the engine is not linear
     half = replace(s, values={"reynolds_efficiency.hpc.exponent": 0.04})
-    evidence = evidence_of(turbofan, half, record(turbofan, half), clean=True)
-    assert separability(evidence, s.causes, dict(s.health), ()).total == pytest.approx(far.total / 4, rel=0.1)
+    evidence = trial_dataset(turbofan, half, record_trial(turbofan, half), clean=True)
+    assert separability(evidence, s.causes, dict(s.health), ()).total == pytest.approx(separation.total / 4, rel=0.1)
 
 
 def test_nothing_concealed_is_no_misfit(turbofan):
     s = drawn(turbofan, kinds.NULL)
-    evidence = evidence_of(turbofan, s, record(turbofan, s), clean=True)
+    evidence = trial_dataset(turbofan, s, record_trial(turbofan, s), clean=True)
     assert separability(evidence, (), dict(s.health), ()).total < 1e-3
 
 
 def test_causes_become_something_to_fit_and_come_back_the_same(turbofan):
     causes = (Cause("reynolds_efficiency@hpc"), Cause("hpc.efficiency", 120))
-    h = hypothesis(turbofan, causes, 300)
+    h = causes_hypothesis(turbofan, causes, 300)
     assert h.effects[0].label == "reynolds_efficiency@hpc"
     (curve,) = h.curves.values()
-    assert curve.sum() == 180 and key(causes) == frozenset({"reynolds_efficiency@hpc", "hpc.efficiency"})
+    assert curve.sum() == 180 and cause_names(causes) == frozenset({"reynolds_efficiency@hpc", "hpc.efficiency"})
 
 
 # marks
@@ -199,7 +213,7 @@ def said(status, *names, coefficients=None):
         "status": status,
         "hidden": [],
     }
-    return Said.of(raw)
+    return ExplainAnswer.from_json(raw)
 
 
 FAR = Separability(400.0, (400.0,), 60.0, "b@x", frozenset(), True)
@@ -221,8 +235,8 @@ def test_a_right_name_among_two_is_covered_not_tight_and_scores_half(single):
 
 
 def test_an_unavoidable_alias_is_no_false_name_and_not_in_the_denominator_of_exact(single):
-    far = replace(FAR, nearest=3.0, aliases=frozenset({frozenset({"b@x"})}))
-    m = marks(single, far, said(IDENTIFIED, ["b@x"]))
+    separation = replace(FAR, nearest=3.0, aliases=frozenset({frozenset({"b@x"})}))
+    m = marks(single, separation, said(IDENTIFIED, ["b@x"]))
     assert not m["false_name"] and "exact" not in m and not m["covered"]
 
 
@@ -242,13 +256,13 @@ def test_any_name_is_false_where_nothing_is_missing(single):
 
 
 def test_a_grey_trial_has_no_mark_but_a_false_name(single):
-    grey = replace(FAR, total=12.0, given=(12.0,))
+    grey = replace(FAR, total=12.0, conditional=(12.0,))
     assert set(marks(single, grey, said(NO_DISCREPANCY))) == {"no_verdict", "false_name"}
 
 
 def test_a_search_that_failed_is_no_verdict_and_nothing_else(single):
     assert marks(single, FAR, said(NOT_CONVERGED)) == {"no_verdict": True}
-    assert marks(single, FAR, Said.of({"error": "it broke"})) == {"no_verdict": True}
+    assert marks(single, FAR, ExplainAnswer.from_json({"error": "it broke"})) == {"no_verdict": True}
 
 
 def test_none_of_these_is_right_only_when_every_rival_is_far(single):
@@ -260,14 +274,14 @@ def test_none_of_these_is_right_only_when_every_rival_is_far(single):
 
 def test_a_part_of_the_truth_is_not_a_false_name(single):
     pair = replace(single, kind=kinds.PAIR, causes=(Cause("a@x"), Cause("b@x")))
-    far = Separability(400.0, (300.0, 90.0), 60.0, "c@x", frozenset(), True)
-    m = marks(pair, far, said(IDENTIFIED, ["a@x"]))
+    separation = Separability(400.0, (300.0, 90.0), 60.0, "c@x", frozenset(), True)
+    m = marks(pair, separation, said(IDENTIFIED, ["a@x"]))
     assert not m["false_name"] and not m["covered"]
-    assert marks(pair, far, said(IDENTIFIED, ["b@x", "a@x"]))["exact_no_alias"]
+    assert marks(pair, separation, said(IDENTIFIED, ["b@x", "a@x"]))["exact_no_alias"]
 
 
 def test_interval_asks_the_explanation_that_is_the_truth(turbofan, single):
-    one = replace(single, effects=tuple(drawable(turbofan)[:1]))
+    one = replace(single, effects=tuple(drawable_effects(turbofan)[:1]))
     inside = said(IDENTIFIED, ["b@x"], ["a@x"], coefficients={"a.x.k": [1.1, 0.9, 1.3]})
     assert interval_marks(one, inside) == {"interval": [1.0]}
     outside = said(IDENTIFIED, ["a@x"], coefficients={"a.x.k": [1.5, 1.2, 1.8]})
@@ -282,11 +296,11 @@ def test_states_of_a_hidden_switch_are_marked_where_the_records_show_it():
         "explanations": [],
         "hidden": [{"component": "hpc", "number": [0, 1, 2, 3], "states": [0.1, 0.9, 0.2, 0.9], "sign": 1}],
     }
-    m = hidden_marks({"hpc"}, states, snr, Said.of(raw))
+    m = hidden_marks({"hpc"}, states, snr, ExplainAnswer.from_json(raw))
     assert m["hidden_location"] and m["hidden_states"] == [pytest.approx(2 / 3)]
     raw["hidden"][0] |= {"states": [0.9, 0.1, 0.1, 0.1], "sign": 0}
-    assert hidden_marks({"hpc"}, states, snr, Said.of(raw))["hidden_states"] == [1.0]
-    assert "hidden_location_weak" in hidden_marks({"hpc"}, states, snr / 3, Said.of(raw))
+    assert hidden_marks({"hpc"}, states, snr, ExplainAnswer.from_json(raw))["hidden_states"] == [1.0]
+    assert "hidden_location_weak" in hidden_marks({"hpc"}, states, snr / 3, ExplainAnswer.from_json(raw))
 
 
 # counting
@@ -334,7 +348,7 @@ def test_the_sheet_splits_by_truth_and_kind():
     ],
 )
 def test_targets_are_judged_as_they_are_worded(value, target, verdict):
-    assert met(value, target) == verdict
+    assert target_met(value, target) == verdict
 
 
 def test_a_journal_goes_on_after_a_line_cut_short(tmp_path):

@@ -15,13 +15,14 @@ from enginediag_cli.physics.law import Law
 from enginediag_cli.validation import concealed_effects as sealing
 from enginediag_cli.validation import explain_trials as trials
 from enginediag_cli.validation import kinds
-from enginediag_cli.validation.causes import Cause, drawable
-from enginediag_cli.validation.concealed_effects import SHOWS, SIZE, Part, draw, record
-from enginediag_cli.validation.concealed_formulas import NothingShownError
-from enginediag_cli.validation.explain_trials import Plan, run_trial
-from enginediag_cli.validation.marks import Said
+from enginediag_cli.validation.causes import Cause, drawable_effects
+from enginediag_cli.validation.concealed_effects import SHOWS, SIZE, ConcealedPart, draw_truth, record_trial
+from enginediag_cli.validation.concealed_formulas import NothingVisibleError
+from enginediag_cli.validation.explain_trials import run_trial
+from enginediag_cli.validation.marks import ExplainAnswer
 from enginediag_cli.validation.score_sheet import sheet
-from enginediag_cli.validation.several_marks import apart, matched, named_causes
+from enginediag_cli.validation.several_marks import independent_variables, match_causes, named_causes
+from enginediag_cli.validation.trials import TrialPlan
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 PATH = str(CONFIGS / "turbojet.yaml")
@@ -31,14 +32,16 @@ SIZE_OF_A_LAW = {"coefficients": {"a": {"value": 0.01, "absent": 0.0, "prior_sig
 
 
 @lru_cache
-def sealed(kind, trial, truth):
-    return draw(load_engine(PATH), SEED, trial, (truth,), (kind,))
+def concealed(kind, trial, truth):
+    return draw_truth(load_engine(PATH), SEED, trial, (truth,), (kind,))
 
 
 @pytest.fixture(autouse=True)
 def drawn_once(monkeypatch):
     """Trials do not depend on what was drawn before them, so that one drawing serves all tests."""
-    monkeypatch.setattr(trials, "draw", lambda engine, seed, trial, truths, ks: sealed(ks[0], trial, truths[0]))
+    monkeypatch.setattr(
+        trials, "draw_truth", lambda engine, seed, trial, truths, ks: concealed(ks[0], trial, truths[0])
+    )
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +50,7 @@ def turbojet():
 
 
 def drawn(kind, trial=0, truth=kinds.SAME_MODEL):
-    return sealed(kind, trial, truth)
+    return concealed(kind, trial, truth)
 
 
 class Names:
@@ -55,7 +58,7 @@ class Names:
 
     def __init__(self, causes, coefficients=None, laws=(), unexplained=None):
         explained = {
-            "causes": [c.as_json() for c in causes],
+            "causes": [c.to_json() for c in causes],
             "kinds": ["effect"] * len(causes),
             "probability": 1.0,
             "gain": 1.0,
@@ -72,16 +75,16 @@ class Names:
 
 
 def run(answers, kind, trial=0, truth=kinds.SAME_MODEL):
-    return run_trial(Plan(PATH, SEED, (truth,), (kind,)), trial, answers)
+    return run_trial(TrialPlan("explain", (str(PATH),), SEED, (truth,), (kind,)), trial, answers)
 
 
 def true_causes(engine, s):
-    recorded = record(engine, s)
-    return [recorded.place(c) for c in s.causes]
+    recorded = record_trial(engine, s)
+    return [recorded.place_cause(c) for c in s.causes]
 
 
 def entries(s):
-    return [law_entry(s.law.effect)] if s.law else []
+    return [entry_of(s.formula.effect)] if s.formula else []
 
 
 # what is drawn
@@ -95,7 +98,7 @@ def test_so_many_causes_of_mixed_kinds_are_concealed(kind, count):
         steps = [c for c in s.causes if c.is_step]
         assert len(s.causes) == count == len({c.name for c in s.causes}) == len(s.effects) + len(steps)
         assert set(s.changes) == {c.name for c in steps} and len(steps) <= 2 and len(laws) <= 1
-        assert (s.law is not None) == bool(laws)
+        assert (s.formula is not None) == bool(laws)
         of_library = len(s.effects) - len(laws)
         of_sensors = sum(c.name.startswith("sensor.") for c in steps)
         counts = (of_library, len(laws), len(steps) - of_sensors, of_sensors)
@@ -103,7 +106,7 @@ def test_so_many_causes_of_mixed_kinds_are_concealed(kind, count):
 
 
 def test_sizes_stay_within_what_is_plausible():
-    step = Part("fault", Cause("compressor.efficiency", 9), 1.0, change=-0.01)
+    step = ConcealedPart("fault", Cause("compressor.efficiency", 9), 1.0, change=-0.01)
     assert step.scaled(100.0).size == SIZE[1] and step.scaled(1e-6).size == SIZE[0]
     s = drawn(THREE)
     for e in s.effects:
@@ -112,9 +115,9 @@ def test_sizes_stay_within_what_is_plausible():
 
 
 def test_a_cause_that_would_end_at_a_bound_is_drawn_anew(turbojet):
-    first = next(e for e in drawable(turbojet) if all(np.isfinite(c.upper) for c in e.term.amplitudes()))
+    first = next(e for e in drawable_effects(turbojet) if all(np.isfinite(c.upper) for c in e.term.amplitudes()))
     values = {c.name: c.absent + 0.6 * (c.upper - c.absent) for c in first.term.amplitudes()}
-    part = Part("effect", Cause(first.label), 1.0, replace(first, values=values))
+    part = ConcealedPart("effect", Cause(first.label), 1.0, replace(first, values=values))
     assert part.is_plausible
     assert not part.scaled(2.0).is_plausible and not part.scaled(1.0 / 0.6).is_plausible
 
@@ -141,7 +144,7 @@ def test_silence_names_nothing_and_nothing_false():
 def test_a_part_of_the_truth_counts_as_a_part_and_what_is_not_there_is_false(turbojet):
     s = drawn(THREE)
     first, *_ = causes = true_causes(turbojet, s)
-    laws = [x for x in entries(s) if s.law.effect.label == first.name]
+    laws = [x for x in entries(s) if s.formula.effect.label == first.name]
     part = run(Names([first], s.values, laws, unexplained=0.0), THREE)
     m = part["marks"]
     assert m["several_share"] == [pytest.approx(1 / 3)] and not m["several_all"] and m["several_none_false"]
@@ -165,7 +168,7 @@ def test_forms_at_one_place_are_one_law(turbojet):
         {"law": "third", "at": "compressor.efficiency", "expression": "a * mach", **SIZE_OF_A_LAW},
     ]
     names = Names([Cause(f"{t['law']}@{t['at']}") for t in told] + [Cause("sensor.T3.scale", 40)], laws=told)
-    found, _ = named_causes(turbojet, Said.of(names.told))
+    found, _ = named_causes(turbojet, ExplainAnswer.from_json(names.told))
     laws = [n for n in found if n.is_law]
     assert sorted(len(n.laws) for n in laws) == [1, 2] and [n.cause.name for n in found if not n.is_law] == [
         "sensor.T3.scale"
@@ -175,14 +178,14 @@ def test_forms_at_one_place_are_one_law(turbojet):
 def test_variables_that_the_records_cannot_tell_apart_are_told_once():
     x = np.linspace(0.2, 0.8, 50)
     values = {"mach": x, "ram": 1.0 + 2.0 * x, "power": np.cos(9.0 * x)}
-    assert apart(["mach", "ram", "power", "mach"], values) == ["mach", "power"]
+    assert independent_variables(["mach", "ram", "power", "mach"], values) == ["mach", "power"]
 
 
 def test_as_many_true_causes_are_told_as_can_be():
-    assert matched(np.array([[True, True], [True, False]])) == (1, 0)
-    assert matched(np.array([[True], [True]])) in ((0, -1), (-1, 0))
-    assert matched(np.zeros((2, 0), bool)) == (-1, -1)
-    assert matched(np.array([[False, False, True], [False, False, True]])) in ((2, -1), (-1, 2))
+    assert match_causes(np.array([[True, True], [True, False]])) == (1, 0)
+    assert match_causes(np.array([[True], [True]])) in ((0, -1), (-1, 0))
+    assert match_causes(np.zeros((2, 0), bool)) == (-1, -1)
+    assert match_causes(np.array([[False, False, True], [False, False, True]])) in ((2, -1), (-1, 2))
 
 
 def test_a_search_that_failed_is_no_verdict():
@@ -210,19 +213,19 @@ def test_flights_that_show_nothing_are_drawn_anew_and_do_not_end_the_sheet(monke
     def conceal(engine, trial, rng):
         refused.append(trial)
         if len(refused) < 3:
-            raise NothingShownError("nothing shows")
+            raise NothingVisibleError("nothing shows")
         return trial
 
-    monkeypatch.setattr(sealing, "with_several", conceal)
-    found = draw(turbojet, SEED, 7, (kinds.SAME_MODEL,), (THREE,))
+    monkeypatch.setattr(sealing, "conceal_several", conceal)
+    found = draw_truth(turbojet, SEED, 7, (kinds.SAME_MODEL,), (THREE,))
     assert len(refused) == 3 and found is refused[-1] and found.trial == 7
     assert len({t.noise_seed for t in refused}) == 3  # each time all is another
 
 
 def test_an_engine_that_never_shows_anything_is_told(monkeypatch, turbojet):
     def conceal(engine, trial, rng):
-        raise NothingShownError("nothing shows")
+        raise NothingVisibleError("nothing shows")
 
-    monkeypatch.setattr(sealing, "with_several", conceal)
-    with pytest.raises(NothingShownError, match="nothing shows"):
-        draw(turbojet, SEED, 7, (kinds.SAME_MODEL,), (THREE,))
+    monkeypatch.setattr(sealing, "conceal_several", conceal)
+    with pytest.raises(NothingVisibleError, match="nothing shows"):
+        draw_truth(turbojet, SEED, 7, (kinds.SAME_MODEL,), (THREE,))

@@ -14,7 +14,7 @@ import pytest
 
 from enginediag_cli.__main__ import main
 from enginediag_cli.validation.studies import load_study
-from enginediag_cli.validation.study_runs import Laboratory, batches
+from enginediag_cli.validation.study_runs import StudyRunner, batches
 
 ENGINE = Path(__file__).parents[2] / "configs" / "turbofan.yaml"
 
@@ -107,7 +107,7 @@ def others(tmp_path_factory):
     path = tmp_path_factory.mktemp("others") / "others.yaml"
     path.write_text(OTHERS, encoding="utf-8")
     study = load_study(path)
-    laboratory = Laboratory(study, study.seed)
+    laboratory = StudyRunner(study, study.seed)
     return [laboratory.run(batch)["posterior"] for batch in batches(study)]
 
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from enginediag_cli.validation.study_runs import EDGES, Answers, Tally, tally
-from enginediag_cli.validation.trials import clopper_pearson, counted, design_effect, rate
+from enginediag_cli.validation.study_runs import EDGES, MethodAnswers, Tally, tally
+from enginediag_cli.validation.trials import clopper_pearson, design_effect, exact_rate, rate
 
 CHANGES = np.array([[0.0, -0.01, 0.0], [0.0, 0.0, 0.0], [0.02, 0.0, 0.01], [0.01, 0.0, 0.0]])
-ANSWERS = Answers(
+ANSWERS = MethodAnswers(
     judged=np.array([True, True, True, False]),
     detected=np.array([True, True, True, True]),
     isolated=np.array([[0, 1, 0], [0, 0, 0], [1, 1, 1], [1, 0, 0]], bool),
@@ -30,25 +30,25 @@ def test_each_count_is_what_its_name_says():
 
 
 def test_a_window_without_verdict_is_never_right():
-    silent = Answers(np.zeros(4, bool), np.zeros(4, bool), CHANGES != 0, np.full(4, 0.9))
+    silent = MethodAnswers(np.zeros(4, bool), np.zeros(4, bool), CHANGES != 0, np.full(4, 0.9))
     x = tally(CHANGES, silent, 0.0, 0)
     assert (x.judged, x.exact, x.contained, x.isolated, x.bins.sum()) == (0, 0, 0, 0, 0)
 
 
 def test_tallies_of_parts_add_up_to_the_tally_of_the_whole_and_survive_json():
     def part(rows):
-        return tally(CHANGES[rows], Answers(*(getattr(ANSWERS, n)[rows] for n in vars(ANSWERS))), 1.0, 0)
+        return tally(CHANGES[rows], MethodAnswers(*(getattr(ANSWERS, n)[rows] for n in vars(ANSWERS))), 1.0, 0)
 
     whole = tally(CHANGES, ANSWERS, 2.0, 0)
-    added = part(slice(0, 1)) + Tally.from_json(json.loads(json.dumps(part(slice(1, 4)).as_json())))
-    one, other = added.as_json(), whole.as_json()
+    added = part(slice(0, 1)) + Tally.from_json(json.loads(json.dumps(part(slice(1, 4)).to_json())))
+    one, other = added.to_json(), whole.to_json()
     assert np.sum(one.pop("blocks"), axis=0).tolist() == other.pop("blocks")[0]  # each batch stays known
     assert one == other
-    assert added.of_blocks("exact").tolist() == [1, 1]
+    assert added.counts_by_batch("exact").tolist() == [1, 1]
 
 
 def test_a_method_that_names_no_parameters_is_not_called_exact():
-    x = tally(CHANGES, Answers(ANSWERS.judged, ANSWERS.detected, None, np.full(4, np.nan)), 0.0, 0)
+    x = tally(CHANGES, MethodAnswers(ANSWERS.judged, ANSWERS.detected, None, np.full(4, np.nan)), 0.0, 0)
     assert not x.isolates and (x.exact, x.contained, x.detected) == (0, 0, 3)
 
 
@@ -77,7 +77,7 @@ def test_intervals_hold_between_seeds_where_blocks_share_something():
         counts = np.full(40, 25)
         hits = rng.binomial(counts, rng.beta(8.0, 2.0, 40))
         for name, effect in (("blocks", design_effect(hits, counts)), ("trials", 1.0)):
-            found = counted(int(hits.sum()), int(counts.sum()), effect)
+            found = exact_rate(int(hits.sum()), int(counts.sum()), effect)
             inside[name] += found["low"] <= 0.8 <= found["high"]
     assert inside["blocks"] >= 366  # binomial(400, 0.95) is smaller with probability 0.002
     assert inside["trials"] < 330

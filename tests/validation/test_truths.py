@@ -9,22 +9,22 @@ import pytest
 
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.validation import kinds
-from enginediag_cli.validation.causes import drawable
-from enginediag_cli.validation.concealed_effects import draw, record, write_open
-from enginediag_cli.validation.trial_flights import draw_flights, stack
-from enginediag_cli.validation.truth_engines import ENGINE_FILE, Range, draw_distortion, tabulated
+from enginediag_cli.validation.causes import drawable_effects
+from enginediag_cli.validation.concealed_effects import draw_truth, record_trial, write_trial_files
+from enginediag_cli.validation.trial_flights import draw_flights, stack_flights
+from enginediag_cli.validation.truth_engines import ENGINE_FILE, FlownRange, draw_distortion, tabulate_engine
 from enginediag_cli.validation.truth_instruments import (
     SHAPE,
-    Clocks,
-    HeatSoak,
-    Recorder,
+    ChannelClocks,
+    RecorderErrors,
+    SoakedProbe,
+    add_sensor_noise,
     airline_sensors,
+    correlated_noise,
     draw_clocks,
     draw_instruments,
     draw_realistic,
     draw_recorder,
-    noisy,
-    remembering,
 )
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -37,7 +37,7 @@ def engines():
 
 
 def flown(engine, seed=3):
-    u = stack(draw_flights(engine, np.random.default_rng(seed))[0])
+    u = stack_flights(draw_flights(engine, np.random.default_rng(seed))[0])
     return {c: u[c] for c in engine.inputs}
 
 
@@ -47,7 +47,7 @@ def flown(engine, seed=3):
 @pytest.mark.parametrize("name", ENGINES)
 def test_tables_without_error_read_as_the_model_does(engines, name, tmp_path):
     engine, u = engines[name], flown(engines[name])
-    truth = tabulated(engine, u, 1e-9, np.random.default_rng(0), tmp_path)
+    truth = tabulate_engine(engine, u, 1e-9, np.random.default_rng(0), tmp_path)
     assert (tmp_path / ENGINE_FILE).exists() and len(list(tmp_path.glob("*.csv"))) >= 2
     p, q = engine.predict(u), truth.predict(u)
     # gas properties at the design inlet cost more the further an engine is from it, and shaft power, a small difference
@@ -59,14 +59,14 @@ def test_tables_without_error_read_as_the_model_does(engines, name, tmp_path):
 @pytest.mark.parametrize("name", ENGINES)
 def test_wrong_tables_change_the_readings_of_an_engine_that_still_has_solutions(engines, name, tmp_path):
     engine, u = engines[name], flown(engines[name])
-    p, q = engine.predict(u), tabulated(engine, u, 0.01, np.random.default_rng(1), tmp_path).predict(u)
+    p, q = engine.predict(u), tabulate_engine(engine, u, 0.01, np.random.default_rng(1), tmp_path).predict(u)
     assert q.ok.mean() > 0.97
     assert 1e-3 < np.nanstd(q.y / p.y - 1.0, axis=0).max() < 0.1
 
 
 def test_a_health_parameter_of_a_table_means_what_it_means_in_the_model(engines, tmp_path):
     engine, u = engines["turbofan"], flown(engines["turbofan"])
-    truth = tabulated(engine, u, 1e-9, np.random.default_rng(0), tmp_path)
+    truth = tabulate_engine(engine, u, 1e-9, np.random.default_rng(0), tmp_path)
     for name in ("hpc.efficiency", "fan.flow_capacity", "hpt.efficiency"):
         of_model, of_truth = (e.predict(u, {name: 0.99}).y / e.predict(u).y - 1.0 for e in (engine, truth))
         assert np.abs(of_truth - of_model).max() < 0.02 * np.abs(of_model).max() + 2e-5
@@ -75,12 +75,12 @@ def test_a_health_parameter_of_a_table_means_what_it_means_in_the_model(engines,
 @pytest.mark.parametrize("name", ENGINES)
 def test_a_truth_on_tables_carries_every_effect_that_can_be_drawn(engines, name, tmp_path):
     engine, u = engines[name], flown(engines[name])
-    truth = tabulated(engine, u, 0.005, np.random.default_rng(2), tmp_path)
+    truth = tabulate_engine(engine, u, 0.005, np.random.default_rng(2), tmp_path)
     hours = {
         c: np.full(len(next(iter(u.values()))), 100.0) for c in ("hours_since_wash_h", "hours_since_filter_change_h")
     }
-    for e in drawable(engine):
-        changed = truth.replace_effects((e,))
+    for e in drawable_effects(engine):
+        changed = truth.with_effects((e,))
         inputs = u | {c: v for c, v in hours.items() if c in changed.optional_inputs or c in changed.inputs}
         sizes = {e.parameter_name(c.name): c.typical for c in e.term.amplitudes()}
         assert changed.predict(inputs, sizes).ok.mean() > 0.95, e.label
@@ -88,11 +88,11 @@ def test_a_truth_on_tables_carries_every_effect_that_can_be_drawn(engines, name,
 
 def test_a_distortion_has_its_size_and_none_at_the_design_point():
     rng = np.random.default_rng(4)
-    where = Range(rng.uniform(0.6, 1.05, 300), rng.uniform(0.8, 1.1, 300), (1.0, 1.0))
+    where = FlownRange(rng.uniform(0.6, 1.05, 300), rng.uniform(0.8, 1.1, 300), (1.0, 1.0))
     for _ in range(5):
         error = draw_distortion(where, 0.01, rng)
-        assert float(error.at(np.array(1.0), np.array(1.0))) == pytest.approx(0.0, abs=1e-12)
-        grid = error.of(*np.meshgrid(*[np.linspace(0, 1, 21)] * 2))
+        assert float(error.evaluate(np.array(1.0), np.array(1.0))) == pytest.approx(0.0, abs=1e-12)
+        grid = error.evaluate_scaled(*np.meshgrid(*[np.linspace(0, 1, 21)] * 2))
         assert np.std(grid) == pytest.approx(0.01, rel=1e-9)
 
 
@@ -112,14 +112,14 @@ def test_instruments_differ_between_flights_and_are_constant_in_one(engines):
 
 def test_a_late_clock_shows_an_earlier_reading_and_nothing_else():
     t = np.arange(5.0) * 30.0
-    read = Clocks({"a": 0.5}).sample(t, {"time_s": t, "a": 2.0 * t, "b": t})
+    read = ChannelClocks({"a": 0.5}).sample(t, {"time_s": t, "a": 2.0 * t, "b": t})
     assert np.allclose(read["a"][1:], 2.0 * t[1:] - 1.0) and np.array_equal(read["b"], t)
     assert all(abs(d) <= 1.0 for d in draw_clocks(("a", "b"), np.random.default_rng(0)).delays.values())
 
 
 def test_a_soaked_probe_forgets_what_was_before_and_ends_at_the_gas():
     t = np.arange(0.0, 6000.0, 30.0)
-    soak = HeatSoak("T5_K", 0.02, 300.0, (50.0,))
+    soak = SoakedProbe("T5_K", 0.02, 300.0, (50.0,))
     read = soak.read(0, t, {"T5_K": np.full(len(t), 800.0)})["T5_K"] - 800.0
     assert read[0] == pytest.approx(0.02 * 50.0, rel=0.11) and abs(read[-1]) < 1e-6
     # T_m decays with the lag: e-fold in 300 s, ten records
@@ -128,7 +128,7 @@ def test_a_soaked_probe_forgets_what_was_before_and_ends_at_the_gas():
 
 def test_a_lagging_sensor_is_behind_a_ramp_by_its_lag_and_answers_a_step_in_time():
     t = np.arange(0.0, 200.0, 10.0)
-    recorder = Recorder({"a": 2.0}, {}, {}, frozenset())
+    recorder = RecorderErrors({"a": 2.0}, {}, {}, frozenset())
     ramp = recorder.follow(t, {"a": 3.0 * t})["a"] - 3.0 * t
     assert ramp[0] == 0.0 and ramp[-1] == pytest.approx(-6.0, rel=1e-9)
     bend = recorder.follow(t, {"a": np.minimum(t, 100.0)})["a"] - np.minimum(t, 100.0)
@@ -152,7 +152,7 @@ def test_a_recorder_rounds_drops_and_spoils_the_stated_share_of_cells(engines):
 
 
 def test_noise_that_remembers_has_unit_variance_and_its_correlation():
-    e = remembering(np.random.default_rng(0).standard_normal((40000, 1)), 0.6)[:, 0]
+    e = correlated_noise(np.random.default_rng(0).standard_normal((40000, 1)), 0.6)[:, 0]
     assert np.std(e) == pytest.approx(1.0, rel=0.03)
     assert np.corrcoef(e[1:], e[:-1])[0, 1] == pytest.approx(0.6, abs=0.02)
 
@@ -173,7 +173,7 @@ def test_a_cockpit_shows_speeds_fuel_and_exhaust_temperature(engines, name, show
 def test_noise_leaves_inputs_alone(engines):
     engine = engines["turbojet"]
     columns = {c: np.ones(6) for c in ("time_s", *engine.inputs, *engine.sensors)}
-    read = noisy(engine, 0.3, columns, np.random.default_rng(0))
+    read = add_sensor_noise(engine, 0.3, columns, np.random.default_rng(0))
     assert all(np.array_equal(read[c], columns[c]) for c in engine.inputs)
     assert all(np.ptp(read[c]) > 0 for c in engine.sensors)
 
@@ -190,17 +190,17 @@ def test_a_third_of_realistic_trials_has_airline_sensors_and_shapes_are_wrong_by
 
 def test_the_open_folder_of_a_realistic_trial_holds_the_model_and_no_table(engines, tmp_path):
     engine = engines["turbojet"]
-    sealed = draw(engine, 5, 1, (kinds.REALISTIC,), (kinds.SINGLE,))
-    path, files = write_open(tmp_path, engine, record(engine, sealed), sealed.training)
+    concealed = draw_truth(engine, 5, 1, (kinds.REALISTIC,), (kinds.SINGLE,))
+    path, files = write_trial_files(tmp_path, engine, record_trial(engine, concealed), concealed.training)
     assert path.read_bytes() == (CONFIGS / "turbojet.yaml").read_bytes()
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted([path.name, *(f.name for f in files)])
     header = files[0].read_text(encoding="utf-8").splitlines()[0].split(",")
-    assert set(sealed.realistic.sensors) <= set(header)
-    assert not (set(engine.sensors) - set(sealed.realistic.sensors)) & set(header)
+    assert set(concealed.realistic.sensors) <= set(header)
+    assert not (set(engine.sensors) - set(concealed.realistic.sensors)) & set(header)
 
 
 def test_realistic_truths_do_not_change_what_other_truths_draw(engines):
     engine = engines["turbojet"]
-    one, other = (draw(engine, 5, 1, (truth,), (kinds.SINGLE,)) for truth in (kinds.SAME_MODEL, kinds.REALISTIC))
+    one, other = (draw_truth(engine, 5, 1, (truth,), (kinds.SINGLE,)) for truth in (kinds.SAME_MODEL, kinds.REALISTIC))
     assert one.causes == other.causes and one.health == other.health
     assert one.realistic is None and other.realistic is not None

@@ -18,7 +18,13 @@ from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import term
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.validation import demonstration_missing as script
-from enginediag_cli.validation.demonstration_missing import Found, closing, comparison, judged, mistakes
+from enginediag_cli.validation.demonstration_missing import (
+    MissingPhysicsResults,
+    closing,
+    comparison,
+    describe_alarms,
+    mistakes,
+)
 
 SAMPLES = Path(__file__).parents[3] / "sample_data"
 NAME = "reynolds_efficiency@hpc"
@@ -26,7 +32,7 @@ NAME = "reynolds_efficiency@hpc"
 
 def found(**other):
     rows = [{"what": "rms", "of": f"T{k}_K", "unit": "K", "before": 2.0, "after": 1.9 - 0.1 * k} for k in range(5)]
-    right = Found(
+    right = MissingPhysicsResults(
         located=[{"component": "hpc", "location": "hpc.efficiency", "driver": "reynolds_index", "verdict": "effect"}],
         explained={"explanations": [{"name": NAME}]},
         refined={
@@ -108,7 +114,7 @@ def test_what_is_right_is_no_mistake_and_stands_beside_what_was_concealed():
     assert any("exponent 0.148 (95 % interval 0.140 to 0.156)" in line for line in told)
     assert any(line.split()[-6:] == ["1", "of", "2", "0", "of", "1"] for line in told)
     assert [line.split()[2] for line in told if "RMS" in line] == ["T4's", "T3's", "T2's"]
-    assert judged(found().before, "turbofan.yaml").startswith("turbofan.yaml: 1 of 2 windows")
+    assert describe_alarms(found().before, "turbofan.yaml").startswith("turbofan.yaml: 1 of 2 windows")
 
 
 @pytest.mark.parametrize(

@@ -9,20 +9,20 @@ from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
 from enginediag_cli.validation.demonstration import (
     Case,
-    Flight,
-    PutIn,
-    Size,
+    IsolatedChange,
+    JudgedFlight,
+    TrueChange,
     closing,
     comparison,
-    isolated,
+    describe_isolation,
     mistakes,
     read_flights,
-    true_changes,
+    read_true_changes,
 )
 
 HPC = described("hpc.efficiency")
-FOULED = {"hpc.efficiency": PutIn(HPC, -0.02)}
-RIGHT = {"hpc.efficiency": Size(HPC, -0.021, -0.023, -0.019, 0.99)}
+FOULED = {"hpc.efficiency": TrueChange(HPC, -0.02)}
+RIGHT = {"hpc.efficiency": IsolatedChange(HPC, -0.021, -0.023, -0.019, 0.99)}
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,7 @@ def engine():
 
 
 def flight(verdict="fault", put_in=FOULED, found=RIGHT, reason=""):
-    return Flight("4", put_in, {"verdict": verdict}, found, (), reason)
+    return JudgedFlight("4", put_in, {"verdict": verdict}, found, (), reason)
 
 
 def test_a_fault_found_with_its_size_is_no_mistake():
@@ -47,10 +47,15 @@ def test_a_fault_found_with_its_size_is_no_mistake():
         (flight("no verdict", found=None, reason="all outside"), "could not be judged: all outside"),
         (flight(found={}), "HPC isentropic efficiency was not named"),
         (
-            flight(found=RIGHT | {"fan.efficiency": Size(described("fan.efficiency"), -0.01, -0.02, 0.0, 0.6)}),
+            flight(
+                found=RIGHT | {"fan.efficiency": IsolatedChange(described("fan.efficiency"), -0.01, -0.02, 0.0, 0.6)}
+            ),
             "although nothing is wrong",
         ),
-        (flight(found={"hpc.efficiency": Size(HPC, -0.03, -0.031, -0.029, 0.99)}), "outside its 95 % interval"),
+        (
+            flight(found={"hpc.efficiency": IsolatedChange(HPC, -0.03, -0.031, -0.029, 0.99)}),
+            "outside its 95 % interval",
+        ),
     ],
 )
 def test_everything_missed_or_wrong_is_told(bad, told):
@@ -61,16 +66,16 @@ def test_everything_missed_or_wrong_is_told(bad, told):
 
 
 def test_a_flight_that_isolate_could_not_judge_is_no_empty_answer():
-    assert "no verdict: too few records" in isolated(flight(found=None, reason="too few records"))
+    assert "no verdict: too few records" in describe_isolation(flight(found=None, reason="too few records"))
 
 
 def test_the_truth_is_the_mean_change_over_a_flight_since_the_first_record(tmp_path, engine):
     path = tmp_path / "truth.csv"
     path.write_text("# made\nflight,time_s,hpc.efficiency,sensor.T3_K.bias\n1,0,1,0\n1,1,1,0\n2,2,0.98,5\n2,3,0.96,7\n")
-    changes = dict(true_changes(engine, path))
+    changes = dict(read_true_changes(engine, path))
     assert changes["1"] == {}
     assert changes["2"]["hpc.efficiency"].change == pytest.approx(-0.03)
-    assert changes["2"]["sensor.T3.bias"] == PutIn(engine.parameters["sensor.T3.bias"], 6.0)
+    assert changes["2"]["sensor.T3.bias"] == TrueChange(engine.parameters["sensor.T3.bias"], 6.0)
 
 
 def test_answers_are_read_back_flight_by_flight(tmp_path, engine):
@@ -82,9 +87,9 @@ def test_answers_are_read_back_flight_by_flight(tmp_path, engine):
     path.write_text(json.dumps([row, second, lost]))
     truth.write_text("flight,sensor.T3_K.bias\n1,0\n2,6\n3,6\n")
     one, two, three = read_flights(engine, truth, path, path)
-    assert (one.verdict, one.put_in, one.isolated) == ("healthy", {}, {})
+    assert (one.verdict, one.true_changes, one.isolated) == ("healthy", {}, {})
     assert (
-        two.isolated == {"sensor.T3.bias": Size(engine.parameters["sensor.T3.bias"], 6.1, 5.9, 6.3, 0.99)}
+        two.isolated == {"sensor.T3.bias": IsolatedChange(engine.parameters["sensor.T3.bias"], 6.1, 5.9, 6.3, 0.99)}
         and list(mistakes(two)) == []
     )
     assert three.isolated is None and three.reason == "nothing judged"
