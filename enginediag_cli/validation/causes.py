@@ -116,7 +116,7 @@ def causes_hypothesis(
 
 
 def _start_at_sizes(effect: Effect, values: Mapping[str, float]) -> Effect:
-    if not effect.tried:
+    if not effect.trial_names:
         return effect
     known = {c.name: effect.parameter_name(c.name) for c in effect.term.amplitudes()}
     return replace(effect, values={**effect.values, **{c: values[n] for c, n in known.items() if n in values}})
@@ -128,7 +128,7 @@ def cause_components(engine: Engine, cause: Cause) -> frozenset[str]:
     if cause.is_step:
         return frozenset({engine.parameters[cause.name].component})
     site = effect_from_cause(engine, cause).site
-    leaves = {engine.parameters[leaf].component for leaf in site.acts_on if leaf in engine.parameters}
+    leaves = {engine.parameters[leaf].component for leaf in site.targets if leaf in engine.parameters}
     return frozenset({site.component} | leaves)
 
 

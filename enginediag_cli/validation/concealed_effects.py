@@ -221,7 +221,7 @@ def _conditional_lambdas(
         return None
     engine, n = design.engine, design.fit.evidence.records
     several = SeveralCauses.from_parts(parts)
-    truth = engine.with_effects((*engine.effects, *several.effects))
+    truth = engine.replace_effects((*engine.effects, *several.effects))
     theta: dict[str, float | np.ndarray] = dict(several.values)
     for cause in several.causes:
         if cause.is_step:
@@ -500,7 +500,7 @@ def true_flight_readings(engine: Engine, concealed: ConcealedTruth, *, exact_mod
     n = len(u["time_s"])
     errors = None if exact_model else concealed.map_errors
     base = engine if exact_model or concealed.realistic is None else realistic_engine(engine, concealed.realistic, u)
-    truth = base.with_effects((*engine.effects, *concealed.effects, *(errors.effects if errors else ())))
+    truth = base.replace_effects((*engine.effects, *concealed.effects, *(errors.effects if errors else ())))
     theta: dict[str, float | np.ndarray] = {**concealed.health, **concealed.values}
     for cause in concealed.causes:
         if cause.is_step:

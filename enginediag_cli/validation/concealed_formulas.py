@@ -38,7 +38,7 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.laws.grammar import FORMS, Form, span
 from enginediag_cli.mismatch.laws.scan import KnownVariable, known_variables
 from enginediag_cli.physics.expression import Expression, ExpressionError
-from enginediag_cli.physics.law import Acts, Law, Variable
+from enginediag_cli.physics.law import Law, LawPlace, Variable
 from enginediag_cli.validation.causes import VISIBLE, drawable_effects, noise_free_fit, true_readings
 from enginediag_cli.validation.trial_flights import draw_higher
 
@@ -177,7 +177,7 @@ def draw_foreign_form(of: Sequence[KnownVariable], rng: np.random.Generator) -> 
         text = re.sub(rf"\b{letter}\b", f"(({variable} - {place:.{DIGITS}g}) / {width:.{DIGITS}g})", text)
     text = _substitute(text, of, letters)
     names = {k.variable.name: k.variable.reference for k in of}
-    there = float(np.asarray(Expression.parsed(text).at(names)))
+    there = float(np.asarray(Expression.parse(text).evaluate(names)))
     return FormText(name, True, f"a * ({text} - ({there!r}))")
 
 
@@ -397,7 +397,7 @@ def _build_formula(
     )
     acts = LawPlace(p.name, p.component, unit, factor)
     variables = {k.variable.name: k.variable for k in of}
-    law = Law(NAME, acts, Expression.parsed(shaped.text), variables, (coefficient,))
+    law = Law(NAME, acts, Expression.parse(shaped.text), variables, (coefficient,))
     return ConcealedFormula(Effect(law, acts.site, {SIZE: size}), place, shaped.name, shaped.outside_grammar)
 
 
@@ -431,7 +431,7 @@ def _correct_size(
 ) -> ConcealedFormula | None:
     """The law with the size that leaves that λ; None where it cannot be flown, or where the library says the same."""
     engine = design.engine
-    truth = engine.with_effects((*engine.effects, drawn.effect))
+    truth = engine.replace_effects((*engine.effects, drawn.effect))
     found = noise_free_fit(engine, flights, model_error, true_readings(truth, flights, {}))
     if not found.converged:
         return None

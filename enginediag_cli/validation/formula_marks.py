@@ -105,7 +105,7 @@ Entry = Mapping[str, Any]
 def formula_entries(x: Explanation) -> list[Entry]:
     """The laws among an explanation's options, as entries of an engine file, with the coefficients that were fitted."""
     known = {c.name: c.value for c in x.coefficients}
-    return [entry_of(e.with_values(known)) for e in _formulas(x.options)]
+    return [law_entry(e.replace_values(known)) for e in _formulas(x.options)]
 
 
 def formula_json(a: Answer) -> dict[str, Any]:
@@ -191,7 +191,7 @@ def build_formula(engine: Engine, entry: Entry) -> Effect | None:
     text = dump(entry, width=100).splitlines()
     lines = [("  - " if k == 0 else "    ") + line for k, line in enumerate(text)]
     try:
-        describe_formula = EngineDescription.of(engine.path, engine.declared)
+        describe_formula = EngineDescription.from_engine_file(engine.path, engine.declared)
         with_law = replace(describe_formula, text=appended(describe_formula.text, engine.path, "physics", [lines]))
         return load_engine(with_law).effects[-1]
     except EngineDiagError:
@@ -394,9 +394,11 @@ class FormulaScorer:
         assert concealed.formula is not None
         beside = nuisance(clean)
         base = identify_with(clean, NULL_HYPOTHESIS, beside)
-        truth = engine.with_effects((*engine.effects, *concealed.effects))
+        truth = engine.replace_effects((*engine.effects, *concealed.effects))
         theta = {**concealed.health, **concealed.values}
-        values = evaluate_variables(truth, input_values(clean), theta, tuple(variables_of(engine.network).values()))
+        values = evaluate_variables(
+            truth, input_values(clean), theta, tuple(formula_variables(engine.network).values())
+        )
         places = tuple(list_locations(engine, list(clean.noise.sigma)))
         return FormulaScorer(
             engine,
@@ -460,7 +462,7 @@ class FormulaScorer:
         evidence, free = self.base.evidence, Hypothesis(tuple(laws))
         if not sought:
             engine = evidence.engine
-            evidence, free = replace(evidence, engine=engine.with_effects((*engine.effects, *laws))), NULL_HYPOTHESIS
+            evidence, free = replace(evidence, engine=engine.replace_effects((*engine.effects, *laws))), NULL_HYPOTHESIS
         return residual_chi2(best_fit(evidence, free, self.nuisance, self.base, ALIAS))
 
     def excess(
@@ -491,7 +493,7 @@ class FormulaScorer:
         self, ahead: ForecastExcess, place: Location, groups: Sequence[Sequence[str]], fitted: int
     ) -> Hypothesis | None:
         """A spline of each reported variable, and the product of two, at a location; None where one is unknown."""
-        known = variables_of(self.engine.network)
+        known = formula_variables(self.engine.network)
         of = [known[g[0]] for g in groups if g and g[0] in known]
         if len(of) < len(groups) or not of:
             return None

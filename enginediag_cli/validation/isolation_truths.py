@@ -275,7 +275,7 @@ def _true_columns(truth: Engine, concealed: ConcealedChanges, k: int) -> dict[st
     """Time, inputs and true outputs (N,) of flight k, the last one changed."""
     flight, theta = concealed.flights[k], dict(concealed.health)
     if k == len(concealed.flights) - 1:
-        truth = truth.with_effects((*truth.effects, *concealed.effects))
+        truth = truth.replace_effects((*truth.effects, *concealed.effects))
         theta |= concealed.values
         for c in concealed.changes:
             if c.place in truth.parameters:

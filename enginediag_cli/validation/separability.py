@@ -54,7 +54,7 @@ from enginediag_cli.mismatch.fit.options import (
     option_scores,
 )
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.physics.registry import candidates
+from enginediag_cli.physics.registry import candidate_effects
 from enginediag_cli.validation.causes import (
     Cause,
     CauseNames,

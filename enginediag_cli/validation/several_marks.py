@@ -41,8 +41,8 @@ from enginediag_cli.mismatch.fit.identified import (
 )
 from enginediag_cli.mismatch.fit.options import effect_option, fault_options, option_scores
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.physics.law import variables_of
-from enginediag_cli.physics.registry import candidates
+from enginediag_cli.physics.law import formula_variables
+from enginediag_cli.physics.registry import candidate_effects
 from enginediag_cli.validation.causes import Cause, causes_from_options, causes_hypothesis
 from enginediag_cli.validation.concealed_effects import SHOWS, ConcealedTruth, TrialFlights
 from enginediag_cli.validation.concealed_formulas import (
@@ -261,10 +261,10 @@ class SeveralScorer:
     def _match_formula(self, law: ConcealedFormula, fit: IdentifiedHypothesis) -> FormulaMatch:
         """The true law beside the other causes."""
         clean = self.base.evidence
-        truth = self.engine.with_effects((*self.engine.effects, *self.concealed.effects))
+        truth = self.engine.replace_effects((*self.engine.effects, *self.concealed.effects))
         theta = {**self.concealed.health, **self.concealed.values}
         values = evaluate_variables(
-            truth, input_values(clean), theta, tuple(variables_of(self.engine.network).values())
+            truth, input_values(clean), theta, tuple(formula_variables(self.engine.network).values())
         )
         separation = place_separability(fit, self.nuisance, evaluate_formula(law.effect, values), law.place)
         at = {p.parameter: p.name for p in list_locations(self.engine, list(clean.noise.sigma))}

@@ -187,9 +187,9 @@ def test_every_form_outside_the_grammar_makes_a_formula_that_is_nothing_at_the_d
         for k, n in enumerate(names)
     ]
     shaped = draw_foreign_form(of[: 1 + any(letter in OUTSIDE[name].replace("exp", "") for letter in "yv")], rng)
-    f = Expression.parsed(shaped.text)
-    assert abs(f.at({"a": 1.0, **dict.fromkeys(names, 1.0)})) < 1e-12
-    values = np.asarray(f.at({"a": 1.0, **{k.variable.name: k.values for k in of}}))
+    f = Expression.parse(shaped.text)
+    assert abs(f.evaluate({"a": 1.0, **dict.fromkeys(names, 1.0)})) < 1e-12
+    values = np.asarray(f.evaluate({"a": 1.0, **{k.variable.name: k.values for k in of}}))
     assert np.isfinite(values).all() and np.ptp(values) > 1e-6
     assert set(RATIOS) <= set(OUTSIDE)
 
@@ -226,11 +226,11 @@ def test_flights_four_kilometres_higher_stay_within_the_envelope(turbojet):
 
 def test_a_law_that_is_said_is_the_law_that_an_engine_carries(turbojet):
     s = drawn(turbojet)
-    said = build_formula(turbojet, entry_of(s.formula.effect))
-    one, other = (turbojet.with_effects((e,)) for e in (s.formula.effect, said))
+    said = build_formula(turbojet, law_entry(s.formula.effect))
+    one, other = (turbojet.replace_effects((e,)) for e in (s.formula.effect, said))
     u = {c: s.flights[0][c] for c in turbojet.inputs}
     assert np.allclose(one.predict(u).y, other.predict(u).y, rtol=1e-6)
-    assert build_formula(turbojet, {**entry_of(s.formula.effect), "at": "nowhere"}) is None
+    assert build_formula(turbojet, {**law_entry(s.formula.effect), "at": "nowhere"}) is None
 
 
 def test_what_is_found_of_a_law_is_told_with_the_coefficients_that_were_fitted(turbojet):

@@ -84,7 +84,7 @@ def true_causes(engine, s):
 
 
 def entries(s):
-    return [entry_of(s.formula.effect)] if s.formula else []
+    return [law_entry(s.formula.effect)] if s.formula else []
 
 
 # what is drawn

@@ -73,7 +73,7 @@ def without_times(result):
     return {what: value for what, value in result.items() if what != "timings"}
 
 
-def entry_of(result, case, method):
+def law_entry(result, case, method):
     return next(e for e in result["cases"] if (e["case"], e["method"]) == (case, method))
 
 
@@ -95,7 +95,7 @@ def test_the_json_holds_counts_of_every_case_and_method(finished):
 
 
 def test_strong_faults_are_isolated_exactly(finished):
-    e = entry_of(finished[0], "strong", "posterior")
+    e = law_entry(finished[0], "strong", "posterior")
     assert e["detected"] == e["repetitions"] == 103
     assert e["exact"] >= 98
     assert e["parameter_counts"]["hpc.efficiency"] == e["parameter_counts"]["hpt.flow_capacity"] == 103
@@ -125,11 +125,11 @@ def test_drawn_faults_are_as_many_as_asked_for_and_found(others):
 
 
 def test_answers_with_a_stated_probability_are_put_into_bins(finished):
-    bins = entry_of(finished[0], "strong", "posterior")["reliability"]
+    bins = law_entry(finished[0], "strong", "posterior")["reliability"]
     assert sum(row["answers"] for row in bins) == 103
-    assert sum(row["right"] for row in bins) == entry_of(finished[0], "strong", "posterior")["exact"]
+    assert sum(row["right"] for row in bins) == law_entry(finished[0], "strong", "posterior")["exact"]
     assert all(row["from"] <= row["stated"] <= row["to"] for row in bins)
-    assert "reliability" not in entry_of(finished[0], "strong", "known")
+    assert "reliability" not in law_entry(finished[0], "strong", "known")
 
 
 def test_two_processes_give_the_same_counts_as_one(study_file, finished):

@@ -80,7 +80,7 @@ def test_a_truth_on_tables_carries_every_effect_that_can_be_drawn(engines, name,
         c: np.full(len(next(iter(u.values()))), 100.0) for c in ("hours_since_wash_h", "hours_since_filter_change_h")
     }
     for e in drawable_effects(engine):
-        changed = truth.with_effects((e,))
+        changed = truth.replace_effects((e,))
         inputs = u | {c: v for c, v in hours.items() if c in changed.optional_inputs or c in changed.inputs}
         sizes = {e.parameter_name(c.name): c.typical for c in e.term.amplitudes()}
         assert changed.predict(inputs, sizes).ok.mean() > 0.95, e.label

@@ -27,7 +27,7 @@ from enginediag_cli.mismatch.laws.scan import Candidate, KnownVariable, Scan, fo
 from enginediag_cli.mismatch.laws.shortlist import proposal
 from enginediag_cli.physics.engine_file import law_entry
 from enginediag_cli.physics.expression import LONGEST, Expression
-from enginediag_cli.physics.law import Acts, Law, variables_of
+from enginediag_cli.physics.law import Law, LawPlace, formula_variables
 from enginediag_cli.validation.formula_marks import build_formulas
 
 SWING = "a * (mach - 0.55) / 0.15 * exp(-((mach - 0.55) / 0.15) ** 2)"
@@ -134,7 +134,7 @@ def test_an_engine_file_carries_it_and_it_is_nothing_at_the_design_point(ground:
     assert averaged is not None
     (effect,) = averaged.law.option.hypothesis.effects
     values = {"a": averaged.law.candidate.amplitude}
-    built = build_formulas(ground.engine, [entry_of(effect.with_values({effect.parameter_name("a"): values["a"]}))])
+    built = build_formulas(ground.engine, [law_entry(effect.replace_values({effect.parameter_name("a"): values["a"]}))])
     assert built is not None and len(built) == 1
     at_design = {n: np.array([v.reference]) for n, v in effect.term.variables.items()}
     there = np.asarray(effect.term.expression.evaluate({**at_design, **values}), float)

@@ -25,7 +25,7 @@ from enginediag_cli.mismatch.laws.steps import (
     bends_of,
     steps_over,
 )
-from enginediag_cli.physics.engine_file import entry_of
+from enginediag_cli.physics.engine_file import law_entry
 from enginediag_cli.validation.formula_marks import build_formulas
 
 COUNT, HERE = 8, -3.0
@@ -75,7 +75,7 @@ def test_an_engine_file_carries_it_as_laws(ground, names):
     effects = [e for p in proposals for e in p.option.hypothesis.effects]
     assert sum(len(e.term.COEFFICIENTS) for e in effects) == coefficients
     assert all(a.label != b.label for a, b in combinations(effects, 2))
-    built = build_formulas(engine, [entry_of(e) for e in effects])
+    built = build_formulas(engine, [law_entry(e) for e in effects])
     assert built is not None
     x = {n: known[n].values for n in names}
     sizes = np.random.default_rng(2).normal(0.0, 0.01, 2 * COUNT)
