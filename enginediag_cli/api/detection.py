@@ -24,7 +24,7 @@ from enginediag_cli.report.messages import Messages
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.verdict import RequiredPower
-    from enginediag_cli.intake.selection import Source
+    from enginediag_cli.intake.selection import RecordingSource
     from enginediag_cli.methods.base import FittedMethod, Method, WindowVerdict
     from enginediag_cli.residuals.files import JudgedFiles
 
@@ -288,7 +288,7 @@ class FollowResult(Result):
             self.judged += 0 if report.reason else report.judged
             yield FOLLOW.row(report)
         report_mismatches(self.messages, intake.mismatches)
-        report_excluded(self.messages, intake.left_out, following.counts, following.elsewhere)
+        report_excluded(self.messages, intake.excluded, following.counts, following.elsewhere)
         counts = {"flights": len(alarms), "alarms": sum(alarms.values()), "instruments": sum(map(bool, wrong.values()))}
         beside = f", {counts['instruments']} with an instrument that is stuck or scatters" * bool(counts["instruments"])
         self.messages.note(f"{counts['alarms']} of {len(alarms)} flights with an alarm{beside}", counts=counts)
@@ -357,7 +357,7 @@ class MethodResult(VerdictResult):
         super().__init__(table=METHOD, head=head, messages=comparison.messages)
         self.unread = files.intake.unread
 
-    def _learnt(self, healthy: Source | None) -> FittedMethod:
+    def _learnt(self, healthy: RecordingSource | None) -> FittedMethod:
         from enginediag_cli.methods.base import training_windows
         from enginediag_cli.report.tables.recordings import report_excluded
         from enginediag_cli.residuals.gross_gate import GrossErrorGate
@@ -368,8 +368,8 @@ class MethodResult(VerdictResult):
         learnt = open_intake(source, self._monitor)
         gate = GrossErrorGate(self._monitor)
         windows = training_windows(self._monitor, gate.clean(learnt.chunks()), self._comparison.judging.plan)
-        gate.report(learnt.left_out)
-        report_excluded(self._comparison.messages, learnt.left_out)
+        gate.report(learnt.excluded)
+        report_excluded(self._comparison.messages, learnt.excluded)
         return self._method.train(self._monitor, windows)
 
     def _compute(self) -> Iterator[Row]:
@@ -382,7 +382,7 @@ class MethodResult(VerdictResult):
         def judged() -> Iterator[WindowVerdict]:
             windows = recorded_windows(self._monitor, gate.clean(files.intake.chunks()), self._comparison.judging.plan)
             yield from judge_windows(self._fitted, windows, self._false_alarm)
-            gate.report(files.intake.left_out)
+            gate.report(files.intake.excluded)
 
         for _, found in self._verdicts(judged()):
             place = found.window.place

@@ -82,7 +82,7 @@ class Inquiry:
             report_baseline(self.messages, loaded.baseline, self.case.source.engine_instance)
         report_mismatches(self.messages, loaded.intake.mismatches)
         report_thinning(self.messages, loaded.thinning)
-        report_excluded(self.messages, loaded.intake.left_out)
+        report_excluded(self.messages, loaded.intake.excluded)
 
     def head(self, command: str, inherited: Sequence[str], **notes: str) -> Callable[[], tuple[str, ...]]:
         """Make the header of a result: files, choices other than the default, and the headers of the recordings."""
@@ -515,7 +515,7 @@ class ExplainResult(DocumentResult):
             Where the file cannot be written.
         """
         from enginediag_cli.config.document import dump
-        from enginediag_cli.recordings.write import output
+        from enginediag_cli.recordings.write import open_output
 
         advice = self.story.advice
         flight = advice.best_flight if advice is not None else None
@@ -523,7 +523,7 @@ class ExplainResult(DocumentResult):
             why = "no alternatives remain" if advice is None else "no flight separates the alternatives"
             self.messages.note(f"{path}: not written, {why}")
             return False
-        with output(Path(path)) as stream:
+        with open_output(Path(path)) as stream:
             stream.write(dump(flight.flight_file(self.story.evidence.engine)))
         self.messages.note(f"{path}: {flight.words}, {flight.records} records")
         return True

@@ -16,7 +16,7 @@ from enginediag_cli.shipped import own_or_shipped
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
     from enginediag_cli.engine.term import Site, Term
-    from enginediag_cli.intake.acceptance import Accepted, Against
+    from enginediag_cli.intake.acceptance import CheckedFile, CheckReference
     from enginediag_cli.recordings.draft import Draft
     from enginediag_cli.recordings.engine_columns import EngineColumns
 
@@ -71,7 +71,7 @@ class FileCheck:
 class CheckResult(Result):
     """What is known about files; see `check`. `findings` counts unusable files, `judged` usable ones."""
 
-    def __init__(self, files: Sequence[str], against: Against, messages: Messages):
+    def __init__(self, files: Sequence[str], against: CheckReference, messages: Messages):
         from enginediag_cli.report.tables.recordings import CHECK
 
         self._paths, self._against = files, against
@@ -189,14 +189,14 @@ def _held_against(
     instance: str,
     accept_changed_engine: bool,
     messages: Messages,
-) -> Against:
+) -> CheckReference:
     """Open what the recordings are compared with. Raises UsageError, ConfigError."""
-    from enginediag_cli.intake.acceptance import Against
+    from enginediag_cli.intake.acceptance import CheckReference
 
     if nominal is not None and engine is not None:
         raise UsageError("--nominal names its engine; give either that or --engine")
     if not recordings_among(files):
-        return Against()  # what a folder's options give is for its recordings
+        return CheckReference()  # what a folder's options give is for its recordings
     mapped = None
     if recorder is not None:
         from enginediag_cli.recordings.recorder_file import load_recorder
@@ -210,28 +210,28 @@ def _held_against(
         from enginediag_cli.report.tables.recordings import report_baseline
 
         report_baseline(messages, baseline, instance)
-        return Against(baseline.engine, baseline.nominal, mapped, instance)
-    return Against(None if engine is None else resolve_engine(engine), None, mapped, instance)
+        return CheckReference(baseline.engine, baseline.nominal, mapped, instance)
+    return CheckReference(None if engine is None else resolve_engine(engine), None, mapped, instance)
 
 
 def _shown(file: str) -> str:
     return "<stdin>" if file == "-" else file
 
 
-def _recording(file: str, against: Against) -> FileCheck:
+def _recording(file: str, against: CheckReference) -> FileCheck:
     """Check a recording, for each engine in it. Raises DataError."""
-    from enginediag_cli.intake.acceptance import accepted
+    from enginediag_cli.intake.acceptance import check_file
     from enginediag_cli.report.tables.recordings import acceptance_rows
 
     rows: list[Row] = []
     lines: list[tuple[str, str]] = []
-    for report in accepted(file, against):
+    for report in check_file(file, against):
         rows += acceptance_rows(report)
         lines += _page(report)
     return FileCheck(_shown(file), tuple(rows), tuple(lines))
 
 
-def _page(report: Accepted) -> Iterator[tuple[str, str]]:
+def _page(report: CheckedFile) -> Iterator[tuple[str, str]]:
     """Describe a recording in words; what prevents its judgement is an error."""
     from enginediag_cli.report.tables.recordings import PROBLEM, headline, remarks
 
@@ -292,10 +292,10 @@ def _unusable(file: str, error: EngineDiagError) -> FileCheck:
 
 def _repeated(recordings: Sequence[str]) -> Iterator[FileCheck]:
     """Warn about identical files, which every other verb refuses together."""
-    from enginediag_cli.intake.selection import refuse_repeated
+    from enginediag_cli.intake.selection import refuse_duplicates
 
     try:
-        refuse_repeated(recordings)
+        refuse_duplicates(recordings)
     except DataError as error:
         row = {"file": recordings[0], "ok": True, "level": "warning", "about": "repeated", "problem": str(error)}
         yield FileCheck("", (row,), (("warning", str(error)),))
@@ -333,10 +333,10 @@ class RecorderDraft:
 
     def save(self, path: str | Path) -> None:
         """Write the YAML, completely or not at all; ``-`` is standard output. Raises DataError."""
-        from enginediag_cli.recordings.write import output
+        from enginediag_cli.recordings.write import open_output
 
         try:
-            with output(str(path)) as stream:
+            with open_output(str(path)) as stream:
                 stream.write(self.text)
         except OSError as error:
             raise DataError(f"{path}: {error.strerror or error}") from error
@@ -362,11 +362,11 @@ def draft_recorder(file: str | Path, *, engine: EngineLike | None = None) -> Rec
     ------
     ConfigError, DataError
     """
-    from enginediag_cli.recordings.draft import draft
+    from enginediag_cli.recordings.draft import make_draft
     from enginediag_cli.recordings.sniff import sniff
 
     model = None if engine is None else resolve_engine(engine)
-    found = draft(sniff(str(file)), None if model is None else _engine_columns(model))
+    found = make_draft(sniff(str(file)), None if model is None else _engine_columns(model))
     return RecorderDraft(found, "" if model is None else model.path)
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from enginediag_cli.identification.identify import Identification
     from enginediag_cli.identification.nominal import Estimate, Nominal
     from enginediag_cli.identification.problem import TrainingRecording
-    from enginediag_cli.intake.selection import Baseline, Source
+    from enginediag_cli.intake.selection import NominalBaseline, RecordingSource
 
 __all__ = ["IdentificationResult", "identify"]
 
@@ -157,7 +157,7 @@ class IdentificationResult(Result):
         folder = "." if path == "-" else os.path.dirname(path) or "."
         return Path(os.path.relpath(self._described.file, folder)).as_posix()
 
-    def baseline(self) -> Baseline:
+    def baseline(self) -> NominalBaseline:
         """Nominal state and engine, as other verbs read them from the nominal file.
 
         Returns
@@ -172,7 +172,7 @@ class IdentificationResult(Result):
         return self._baseline
 
     @cached_property
-    def _baseline(self) -> Baseline:
+    def _baseline(self) -> NominalBaseline:
         import tempfile
 
         from enginediag_cli.identification.nominal_file import write_nominal
@@ -312,23 +312,23 @@ def identify(
 
 
 def _training(
-    engine: Engine, source: Source, choices: TrainingChoices, messages: Messages
+    engine: Engine, source: RecordingSource, choices: TrainingChoices, messages: Messages
 ) -> tuple[list[TrainingRecording], tuple[str, ...]]:
     """Read the recordings to fit; return them with the columns of excluded probes."""
     from enginediag_cli.identification.probes import without_probes, wrong_probes
     from enginediag_cli.identification.problem import without_repeats
-    from enginediag_cli.intake.agreement import agreement_with_engine
-    from enginediag_cli.intake.loader import MOST, Intake, Thinning, whole_flights
-    from enginediag_cli.intake.selection import columns_of
+    from enginediag_cli.intake.agreement import check_against_engine
+    from enginediag_cli.intake.loader import MOST, RecordingLoader, Thinning, load_flights
+    from enginediag_cli.intake.selection import required_columns
     from enginediag_cli.report.tables.identification import probe_lines, repeat_lines
     from enginediag_cli.report.tables.recordings import report_excluded, report_mismatches, report_thinning
 
-    agreement = agreement_with_engine(engine)
-    intake = Intake(source, columns_of(engine, past=True), agreement=agreement)
+    agreement = check_against_engine(engine)
+    intake = RecordingLoader(source, required_columns(engine, past=True), agreement=agreement)
     thinning = Thinning(0 if choices.first else MOST)
-    training = [flight.recording for flight in whole_flights(intake, thinning)]
+    training = [flight.recording for flight in load_flights(intake, thinning)]
     report_thinning(messages, thinning)
-    report_excluded(messages, intake.left_out)
+    report_excluded(messages, intake.excluded)
     report_mismatches(messages, intake.mismatches)
     training, repeats = without_repeats(training, (*engine.inputs, *engine.sensors))
     for line in repeat_lines(repeats):
@@ -356,18 +356,18 @@ def _refusal(fit: Identification, allow_bounds: bool, accept_mismatch: bool) -> 
     return ""
 
 
-def _provenance(source: Source, notes: Mapping[str, str]) -> dict[str, str]:
+def _provenance(source: RecordingSource, notes: Mapping[str, str]) -> dict[str, str]:
     """Return the version and every choice behind a nominal file, files by name and hash but without folder."""
     import os
 
     from enginediag_cli import __version__
-    from enginediag_cli.recordings.provenance import besides, sha256_of
+    from enginediag_cli.recordings.provenance import current_notes, file_sha256
 
     made = {"enginediag": __version__}
     for number, path in enumerate(source.files, start=1):
         made[f"recording {number}"] = (
-            "stdin" if path == "-" else f"{os.path.basename(path)} sha256:{sha256_of(path)[:16]}"
+            "stdin" if path == "-" else f"{os.path.basename(path)} sha256:{file_sha256(path)[:16]}"
         )
     if source.recorder:
-        made["recorder"] = f"{os.path.basename(source.recorder)} sha256:{sha256_of(source.recorder)[:16]}"
-    return {**made, **besides(), **source.notes, **notes}
+        made["recorder"] = f"{os.path.basename(source.recorder)} sha256:{file_sha256(source.recorder)[:16]}"
+    return {**made, **current_notes(), **source.notes, **notes}

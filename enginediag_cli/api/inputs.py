@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from enginediag_cli.api.results import MessageLog, Result, frame
 from enginediag_cli.errors import DataError, UsageError
-from enginediag_cli.intake.selection import Baseline, Source
+from enginediag_cli.intake.selection import NominalBaseline, RecordingSource
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.shipped import own_or_shipped
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from enginediag_cli.engine.engine import Engine
-    from enginediag_cli.intake.loader import Intake
+    from enginediag_cli.intake.loader import RecordingLoader
     from enginediag_cli.report.tables import Table
     from enginediag_cli.residuals.files import JudgedFiles, Judging
     from enginediag_cli.residuals.monitor import Monitor
@@ -32,7 +32,7 @@ IN_MEMORY = "recording.csv"
 
 
 @dataclass(frozen=True)
-class Recordings(Source):
+class Recordings(RecordingSource):
     """Recordings of one or several engines, by their files.
 
     Attributes
@@ -119,7 +119,7 @@ def load_engine(path: str | Path) -> Engine:
 
 def load_nominal(
     path: str | Path, *, engine: str | Path | None = None, accept_changed_engine: bool = False
-) -> Baseline:
+) -> NominalBaseline:
     """Load a nominal state and its engine.
 
     Parameters
@@ -198,9 +198,9 @@ def resolve_engine(engine: EngineLike) -> Engine:
     return found
 
 
-def resolve_recordings(recordings: RecordingsLike) -> Source:
+def resolve_recordings(recordings: RecordingsLike) -> RecordingSource:
     """Return the recordings of an argument."""
-    if isinstance(recordings, Source):
+    if isinstance(recordings, RecordingSource):
         return recordings
     if isinstance(recordings, (str, Path, Mapping, Result)) or hasattr(recordings, "columns"):
         return read_recordings(recordings)
@@ -209,13 +209,15 @@ def resolve_recordings(recordings: RecordingsLike) -> Source:
     return read_recordings(*recordings)
 
 
-def resolve_baseline(nominal: NominalLike, *, accept_changed_engine: bool = False) -> Baseline | None:
+def resolve_baseline(nominal: NominalLike, *, accept_changed_engine: bool = False) -> NominalBaseline | None:
     """Return the nominal state of an argument, its engine as if it had just been loaded; None stays None."""
     if nominal is None:
         return None
     if isinstance(nominal, (str, Path)):
         return load_nominal(nominal, accept_changed_engine=accept_changed_engine)
-    found: Baseline = nominal if isinstance(nominal, Baseline) else nominal.baseline()  # a result of `identify`
+    found: NominalBaseline = (
+        nominal if isinstance(nominal, NominalBaseline) else nominal.baseline()
+    )  # a result of `identify`
     resolve_engine(found.engine)
     return found
 
@@ -324,7 +326,7 @@ class WindowOptions:
             raise UsageError(f"--window, --step: {error}") from None
         return Judging(plan, self.linearise, self.reference, self.last, self.model_error)
 
-    def set_by_user(self, source: Source) -> dict[str, bool]:
+    def set_by_user(self, source: RecordingSource) -> dict[str, bool]:
         """Return which choices were made that statistics would ignore."""
         if self.chosen is not None:
             return dict(self.chosen)
@@ -337,14 +339,14 @@ class WindowOptions:
 class Comparison:
     """Recordings and the nominal state to compare them with, None for statistics alone."""
 
-    source: Source
+    source: RecordingSource
     given: NominalLike
     options: WindowOptions
     judging: Judging
     messages: Messages
 
     @cached_property
-    def baseline(self) -> Baseline | None:
+    def baseline(self) -> NominalBaseline | None:
         """Nominal state and engine, read when they are first needed."""
         return resolve_baseline(self.given, accept_changed_engine=self.options.accept_changed_engine)
 
@@ -401,7 +403,7 @@ class Comparison:
         self,
         command: str,
         table: Table,
-        intake: Intake,
+        intake: RecordingLoader,
         notes: Mapping[str, str],
         *,
         configs: Sequence[str] = (),
@@ -429,17 +431,17 @@ def compare(
     return Comparison(source, nominal, options, judging, messages if messages is not None else MessageLog())
 
 
-def open_intake(source: Source, monitor: Monitor | None) -> Intake:
+def open_intake(source: RecordingSource, monitor: Monitor | None) -> RecordingLoader:
     """Open the recordings with the columns of the monitor's engine; without a monitor, statistics alone."""
-    from enginediag_cli.intake.loader import Intake
-    from enginediag_cli.intake.selection import columns_of
+    from enginediag_cli.intake.loader import RecordingLoader
+    from enginediag_cli.intake.selection import required_columns
 
     if monitor is None:
-        return Intake(source, None, keep_going=True)
+        return RecordingLoader(source, None, keep_going=True)
     from enginediag_cli.residuals.monitor import agreement_with
 
-    wanted = columns_of(monitor.engine, monitor.sensors)
-    return Intake(source, wanted, agreement=agreement_with(monitor), keep_going=True)
+    wanted = required_columns(monitor.engine, monitor.sensors)
+    return RecordingLoader(source, wanted, agreement=agreement_with(monitor), keep_going=True)
 
 
 def report_exclusions(messages: Messages, files: JudgedFiles) -> None:
@@ -450,7 +452,7 @@ def report_exclusions(messages: Messages, files: JudgedFiles) -> None:
     report_mismatches(messages, files.intake.mismatches)
     for file, reason in files.intake.unread.items():
         messages.error(f"not read to its end, the other files are judged: {reason}", file=file)
-    report_excluded(messages, files.intake.left_out, files.counts, files.elsewhere)
+    report_excluded(messages, files.intake.excluded, files.counts, files.elsewhere)
     if files.ledger.repeated:
         messages.warning(f"{count(files.ledger.repeated, 'row')} of statistics given twice, and counted once")
     if files.ledger.overlapping:

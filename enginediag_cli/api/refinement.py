@@ -287,13 +287,13 @@ class RefineResult(DocumentResult):
         import os
 
         from enginediag_cli import __version__
-        from enginediag_cli.recordings.provenance import besides, sha256_of
+        from enginediag_cli.recordings.provenance import current_notes, file_sha256
 
         data = ", ".join(
-            "standard input" if p == "-" else f"{os.path.basename(p)} sha256:{sha256_of(p)[:16]}"
+            "standard input" if p == "-" else f"{os.path.basename(p)} sha256:{file_sha256(p)[:16]}"
             for p in self._inquiry.case.source.files
         )
-        command = self._choices.command + "".join(f", {key} {text}" for key, text in besides().items())
+        command = self._choices.command + "".join(f", {key} {text}" for key, text in current_notes().items())
         fitted = len(self.evidence.flights) - len(self._unseen)
         return (
             f"enginediag {__version__} {command}; fitted to {fitted} flights of {data}, "

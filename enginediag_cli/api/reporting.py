@@ -14,7 +14,7 @@ from enginediag_cli.errors import DataError, UsageError
 from enginediag_cli.report.messages import Messages
 
 if TYPE_CHECKING:
-    from enginediag_cli.intake.selection import Source
+    from enginediag_cli.intake.selection import RecordingSource
     from enginediag_cli.report.evidence import ReportEvidence
     from enginediag_cli.report.result_files import ResultFile
 
@@ -37,9 +37,9 @@ class ReportPage:
 
     def save(self, path: str | Path) -> None:
         """Write the page, completely or not at all; ``-`` is standard output. Raises OSError."""
-        from enginediag_cli.recordings.write import output
+        from enginediag_cli.recordings.write import open_output
 
-        with output(str(path)) as stream:
+        with open_output(str(path)) as stream:
             stream.write(self.html)
 
     def _repr_html_(self) -> str:
@@ -111,7 +111,7 @@ def _results(comparison: Comparison) -> tuple[list[ResultFile], list[str]]:
     """Read the results, with reasons for unreadable files. Raises DataError if none can be read."""
     from enginediag_cli.report.result_files import read_result
 
-    source: Source = comparison.source
+    source: RecordingSource = comparison.source
     results, unreadable = [], []
     for path in source.files:
         try:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
     from enginediag_cli.faults.catalogue import FaultSet
     from enginediag_cli.report.output import Output
-    from enginediag_cli.simulation.flights import Conditions
+    from enginediag_cli.simulation.flights import FlightConditions
     from enginediag_cli.simulation.noise import ColumnNoise
     from enginediag_cli.simulation.simulate import Simulated
 
@@ -69,7 +69,7 @@ class SimulationChoices:
 
     def flown(
         self, engine: Engine, rng: np.random.Generator
-    ) -> tuple[Conditions, dict[str, ColumnNoise], tuple[str, ...]]:
+    ) -> tuple[FlightConditions, dict[str, ColumnNoise], tuple[str, ...]]:
         """Return operating conditions, noise of each column, and provenance of the conditions."""
         from enginediag_cli.config.kinds import load_checked
         from enginediag_cli.errors import Mark
@@ -90,16 +90,16 @@ class SimulationChoices:
         given = generate_flights(plan, engine, rng, **counts)
         return given, column_noise(KINDS[kind] if kind else plan["noise"], engine, mark), ()
 
-    def _recorded(self, engine: Engine) -> tuple[Conditions, tuple[str, ...]]:
+    def _recorded(self, engine: Engine) -> tuple[FlightConditions, tuple[str, ...]]:
         """Read conditions record by record, and their provenance."""
         from enginediag_cli.recordings.read import read_all
-        from enginediag_cli.simulation.simulate import conditions_of
+        from enginediag_cli.simulation.simulate import to_conditions
 
         source = resolve_recordings(self.conditions)
         if len(source.files) != 1:
             raise UsageError(f"--conditions is one recording, not {len(source.files)}")
         recording = read_all(source.files[0], declared=(*engine.inputs, *engine.optional_inputs))
-        given = conditions_of(recording)
+        given = to_conditions(recording)
         return given if self.records is None else given.slice(0, self.records), recording.provenance
 
 
@@ -116,12 +116,12 @@ class SimulationResult(Result):
 
         from enginediag_cli.recordings.provenance import header_lines
         from enginediag_cli.report.tables import output
-        from enginediag_cli.simulation.simulate import moves, simulate_in_chunks, told_states
+        from enginediag_cli.simulation.simulate import describe_states, is_dynamic, simulate_in_chunks
 
         flying, noisy = (np.random.default_rng([choices.seed, stream]) for stream in (0, 1))
         given, noise, inherited = choices.flown(engine, flying)
         self.engine, self.records = engine, len(given)
-        self._states = told_states(engine) if not choices.steady and moves(engine, given) else None
+        self._states = describe_states(engine) if not choices.steady and is_dynamic(engine, given) else None
         made = {"noise": choices.noise, "flights": choices.flights, "records": choices.records, "states": self._states}
         notes = {"engine": engine.name, **{key: str(value) for key, value in made.items() if value is not None}}
         flight = [] if choices.flight is None else [str(own_or_shipped(choices.flight))]
@@ -174,7 +174,7 @@ class SimulationResult(Result):
     def _compute(self) -> Iterator[Row]:
         return _rows(self.pieces())
 
-    def _warn_outside(self, given: Conditions) -> None:
+    def _warn_outside(self, given: FlightConditions) -> None:
         from enginediag_cli.simulation.flights import outside_envelope
 
         engine = self.engine
@@ -267,26 +267,26 @@ class SimulationResult(Result):
         """Write the recording to an output, and the truth beside it, piece by piece. Raises DataError, OSError."""
         from itertools import chain
 
-        from enginediag_cli.recordings.write import recording_output
+        from enginediag_cli.recordings.write import open_recording_output
         from enginediag_cli.report.output import RECORDING_FORMATS
-        from enginediag_cli.simulation.simulate import recording_of
+        from enginediag_cli.simulation.simulate import to_recording
 
         head = self.provenance if output.header else ()
         pieces = self.pieces()
         first = next(pieces)  # an error in the first piece leaves no output behind
         with ExitStack() as files:
-            hidden = files.enter_context(recording_output(truth, head)) if truth else None
+            hidden = files.enter_context(open_recording_output(truth, head)) if truth else None
 
             def both() -> Iterator[Simulated]:
                 for piece in chain([first], pieces):
                     if hidden is not None:
-                        hidden.write(recording_of(piece.truth))
+                        hidden.write(to_recording(piece.truth))
                     yield piece
 
             if output.chosen_format() in RECORDING_FORMATS and not output.columns:
                 writer = files.enter_context(output.open_recording(head))
                 for piece in both():
-                    writer.write(recording_of(piece.columns))
+                    writer.write(to_recording(piece.columns))
                 return
             names = tuple(first.columns)
             output.write_rows(_rows(both()), names, summary=(*self.summary_columns, *names), provenance=head)

@@ -43,7 +43,7 @@ from enginediag_cli.detection.sequential import (
     tails,
 )
 from enginediag_cli.detection.verdict import LEAST_SENSORS, LackOfFit, lifeless, one_channel_decides, too_few, too_still
-from enginediag_cli.intake.loader import GrossCounts, Intake, LeftOut, live_chunks
+from enginediag_cli.intake.loader import ExcludedData, GrossCounts, RecordingLoader, follow_chunks
 from enginediag_cli.recordings.repeated import StuckRun
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.gross_errors import FEWEST, UNRELATED, brief_departures
@@ -501,7 +501,7 @@ class Following:
     seconds has ended. false_alarm: probability of an alarm in the whole of a healthy flight. `counts`: of records
     that were not judged, by what became of them."""
 
-    intake: Intake
+    intake: RecordingLoader
     monitor: Monitor
     false_alarm: float
     block: int = BLOCK
@@ -512,7 +512,7 @@ class Following:
     def reports(self) -> Iterator[BlockReport]:
         """One report per block of each flight, as soon as its records are there."""
         flights: dict[Key, FlightMonitor] = {}
-        for chunk in live_chunks(self.intake, self.block, self.idle_s):
+        for chunk in follow_chunks(self.intake, self.block, self.idle_s):
             for key, rows in group_rows(chunk):
                 flight = flights.pop(key, None) or FlightMonitor(self.monitor, key, self.false_alarm)
                 flights[key] = flight  # the latest is the last
@@ -530,10 +530,10 @@ class Following:
         for flight in flights.values():
             yield from self._finished(flight)
 
-    def _left_out(self, key: Key) -> LeftOut:
+    def _left_out(self, key: Key) -> ExcludedData:
         """What was left out of the file of a flight."""
-        of_file = [left for left in self.intake.left_out if left.file == key[0]]
-        return (of_file or self.intake.left_out)[-1]
+        of_file = [left for left in self.intake.excluded if left.file == key[0]]
+        return (of_file or self.intake.excluded)[-1]
 
     def _finished(self, flight: FlightMonitor) -> Iterator[BlockReport]:
         """The end of a flight. What was rejected is counted where it is reported: files come in turn, each with one

@@ -25,12 +25,12 @@ from enginediag_cli.errors import DataError, EngineDiagError, NoVerdictError
 from enginediag_cli.fleets.fleet_file import Build, Fleet, FleetBaseline, FleetRecording, natural_order
 from enginediag_cli.fleets.store import NOMINALS, RECORDINGS, CondensingSettings, FleetStore
 from enginediag_cli.identification.problem import TrainingRecording, training_recordings
-from enginediag_cli.intake.agreement import Agreement, agreement_with_engine
-from enginediag_cli.intake.loader import Intake
-from enginediag_cli.intake.selection import Source, Wanted, columns_of
-from enginediag_cli.recordings.provenance import sha256_of
+from enginediag_cli.intake.agreement import AgreementCheck, check_against_engine
+from enginediag_cli.intake.loader import RecordingLoader
+from enginediag_cli.intake.selection import RecordingSource, RequiredColumns, required_columns
+from enginediag_cli.recordings.provenance import file_sha256
 from enginediag_cli.recordings.table import Recording, concat
-from enginediag_cli.recordings.write import binary_output
+from enginediag_cli.recordings.write import open_binary_output
 from enginediag_cli.residuals.windows import group_rows
 
 if TYPE_CHECKING:
@@ -56,8 +56,15 @@ def model_key(fleet: Fleet, build: Build) -> str:
     """Of what the common model of a build is asked to be: its engine, recorder, baseline and settings, but not which
     recordings there are, for a fleet that flew on is held against the model that it had."""
     assert build.engine is not None
-    recorder = sha256_of(build.recorder) if build.recorder else ""
-    told = (__version__, sha256_of(build.engine), recorder, fleet.baseline, sorted(fleet.identify.items()), build.name)
+    recorder = file_sha256(build.recorder) if build.recorder else ""
+    told = (
+        __version__,
+        file_sha256(build.engine),
+        recorder,
+        fleet.baseline,
+        sorted(fleet.identify.items()),
+        build.name,
+    )
     return hashlib.sha256("\n".join(map(str, told)).encode()).hexdigest()[:32]
 
 
@@ -76,7 +83,7 @@ def identify_common(fleet: Fleet, build: Build, recordings: Sequence[FleetRecord
     assert build.engine is not None
     engine = load_engine(build.engine)
     described = EngineDescription.from_engine_file(str(build.engine), engine.declared)
-    wanted, agreement = columns_of(engine, past=True), agreement_with_engine(engine)
+    wanted, agreement = required_columns(engine, past=True), check_against_engine(engine)
     early = _choose_lives(_early_lives(fleet, build, recordings, wanted, agreement), fleet.identify)
     training = [recording for life in early for recording in life.training()]
     if not training:
@@ -160,7 +167,11 @@ class _EarlyLife:
 
 
 def _early_lives(
-    fleet: Fleet, build: Build, recordings: Sequence[FleetRecording], wanted: Wanted, agreement: Agreement | None
+    fleet: Fleet,
+    build: Build,
+    recordings: Sequence[FleetRecording],
+    wanted: RequiredColumns,
+    agreement: AgreementCheck | None,
 ) -> list[_EarlyLife]:
     """Early lives of engines, no more recordings read than are needed for the number that is asked for; those that
     cannot be of the engine take no part. Raises DataError where none can."""
@@ -171,8 +182,8 @@ def _early_lives(
         if not recorded.serial and sum(life.full for life in lives.values()) >= most:
             break
         recorder = str(build.recorder) if build.recorder else None
-        source = Source((recorded.path,), recorder, accept_mismatch=fleet.accept_mismatch)
-        intake = Intake(source, wanted, fleet=True, agreement=agreement)
+        source = RecordingSource((recorded.path,), recorder, accept_mismatch=fleet.accept_mismatch)
+        intake = RecordingLoader(source, wanted, fleet=True, agreement=agreement)
         try:
             for key, part in _flight_parts(intake, recorded):
                 life = lives.setdefault(key[2], _EarlyLife(key[2]))
@@ -195,7 +206,9 @@ def _choose_recordings(recordings: Sequence[FleetRecording], most: int) -> list[
     return [r for r in recordings if r.serial in chosen]
 
 
-def _flight_parts(intake: Intake, recorded: FleetRecording) -> Iterator[tuple[tuple[str, str, str], Recording]]:
+def _flight_parts(
+    intake: RecordingLoader, recorded: FleetRecording
+) -> Iterator[tuple[tuple[str, str, str], Recording]]:
     """((file, flight, serial number), records) of each flight in each chunk."""
     for chunk in intake.chunks():
         for (_, flight, engine), rows in group_rows(chunk):
@@ -249,9 +262,9 @@ def build_model(fleet: Fleet, build: Build, recordings: Sequence[FleetRecording]
 
 def condensing_settings(fleet: Fleet, build: Build, nominal: Path) -> CondensingSettings:
     """How recordings of a build are condensed."""
-    fingerprint = sha256_of(nominal)
+    fingerprint = file_sha256(nominal)
     recorder = os.path.abspath(build.recorder) if build.recorder else ""
-    digest = sha256_of(recorder) if recorder else ""
+    digest = file_sha256(recorder) if recorder else ""
     linearise = str(fleet.judge["linearise"])
     accepted = fleet.accept_mismatch
     return CondensingSettings(os.path.abspath(nominal), fingerprint, recorder, digest, fleet.plan, linearise, accepted)
@@ -284,7 +297,7 @@ def store_status(fleet: Fleet, recordings: Sequence[FleetRecording], store: Flee
     known = []
     for recorded in recordings:
         making = makings[recorded.build]
-        key = making.key(sha256_of(recorded.path)) if making is not None and not recorded.trouble else ""
+        key = making.key(file_sha256(recorded.path)) if making is not None and not recorded.trouble else ""
         known.append((recorded, key if key in there else ""))
     others = sorted(there - {key for _, key in known})
     return StoreStatus(
@@ -337,14 +350,14 @@ def merge_stores(into: FleetStore, other: FleetStore) -> MergeCounts:
         if not mine.exists():
             _copy_file(path, mine)
             models += 1
-        elif sha256_of(mine) != sha256_of(path):
+        elif file_sha256(mine) != file_sha256(path):
             differ.append(path.stem)
     return MergeCounts(copied, there, tuple(damaged), models, tuple(differ))
 
 
 def _copy_file(source: Path, target: Path) -> None:
     target.parent.mkdir(parents=True, exist_ok=True)
-    with open(source, "rb") as given, binary_output(target) as stream:
+    with open(source, "rb") as given, open_binary_output(target) as stream:
         shutil.copyfileobj(given, stream)
 
 

@@ -37,14 +37,14 @@ import numpy as np
 
 from enginediag_cli import __version__
 from enginediag_cli.errors import DataError, EngineDiagError
-from enginediag_cli.intake.loader import GrossCounts, Intake, LeftOut
-from enginediag_cli.intake.selection import Source, columns_of
+from enginediag_cli.intake.loader import ExcludedData, GrossCounts, RecordingLoader
+from enginediag_cli.intake.selection import RecordingSource, required_columns
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.recordings.provenance import sha256_of
+from enginediag_cli.recordings.provenance import file_sha256
 from enginediag_cli.recordings.repeated import StuckRun
 from enginediag_cli.recordings.steady import GateReport
-from enginediag_cli.recordings.table import Absent, ReadingCounts, Recording
-from enginediag_cli.recordings.write import binary_output
+from enginediag_cli.recordings.table import MissingColumn, ReadingCounts, Recording
+from enginediag_cli.recordings.write import open_binary_output
 from enginediag_cli.residuals.gross_gate import GrossErrorGate
 from enginediag_cli.residuals.instruments import InstrumentFault
 from enginediag_cli.residuals.monitor import Monitor, agreement_with
@@ -82,7 +82,7 @@ class Condensed:
     sha256: str
     parts: tuple[CondensedPart, ...]
     counts: Mapping[str, int] = field(default_factory=dict)
-    left_out: tuple[LeftOut, ...] = ()
+    left_out: tuple[ExcludedData, ...] = ()
 
 
 class CondensedWriter:
@@ -175,17 +175,17 @@ class CondensedReader:
             yield _window(texts, k, row, (both[0][k], both[1][k]), (source, engine), meaning)
 
 
-def _excluded_to_mapping(left: LeftOut) -> dict[str, Any]:
+def _excluded_to_mapping(left: ExcludedData) -> dict[str, Any]:
     """What was left out without the name of its file, which may change."""
     return {**asdict(left), "file": ""}
 
 
-def _excluded_from_mapping(told: Mapping[str, Any]) -> LeftOut:
+def _excluded_from_mapping(told: Mapping[str, Any]) -> ExcludedData:
     gate = None if told["gate"] is None else GateReport(**told["gate"])
     reading = ReadingCounts(**told.get("reading", {}))
-    absent, gross = tuple(Absent(**a) for a in told["absent"]), GrossCounts(**told.get("gross", {}))
+    absent, gross = tuple(MissingColumn(**a) for a in told["absent"]), GrossCounts(**told.get("gross", {}))
     stuck = [StuckRun(**run) for run in told.get("stuck", ())]
-    return LeftOut(**{**told, "gate": gate, "absent": absent, "reading": reading, "gross": gross, "stuck": stuck})
+    return ExcludedData(**{**told, "gate": gate, "absent": absent, "reading": reading, "gross": gross, "stuck": stuck})
 
 
 def _columns(conditions: int, p: int) -> dict[str, slice]:
@@ -317,7 +317,7 @@ class FleetStore:
         """A writer of this key's file, which is there once the block has ended well. Raises OSError."""
         path = self.path(key)
         path.parent.mkdir(parents=True, exist_ok=True)
-        with binary_output(path) as stream:
+        with open_binary_output(path) as stream:
             writer = CondensedWriter(stream)
             try:
                 yield writer
@@ -403,7 +403,7 @@ def condense(task: CondenseTask) -> tuple[CondenseOutcome, ...]:
     again: dict[str, str] = {}
     for path in task.paths:
         try:
-            sha256 = sha256_of(path)
+            sha256 = file_sha256(path)
         except OSError as error:
             found[path] = CondenseOutcome(path, trouble=f"cannot be read: {(error.strerror or str(error)).lower()}")
             continue
@@ -438,9 +438,9 @@ def _condense_together(
     making: CondensingSettings, store: FleetStore, todo: dict[str, str]
 ) -> dict[str, CondenseOutcome]:
     monitor = series_monitor(making.nominal, making.fingerprint)
-    wanted = columns_of(monitor.engine, monitor.sensors)
-    source = Source(tuple(todo), making.recorder or None, accept_mismatch=making.accept_mismatch)
-    intake = Intake(source, wanted, fleet=True, agreement=agreement_with(monitor))
+    wanted = required_columns(monitor.engine, monitor.sensors)
+    source = RecordingSource(tuple(todo), making.recorder or None, accept_mismatch=making.accept_mismatch)
+    intake = RecordingLoader(source, wanted, fleet=True, agreement=agreement_with(monitor))
     found: dict[str, CondenseOutcome] = {}
     with ExitStack() as stack:
         keeping = {
@@ -456,12 +456,12 @@ def _condense_together(
             condense=partial(monitored_as_read, monitor),
         )
         for window in windows:
-            mine = (left for left in intake.left_out if left.file == window.source)
+            mine = (left for left in intake.excluded if left.file == window.source)
             masked = [run for left in mine if left.engine in ("", window.engine) for run in left.stuck]
             keeping[window.source].take(gate.judged(window, masked))
-        gate.report(intake.left_out)
+        gate.report(intake.excluded)
         for path, kept in keeping.items():
-            left_out = tuple(left for left in intake.left_out if left.file == path)
+            left_out = tuple(left for left in intake.excluded if left.file == path)
             found[path] = CondenseOutcome(path, kept.close(left_out), fresh=True)
     return found
 
@@ -482,7 +482,7 @@ def whole_monitor(nominal: str, fingerprint: str) -> Monitor:
     return of_series(monitor_of(open_baseline(nominal), sensors=True))
 
 
-def _chunks(intake: Intake) -> Iterator[Recording]:
+def _chunks(intake: RecordingLoader) -> Iterator[Recording]:
     """Masked chunks of all files, each named by its whole path: two folders may hold recordings of one name."""
     for file in intake.files():
         for chunk in file.masked():
@@ -509,7 +509,7 @@ class _RecordingWriter:
         self._parts += [self._writer.add(engine, windows) for engine, windows in self._waiting.items()]
         self._waiting = {}
 
-    def close(self, left_out: Sequence[LeftOut]) -> Condensed:
+    def close(self, left_out: Sequence[ExcludedData]) -> Condensed:
         self._flush()
         whole = Condensed(self._key, self._sha256, tuple(self._parts), dict(self._counts), tuple(left_out))
         self._writer.close(whole)

@@ -350,7 +350,7 @@ def write_nominal(nominal: Nominal, path: str | Path) -> None:
     """Write the file completely or not at all. Raises OSError, NoVerdictError for a state that could not be read."""
     from enginediag_cli.config.document import parse_document
     from enginediag_cli.config.kinds import check_document
-    from enginediag_cli.recordings.write import output
+    from enginediag_cli.recordings.write import open_output
 
     text = format_nominal(nominal)
     try:
@@ -358,7 +358,7 @@ def write_nominal(nominal: Nominal, path: str | Path) -> None:
     except ConfigError as error:
         first = error.problems[0].message
         raise NoVerdictError(f"no nominal state: what was identified cannot be: {first}; nothing is written") from error
-    with output(path) as stream:
+    with open_output(path) as stream:
         stream.write(text)
 
 
@@ -379,9 +379,9 @@ def refuse_changed_engine(
 
     Raises ConfigError, at its line of the nominal file where that is given, when it is not accepted, and OSError.
     """
-    from enginediag_cli.recordings.provenance import sha256_of
+    from enginediag_cli.recordings.provenance import file_sha256
 
-    digest = sha256_of(engine_path)
+    digest = file_sha256(engine_path)
     if digest == nominal.engine_sha256:
         return ""
     if accept:

@@ -1,4 +1,4 @@
-"""The one door: recordings, recorder, engine and nominal state come in here, for every command and library user alike.
+"""Recordings, recorder, engine and nominal state come in here, for every command and library user alike.
 
-Nothing here knows of a terminal. What was masked, left out or missing is data (`LeftOut`), told by presentation.
+Nothing here knows of a terminal. What was masked, excluded or missing is data, reported by `report`.
 """

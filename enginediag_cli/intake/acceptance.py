@@ -2,7 +2,7 @@
 
 Switch columns: a valve, a bleed, an anti-ice command holds 0 or 1, or nothing.
 
-A recording held against an engine before anything is judged: what `detect` would find in it, and why not.
+A recording compared with an engine before anything is judged: what `detect` would find in it, and why not.
 
 Files are read, mapped and masked by the same rules as for judging (intake.py), but each at once: what is wrong with a
 file shows in the whole of it.
@@ -19,18 +19,25 @@ import numpy as np
 from enginediag_cli.errors import NoVerdictError
 from enginediag_cli.intake.agreement import (
     FEWEST,
-    Agreement,
-    Disagreement,
-    agreement_with_engine,
-    agreement_with_nominal,
+    AgreementCheck,
+    RecordingMismatch,
+    check_against_engine,
+    check_against_nominal,
 )
-from enginediag_cli.intake.loader import CHUNK, LeftOut, engines_wanted, judged_columns, named_rows, of_engine
-from enginediag_cli.intake.selection import Wanted, columns_of
-from enginediag_cli.recordings.masking import Judged, MaskCounts, Masker, mask_chunks, mask_recording
+from enginediag_cli.intake.loader import CHUNK, ExcludedData, choose_engines, engine_rows, masking_rules, select_engine
+from enginediag_cli.intake.selection import RequiredColumns, required_columns
+from enginediag_cli.recordings.masking import MaskCounts, MaskingRules, RecordMasker, mask_chunks, mask_recording
 from enginediag_cli.recordings.read import read
-from enginediag_cli.recordings.recorder import Conversion
-from enginediag_cli.recordings.repeated import frozen
-from enginediag_cli.recordings.table import Absent, FlightNumbers, ReadingCounts, Recording, absent_columns, concat
+from enginediag_cli.recordings.recorder import ColumnConversion
+from enginediag_cli.recordings.repeated import find_frozen
+from enginediag_cli.recordings.table import (
+    FlightNumbers,
+    MissingColumn,
+    ReadingCounts,
+    Recording,
+    concat,
+    find_missing_columns,
+)
 from enginediag_cli.recordings.unit_inference import UnitDoubt, unit_doubt
 from enginediag_cli.units import UNITS, find_unit, split_column
 
@@ -90,11 +97,11 @@ GAP = 3.5
 PLACES_SHOWN = 20
 """Stretches of a kind that are listed; further ones are counted."""
 
-Stretches = tuple["Stretch", ...]
+Stretches = tuple["TimeStretch", ...]
 
 
 @dataclass(frozen=True)
-class Stretch:
+class TimeStretch:
     """Records from a line to a line; amount: records of a frozen stretch, seconds of a gap or of a step back."""
 
     first_line: int
@@ -117,7 +124,7 @@ class Timing:
 
 
 @dataclass(frozen=True)
-class Acceptance:
+class RecordingCheck:
     """What a file holds of the `wanted` columns. numeric: columns of numbers but time (0 is not ok); timed: whether
     there is `time_s`, too; absent: those wanted that are not there, with a near match; empty: those there without a
     single reading."""
@@ -125,7 +132,7 @@ class Acceptance:
     records: int
     numeric: int
     found: tuple[str, ...]
-    absent: tuple[Absent, ...]
+    absent: tuple[MissingColumn, ...]
     empty: tuple[str, ...]
     units: tuple[UnitDoubt, ...]
     frozen: Stretches
@@ -140,13 +147,13 @@ class Acceptance:
         return self.records > 0 and self.numeric > 0 and bool(self.found or not self.absent)
 
 
-def accept(
+def check_recording(
     recording: Recording,
     inputs: Iterable[str] = (),
     sensors: Iterable[str] = (),
     switches: Iterable[str] = (),
-    judged: Judged | None = None,
-) -> Acceptance:
+    judged: MaskingRules | None = None,
+) -> RecordingCheck:
     """Look over a whole file of N records, before anything is masked, for the columns that an engine needs; without
     any, for all its columns of numbers. judged: how it will be masked, where that is known better than by its columns.
     """
@@ -154,15 +161,15 @@ def accept(
     inputs, sensors = list(inputs), list(sensors)
     wanted = [*inputs, *sensors] or numbers
     readings = [c for c in sensors or numbers if c in numbers and c not in inputs]
-    judged = judged or Judged(readings, [c for c in inputs if c in numbers])
-    masker = Masker(judged)
+    judged = judged or MaskingRules(readings, [c for c in inputs if c in numbers])
+    masker = RecordMasker(judged)
     for _ in mask_chunks([recording], masker):
         pass
-    return Acceptance(
+    return RecordingCheck(
         records=len(recording),
         numeric=len(numbers),
         found=tuple(c for c in wanted if c in numbers),
-        absent=absent_columns(wanted, recording.order),
+        absent=find_missing_columns(wanted, recording.order),
         empty=tuple(c for c in wanted if c in numbers and not np.isfinite(recording[c]).any()),
         units=tuple(d for c in wanted if c in numbers and (d := unit_doubt(c, recording[c])) is not None),
         frozen=_frozen_lines(recording, judged),
@@ -173,12 +180,12 @@ def accept(
     )
 
 
-def _frozen_lines(recording: Recording, judged: Judged) -> Stretches:
-    flights = FlightNumbers().of(recording)
-    mask = frozen(recording, flights, judged.sensors, judged.inputs, judged.settings.frozen_records)
+def _frozen_lines(recording: Recording, judged: MaskingRules) -> Stretches:
+    flights = FlightNumbers().numbers(recording)
+    mask = find_frozen(recording, flights, judged.sensors, judged.inputs, judged.settings.frozen_records)
     edges = np.flatnonzero(np.diff(np.r_[False, mask, False].astype(np.int8)))
     ends = [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-    return tuple(Stretch(int(recording.line[a]), int(recording.line[b]), float(b - a + 1)) for a, b in ends)
+    return tuple(TimeStretch(int(recording.line[a]), int(recording.line[b]), float(b - a + 1)) for a, b in ends)
 
 
 def _timing(recording: Recording, repeated: int) -> Timing:
@@ -186,7 +193,7 @@ def _timing(recording: Recording, repeated: int) -> Timing:
         return Timing()
     time, line = recording["time_s"], recording.line
     known = np.flatnonzero(np.isfinite(time))
-    flights = FlightNumbers().of(recording)[known]
+    flights = FlightNumbers().numbers(recording)[known]
     order = known[np.argsort(flights, kind="stable")]
     within = np.diff(np.sort(flights, kind="stable")) == 0
     step = np.diff(time[order])
@@ -197,7 +204,8 @@ def _timing(recording: Recording, repeated: int) -> Timing:
 
     def listed(places: np.ndarray) -> Stretches:
         return tuple(
-            Stretch(int(line[order[k]]), int(line[order[k + 1]]), float(abs(step[k]))) for k in places[:PLACES_SHOWN]
+            TimeStretch(int(line[order[k]]), int(line[order[k + 1]]), float(abs(step[k])))
+            for k in places[:PLACES_SHOWN]
         )
 
     lost = len(time) - len(known)
@@ -211,7 +219,7 @@ BEYOND = 0.5
 
 
 @dataclass(frozen=True)
-class Beyond:
+class InputExceedance:
     """One input outside the range identified in so many `records`: beyond `limit`, up to `farthest`, from `line` on."""
 
     column: str
@@ -230,14 +238,14 @@ class Coverage:
     records: int
     complete: int
     inside: int
-    beyond: tuple[Beyond, ...] = ()
+    beyond: tuple[InputExceedance, ...] = ()
     combination: int = 0
     known: bool = True
 
 
 @dataclass(frozen=True)
-class Accepted:
-    """What is known of one `file`, and one `engine` of it where they are told apart. text: columns of text; units:
+class CheckedFile:
+    """What is known of one `file`, and one `engine` of it where they are distinguished. text: columns of text; units:
     doubts by what readings usually are, where there is no engine to compare them with; wrong: why it cannot be of the
     engine, or in these units; coverage: None without an engine;
     refused: why the recorder kept no record at all; goes_on: there are more records than were looked over."""
@@ -245,17 +253,17 @@ class Accepted:
     file: str
     engine: str
     text: int
-    acceptance: Acceptance
-    left: LeftOut
-    wanted: Wanted | None = None
+    acceptance: RecordingCheck
+    left: ExcludedData
+    wanted: RequiredColumns | None = None
     units: tuple[UnitDoubt, ...] = ()
-    wrong: tuple[Disagreement, ...] = ()
+    wrong: tuple[RecordingMismatch, ...] = ()
     coverage: Coverage | None = None
     refused: str = ""
-    goes_on: bool = False
+    is_partial: bool = False
 
     @property
-    def lacks(self) -> tuple[str, ...]:
+    def missing_inputs(self) -> tuple[str, ...]:
         """Inputs without a column, or without a reading."""
         needed = self.wanted.inputs if self.wanted is not None else ()
         gone = {a.column for a in self.acceptance.absent} | set(self.acceptance.empty)
@@ -267,10 +275,12 @@ class Accepted:
         that is neither masked nor outside."""
         impossible = any(d.plausible for d in self.units) or bool(self.wrong)
         enough = (self.coverage is None or self.coverage.inside > 0) and not self.refused
-        return self.acceptance.usable and not self.lacks and not self.sensorless and not impossible and enough
+        return (
+            self.acceptance.usable and not self.missing_inputs and not self.lacks_sensors and not impossible and enough
+        )
 
     @property
-    def sensorless(self) -> bool:
+    def lacks_sensors(self) -> bool:
         """Whether none of the sensors has a reading."""
         if self.wanted is None:
             return False
@@ -279,26 +289,26 @@ class Accepted:
 
 
 @dataclass(frozen=True)
-class Against:
-    """What recordings are held against: nothing, an `engine`, or one with its `nominal` state; `recorder` maps them,
+class CheckReference:
+    """What recordings are compared with: nothing, an `engine`, or one with its `nominal` state; `recorder` maps them,
     `instance`: only this engine of them."""
 
     engine: Engine | None = None
     nominal: Nominal | None = None
     recorder: Recorder | None = None
     instance: str = ""
-    wanted: Wanted | None = field(init=False)
-    agreement: Agreement | None = field(init=False)
+    wanted: RequiredColumns | None = field(init=False)
+    agreement: AgreementCheck | None = field(init=False)
 
     def __post_init__(self) -> None:
         sensors = self.nominal.sensors if self.nominal is not None else None
-        wanted = columns_of(self.engine, sensors) if self.engine is not None else None
+        wanted = required_columns(self.engine, sensors) if self.engine is not None else None
         object.__setattr__(self, "wanted", wanted)
         agreement = None
         if self.engine is not None and self.nominal is not None:
-            agreement = agreement_with_nominal(self.engine, self.nominal)
+            agreement = check_against_nominal(self.engine, self.nominal)
         elif self.engine is not None:
-            agreement = agreement_with_engine(self.engine)
+            agreement = check_against_engine(self.engine)
         object.__setattr__(self, "agreement", agreement)
 
     @property
@@ -306,27 +316,27 @@ class Against:
         return self.engine.switches if self.engine is not None else ()
 
 
-def accepted(file: str, against: Against) -> Iterator[Accepted]:
-    """What is known of a file (`-`: standard input), once for each of its engines that the recorder tells apart.
+def check_file(file: str, against: CheckReference) -> Iterator[CheckedFile]:
+    """What is known of a file (`-`: standard input), once for each of its engines that the recorder distinguishes.
     Raises DataError for a file that cannot be read."""
     if against.recorder is not None:
         yield from _mapped(file, against, against.recorder)
         return
     wanted = against.wanted
-    left, counts = LeftOut(file), ReadingCounts()
+    left, counts = ExcludedData(file), ReadingCounts()
     chunks = read(file, declared=wanted.declared if wanted else (), chunk_records=CHUNK, counts=counts)
-    raw, goes_on = _looked_over(of_engine(chunks, against.instance))
+    raw, goes_on = _read_first_records(select_engine(chunks, against.instance))
     left.reading = counts
     if wanted is None:
-        yield replace(_held(file, against, accept(raw), raw, None, left), goes_on=goes_on)
+        yield replace(_check_masked(file, against, check_recording(raw), raw, None, left), is_partial=goes_on)
         return
-    judged = judged_columns(wanted, raw)
-    found = accept(raw, wanted.given, wanted.sensors, against.switches, judged)
+    judged = masking_rules(wanted, raw)
+    found = check_recording(raw, wanted.input_columns, wanted.sensors, against.switches, judged)
     clean, _ = mask_recording(raw, judged)
-    yield replace(_held(file, against, _without_optional(found, wanted), raw, clean, left), goes_on=goes_on)
+    yield replace(_check_masked(file, against, _without_optional(found, wanted), raw, clean, left), is_partial=goes_on)
 
 
-def _looked_over(chunks: Iterator[Recording]) -> tuple[Recording, bool]:
+def _read_first_records(chunks: Iterator[Recording]) -> tuple[Recording, bool]:
     """The first `MOST_CHECKED` records, and whether there are more."""
     held: list[Recording] = []
     for chunk in chunks:
@@ -336,22 +346,24 @@ def _looked_over(chunks: Iterator[Recording]) -> tuple[Recording, bool]:
     return concat(held), False
 
 
-def _without_optional(found: Acceptance, wanted: Wanted | None) -> Acceptance:
+def _without_optional(found: RecordingCheck, wanted: RequiredColumns | None) -> RecordingCheck:
     """Without the absent inputs that have a value which stands for "not recorded", unless one seems to be misspelt."""
     optional = wanted.optional if wanted is not None else ()
     return replace(found, absent=tuple(a for a in found.absent if a.near or a.column not in optional))
 
 
-def _mapped(file: str, against: Against, recorder: Recorder) -> Iterator[Accepted]:
+def _mapped(file: str, against: CheckReference, recorder: Recorder) -> Iterator[CheckedFile]:
     wanted = against.wanted
-    given = wanted.given if wanted is not None else ()
+    given = wanted.input_columns if wanted is not None else ()
     counts = ReadingCounts()
-    raw, goes_on = _looked_over(recorder.chunks(file, counts=counts))
-    for name in engines_wanted(recorder.engines, against.instance, file, fleet=True):
+    raw, goes_on = _read_first_records(recorder.chunks(file, counts=counts))
+    for name in choose_engines(recorder.engines, against.instance, file, fleet=True):
         one = replace(recorder, engines={name: recorder.engines[name]})
-        whole = one.derive(Conversion(one, name).add(raw, end=True))
-        found = accept(whole, given, wanted.sensors if wanted is not None else (), against.switches, one.judged(given))
-        left, refused = LeftOut(file, name), ""
+        whole = one.derive(ColumnConversion(one, name).add(raw, end=True))
+        found = check_recording(
+            whole, given, wanted.sensors if wanted is not None else (), against.switches, one.judged(given)
+        )
+        left, refused = ExcludedData(file, name), ""
         left.reading = counts
         try:
             mapped = next(one.map(raw, inputs=given))
@@ -360,31 +372,36 @@ def _mapped(file: str, against: Against, recorder: Recorder) -> Iterator[Accepte
         else:
             kept, left.gate = mapped.recording, mapped.gate
         if against.instance and name != against.instance:
-            kept = kept.select(named_rows(kept, against.instance))
-        report = _held(file, against, _without_optional(found, wanted), whole, kept, left)
-        yield replace(report, refused=refused, goes_on=goes_on)
+            kept = kept.select(engine_rows(kept, against.instance))
+        report = _check_masked(file, against, _without_optional(found, wanted), whole, kept, left)
+        yield replace(report, refused=refused, is_partial=goes_on)
 
 
-def _held(
-    file: str, against: Against, found: Acceptance, raw: Recording, clean: Recording | None, left: LeftOut | None = None
-) -> Accepted:
+def _check_masked(
+    file: str,
+    against: CheckReference,
+    found: RecordingCheck,
+    raw: Recording,
+    clean: Recording | None,
+    left: ExcludedData | None = None,
+) -> CheckedFile:
     """clean: what would be judged of the recording; None where nothing is known of what should be in it."""
-    left = left or LeftOut(file)
+    left = left or ExcludedData(file)
     left.records = len(raw)
-    left.masked(found.masks)
-    report = Accepted(file, left.engine, len(raw.text), found, left, against.wanted, found.units)
+    left.take_mask_counts(found.masks)
+    report = CheckedFile(file, left.engine, len(raw.text), found, left, against.wanted, found.units)
     engine, wanted = against.engine, against.wanted
-    if engine is None or wanted is None or clean is None or report.lacks or report.sensorless:
+    if engine is None or wanted is None or clean is None or report.missing_inputs or report.lacks_sensors:
         return report
     inputs = _inputs(engine, clean)
     read = [clean[c] for c in wanted.sensors if c in clean.columns]
     complete = np.all([np.isfinite(inputs[c]) for c in wanted.inputs], axis=0) & np.isfinite(read).any(axis=0)
     coverage, of_inputs = _coverage(against.nominal, inputs, complete, clean)
-    wrong: tuple[Disagreement, ...] = ()
+    wrong: tuple[RecordingMismatch, ...] = ()
     agreement = against.agreement
     if agreement is not None:
         steady = clean if left.gate is not None and len(clean) else raw
-        wrong = tuple(agreement.disagreements(steady, report.engine, against.recorder))
+        wrong = tuple(agreement.find_mismatches(steady, report.engine, against.recorder))
     # what readings usually are is no better known than by the model
     compared = agreement is not None and bool(complete.sum() >= FEWEST)
     units = () if compared else found.units
@@ -426,7 +443,7 @@ def _coverage(
         if rows.size:
             k = rows[int(np.argmax(over[rows, j]))]
             limit = envelope.high[j] if u[k, j] > envelope.high[j] else envelope.low[j]
-            beyond.append(Beyond(column, int(rows.size), float(limit), float(u[k, j]), int(lines[rows[0]])))
+            beyond.append(InputExceedance(column, int(rows.size), float(limit), float(u[k, j]), int(lines[rows[0]])))
     coverage = Coverage(n, m, int(m - outside.sum()), tuple(beyond), int((outside & (worst < 0)).sum()))
     doubts = (_input_doubt(c, u[:, j], nominal, j) for j, c in enumerate(envelope.inputs))
     return coverage, tuple(d for d in doubts if d is not None)

@@ -5,7 +5,7 @@ each other end the matter. Otherwise the misfit with all that may differ is foun
 the kind within its priors explains the recording, that is the explanation. Else a mistake is named that makes recording
 and engine agree (mistakes.py) where it is likelier than the recording as read by NAMED and a share of what the readings
 that it changes still lack, and no other mistake is as likely. What a model misses in a right file counts on both sides.
-A misfit that nothing mends, and that no fault of an engine or of one instrument makes, is a wrong file as well: of
+A misfit that no single mistake explains, nor a fault of the engine or of one instrument, is a wrong file as well: of
 another engine, or with several mistakes.
 """
 
@@ -21,17 +21,17 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.intake.comparison import (
     INDEPENDENT,
     Columns,
+    EngineReference,
     Misfit,
-    Yardstick,
-    yardstick_of_engine,
-    yardstick_of_nominal,
+    engine_reference,
+    nominal_reference,
 )
 from enginediag_cli.recordings.table import FlightNumbers
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
     from enginediag_cli.identification.nominal import Nominal
-    from enginediag_cli.intake.mistakes import Mistake, Origin, Trial
+    from enginediag_cli.intake.mistakes import Mistake, MistakeTrial, RecordingOrigin
     from enginediag_cli.recordings.recorder import Recorder
     from enginediag_cli.recordings.table import Recording
 
@@ -42,7 +42,7 @@ FEWEST = 3
 """Records below which nothing is said: one or two may be gross errors."""
 NEAR = 0.015
 """Deviation of every sensor's median from an identified engine up to which a flight is not looked at more closely: a
-mistake that changes less cannot be told from wear."""
+mistake that changes less is indistinguishable from wear."""
 NEAR_GENERIC = 0.05
 """The same for flights of an engine that is not identified, from the fit to all of them: as far as maps are wrong."""
 ORDINARY = 1e-4
@@ -77,10 +77,10 @@ COMPUTED = 0.5
 
 
 @dataclass(frozen=True)
-class Disagreement:
+class RecordingMismatch:
     """A recording, or a stretch of flights of it, that cannot be of this engine or in these units. flights: first and
     last label of the stretch, () where all records are in it; lines: of its first and last record compared. trial: the
-    mistake that mends it, None where none does or several do, which `others` then names; searched: whether one was
+    mistake that explains it, None where none does or several do, which `others` then names; searched: whether one was
     looked for."""
 
     source: str
@@ -88,7 +88,7 @@ class Disagreement:
     flights: tuple[str, ...]
     lines: tuple[int, int]
     as_read: Misfit
-    trial: Trial | None = None
+    trial: MistakeTrial | None = None
     others: tuple[str, ...] = ()
     searched: bool = True
 
@@ -113,7 +113,7 @@ class Disagreement:
         return WRONG / (WRONG + (1.0 - WRONG) * self.as_read.tail_but_worst)
 
     @property
-    def doubtful(self) -> bool:
+    def is_likely_wrong(self) -> bool:
         """Whether the recording is likelier wrong than the engine."""
         return self.wrong_file > 0.5
 
@@ -123,10 +123,10 @@ class Disagreement:
         return own and (not self.flights or flight in self.flights)
 
     @property
-    def what(self) -> str:
+    def description(self) -> str:
         """What is wrong, with both misfits."""
         as_read = self.as_read
-        far = worst(as_read)
+        far = describe_worst(as_read)
         if as_read.computed < COMPUTED:
             read = f"the model computes {as_read.computed:.0%} of the records as they are read"
         else:
@@ -136,13 +136,13 @@ class Disagreement:
         if self.trial is None:
             said = f"this cannot be this engine or these units: {read}, whatever a fault may explain"
             if self.others:
-                said += f"; several single mistakes would mend it: {'; '.join(self.others)}"
+                said += f"; several single mistakes would explain it: {'; '.join(self.others)}"
             return said
         if self.trial.mistake.kind == "engine":
             fits = "with that engine"
         else:
             fits = "put right"
-        return f"{self.trial.mistake.words}: {read}; {fits}, {worst(self.trial.misfit)}"
+        return f"{self.trial.mistake.words}: {read}; {fits}, {describe_worst(self.trial.misfit)}"
 
     @property
     def hint(self) -> str:
@@ -150,20 +150,20 @@ class Disagreement:
         return self.trial.mistake.hint if self.trial is not None else ""
 
     def __str__(self) -> str:
-        return f"{self.place}: {self.what}" + (f" ({self.hint})" if self.hint else "")
+        return f"{self.place}: {self.description}" + (f" ({self.hint})" if self.hint else "")
 
 
-def worst(misfit: Misfit) -> str:
+def describe_worst(misfit: Misfit) -> str:
     """The largest deviation of a sensor's median, and the typical one, in words."""
     if not len(misfit.before):
         return "nothing to compare"
     size = np.expm1(np.abs(misfit.before))
     k = int(np.nanargmax(size))
     typical = float(np.sqrt(np.nanmean(np.square(size))))
-    return f"{percent(typical)} ({misfit.sensors[k]} {percent(float(size[k]))})"
+    return f"{format_deviation(typical)} ({misfit.sensors[k]} {format_deviation(float(size[k]))})"
 
 
-def percent(share: float) -> str:
+def format_deviation(share: float) -> str:
     """A deviation in words: in % up to a factor of three."""
     return f"{100.0 * share:.2g} %" if share < 2.0 else f"a factor of {1.0 + share:.2g}"
 
@@ -171,25 +171,25 @@ def percent(share: float) -> str:
 class MismatchError(DataError):
     """A recording that cannot be of the engine that it is compared with, or in the units that it is said to be in."""
 
-    def __init__(self, found: Sequence[Disagreement]):
+    def __init__(self, found: Sequence[RecordingMismatch]):
         self.found = tuple(found)
         lines = [str(one) for one in found]
         super().__init__("\n".join([*lines, "nothing was judged; --accept-mismatch goes on all the same"]))
 
 
-class Agreement:
+class AgreementCheck:
     """What recordings are compared with before they are judged: a yardstick and the engine behind it."""
 
-    def __init__(self, yardstick: Yardstick, engine: object):
+    def __init__(self, yardstick: EngineReference, engine: object):
         self.yardstick, self._engine = yardstick, engine
 
-    def disagreements(
+    def find_mismatches(
         self, recording: Recording, engine: str = "", recorder: Recorder | None = None, search: bool = True
-    ) -> list[Disagreement]:
+    ) -> list[RecordingMismatch]:
         """Of records of the engine that the `recorder` which mapped them calls `engine`; none where they agree. search:
         look for the mistake, which takes seconds and decides whether a recording that is far from the engine can be
-        of it; without it all that are farther than engines of the kind are told as they are."""
-        sample = _Sample.of(recording, self.yardstick)
+        of it; without it all that are farther than engines of the kind are reported as they are."""
+        sample = _Sample.from_recording(recording, self.yardstick)
         if sample is None:
             return []
         named = recording.text.get("engine")
@@ -197,26 +197,26 @@ class Agreement:
         origin = recorder, engine
         if self.yardstick.identified or not search:
             near = NEAR if self.yardstick.identified else NEAR_GENERIC
-            return self._by_flight(sample, self.yardstick, near, origin, place, search)
+            return self._compare_flights(sample, self.yardstick, near, origin, place, search)
         pooled = sample.pooled(np.ones(len(sample.flights), bool))
         misfit = self.yardstick.misfit(pooled, 3)
-        found = self._judged(sample, np.ones(len(sample.flights), bool), misfit, origin, place)
+        found = self._judge(sample, np.ones(len(sample.flights), bool), misfit, origin, place)
         if found is None:
-            own = self.yardstick.about(misfit.values)
-            return self._by_flight(sample, own, NEAR_GENERIC, origin, place) if len(sample.labels) > 1 else []
-        if found.trial is None and (apart := self._mixture(sample, origin, place)):
+            own = self.yardstick.recentred(misfit.values)
+            return self._compare_flights(sample, own, NEAR_GENERIC, origin, place) if len(sample.labels) > 1 else []
+        if found.trial is None and (apart := self._compare_by_fitting_flights(sample, origin, place)):
             return apart
         return [found]
 
-    def _by_flight(
+    def _compare_flights(
         self,
         sample: _Sample,
-        yardstick: Yardstick,
+        yardstick: EngineReference,
         near: float,
         origin: tuple[Recorder | None, str],
         place: tuple[str, str],
         search: bool = True,
-    ) -> list[Disagreement]:
+    ) -> list[RecordingMismatch]:
         far = sample.far(yardstick, near)
         if not far.any():
             return []
@@ -226,14 +226,14 @@ class Agreement:
             if rows.sum() < FEWEST:
                 continue
             misfit = yardstick.misfit(sample.pooled(rows), 3)
-            one = self._judged(sample, rows, misfit, origin, place, yardstick, search)
+            one = self._judge(sample, rows, misfit, origin, place, yardstick, search)
             if one is not None:
                 found.append(one)
         return found
 
-    def _mixture(
+    def _compare_by_fitting_flights(
         self, sample: _Sample, origin: tuple[Recorder | None, str], place: tuple[str, str]
-    ) -> list[Disagreement]:
+    ) -> list[RecordingMismatch]:
         """Flights that fit by themselves show which of the others do not."""
         numbers = range(len(sample.labels))
         if not 1 < len(sample.labels) <= PER_FLIGHT * PER_FLIGHT:
@@ -243,18 +243,18 @@ class Agreement:
         if not right.any() or right.all():
             return []
         own = self.yardstick.misfit(sample.pooled(np.isin(sample.number, np.flatnonzero(right))), 3)
-        return self._by_flight(sample, self.yardstick.about(own.values), NEAR_GENERIC, origin, place)
+        return self._compare_flights(sample, self.yardstick.recentred(own.values), NEAR_GENERIC, origin, place)
 
-    def _judged(
+    def _judge(
         self,
         sample: _Sample,
         rows: np.ndarray,
         as_read: Misfit,
         origin: tuple[Recorder | None, str],
         place: tuple[str, str],
-        yardstick: Yardstick | None = None,
+        yardstick: EngineReference | None = None,
         search: bool = True,
-    ) -> Disagreement | None:
+    ) -> RecordingMismatch | None:
         """The disagreement of the records (K,) of a sample; None where they agree."""
         if as_read.missing < NAMED or not (search or as_read.tail < ORDINARY):
             return None
@@ -263,15 +263,19 @@ class Agreement:
         labels = [sample.labels[k] for k in dict.fromkeys(sample.number[rows].tolist())]
         whole = len(labels) == len(sample.labels)
         lines = sample.line[rows]
-        shown = Disagreement(*place, () if whole else tuple(labels), (int(lines.min()), int(lines.max())), as_read)
+        shown = RecordingMismatch(*place, () if whole else tuple(labels), (int(lines.min()), int(lines.max())), as_read)
         if not search:
             return replace(shown, searched=False)
-        from enginediag_cli.intake.mistakes import Origin, factor_trial, trials  # right recordings need none
+        from enginediag_cli.intake.mistakes import (  # right recordings need none
+            RecordingOrigin,
+            try_factors,
+            try_mistakes,
+        )
 
-        behind = Origin(self._engine, *origin)
-        best, others = _best(trials(yardstick, behind, columns, as_read), behind, columns)
+        behind = RecordingOrigin(self._engine, *origin)
+        best, others = _choose_mistake(try_mistakes(yardstick, behind, columns, as_read), behind, columns)
         if (best is None and not others) or (best is not None and -best.misfit.log_likelihood > NAMED):
-            factor = factor_trial(yardstick, behind, columns, as_read)
+            factor = try_factors(yardstick, behind, columns, as_read)
             if factor is not None and _enough(factor, OF_A_FACTOR):
                 best = factor if best is None or factor.gain >= best.gain + _room(best, APART, OF_A_FACTOR) else best
         if best is not None:
@@ -283,19 +287,21 @@ class Agreement:
         return None
 
 
-def _other_engine(origin: Origin, columns: Columns, as_read: Misfit) -> Trial | None:
+def _other_engine(origin: RecordingOrigin, columns: Columns, as_read: Misfit) -> MistakeTrial | None:
     """The shipped engine that it is of, if one alone fits it as right files fit."""
-    from enginediag_cli.intake.mistakes import Trial, other_engines
+    from enginediag_cli.intake.mistakes import MistakeTrial, compare_other_engines
 
-    fitting = [(m, misfit) for m, misfit in other_engines(origin, columns, as_read) if _fits(misfit)]
+    fitting = [(m, misfit) for m, misfit in compare_other_engines(origin, columns, as_read) if _fits(misfit)]
     fitting.sort(key=lambda one: -one[1].log_likelihood)
     if not fitting or (len(fitting) > 1 and fitting[1][1].log_likelihood > fitting[0][1].log_likelihood - APART):
         return None
     mistake, misfit = fitting[0]
-    return Trial.of_misfits(mistake, misfit, as_read)
+    return MistakeTrial.from_misfits(mistake, misfit, as_read)
 
 
-def _best(tried: Sequence[Trial], origin: Origin, columns: Columns) -> tuple[Trial | None, list[Mistake]]:
+def _choose_mistake(
+    tried: Sequence[MistakeTrial], origin: RecordingOrigin, columns: Columns
+) -> tuple[MistakeTrial | None, list[Mistake]]:
     """The mistake to be named, with what else would be the same change, or those between which nothing decides."""
     able = [t for t in tried if _enough(t, OF_THE_REST)]
     if not able:
@@ -314,7 +320,7 @@ def _best(tried: Sequence[Trial], origin: Origin, columns: Columns) -> tuple[Tri
     return replace(best, mistake=replace(best.mistake, words=words, hint=hint)), []
 
 
-def _close(trial: Trial, best: Trial) -> bool:
+def _close(trial: MistakeTrial, best: MistakeTrial) -> bool:
     """Whether the likeliest mistake is not likelier than another by what counts; a column may be misfitted by the
     model as much as either leaves it."""
     rest = max(best.rest, trial.rest) if trial.mistake.column == best.mistake.column else best.rest
@@ -331,12 +337,12 @@ def _same(one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]) -> boo
     return True
 
 
-def _room(trial: Trial, odds: float, share: float = OF_THE_REST) -> float:
+def _room(trial: MistakeTrial, odds: float, share: float = OF_THE_REST) -> float:
     """Log odds, and a share of what the readings that a mistake changes lack with it put right."""
     return odds + share * trial.rest
 
 
-def _enough(trial: Trial, share: float) -> bool:
+def _enough(trial: MistakeTrial, share: float) -> bool:
     """Whether a mistake brings enough to be named, of a file whose records the model then computes."""
     return trial.gain >= _room(trial, NAMED, share) and trial.misfit.computed >= COMPUTED
 
@@ -387,7 +393,7 @@ class _Sample:
         return self.number
 
     @staticmethod
-    def of(recording: Recording, yardstick: Yardstick) -> _Sample | None:
+    def from_recording(recording: Recording, yardstick: EngineReference) -> _Sample | None:
         columns = {c: np.asarray(v, float) for c, v in recording.columns.items()}
         inputs, sensors = yardstick.engine.inputs, [s for s in yardstick.sensors if s in columns]
         if not sensors or any(c not in columns for c in inputs) or not len(recording):
@@ -397,7 +403,7 @@ class _Sample:
         if there.sum() < FEWEST:
             return None
         known = FlightNumbers()
-        number = known.of(recording)
+        number = known.numbers(recording)
         rows = np.flatnonzero(there)
         met, place = np.unique(number[rows], return_inverse=True)
         each = POOLED if len(met) == 1 else max(1, min(PER_FLIGHT, SAMPLED // len(met)))
@@ -418,7 +424,7 @@ class _Sample:
         index = index[np.unique(np.linspace(0, len(index) - 1, min(POOLED, len(index))).astype(int))]
         return {c: v[index] for c, v in self.columns.items()}
 
-    def far(self, yardstick: Yardstick, near: float) -> np.ndarray:
+    def far(self, yardstick: EngineReference, near: float) -> np.ndarray:
         """Flights of which a sensor's median is farther from the engine than `near`, and than noise explains."""
         e, sigma = yardstick.deviations(self.columns)
         found = np.zeros(len(self.labels), bool)
@@ -437,16 +443,16 @@ BY_NOISE = 4.0
 """Standard deviations of noise that one flight of a thousand has."""
 
 
-def agreement_with_engine(engine: Engine) -> Agreement | None:
+def check_against_engine(engine: Engine) -> AgreementCheck | None:
     """With an engine as its file describes it; None for a model without an engine file. Raises DataError."""
-    return Agreement(yardstick_of_engine(engine), engine) if hasattr(engine, "network") else None
+    return AgreementCheck(engine_reference(engine), engine) if hasattr(engine, "network") else None
 
 
-def agreement_with_nominal(engine: Engine, nominal: Nominal) -> Agreement | None:
+def check_against_nominal(engine: Engine, nominal: Nominal) -> AgreementCheck | None:
     """With an engine in its nominal state, as `agreement_with_engine`."""
     if not hasattr(engine, "network"):
         return None
     model = engine if nominal.error_model is None else nominal.error_model.of(engine)
     values = {n: v for n, v in nominal.theta0.items() if n in model.parameters}
     sigma = np.array(list(nominal.sigma.values()))
-    return Agreement(yardstick_of_nominal(model, values, nominal.sensors, sigma), model)
+    return AgreementCheck(nominal_reference(model, values, nominal.sensors, sigma), model)

@@ -70,7 +70,7 @@ better."""
 
 
 def _is_read(values: np.ndarray) -> bool:
-    """Whether a column (K,) holds readings: one that stands at one value in most records is a dead sensor's, which no
+    """Whether a column (K,) holds readings: one that is at one value in most records is a dead sensor's, which no
     unit puts right."""
     known = values[np.isfinite(values)]
     if len(known) < LEAST_READ:
@@ -80,7 +80,7 @@ def _is_read(values: np.ndarray) -> bool:
 
 @dataclass(frozen=True)
 class Misfit:
-    """What is left between a sample and an engine. Of m sensors with readings: `sensors`, `before`: median of ln(y/Φ)
+    """The residual between a sample and an engine. Of m sensors with readings: `sensors`, `before`: median of ln(y/Φ)
     where the engine is expected, `after`: standard deviation of it when the engine differs as it may, both relative.
     `factor` (m,): f; `departure`: δ over spreads (p,); `log_likelihood`: the sum in the module's head; computed: share
     of records that the model could compute; `values`: parameters at the end; lacking (m,): n ln(f/least f); count
@@ -128,7 +128,7 @@ class Misfit:
 
 
 @dataclass(frozen=True)
-class Answer:
+class SamplePrediction:
     """Predictions y (K, m), sensitivities (K, m, p), and whether they could be computed (K,)."""
 
     y: np.ndarray
@@ -137,7 +137,7 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class Yardstick:
+class EngineReference:
     """What recordings are compared with: a model, `values` of its parameters where the engine is expected, parameters
     `names` in which engines differ, by `spread` (p,), `sensors` with the `noise` of a reading (m,) in their units, and
     the relative `accuracy` of the model. identified: whether `values` were identified from recordings."""
@@ -152,28 +152,28 @@ class Yardstick:
     identified: bool = False
 
     @property
-    def given(self) -> tuple[str, ...]:
+    def input_columns(self) -> tuple[str, ...]:
         """Input columns, optional ones last."""
         return (*self.engine.inputs, *self.engine.optional_inputs)
 
-    def answer(self, columns: Columns, values: Mapping[str, float] | None = None) -> Any:
+    def predict(self, columns: Columns, values: Mapping[str, float] | None = None) -> Any:
         """The model's prediction at the inputs of K records, with derivatives along `names`."""
-        inputs = inputs_of(self.engine, columns)
+        inputs = fill_inputs(self.engine, columns)
         here = {**self.values, **(values or {})}
         return self.engine.predict(inputs, here, sensors=self.sensors, wrt=self.names, walk=False)  # type: ignore[call-arg]
 
-    def answers(self, several: Sequence[Columns]) -> list[Answer]:
+    def predict_several(self, several: Sequence[Columns]) -> list[SamplePrediction]:
         """The predictions for each of several recordings, computed at once: many short ones cost their calls."""
         sizes = [len(next(iter(columns.values()))) for columns in several]
         if not sizes:
             return []
-        names = [c for c in self.given if any(c in columns for columns in several)]
+        names = [c for c in self.input_columns if any(c in columns for columns in several)]
         missing = [np.full(size, np.nan) for size in sizes]
         whole = {c: np.concatenate([x.get(c, nan) for x, nan in zip(several, missing, strict=True)]) for c in names}
-        found = self.answer(whole)
+        found = self.predict(whole)
         ends = np.cumsum(sizes)[:-1]
         parts = (np.split(np.asarray(each), ends) for each in (found.y, found.jacobian, found.ok))
-        return [Answer(*part) for part in zip(*parts, strict=True)]
+        return [SamplePrediction(*part) for part in zip(*parts, strict=True)]
 
     def misfit(
         self, columns: Columns, steps: int = 2, values: Mapping[str, float] | None = None, answer: Any = None
@@ -189,7 +189,7 @@ class Yardstick:
         moved, best, before = np.zeros(len(self.names)), None, None
         here = base
         for _ in range(steps):
-            answer = self.answer(columns, here) if answer is None else answer
+            answer = self.predict(columns, here) if answer is None else answer
             e, J, sigma = _relative(answer, place, read, self.noise[place], self.accuracy)
             usual = np.median(sigma, axis=0)
             quiet = np.sqrt(np.maximum(1.0 - (self.accuracy / usual) ** 2, QUIET**2))
@@ -197,7 +197,7 @@ class Yardstick:
             if before is None:
                 before = e
             J = J * self.spread
-            found = _fitted(e + J @ moved, J, sigma, least)
+            found = _fit_misfit(e + J @ moved, J, sigma, least)
             reached = Misfit(
                 sensors,
                 _median(before),
@@ -224,17 +224,17 @@ class Yardstick:
         """ln(y/Φ) where the engine is expected, (K, m), and its standard deviation by noise and maps (K, m)."""
         size = len(next(iter(columns.values())))
         read = np.column_stack([columns.get(s, np.full(size, np.nan)) for s in self.sensors])
-        inputs = inputs_of(self.engine, columns)
+        inputs = fill_inputs(self.engine, columns)
         answer = self.engine.predict(inputs, self.values, sensors=self.sensors, walk=False)  # type: ignore[call-arg]
         e, _, sigma = _relative(answer, range(len(self.sensors)), read, self.noise, self.accuracy)
         return e, sigma
 
-    def about(self, values: Mapping[str, float]) -> Yardstick:
+    def recentred(self, values: Mapping[str, float]) -> EngineReference:
         """The same, with an engine that is expected elsewhere."""
         return replace(self, values={**self.values, **values})
 
 
-def inputs_of(engine: MonitoredModel, columns: Columns) -> dict[str, np.ndarray]:
+def fill_inputs(engine: MonitoredModel, columns: Columns) -> dict[str, np.ndarray]:
     """Every input (K,), with the value that stands for "not recorded" where there is one."""
     size = len(next(iter(columns.values())))
     inputs = {c: np.asarray(columns[c], float) for c in engine.inputs}
@@ -267,7 +267,7 @@ def _relative(
 
 
 @dataclass(frozen=True)
-class _Fitted:
+class _FittedMisfit:
     """δ over spreads (p,), f (m,), the log-likelihood, and independent readings of each sensor (m,)."""
 
     moved: np.ndarray
@@ -276,7 +276,7 @@ class _Fitted:
     count: np.ndarray
 
 
-def _fitted(e: np.ndarray, J: np.ndarray, sigma: np.ndarray, least: np.ndarray) -> _Fitted:
+def _fit_misfit(e: np.ndarray, J: np.ndarray, sigma: np.ndarray, least: np.ndarray) -> _FittedMisfit:
     """δ over spreads and f ≥ least (m,) that maximise the sum in the head; e (K, m), J (K, m, p) per spread, σ (K, m).
     The sum has maxima with sensors that are believed and others that are not: sought from all believed, and as they
     look."""
@@ -287,9 +287,9 @@ def _fitted(e: np.ndarray, J: np.ndarray, sigma: np.ndarray, least: np.ndarray) 
     n = np.minimum(count, INDEPENDENT)
     share = np.where(count > 0, n / np.maximum(count, 1), 0.0)
 
-    def scored(left: np.ndarray, moved: np.ndarray) -> _Fitted:
+    def scored(left: np.ndarray, moved: np.ndarray) -> _FittedMisfit:
         factor = np.maximum(least, MAD * np.nan_to_num(_median(np.where(there, np.abs(left), np.nan))))
-        return _Fitted(moved, factor, float(-np.sum(n * np.log(factor)) - 0.5 * moved @ moved), n)
+        return _FittedMisfit(moved, factor, float(-np.sum(n * np.log(factor)) - 0.5 * moved @ moved), n)
 
     begin = scored(r, np.zeros(A.shape[1]))
     ends = [begin]
@@ -319,7 +319,7 @@ def _median(values: np.ndarray) -> np.ndarray:
     return np.where(count > 0, (below + above) / 2, np.nan)
 
 
-def yardstick_of_engine(engine: Engine) -> Yardstick:
+def engine_reference(engine: Engine) -> EngineReference:
     """Of an engine as its file describes it: it differs in health and instruments, and in what identification may move.
     Raises DataError for an `identification:` block with unknown names."""
     from enginediag_cli.identification.problem import match_names, settings_from_mapping
@@ -333,7 +333,7 @@ def yardstick_of_engine(engine: Engine) -> Yardstick:
     spread = [stated.prior_sigma.get(n, model.parameters[n].prior_sigma) for n in names]
     sensors = tuple(engine.sensors)
     noise = [stated.noise_sigma.get(s) or engine.sensors[s].noise_sigma or 0.0 for s in sensors]
-    return Yardstick(
+    return EngineReference(
         model,
         {n: v for n, v in stated.prior_mean.items() if n in model.parameters},
         names,
@@ -351,9 +351,9 @@ def _differing(model: MonitoredModel, chosen: Sequence[str]) -> tuple[str, ...]:
     return tuple(n for n in kept if np.isfinite(s := model.parameters[n].prior_sigma) and s > 0.0)
 
 
-def yardstick_of_nominal(
+def nominal_reference(
     engine: MonitoredModel, values: Mapping[str, float], sensors: Sequence[str], noise: np.ndarray
-) -> Yardstick:
+) -> EngineReference:
     """Of an engine that has been identified: it differs from its nominal state in health and instruments. `values`:
     identified parameters of the engine itself; `noise`: of a reading of each sensor, in its unit."""
     model = InputErrors.wrap(engine)
@@ -361,4 +361,4 @@ def yardstick_of_nominal(
     names = _differing(model, ())
     known_by = [model.parameters[n] for n in names]
     spread = np.array([p.prior_sigma if p.of_instrument else SPREAD * p.prior_sigma for p in known_by])
-    return Yardstick(model, known, names, spread, tuple(sensors), np.asarray(noise, float), REPEATABLE, True)
+    return EngineReference(model, known, names, spread, tuple(sensors), np.asarray(noise, float), REPEATABLE, True)

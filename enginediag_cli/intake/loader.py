@@ -20,18 +20,26 @@ import numpy as np
 from enginediag_cli.engine.tape import MOMENT, NO_MOMENT
 from enginediag_cli.errors import DataError, EngineDiagError, NoVerdictError
 from enginediag_cli.identification.problem import TrainingRecording, part_of, training_recordings
-from enginediag_cli.intake.agreement import SAMPLED, Agreement, Disagreement, MismatchError
-from enginediag_cli.intake.selection import STDIN, Source, Wanted, refuse_repeated
-from enginediag_cli.recordings.masking import Judged, LiveMasker, Masker
-from enginediag_cli.recordings.read import read, table_file
+from enginediag_cli.intake.agreement import SAMPLED, AgreementCheck, MismatchError, RecordingMismatch
+from enginediag_cli.intake.selection import STDIN, RecordingSource, RequiredColumns, refuse_duplicates
+from enginediag_cli.recordings.masking import LiveMasker, MaskingRules, RecordMasker
+from enginediag_cli.recordings.read import open_table, read
 from enginediag_cli.recordings.repeated import StuckRun
 from enginediag_cli.recordings.source import GrowingFile, needs_whole_file
-from enginediag_cli.recordings.table import OWN, Absent, ReadingCounts, Recording, TableFile, concat, rechunk
+from enginediag_cli.recordings.table import (
+    NATIVE_DIALECT,
+    MissingColumn,
+    ReadingCounts,
+    Recording,
+    TableFile,
+    concat,
+    rechunk,
+)
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.tape import Tapes
     from enginediag_cli.recordings.masking import MaskCounts
-    from enginediag_cli.recordings.recorder import LiveRecorder, Recorder
+    from enginediag_cli.recordings.recorder import EngineMapper, Recorder
     from enginediag_cli.recordings.steady import GateReport
 
 
@@ -104,8 +112,8 @@ class GrossCounts:
 
 
 @dataclass
-class LeftOut:
-    """Of one `file`, and one `engine` of it where the recorder tells engines apart.
+class ExcludedData:
+    """Of one `file`, and one `engine` of it where the recorder distinguishes engines.
 
     records: read from it, those of other engines not counted; columns: column → reason → readings masked, `readings`
     of that column in all; frozen, repeated: whole records not used, because nothing in them moved or because they
@@ -124,13 +132,13 @@ class LeftOut:
     frozen: int = 0
     repeated: int = 0
     gate: GateReport | None = None
-    absent: tuple[Absent, ...] = ()
+    absent: tuple[MissingColumn, ...] = ()
     reading: ReadingCounts = field(default_factory=ReadingCounts)
     gross: GrossCounts = field(default_factory=GrossCounts)
     undecided: tuple[str, ...] = ()
     stuck: list[StuckRun] = field(default_factory=list)
 
-    def masked(self, counts: MaskCounts) -> None:
+    def take_mask_counts(self, counts: MaskCounts) -> None:
         """Take over what a masker has counted so far."""
         found = {c: {why: n for why, n in reasons.items() if n} for c, reasons in counts.columns.items()}
         self.columns = {c: reasons for c, reasons in found.items() if reasons}
@@ -146,26 +154,26 @@ class LeftOut:
             self.readings.setdefault(run.column, self.records)
         self.stuck += runs
 
-    def mapped(self, live: LiveRecorder) -> None:
+    def take_mapper_counts(self, live: EngineMapper) -> None:
         """Take over what a recorder has counted so far."""
-        self.masked(live.counts)
+        self.take_mask_counts(live.counts)
         self.records = live.records
         if live.recorder.selects:
             self.gate = live.gate
 
 
-class Past:
+class RecordHistory:
     """One reading of a file onto `tapes`; with None records keep no past. Where a gate or averages leave records out,
     the whole file is put on the tapes first, and what the gate keeps is found there by its line."""
 
     _readings = 0
 
     def __init__(self, tapes: Tapes | None):
-        Past._readings += 1
-        self._tapes, self._reading = tapes, Past._readings
+        RecordHistory._readings += 1
+        self._tapes, self._reading = tapes, RecordHistory._readings
         self._known: dict[str, tuple[np.ndarray, np.ndarray]] = {}
 
-    def whole(self, recorder: Recorder, file: str, inputs: tuple[str, ...], engines: tuple[str, ...]) -> None:
+    def add_whole_file(self, recorder: Recorder, file: str, inputs: tuple[str, ...], engines: tuple[str, ...]) -> None:
         """Put every record of a file on the tapes that a recorder's gate would leave out. Raises DataError."""
         if self._tapes is None or not recorder.selects:
             return
@@ -177,7 +185,7 @@ class Past:
             lines, moments = (np.concatenate(x) for x in zip(*parts, strict=True))
             self._known[name] = lines, moments
 
-    def told(self, name: str, part: Recording) -> Recording:
+    def add_history(self, name: str, part: Recording) -> Recording:
         """Records of the engine `name` with their place on its tape."""
         if self._tapes is None or not len(part):
             return part
@@ -205,48 +213,48 @@ CHUNK = 5000
 
 
 @dataclass
-class Intake:
+class RecordingLoader:
     """The recordings of a `source` for an engine that reads the columns `wanted` (None: for statistics alone).
 
     fleet: a recording of several engines may be read whole; otherwise one of them has to be wanted by name.
     agreement: what recordings are compared with before they are handed on; one that cannot be of that engine, or in
     these units, raises DataError, or is kept in `mismatches` where that is accepted.
     keep_going: a file that cannot be read is named in `unread`, with the reason, and the others are read all the same.
-    left_out, provenance, columns: what was left out, by file and engine, the `#` lines of the files' heads, and the
+    left_out, provenance, columns: what was excluded, by file and engine, the `#` lines of the files' heads, and the
     names of all their columns, as far as they have been read.
     """
 
-    source: Source
-    wanted: Wanted | None
+    source: RecordingSource
+    required: RequiredColumns | None
     fleet: bool = False
-    agreement: Agreement | None = None
+    agreement: AgreementCheck | None = None
     keep_going: bool = False
     unread: dict[str, str] = field(default_factory=dict)
-    left_out: list[LeftOut] = field(default_factory=list)
-    mismatches: list[Disagreement] = field(default_factory=list)
+    excluded: list[ExcludedData] = field(default_factory=list)
+    mismatches: list[RecordingMismatch] = field(default_factory=list)
     provenance: list[str] = field(default_factory=list)
     columns: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        refuse_repeated(self.source.files)
+        refuse_duplicates(self.source.files)
         self.recorder: Recorder | None = None
         if self.source.recorder:
             from enginediag_cli.recordings.recorder_file import load_recorder
 
             self.recorder = load_recorder(self.source.recorder)
 
-    def files(self) -> Iterator[File]:
-        """The files in turn; each has to be read before the next is asked for. Raises DataError."""
+    def files(self) -> Iterator[LoadedFile]:
+        """The files in turn; each has to be read before the next. Raises DataError."""
         for name in self.source.files:
             with ExitStack() as opened:
                 try:
                     if self.keep_going and len(self.source.files) > 1:
                         refuse_silent_pipe(name)
-                    table = opened.enter_context(table_file(name)) if self.recorder is None else None
+                    table = opened.enter_context(open_table(name)) if self.recorder is None else None
                 except DataError as error:
-                    self.excuse(name, error)
+                    self.skip_file(name, error)
                     continue
-                yield File(self, name, table)
+                yield LoadedFile(self, name, table)
 
     def chunks(self) -> Iterator[Recording]:
         """Masked chunks of all files in turn. Raises DataError, NoVerdictError."""
@@ -254,9 +262,9 @@ class Intake:
             try:
                 yield from file.masked()
             except (DataError, NoVerdictError) as error:
-                self.excuse(file.name, error)
+                self.skip_file(file.name, error)
 
-    def excuse(self, name: str, error: EngineDiagError) -> None:
+    def skip_file(self, name: str, error: EngineDiagError) -> None:
         """Go on without the rest of a file, which `unread` names; raises the error where there is nothing to go on
         with: no `keep_going`, or no other file that can be read."""
         if not self.keep_going:
@@ -265,22 +273,22 @@ class Intake:
         if len(self.unread) == len(self.source.files):
             raise error
 
-    def ungated(self) -> Intake | None:
+    def without_gate(self) -> RecordingLoader | None:
         """The same with every record that was read, steady or not, and no averages; None where nothing but masks leaves
         records out, or where what has been read cannot be read again."""
         recorder = self.recorder
         if recorder is None or not recorder.selects or STDIN in self.source.files:
             return None
-        every = Intake(self.source, self.wanted, self.fleet)
+        every = RecordingLoader(self.source, self.required, self.fleet)
         every.recorder = replace(recorder, steady=None, average_s=0.0)
         return every
 
-    def remember(self, recording: Recording) -> None:
+    def add_head(self, recording: Recording) -> None:
         """Keep what the head of a recording says: where it comes from, and its columns."""
-        self.inherit(recording.provenance)
+        self.add_provenance(recording.provenance)
         self.columns += [column for column in recording.order if column not in self.columns]
 
-    def inherit(self, provenance: Iterable[str]) -> None:
+    def add_provenance(self, provenance: Iterable[str]) -> None:
         """Keep the `#` lines of a file's head."""
         self.provenance += [line for line in provenance if line not in self.provenance]
 
@@ -290,16 +298,16 @@ class Intake:
             return
         # where nothing is to be stopped, nobody needs to know why
         search = not self.source.accept_mismatch
-        found = self.agreement.disagreements(recording, engine, self.recorder, search)
+        found = self.agreement.find_mismatches(recording, engine, self.recorder, search)
         if found and search:
             raise MismatchError(found)
         self.mismatches += [f for f in found if str(f) not in {str(m) for m in self.mismatches}]
 
 
-class File:
+class LoadedFile:
     """One file of an intake. `table`: the open file; None where a recorder maps it."""
 
-    def __init__(self, intake: Intake, name: str, table: TableFile | None):
+    def __init__(self, intake: RecordingLoader, name: str, table: TableFile | None):
         self._intake, self.name, self.table = intake, name, table
 
     def masked(self) -> Iterator[Recording]:
@@ -311,68 +319,69 @@ class File:
             yield from _own_records(self._intake, self.table, CHUNK)
 
 
-def _own_records(intake: Intake, source: Any, block: int, *, live: bool = False) -> Iterator[Recording]:
+def _own_records(intake: RecordingLoader, source: Any, block: int, *, live: bool = False) -> Iterator[Recording]:
     """Masked records of a file in the program's own columns. live: it is still being written."""
-    wanted = intake.wanted
+    wanted = intake.required
     assert wanted is not None
-    left = LeftOut(str(getattr(source, "name", source)))
-    intake.left_out.append(left)
-    past, masker = Past(wanted.tapes), None
+    left = ExcludedData(str(getattr(source, "name", source)))
+    intake.excluded.append(left)
+    past, masker = RecordHistory(wanted.tapes), None
     chunks = read(source, declared=wanted.declared, chunk_records=block, tolerant=live, counts=left.reading)
-    for chunk in chain(of_engine(chunks, intake.source.engine_instance), [None]):
+    for chunk in chain(select_engine(chunks, intake.source.engine_instance), [None]):
         if chunk is None:
             parts = masker.end() if masker is not None else []
         else:
             if masker is None:
-                intake.remember(chunk)
-                left.absent = wanted.absent(chunk)
-                masker = (LiveMasker if live else Masker)(judged_columns(wanted, chunk))
+                intake.add_head(chunk)
+                left.absent = wanted.find_missing(chunk)
+                masker = (LiveMasker if live else RecordMasker)(masking_rules(wanted, chunk))
             left.records += len(chunk)
             if not live:
                 intake.compare(chunk)
             parts = masker.add(chunk)
         if masker is not None:
-            left.masked(masker.counts)
-        yield from (past.told("", part) for part in parts if len(part) or not live)
+            left.take_mask_counts(masker.counts)
+        yield from (past.add_history("", part) for part in parts if len(part) or not live)
 
 
-def _foreign_records(intake: Intake, source: Any, block: int, *, live: bool = False) -> Iterator[Recording]:
+def _foreign_records(intake: RecordingLoader, source: Any, block: int, *, live: bool = False) -> Iterator[Recording]:
     """What the recorder keeps of a foreign file, in chunks that each are of one engine. live: it is still being
     written."""
-    recorder, wanted, columns = intake.recorder, intake.source.engine_instance, intake.wanted
+    recorder, wanted, columns = intake.recorder, intake.source.engine_instance, intake.required
     assert recorder is not None and columns is not None
     name = str(getattr(source, "name", source))
-    chosen = engines_wanted(recorder.engines, wanted, name, fleet=intake.fleet and not live)
-    stream = recorder.stream(source, block, columns.given, chosen, live=live)
-    stream.watch = as_read = _AsRead(intake, recorder, chosen)
+    chosen = choose_engines(recorder.engines, wanted, name, fleet=intake.fleet and not live)
+    stream = recorder.stream(source, block, columns.input_columns, chosen, live=live)
+    stream.watch = as_read = _RawComparison(intake, recorder, chosen)
     left_out = {
-        engine: LeftOut(name, engine, undecided=recorder.undecided, reading=stream.counts) for engine in stream.engines
+        engine: ExcludedData(name, engine, undecided=recorder.undecided, reading=stream.counts)
+        for engine in stream.engines
     }
-    intake.left_out += left_out.values()
-    past = Past(None if live and recorder.selects else columns.tapes)
+    intake.excluded += left_out.values()
+    past = RecordHistory(None if live and recorder.selects else columns.tapes)
     if not live:
-        past.whole(recorder, name, columns.given, tuple(stream.engines))
+        past.add_whole_file(recorder, name, columns.input_columns, tuple(stream.engines))
     named = dict.fromkeys(stream.engines, False)
     for engine, recording in _explained(stream, as_read):
         left = left_out[engine]
         if not left.records:
-            intake.remember(recording)
-            left.absent = columns.absent(recording)
-        left.mapped(stream.engines[engine])
+            intake.add_head(recording)
+            left.absent = columns.find_missing(recording)
+        left.take_mapper_counts(stream.engines[engine])
         if recorder.selects:
             intake.compare(recording, engine)
-        part = past.told(engine, recording)
+        part = past.add_history(engine, recording)
         if wanted and engine != wanted:
-            part = part.select(named_rows(recording, wanted))
+            part = part.select(engine_rows(recording, wanted))
             named[engine] |= bool(len(part))
         yield part
     for engine, mapped in stream.engines.items():
-        left_out[engine].mapped(mapped)
+        left_out[engine].take_mapper_counts(mapped)
         if wanted and engine != wanted and not named[engine] and not live:
             raise DataError(f"{name}: no record of engine {wanted!r}")
 
 
-def _explained(stream: Iterable[tuple[str, Recording]], as_read: _AsRead) -> Iterator[tuple[str, Recording]]:
+def _explained(stream: Iterable[tuple[str, Recording]], as_read: _RawComparison) -> Iterator[tuple[str, Recording]]:
     """The stream; where nothing is left of it, because of a wrong unit perhaps, that is what is raised."""
     try:
         yield from stream
@@ -382,11 +391,11 @@ def _explained(stream: Iterable[tuple[str, Recording]], as_read: _AsRead) -> Ite
         raise
 
 
-class _AsRead:
-    """Records of a foreign file as they stand in it, compared with the engine before limits and masks take readings in
+class _RawComparison:
+    """Records of a foreign file as they are in it, compared with the engine before limits and masks take readings in
     another unit for impossible ones; behind a gate for steady records, only where it keeps nothing."""
 
-    def __init__(self, intake: Intake, recorder: Recorder, engines: Collection[str]):
+    def __init__(self, intake: RecordingLoader, recorder: Recorder, engines: Collection[str]):
         self._intake, self._recorder, self._engines = intake, recorder, engines
         self._latest: Recording | None = None
 
@@ -399,12 +408,12 @@ class _AsRead:
         """The latest of them. Raises DataError."""
         if self._intake.agreement is None or self._latest is None:
             return
-        from enginediag_cli.recordings.recorder import Conversion
+        from enginediag_cli.recordings.recorder import ColumnConversion
 
         chunk, self._latest = self._latest, None
         few = chunk.select(slice(0, None, max(1, len(chunk) // SAMPLED)))
         for name in self._engines:
-            converted = Conversion(self._recorder, name).add(few, end=True)
+            converted = ColumnConversion(self._recorder, name).add(few, end=True)
             self._intake.compare(self._recorder.derive(converted), name)
 
 
@@ -418,14 +427,14 @@ def refuse_silent_pipe(name: str) -> None:
         raise DataError(f"{name}: a pipe, not a file; among several files it would hold up the others")
 
 
-def judged_columns(wanted: Wanted, recording: Recording) -> Judged:
+def masking_rules(wanted: RequiredColumns, recording: Recording) -> MaskingRules:
     """What is searched for gross errors in a recording of these columns."""
     inputs = [c for c in (*wanted.inputs, *wanted.optional) if c in recording.columns]
-    return Judged([c for c in wanted.sensors if c in recording.columns], inputs)
+    return MaskingRules([c for c in wanted.sensors if c in recording.columns], inputs)
 
 
-def engines_wanted(names: Collection[str], wanted: str, file: str, *, fleet: bool) -> tuple[str, ...]:
-    """Which of the engines that a recorder tells apart are meant; all where it tells none apart. Raises DataError."""
+def choose_engines(names: Collection[str], wanted: str, file: str, *, fleet: bool) -> tuple[str, ...]:
+    """Which of a recorder's engines are meant; all where it distinguishes none. Raises DataError."""
     known = [name for name in names if name]
     if wanted in known:
         return (wanted,)
@@ -435,7 +444,7 @@ def engines_wanted(names: Collection[str], wanted: str, file: str, *, fleet: boo
     return tuple(names)
 
 
-def of_engine(chunks: Iterator[Recording], wanted: str) -> Iterator[Recording]:
+def select_engine(chunks: Iterator[Recording], wanted: str) -> Iterator[Recording]:
     """The records that name this engine in their column `engine`; all records for "". Raises DataError when there is
     no such column, or no such record when the file has ended."""
     if not wanted:
@@ -444,7 +453,7 @@ def of_engine(chunks: Iterator[Recording], wanted: str) -> Iterator[Recording]:
     met: dict[str, None] = {}
     source = ""
     for chunk in chunks:
-        rows = named_rows(chunk, wanted)
+        rows = engine_rows(chunk, wanted)
         met |= dict.fromkeys(chunk.text["engine"])
         source = chunk.source
         yield chunk.select(rows)
@@ -453,7 +462,7 @@ def of_engine(chunks: Iterator[Recording], wanted: str) -> Iterator[Recording]:
         raise DataError(f"{source}: no record of engine {wanted!r} ({there})")
 
 
-def named_rows(chunk: Recording, wanted: str) -> np.ndarray:
+def engine_rows(chunk: Recording, wanted: str) -> np.ndarray:
     """Mask (N,) of the records that name this engine. Raises DataError when there is no column `engine`."""
     if "engine" not in chunk.text:
         raise DataError(f"{chunk.source}: no column `engine`, in which records would name {wanted!r}")
@@ -486,10 +495,10 @@ class Thinning:
     more, every second run goes, then every second of those that remain, and so on. came: how many there were."""
 
     most: int = 0
-    came: int = 0
+    total: int = 0
     halved: int = 0
 
-    def whole(self, chunks: Iterable[Recording]) -> Recording:
+    def thin(self, chunks: Iterable[Recording]) -> Recording:
         """The records of chunks that follow each other."""
         held: list[Recording] = []
         first = 0
@@ -502,10 +511,10 @@ class Thinning:
                 whole = concat(held)
                 held = [whole.select(np.flatnonzero((np.arange(len(whole)) // RUN) % 2 == 0))]
                 self.halved += 1
-        self.came += first
+        self.total += first
         return concat(held)
 
-    def together(self, flights: Sequence[tuple[WholeFlight, int]]) -> list[WholeFlight]:
+    def thin_flights(self, flights: Sequence[tuple[WholeFlight, int]]) -> list[WholeFlight]:
         """The flights, each with how often its records were halved, as if they had come as one recording."""
         while True:
             found, first = [], 0
@@ -523,7 +532,7 @@ class Thinning:
             self.halved += 1
 
 
-def whole_flights(intake: Intake, thinning: Thinning | None = None) -> list[WholeFlight]:
+def load_flights(intake: RecordingLoader, thinning: Thinning | None = None) -> list[WholeFlight]:
     """Every flight of every file, in their order, one engine after the other within a file; thinning: how many records
     are kept of them, default: all.
 
@@ -532,39 +541,39 @@ def whole_flights(intake: Intake, thinning: Thinning | None = None) -> list[Whol
     thinning = thinning or Thinning()
     flights: list[tuple[WholeFlight, int]] = []
     for file in intake.files():
-        flights += [(flight, thinning.halved) for flight in list(_of_file(intake, file, thinning))]
+        flights += [(flight, thinning.halved) for flight in list(_flights_in(intake, file, thinning))]
         if thinning.most and sum(f.records for f, _ in flights) > 2 * thinning.most:
-            flights = [(flight, thinning.halved) for flight in thinning.together(flights)]
-    found = thinning.together(flights)
+            flights = [(flight, thinning.halved) for flight in thinning.thin_flights(flights)]
+    found = thinning.thin_flights(flights)
     if not any(flight.records for flight in found):
         raise NoVerdictError(f"{', '.join(map(intake.source.label, intake.source.files))}: there is no record")
     return found
 
 
-def every_record(intake: Intake, files: Collection[str]) -> list[WholeFlight]:
-    """The flights of these files with the records that the recorder has left out because the engine was not steady,
+def load_ungated_flights(intake: RecordingLoader, files: Collection[str]) -> list[WholeFlight]:
+    """The flights of these files with the records that the recorder excluded because the engine was not steady,
     nothing averaged; none where there is no such recorder (`Intake.ungated`). Raises DataError."""
-    every = intake.ungated()
+    every = intake.without_gate()
     if every is None:
         return []
-    return [flight for file in every.files() if file.name in files for flight in _of_file(every, file, Thinning())]
+    return [flight for file in every.files() if file.name in files for flight in _flights_in(every, file, Thinning())]
 
 
-def _of_file(intake: Intake, file: File, thinning: Thinning) -> Iterator[WholeFlight]:
+def _flights_in(intake: RecordingLoader, file: LoadedFile, thinning: Thinning) -> Iterator[WholeFlight]:
     label = intake.source.label(file.name)
     # the chunks of a file are put together as long as they have the same columns
     for _, chunks in groupby(file.masked(), key=lambda chunk: frozenset(chunk.order)):
-        recording = thinning.whole(chunks)
+        recording = thinning.thin(chunks)
         column = np.asarray(recording.text.get("engine", [""] * len(recording)))
         for engine in dict.fromkeys(column.tolist()):
             for part in training_recordings(recording.select(column == engine), label):
                 yield WholeFlight(file.name, engine, part._replace(engine=engine))
 
 
-def live_chunks(intake: Intake, block: int, idle_s: float) -> Iterator[Recording]:
+def follow_chunks(intake: RecordingLoader, block: int, idle_s: float) -> Iterator[Recording]:
     """Masked blocks of up to `block` records of each file in turn; a file to which nothing is added for `idle_s`
     seconds has ended. What only a longer stretch shows (spikes) is not searched for."""
-    codec = OWN.codec if intake.recorder is None else intake.recorder.dialect.codec
+    codec = NATIVE_DIALECT.codec if intake.recorder is None else intake.recorder.dialect.codec
     for file in intake.source.files:
         source: Any = file if file == STDIN or needs_whole_file(file) else GrowingFile(file, idle_s, codec=codec)
         if intake.recorder is None:

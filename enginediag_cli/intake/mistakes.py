@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from enginediag_cli.engine.overview import heating_value_doubts
-from enginediag_cli.intake.comparison import Columns, Misfit, Yardstick, yardstick_of_engine
+from enginediag_cli.intake.comparison import Columns, EngineReference, Misfit, engine_reference
 from enginediag_cli.recordings.derived import (
     RULES,
     SEA_LEVEL_PA,
@@ -73,7 +73,7 @@ class Mistake:
 
 
 @dataclass(frozen=True)
-class Origin:
+class RecordingOrigin:
     """How the columns of a recording came to be: the recorder that mapped them, if one did, and the engine that they
     are to be compared with."""
 
@@ -90,7 +90,9 @@ class Origin:
         channel = self.channels.get(column)
         if channel is None or self.recorder is None:
             return column
-        return channel.source_of(self.recorder.engines.get(self.instance) or next(iter(self.recorder.engines.values())))
+        return channel.source_column(
+            self.recorder.engines.get(self.instance) or next(iter(self.recorder.engines.values()))
+        )
 
     def scale(self, column: str) -> float | None:
         """What 100 % of a column is, where it is recorded so."""
@@ -125,8 +127,8 @@ class Origin:
         return [c for c in self.channels if c in needed and c in columns]
 
 
-def mistakes(origin: Origin, columns: Columns, sensors: Sequence[str]) -> list[Mistake]:
-    """All single mistakes that columns (K,) of a recording may hold; those that would change nothing are left out."""
+def list_mistakes(origin: RecordingOrigin, columns: Columns, sensors: Sequence[str]) -> list[Mistake]:
+    """All single mistakes that columns (K,) of a recording may hold; those that would change nothing are excluded."""
     recorded = origin.recorded(columns, sensors)
     found: list[Mistake] = []
     for column in recorded:
@@ -160,7 +162,7 @@ def _changes(mistake: Mistake, columns: Columns) -> bool:
     return False
 
 
-def _units(origin: Origin, column: str) -> Iterator[Mistake]:
+def _units(origin: RecordingOrigin, column: str) -> Iterator[Mistake]:
     """A column in another unit than its name or its recorder says, or converted by another unit's factor."""
     target = known_unit(split_column(column)[1]) or (UNITS["1"] if origin.channels.get(column) else None)
     channel = origin.channels.get(column)
@@ -186,11 +188,11 @@ def _units(origin: Origin, column: str) -> Iterator[Mistake]:
                 if a != declared.name:
                     words = f"was in {b} and was converted as if it were in {a}"
                     back = _rescaled(UNITS[a], UNITS[b])
-                    yield _unit(origin, column, _in(target, back), words, b, CONVERTED, "converted")
+                    yield _unit(origin, column, _convert_in_unit(target, back), words, b, CONVERTED, "converted")
 
 
 def _unit(
-    origin: Origin,
+    origin: RecordingOrigin,
     column: str,
     right: Callable[[np.ndarray], np.ndarray],
     words: str,
@@ -208,11 +210,11 @@ def _rescaled(taken: Unit, really: Unit) -> Callable[[np.ndarray], np.ndarray]:
     return lambda v: (v - taken.offset) / taken.factor * really.factor + really.offset
 
 
-def _in(target: Unit, change: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
+def _convert_in_unit(target: Unit, change: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
     return lambda v: (change(v * target.factor + target.offset) - target.offset) / target.factor
 
 
-def _pressures(origin: Origin, column: str, columns: Columns) -> Iterator[Mistake]:
+def _pressures(origin: RecordingOrigin, column: str, columns: Columns) -> Iterator[Mistake]:
     """A gauge pressure taken for an absolute one, and the other way round."""
     unit = known_unit(split_column(column)[1])
     if unit is None or unit.dimension != "pressure" or column == "ambient_pressure_Pa":
@@ -235,7 +237,7 @@ def _ambient_pressure(columns: Columns) -> np.ndarray:
     return np.asarray(found, float)
 
 
-def _percent(origin: Origin, column: str) -> Iterator[Mistake]:
+def _percent(origin: RecordingOrigin, column: str) -> Iterator[Mistake]:
     """A speed in % where rpm were meant, or in rpm where % were."""
     unit, full = known_unit(split_column(column)[1]), origin.scale(column)
     if unit is None or unit.dimension != "rotational speed":
@@ -255,7 +257,7 @@ def _percent(origin: Origin, column: str) -> Iterator[Mistake]:
         yield Mistake("percent", column, words, right, lambda c: {column: c[column] * design / 100})
 
 
-def _total_temperature(origin: Origin, column: str, columns: Columns) -> Iterator[Mistake]:
+def _total_temperature(origin: RecordingOrigin, column: str, columns: Columns) -> Iterator[Mistake]:
     """A total temperature taken for the static one, T (1 + 0.2 M²) for T, and the other way round."""
     if "mach" not in columns or column not in _air_columns(origin):
         return
@@ -279,7 +281,7 @@ def _rise(columns: Columns) -> np.ndarray:
     return 1.0 + 0.2 * np.square(np.asarray(columns["mach"], float))
 
 
-def _air_columns(origin: Origin) -> set[str]:
+def _air_columns(origin: RecordingOrigin) -> set[str]:
     """Columns of the static temperature of the air, and of the total one that it is derived from."""
     found = {"ambient_temperature_K"}
     for settings in origin.recorder.values["derived"] if origin.recorder is not None else ():
@@ -288,7 +290,7 @@ def _air_columns(origin: Origin) -> set[str]:
     return found
 
 
-def _air(origin: Origin, columns: Columns) -> Iterator[Mistake]:
+def _air(origin: RecordingOrigin, columns: Columns) -> Iterator[Mistake]:
     """What is wrong with the Mach number, and with a recorded deviation from the standard atmosphere."""
     if "altitude_m" not in columns:
         return
@@ -365,8 +367,8 @@ def _deviations(name: str, with_mach: bool) -> Iterator[Mistake]:
     yield of("unit", "is in °F", "multiply it by 5/9", lambda c: c["dT_isa_K"] * 5 / 9)
 
 
-def _swaps(origin: Origin, recorded: Sequence[str]) -> Iterator[Mistake]:
-    """Two columns of one dimension that stand in each other's place."""
+def _swaps(origin: RecordingOrigin, recorded: Sequence[str]) -> Iterator[Mistake]:
+    """Two columns of one dimension that are in each other's place."""
     for a, b in combinations(recorded, 2):
         units = [known_unit(split_column(c)[1]) for c in (a, b)]
         if units[0] is None or units[1] is None or units[0].dimension != units[1].dimension:
@@ -382,7 +384,7 @@ CHANGED = 0.1
 
 
 @dataclass(frozen=True)
-class Trial:
+class MistakeTrial:
     """A mistake, the misfit with it put right, and by how much likelier (log odds) the recording then is than as read.
     rest: −ln p, with it put right, of the readings that it makes fit better or worse."""
 
@@ -392,13 +394,13 @@ class Trial:
     rest: float
 
     @staticmethod
-    def of_misfits(mistake: Mistake, misfit: Misfit, as_read: Misfit) -> Trial:
+    def from_misfits(mistake: Mistake, misfit: Misfit, as_read: Misfit) -> MistakeTrial:
         """With the misfits of a recording put right and as read."""
         before = dict(zip(as_read.sensors, as_read.factor.tolist(), strict=True))
         ratio = np.log([f / before.get(s, np.inf) for s, f in zip(misfit.sensors, misfit.factor, strict=True)])
         own = np.where(np.abs(ratio) > CHANGED, misfit.count * np.log(misfit.factor), 0.0)
         gain = misfit.log_likelihood + mistake.prior - as_read.log_likelihood
-        return Trial(mistake, misfit, gain, max(float(np.sum(own)), 0.0))
+        return MistakeTrial(mistake, misfit, gain, max(float(np.sum(own)), 0.0))
 
 
 FINALISTS = 6
@@ -414,25 +416,27 @@ BEYOND = 0.5
 """Share of the range of the engine's envelope, beyond its ends, where no engine is operated."""
 
 
-def trials(yardstick: Yardstick, origin: Origin, columns: Columns, as_read: Misfit) -> list[Trial]:
+def try_mistakes(
+    yardstick: EngineReference, origin: RecordingOrigin, columns: Columns, as_read: Misfit
+) -> list[MistakeTrial]:
     """All mistakes that may explain a sample of K records, the likeliest first. One with which fewer sensors have
     readings (a constant column in a sensor's place) explains nothing: it leaves the sensor out."""
     size = len(next(iter(columns.values())))
     few = np.unique(np.linspace(0, size - 1, min(SCREENED, size)).astype(int))
     sample = {c: v[few] for c, v in columns.items()}
-    known = yardstick.answer(sample)
+    known = yardstick.predict(sample)
     before = yardstick.misfit(sample, 1, answer=known)
     read = set(before.sensors)
-    inputs = [c for c in yardstick.given if c in columns]
+    inputs = [c for c in yardstick.input_columns if c in columns]
     tried: list[tuple[Mistake, Columns]] = []
     elsewhere: list[int] = []
-    for mistake in mistakes(origin, sample, yardstick.sensors):
+    for mistake in list_mistakes(origin, sample, yardstick.sensors):
         changed = origin.derived(sample, mistake.change(sample))
         same = not mistake.values and all(np.array_equal(changed[c], sample[c]) for c in inputs)
-        if same or _flown(origin.engine, changed):
+        if same or _within_envelope(origin.engine, changed):
             elsewhere += [] if same or mistake.values else [len(tried)]
             tried.append((mistake, changed))
-    answers = dict(zip(elsewhere, yardstick.answers([tried[k][1] for k in elsewhere]), strict=True))
+    answers = dict(zip(elsewhere, yardstick.predict_several([tried[k][1] for k in elsewhere]), strict=True))
     first: list[tuple[float, Mistake]] = []
     for k, (mistake, columns_then) in enumerate(tried):
         answer = None if mistake.values else answers.get(k, known)
@@ -445,11 +449,13 @@ def trials(yardstick: Yardstick, origin: Origin, columns: Columns, as_read: Misf
     for _, mistake in first[:FINALISTS]:
         changed = origin.derived(columns, mistake.change(columns))
         misfit = yardstick.misfit(changed, 3, mistake.values)
-        ended.append(Trial.of_misfits(mistake, misfit, as_read))
+        ended.append(MistakeTrial.from_misfits(mistake, misfit, as_read))
     return sorted(ended, key=lambda one: -one.gain)
 
 
-def other_engines(origin: Origin, columns: Columns, as_read: Misfit) -> Iterator[tuple[Mistake, Misfit]]:
+def compare_other_engines(
+    origin: RecordingOrigin, columns: Columns, as_read: Misfit
+) -> Iterator[tuple[Mistake, Misfit]]:
     """The engines that come with the program and read these columns, each with the misfit of K records to it."""
     from enginediag_cli.errors import EngineDiagError
     from enginediag_cli.physics.engine_file import load_engine
@@ -463,13 +469,17 @@ def other_engines(origin: Origin, columns: Columns, as_read: Misfit) -> Iterator
         shared = [s for s in as_read.sensors if s in engine.sensors]
         if engine.name == origin.engine.name or len(shared) < SHARED or any(c not in columns for c in engine.inputs):
             continue
-        yardstick = yardstick_of_engine(engine)
-        kept = {c: v for c, v in columns.items() if c in shared or c not in as_read.sensors or c in yardstick.given}
+        yardstick = engine_reference(engine)
+        kept = {
+            c: v for c, v in columns.items() if c in shared or c not in as_read.sensors or c in yardstick.input_columns
+        }
         words, hint = f"this is the engine {engine.name} ({path.name}), not {origin.engine.name}", f"use {path.name}"
         yield Mistake("engine", "", words, hint, lambda c: {}, engine=engine), yardstick.misfit(kept, 3)
 
 
-def factor_trial(yardstick: Yardstick, origin: Origin, columns: Columns, as_read: Misfit) -> Trial | None:
+def try_factors(
+    yardstick: EngineReference, origin: RecordingOrigin, columns: Columns, as_read: Misfit
+) -> MistakeTrial | None:
     """One column too large or too small by a factor that no unit explains and no instrument is wrong by; the likeliest
     of the columns and factors from LEAST_FACTOR to LARGEST_FACTOR, up and down."""
     size = len(next(iter(columns.values())))
@@ -486,26 +496,26 @@ def factor_trial(yardstick: Yardstick, origin: Origin, columns: Columns, as_read
         factors = [own] if abs(np.log(own)) >= np.log(LEAST_FACTOR) else []
         factors += [*steps, *(1.0 / steps)] if column in yardstick.engine.inputs else []
         for factor in factors:
-            mistake = _by_factor(origin, column, float(factor))
+            mistake = _factor_mistake(origin, column, float(factor))
             changed = origin.derived(sample, mistake.change(sample))
-            if _flown(origin.engine, changed):
+            if _within_envelope(origin.engine, changed):
                 tried.append((mistake, changed))
     if not tried:
         return None
-    answers = yardstick.answers([changed for _, changed in tried])
+    answers = yardstick.predict_several([changed for _, changed in tried])
     likely = [yardstick.misfit(c, 1, answer=a).log_likelihood for (_, c), a in zip(tried, answers, strict=True)]
     mistake = tried[int(np.argmax(likely))][0]
     misfit = yardstick.misfit(origin.derived(columns, mistake.change(columns)), 3)
-    return Trial.of_misfits(mistake, misfit, as_read)
+    return MistakeTrial.from_misfits(mistake, misfit, as_read)
 
 
-def _by_factor(origin: Origin, column: str, factor: float) -> Mistake:
+def _factor_mistake(origin: RecordingOrigin, column: str, factor: float) -> Mistake:
     words = f"{origin.name(column)} reads {factor:.3g} times what it should"
     hint = "no unit explains it; another unit, full scale or density?"
     return Mistake("factor", column, words, hint, lambda c: {column: c[column] / factor}, RARE)
 
 
-def _flown(engine: Any, columns: Columns) -> bool:
+def _within_envelope(engine: Any, columns: Columns) -> bool:
     """Whether the medians of the inputs are where the engine may be operated."""
     for column, (low, high) in engine.envelope.items():
         room = BEYOND * (high - low)

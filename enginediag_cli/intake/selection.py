@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from enginediag_cli.engine.tape import Tapes
     from enginediag_cli.engine.wrapped import Model
     from enginediag_cli.identification.nominal import Nominal
-    from enginediag_cli.recordings.table import Absent, Recording
+    from enginediag_cli.recordings.table import MissingColumn, Recording
 
 
 STDIN = "-"
@@ -27,7 +27,7 @@ STDIN = "-"
 
 
 @dataclass(frozen=True)
-class Source:
+class RecordingSource:
     """`files` as given, "-" for standard input; `recorder`: recorder file of foreign recordings, if they are;
     `engine_instance`: use only this engine of the recordings, "" for all; `accept_mismatch`: go on with a recording
     that cannot be of the engine, or in these units."""
@@ -56,7 +56,7 @@ class Source:
         return name if [os.path.basename(f) for f in self.files].count(name) == 1 else file
 
 
-def refuse_repeated(files: Sequence[str]) -> None:
+def refuse_duplicates(files: Sequence[str]) -> None:
     """Raises DataError when two of the files are the same one, or have the same bytes: what a recording says would
     count twice. Pipes are not looked into."""
     by_size: dict[int, list[str]] = {}
@@ -75,16 +75,16 @@ def refuse_repeated(files: Sequence[str]) -> None:
 
 
 def _digest(file: str) -> str:
-    from enginediag_cli.recordings.provenance import sha256_of
+    from enginediag_cli.recordings.provenance import file_sha256
 
-    return sha256_of(file)
+    return file_sha256(file)
 
 
 @dataclass(frozen=True)
-class Wanted:
+class RequiredColumns:
     """Columns by what they are to the engine: `inputs` must be there; `optional` inputs have a value that stands for
     "not recorded"; of the `sensors` one must be there; `others` are further columns asked for by name. `tapes`: where
-    the past of every record is kept, for an engine that may remember it; None for one that does not."""
+    the past of every record is kept, for an engine with memory; None for one without."""
 
     inputs: tuple[str, ...]
     sensors: tuple[str, ...]
@@ -99,16 +99,16 @@ class Wanted:
         return tuple(dict.fromkeys((*self.inputs, *self.optional, *self.sensors, *self.others, "time_s")))
 
     @property
-    def given(self) -> tuple[str, ...]:
-        """Columns of what the engine is told, which may well stand still; not what it is judged by."""
+    def input_columns(self) -> tuple[str, ...]:
+        """Columns of the engine's inputs, which may well be constant; not what it is judged by."""
         return (*self.inputs, *self.optional)
 
-    def absent(self, recording: Recording) -> tuple[Absent, ...]:
+    def find_missing(self, recording: Recording) -> tuple[MissingColumn, ...]:
         """The sensors that the recording has no column of. Raises DataError, with near matches, when an input or every
         sensor is missing."""
-        from enginediag_cli.recordings.table import absent_columns
+        from enginediag_cli.recordings.table import find_missing_columns
 
-        missing = {a.column: a for a in absent_columns(self.declared, recording.order)}
+        missing = {a.column: a for a in find_missing_columns(self.declared, recording.order)}
         needed = [str(missing[c]) for c in self.inputs if c in missing]
         if needed:
             raise DataError(f"{recording.source}: no column {', '.join(needed)}, which {self.engine} needs")
@@ -118,11 +118,11 @@ class Wanted:
         return sensors
 
 
-def columns_of(
+def required_columns(
     engine: Model, sensors: Iterable[str] | None = None, others: Sequence[str] = (), *, past: bool = False
-) -> Wanted:
-    """What this engine reads; `sensors`: only these of its own; `past`: its tapes are kept although it remembers
-    nothing as it is."""
+) -> RequiredColumns:
+    """What this engine reads; `sensors`: only these of its own; `past`: its tapes are kept although it has no
+    memory as it is."""
     from enginediag_cli.engine.tape import MOMENT
 
     name = str(getattr(engine, "name", "the engine"))
@@ -130,11 +130,11 @@ def columns_of(
     # where a record stands on its tape is no column of a recording
     optional = tuple(c for c in engine.optional_inputs if c != MOMENT)
     chosen = tuple(engine.sensors) if sensors is None else tuple(sensors)
-    return Wanted(tuple(engine.inputs), chosen, optional, tuple(others), name, tapes)
+    return RequiredColumns(tuple(engine.inputs), chosen, optional, tuple(others), name, tapes)
 
 
 @dataclass(frozen=True)
-class Baseline:
+class NominalBaseline:
     """An engine with the power setting of its nominal state. `path`: the nominal file; `changed_engine`: SHA-256 of an
     engine file that is not the one identified, where that was accepted, else ""; `left_aside`: an engine file that is
     not the one identified and was not used, else ""."""
@@ -143,7 +143,7 @@ class Baseline:
     nominal: Nominal
     path: str
     changed_engine: str = ""
-    left_aside: str = ""
+    unused_engine: str = ""
 
     def other_instance(self, wanted: str) -> tuple[str, str] | None:
         """(engine identified, engine of the recordings) where both are named and differ."""
@@ -154,7 +154,7 @@ class Baseline:
 
 def open_baseline(
     nominal_path: str | Path, engine_path: str | Path | None = None, *, accept_changed_engine: bool = False
-) -> Baseline:
+) -> NominalBaseline:
     """A nominal file and its engine: the one that travels in it, whatever has become of the engine file.
 
     An engine file that is given, and the one that an older nominal file names, is used itself, and must be the one
@@ -180,4 +180,4 @@ def open_baseline(
     if len(other) == 1:
         engine = build(power_setting=other[0])
     check_nominal_fits(nominal, engine, nominal_path)
-    return Baseline(engine, nominal, str(nominal_path), changed, left_aside)
+    return NominalBaseline(engine, nominal, str(nominal_path), changed, left_aside)

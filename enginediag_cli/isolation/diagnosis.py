@@ -29,7 +29,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from enginediag_cli.faults.catalogue import FaultSet
-from enginediag_cli.intake.agreement import Disagreement
+from enginediag_cli.intake.agreement import RecordingMismatch
 from enginediag_cli.isolation.advice import ODDS
 from enginediag_cli.isolation.catalogue import NamedIsolation, isolate_named, known_signs, one_sided_posterior
 from enginediag_cli.isolation.methods import IsolationOptions, isolate, posterior_result
@@ -175,7 +175,7 @@ def isolate_components(
     score: Score,
     options: IsolationOptions | None = None,
     statistics: LocalStatistics | None = None,
-    disagreement: Disagreement | None = None,
+    disagreement: RecordingMismatch | None = None,
 ) -> ComponentIsolation:
     """The components that changed; of the options, those of the posterior method count.
 
@@ -332,7 +332,7 @@ def diagnose(
     options: DiagnosisOptions,
     records: Callable[[], WindowModel | None] | None = None,
     statistics: LocalStatistics | None = None,
-    disagreement: Disagreement | None = None,
+    disagreement: RecordingMismatch | None = None,
 ) -> Diagnosis:
     """Diagnosis of one window; `records` gives its records with the full model, when there are any.
 
@@ -350,7 +350,7 @@ def diagnose(
         isolation = replace(isolation, largest=LARGEST_OF_MANY)
     large, adequacy, belief = False, Adequacy(), None
     if options.method == "posterior":
-        if disagreement is not None and disagreement.doubtful:
+        if disagreement is not None and disagreement.is_likely_wrong:
             records = None
         belief, result, large, adequacy = _diagnose_by_posterior(
             score, isolation, options, records, statistics, disagreement
@@ -377,7 +377,7 @@ def _diagnose_by_posterior(
     options: DiagnosisOptions,
     records: Callable[[], WindowModel | None] | None,
     statistics: LocalStatistics | None,
-    disagreement: Disagreement | None,
+    disagreement: RecordingMismatch | None,
 ) -> tuple[SetInference, SetIsolation, bool, Adequacy]:
     prior, notes = isolation.prior, []
     if options.one_sided:  # knows the signs by itself

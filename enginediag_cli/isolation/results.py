@@ -54,7 +54,7 @@ import numpy as np
 
 from enginediag_cli.detection.verdict import lack_of_fit
 from enginediag_cli.faults.chances import UNLISTED
-from enginediag_cli.intake.agreement import Disagreement
+from enginediag_cli.intake.agreement import RecordingMismatch
 from enginediag_cli.isolation.advice import ODDS
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.isolation.subsets import enumerate_sets
@@ -266,14 +266,14 @@ class Adequacy:
     noise: float = 1.0
     unlisted: float = 0.0
     impossible_change: tuple[str, float] | None = None
-    disagreement: Disagreement | None = None
+    disagreement: RecordingMismatch | None = None
 
     @property
     def is_listed(self) -> bool:
         """Whether something listed is likelier than something that is not."""
         return self.unlisted < 0.5
 
-    def include_disagreement(self, disagreement: Disagreement | None) -> Adequacy:
+    def include_disagreement(self, disagreement: RecordingMismatch | None) -> Adequacy:
         """The same where the file itself may be wrong: what is listed explains a right one only."""
         if disagreement is None:
             return self

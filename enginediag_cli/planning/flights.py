@@ -24,7 +24,7 @@ import numpy as np
 
 from enginediag_cli.engine.atmosphere import T_ISA, standard_atmosphere
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.simulation.flights import with_power
+from enginediag_cli.simulation.flights import complete_inputs
 
 RECORDS = 160
 """Records of a planned flight: an hour and a half of one every half minute, what an airline's flight brings in."""
@@ -74,7 +74,7 @@ class PlannedFlight:
         }
         power = np.interp(time, at, [c.power for c in self.corners])
         labels = {"time_s": time, "flight": np.ones(records), "phase": np.zeros(records)}
-        flown = with_power({**course, **labels, "power_fraction": power}, engine, self.constants)
+        flown = complete_inputs({**course, **labels, "power_fraction": power}, engine, self.constants)
         return {c: np.asarray(flown.columns[c], float) for c in engine.inputs}
 
     def flight_file(self, engine: Engine) -> dict[str, Any]:

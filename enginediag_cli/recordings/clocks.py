@@ -24,7 +24,15 @@ import numpy as np
 
 from enginediag_cli.config.hints import closest
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.table import OWN, Dialect, Recording, concat, is_missing, no_number, rechunk
+from enginediag_cli.recordings.table import (
+    NATIVE_DIALECT,
+    Dialect,
+    Recording,
+    concat,
+    is_missing,
+    number_error,
+    rechunk,
+)
 
 FRACTION = re.compile(r"(.*?)[.,](\d+)(.*)")
 """A stamp with a fraction of a second: what stands before it, its digits, what stands behind."""
@@ -47,7 +55,7 @@ PAST_MIDNIGHT_S = 0.5 * DAY_S
 
 
 @dataclass
-class Stamps:
+class TimeStamps:
     """Seconds of the stamps in the columns `sources` (date and time of day may be two: joined by a space).
 
     form: "iso", a format of strptime, or one of NUMBERS; zone: of stamps that do not say, as in `zone_of`; since:
@@ -60,7 +68,7 @@ class Stamps:
     form: str = "iso"
     zone: str = ""
     since: str = "first_record"
-    dialect: Dialect = OWN
+    dialect: Dialect = NATIVE_DIALECT
     _start: float | None = None
     _latest: float = -np.inf  # the last stamp as it was handed out, in s, but for `since`
     _shown: float = np.nan  # the last one as the clock showed it
@@ -68,7 +76,7 @@ class Stamps:
     _days: int = 0
 
     def __post_init__(self) -> None:
-        self._tz = zone_of(self.zone)
+        self._tz = parse_zone(self.zone)
 
     def seconds(self, recording: Recording) -> np.ndarray:
         """(N,) s, NaN where a cell is empty. Raises DataError naming the line of a stamp that cannot be read, or that
@@ -85,7 +93,7 @@ class Stamps:
         return f"{recording.source}:{recording.line[k]}:{'+'.join(self.sources)}"
 
     def _texts(self, recording: Recording) -> np.ndarray:
-        parts = [cells_of(recording, column) for column in self.sources]
+        parts = [text_cells(recording, column) for column in self.sources]
         values = np.full(len(recording), np.nan)
         for k, cells in enumerate(zip(*parts, strict=True)):
             text = " ".join(cell.strip() for cell in cells)
@@ -149,7 +157,7 @@ class Stamps:
             cells = recording.text[column]
             read, bad, _ = self.dialect.numbers(cells)
             if bad:
-                raise no_number(cells[bad[0]], self._place(recording, bad[0]))
+                raise number_error(cells[bad[0]], self._place(recording, bad[0]))
         if self.form == "excel_days":
             return self._from_spreadsheet(read, recording)
         if self.form != "seconds_of_day":
@@ -175,9 +183,9 @@ class Stamps:
         return values
 
 
-def stamps_of(time: Mapping[str, Any], dialect: Dialect) -> Stamps:
+def make_stamps(time: Mapping[str, Any], dialect: Dialect) -> TimeStamps:
     """The stamps that a section `time` of a recorder declares, in a file that is written so."""
-    return Stamps(time["from"], time["format"], time["zone"], time["since"], dialect)
+    return TimeStamps(time["from"], time["format"], time["zone"], time["since"], dialect)
 
 
 def check_forward(recording: Recording) -> None:
@@ -194,7 +202,7 @@ def check_forward(recording: Recording) -> None:
             )
 
 
-def zone_of(zone: str) -> tzinfo:
+def parse_zone(zone: str) -> tzinfo:
     """The time zone of `+02:00`, `-05:30`, `UTC`, "" or an IANA name such as `Europe/Berlin`. Raises ValueError, which
     says what would be one."""
     if zone in ("", "UTC", "Z"):
@@ -217,7 +225,7 @@ def zone_of(zone: str) -> tzinfo:
     raise ValueError(f"did you mean {close!r}?" if close else hint)
 
 
-def cells_of(recording: Recording, column: str) -> Sequence[str]:
+def text_cells(recording: Recording, column: str) -> Sequence[str]:
     """A column's cells as text."""
     if column in recording.text:
         return recording.text[column]
@@ -251,11 +259,11 @@ BLOCK = 4096
 SHOWN_TAGS = 20
 """Tags of an export that are listed where one is missing."""
 
-TimesOf = Callable[[Recording], np.ndarray]
+RecordTimes = Callable[[Recording], np.ndarray]
 """Times (N,) of records in s, on the clock that all files of a recorder share."""
 
 
-def latest(times: np.ndarray, values: np.ndarray, at: np.ndarray, max_age_s: float) -> np.ndarray:
+def last_values(times: np.ndarray, values: np.ndarray, at: np.ndarray, max_age_s: float) -> np.ndarray:
     """(N,) the last of the values (M,) read at `times` (M,), ascending, up to each of the times `at` (N,); NaN where
     there is none so young."""
     if not times.size:
@@ -268,7 +276,7 @@ def latest(times: np.ndarray, values: np.ndarray, at: np.ndarray, max_age_s: flo
 
 def nearest_records(times: np.ndarray, at: np.ndarray, max_age_s: float) -> tuple[np.ndarray, np.ndarray]:
     """For readings at `times` (M,) the records of the times `at` (N,), both ascending, that each is nearest to: indices
-    of readings and of their records, a reading without a record within `max_age_s` left out; of several readings for
+    of readings and of their records, without readings that have no record within `max_age_s`; of several readings for
     one record the nearest is last."""
     if not times.size or not at.size:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
@@ -291,10 +299,10 @@ class JoinedFile:
     path: str
     columns: Sequence[str]
     chunks: Iterator[Recording]
-    clock: TimesOf
+    clock: RecordTimes
     nearest: bool
     max_age_s: float
-    joined: int = 0
+    matches: int = 0
     _ended: bool = False
     _times: np.ndarray = field(default_factory=lambda: np.zeros(0))
     _values: np.ndarray = field(init=False)
@@ -320,11 +328,11 @@ class JoinedFile:
             keep &= self._times > (done[-1] if done.size else -np.inf)
         else:
             for j, values in enumerate(self._values):
-                found[j, known] = latest(self._times, values, times, self.max_age_s)
+                found[j, known] = last_values(self._times, values, times, self.max_age_s)
             if done.size:
                 keep[: max(int(np.searchsorted(self._times, done[-1], side="right")) - 1, 0)] = False
         self._times, self._values = self._times[keep], self._values[:, keep]
-        self.joined += int(np.isfinite(found[:, :final]).sum())
+        self.matches += int(np.isfinite(found[:, :final]).sum())
         return found[:, :final]
 
     def _pull(self, until: float) -> None:
@@ -353,7 +361,7 @@ def refuse_backward(recording: Recording, times: np.ndarray, before: float) -> N
         )
 
 
-def join(chunks: Iterable[Recording], clock: TimesOf, files: Sequence[JoinedFile]) -> Iterator[Recording]:
+def join_files(chunks: Iterable[Recording], clock: RecordTimes, files: Sequence[JoinedFile]) -> Iterator[Recording]:
     """Chunks of records with the columns of further files. Raises DataError where times go back, and for a file that
     has no reading near any record. One record waits for the next, to which a reading may be nearer."""
     held: Recording | None = None
@@ -371,7 +379,7 @@ def join(chunks: Iterable[Recording], clock: TimesOf, files: Sequence[JoinedFile
         return
     yield _with_columns(held, at, len(held), files)
     for file in files:
-        if file.columns and not file.joined:
+        if file.columns and not file.matches:
             what = f"no reading within {file.max_age_s:g} s of a record of {held.source}"
             raise DataError(f"{file.path}: {what}: are both on one clock, in one time zone?")
 
@@ -385,7 +393,7 @@ def _with_columns(recording: Recording, at: np.ndarray, final: int, files: Seque
 
 
 @dataclass(frozen=True)
-class LongForm:
+class LongFormat:
     """An export of one reading a line. tag, value, quality: its columns, quality "" where it has none; good: words of a
     quality whose value is used; clock: the tag at whose times there are records, "" for the times of all; max_age_s:
     how long a value is held."""
@@ -406,7 +414,7 @@ class _Series:
     """Times, values and codes of texts of one tag, on disk until they are merged. A text is a number: where it stands
     in `words`."""
 
-    def __init__(self, stamps: Stamps):
+    def __init__(self, stamps: TimeStamps):
         self.stamps, self.size, self.latest = stamps, 0, -np.inf
         self.words: dict[str, int] = {}
         from tempfile import TemporaryFile
@@ -440,17 +448,17 @@ class _Series:
 
     def values(self, at: np.ndarray, max_age_s: float) -> np.ndarray:
         """(N,) as `latest`."""
-        return latest(self.times, self._buffer[:, 1], at, max_age_s)
+        return last_values(self.times, self._buffer[:, 1], at, max_age_s)
 
     def forget(self, before: float) -> None:
         """Keep what a time from this one on may take."""
         self._buffer = self._buffer[max(int(np.searchsorted(self.times, before, side="right")) - 1, 0) :]
 
 
-def pivot(
+def pivot_long(
     chunks: Iterable[Recording],
-    form: LongForm,
-    stamps: Callable[[], Stamps],
+    form: LongFormat,
+    stamps: Callable[[], TimeStamps],
     dialect: Dialect,
     tags: Collection[str],
     texts: Collection[str],
@@ -478,7 +486,7 @@ def pivot(
     yield from rechunk(_merged(series, form, time, texts, f"{source} (by time)", provenance), chunk_records)
 
 
-def _take(rows: Recording, form: LongForm, series: _Series, dialect: Dialect, *, text: bool) -> None:
+def _take(rows: Recording, form: LongFormat, series: _Series, dialect: Dialect, *, text: bool) -> None:
     times = series.stamps.seconds(rows)
     refuse_backward(rows, times, series.latest)
     cells = rows.text[form.value]
@@ -487,7 +495,7 @@ def _take(rows: Recording, form: LongForm, series: _Series, dialect: Dialect, *,
     else:
         values, bad, _ = dialect.numbers(cells)
         if bad:
-            raise no_number(cells[bad[0]], f"{rows.source}:{rows.line[bad[0]]}:{form.value}")
+            raise number_error(cells[bad[0]], f"{rows.source}:{rows.line[bad[0]]}:{form.value}")
     if form.quality:
         good = {word.strip().lower() for word in form.good}
         usable = np.array([cell.strip().lower() in good for cell in rows.text[form.quality]], bool)
@@ -500,7 +508,7 @@ def _take(rows: Recording, form: LongForm, series: _Series, dialect: Dialect, *,
 
 def _merged(
     series: Mapping[str, _Series],
-    form: LongForm,
+    form: LongFormat,
     time: str,
     texts: Collection[str],
     source: str,
@@ -536,7 +544,7 @@ def _merged(
         yield Recording(columns, text, (time, *columns.keys() - {time}, *text), line, source, provenance)
 
 
-def beside(source: object, recording: str, cut: str) -> Path:
+def find_joined_path(source: object, recording: str, cut: str) -> Path:
     """The file of a join beside a recording: `{name}` stands for its name without endings, and without `cut` at its
     end. Raises DataError where a recording has no name, or not that end."""
     if not isinstance(source, (str, Path)) or str(source) == "-":

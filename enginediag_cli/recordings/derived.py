@@ -20,7 +20,7 @@ Settings = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class Rule:
+class DerivationRule:
     """How a column is computed.
 
     section: its YAML keys; columns: those of them that name columns, one or a list; compute: the column (N,) from the
@@ -65,7 +65,7 @@ def humidity_ratio(relative: np.ndarray, temperature_K: np.ndarray, pressure_Pa:
     return WATER_TO_AIR * vapour / (pressure_Pa - vapour)
 
 
-HUMIDITY_RATIO = Rule(
+HUMIDITY_RATIO = DerivationRule(
     Section(
         "humidity_ratio",
         "water per dry air from the relative humidity, in kg/kg",
@@ -93,7 +93,7 @@ def isa_temperature(altitude_m: np.ndarray) -> np.ndarray:
     return SEA_LEVEL_K - LAPSE_K_M * np.minimum(altitude_m, TROPOPAUSE_M)
 
 
-ISA_DEVIATION = Rule(
+ISA_DEVIATION = DerivationRule(
     Section(
         "isa_deviation",
         "static temperature minus that of the standard atmosphere, in K",
@@ -131,7 +131,7 @@ def mach_from_cas(cas_m_s: np.ndarray, altitude_m: np.ndarray) -> np.ndarray:
     return mach
 
 
-MACH_FROM_CAS = Rule(
+MACH_FROM_CAS = DerivationRule(
     Section(
         "mach_from_cas",
         "Mach number from calibrated airspeed and pressure altitude, subsonic",
@@ -154,7 +154,7 @@ def static_temperature(total_K: np.ndarray, mach: np.ndarray, recovery: float = 
     return total_K / (1.0 + recovery * 0.5 * (GAMMA - 1.0) * mach**2)
 
 
-STATIC_TEMPERATURE = Rule(
+STATIC_TEMPERATURE = DerivationRule(
     Section(
         "static_temperature",
         "static from total air temperature, in K",
@@ -183,7 +183,7 @@ def mach_from_tas(tas_m_s: np.ndarray, temperature_K: np.ndarray, recovery: floa
     return tas_m_s / np.sqrt(GAMMA * GAS_CONSTANT * np.where(static > 0.0, static, np.nan))
 
 
-MACH_FROM_TAS = Rule(
+MACH_FROM_TAS = DerivationRule(
     Section(
         "mach_from_tas",
         "Mach number from true airspeed and air temperature",
@@ -220,7 +220,7 @@ def consensus(readings: np.ndarray, agree_within: float, least: int = 1, *, medi
     return result
 
 
-SUM = Rule(
+SUM = DerivationRule(
     Section(
         "sum",
         "sum of columns in one unit, as a gauge pressure and the ambient pressure",
@@ -234,7 +234,7 @@ SUM = Rule(
     one_unit=True,
 )
 
-CONSENSUS = Rule(
+CONSENSUS = DerivationRule(
     Section(
         "consensus",
         "mean of those redundant probes that agree; missing where no group of them is the largest",
@@ -252,7 +252,7 @@ CONSENSUS = Rule(
     one_unit=True,
 )
 
-PRODUCT = Rule(
+PRODUCT = DerivationRule(
     Section(
         "product",
         "factor times the product of some columns over the product of others",
@@ -293,7 +293,7 @@ def lowpass(values: np.ndarray, time_s: np.ndarray, time_constant_s: float) -> n
     return result
 
 
-SOAK = Rule(
+SOAK = DerivationRule(
     Section(
         "soak",
         "a column minus its own low-pass, computed at the rate of the file, before averaging",
@@ -309,7 +309,7 @@ SOAK = Rule(
 
 
 @dataclass(frozen=True)
-class Fill:
+class GapFill:
     """method: "hold" the last reading, or "interpolate" in time between two (in records without time_s); records: the
     most records that a reading is carried, or that two readings lie apart. What is further stays missing."""
 
@@ -317,11 +317,11 @@ class Fill:
     records: int
 
 
-class Filler:
+class GapFiller:
     """Fills columns of a stream; what waits for the next reading of an interpolated column is handed out later, so the
     result does not depend on chunks."""
 
-    def __init__(self, fills: Mapping[str, Fill]):
+    def __init__(self, fills: Mapping[str, GapFill]):
         self._fills = fills
         self._reach = max((f.records for f in fills.values()), default=0)
         self._held: Recording | None = None
@@ -336,13 +336,13 @@ class Filler:
         final = n if end else min([n, *(self._ready(every[c], f) for c, f in self._fills.items())])
         final = max(final, self._done)
         time = every["time_s"] if "time_s" in every else np.arange(float(n))
-        filled = every.with_columns({c: fill(every[c], time, f) for c, f in self._fills.items()})
+        filled = every.with_columns({c: fill_gaps(every[c], time, f) for c, f in self._fills.items()})
         result = filled.select(slice(self._done, final))
         first = max(0, final - self._reach - 1)
         self._held, self._done = every.select(slice(first, None)), final - first
         return result
 
-    def _ready(self, values: np.ndarray, how: Fill) -> int:
+    def _ready(self, values: np.ndarray, how: GapFill) -> int:
         n = len(values)
         if how.method == "hold":
             return n
@@ -350,7 +350,7 @@ class Filler:
         return max(int(known[-1]) + 1 if known.size else 0, n - how.records)
 
 
-def fill(values: np.ndarray, time: np.ndarray, how: Fill) -> np.ndarray:
+def fill_gaps(values: np.ndarray, time: np.ndarray, how: GapFill) -> np.ndarray:
     """(N,) values with gaps filled as `how` says; time: (N,) at which they were read."""
     n = len(values)
     known = np.isfinite(values)
@@ -373,7 +373,7 @@ def fill(values: np.ndarray, time: np.ndarray, how: Fill) -> np.ndarray:
     return result
 
 
-RULES: dict[str, Rule] = {
+RULES: dict[str, DerivationRule] = {
     rule.section.name: rule
     for rule in (
         CONSENSUS,

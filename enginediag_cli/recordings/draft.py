@@ -13,14 +13,20 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from enginediag_cli.recordings.engine_columns import HELPERS, EngineColumns, advice, match_exactly, relate
-from enginediag_cli.recordings.header import CMAPSS_ORDER, Entry, Header, read_header
-from enginediag_cli.recordings.sniff import Clock, Sniffed, find_clock
+from enginediag_cli.recordings.engine_columns import (
+    HELPERS,
+    EngineColumns,
+    advise_on_missing,
+    match_exactly,
+    match_to_engine,
+)
+from enginediag_cli.recordings.header import CMAPSS_ORDER, Header, HeaderEntry, read_header
+from enginediag_cli.recordings.sniff import ClockColumns, SniffedTable, find_clock
 from enginediag_cli.recordings.table import DELIMITERS, THOUSANDS
 from enginediag_cli.recordings.unit_inference import (
     MOST_OUTSIDE,
-    Column,
-    Inferred,
+    InferredUnit,
+    UnitColumn,
     infer_units,
     likelihood_of_range,
     propose_limits,
@@ -39,7 +45,7 @@ IMPLAUSIBLE = -4.5
 
 
 @dataclass(frozen=True)
-class Guess:
+class ColumnGuess:
     """A source column taken for `target`: unit, factor and offset of its readings, value at 100 %, density of the fuel,
     limits in the target's unit; remarks: what was guessed, and how surely; doubts: what the user must decide."""
 
@@ -64,10 +70,10 @@ class Draft:
     with what may be done; unused: columns that were not recognised, or are of no use, with the reason; open: further
     decisions."""
 
-    sniffed: Sniffed
+    sniffed: SniffedTable
     header: Header
-    clock: Clock | None = None
-    columns: dict[str, Guess] = field(default_factory=dict)
+    clock: ClockColumns | None = None
+    columns: dict[str, ColumnGuess] = field(default_factory=dict)
     derived: dict[str, str] = field(default_factory=dict)
     constants: dict[str, float] = field(default_factory=dict)
     missing: dict[str, str] = field(default_factory=dict)
@@ -92,7 +98,7 @@ class Draft:
         ]
 
 
-def draft(sniffed: Sniffed, engine: EngineColumns | None = None) -> Draft:
+def make_draft(sniffed: SniffedTable, engine: EngineColumns | None = None) -> Draft:
     """Guess what the columns are; with `engine`, its inputs and sensors, and what others are computed from."""
     sniffed = _name_columns(sniffed)
     clock = find_clock(sniffed)
@@ -114,7 +120,7 @@ def draft(sniffed: Sniffed, engine: EngineColumns | None = None) -> Draft:
     if result.engines:
         known = [_doubt_shared(e) for e in known]
     if engine is not None:
-        known, left = relate(known, engine)
+        known, left = match_to_engine(known, engine)
         result.unused |= {e.column: f"{e.target}: {why or 'no column of ' + engine.name}" for e, why in left}
         result.open += [f"{e.column}: {why}" for e, why in left if why]
     chosen, probes = _choose_columns(result, known)
@@ -127,14 +133,14 @@ def draft(sniffed: Sniffed, engine: EngineColumns | None = None) -> Draft:
     return result
 
 
-def _doubt_shared(e: Entry) -> Entry:
+def _doubt_shared(e: HeaderEntry) -> HeaderEntry:
     """An engine's quantity that the file has once for several engines is a question; the air is the same for all."""
     if e.target in HELPERS or "{prefix}" in e.pattern:
         return e
     return replace(e, doubts=(*e.doubts, f"the file has {e.column} once for all engines: of which is it?"))
 
 
-def _name_columns(sniffed: Sniffed) -> Sniffed:
+def _name_columns(sniffed: SniffedTable) -> SniffedTable:
     """A file without a header gets the names of a format that is distributed so."""
     if not sniffed.invented or len(sniffed.header) > len(CMAPSS_ORDER) or len(sniffed.header) < 5:
         return sniffed
@@ -157,30 +163,32 @@ def _name_columns(sniffed: Sniffed) -> Sniffed:
     )
 
 
-def _is_scheme_index(sniffed: Sniffed, clock: Clock) -> bool:
+def _is_scheme_index(sniffed: SniffedTable, clock: ClockColumns) -> bool:
     """Whether the clock is the count of cycles of a public format: C-MAPSS calls it `time` in some copies."""
     scheme = read_header(sniffed).scheme
     found = scheme.find(clock.sources[0]) if scheme else None
     return found is not None and found.text != ""
 
 
-def _clock_column(clock: Clock) -> Guess:
+def _clock_column(clock: ClockColumns) -> ColumnGuess:
     assert clock.number is not None
     remarks = (clock.remark,) if clock.remark else ()
     doubts = (clock.doubt,) if clock.doubt else ()
-    return Guess("time_s", clock.sources[0], clock.number.unit, clock.number.scale, remarks=remarks, doubts=doubts)
+    return ColumnGuess(
+        "time_s", clock.sources[0], clock.number.unit, clock.number.scale, remarks=remarks, doubts=doubts
+    )
 
 
 # ---- one column for each target ----
 
 
-def _choose_columns(result: Draft, entries: Sequence[Entry]) -> tuple[list[Entry], list[list[Entry]]]:
+def _choose_columns(result: Draft, entries: Sequence[HeaderEntry]) -> tuple[list[HeaderEntry], list[list[HeaderEntry]]]:
     """The column of each target, by the score of its name; and groups of redundant probes."""
-    groups: dict[str, list[Entry]] = defaultdict(list)
+    groups: dict[str, list[HeaderEntry]] = defaultdict(list)
     for e in entries:
         groups[e.target].append(e)
-    chosen: list[Entry] = []
-    probes: list[list[Entry]] = []
+    chosen: list[HeaderEntry] = []
+    probes: list[list[HeaderEntry]] = []
     for target, group in groups.items():
         if target in result.columns:
             result.unused.update({e.column: f"{target} is made by {result.columns[target].source}" for e in group})
@@ -202,7 +210,7 @@ def _choose_columns(result: Draft, entries: Sequence[Entry]) -> tuple[list[Entry
     return chosen, probes
 
 
-def _rank(e: Entry) -> float:
+def _rank(e: HeaderEntry) -> float:
     """Score of the name; a column in the quantity's own dimension before one in % or by volume, one with readings
     before an empty one."""
     assert e.meaning is not None
@@ -214,7 +222,7 @@ def _rank(e: Entry) -> float:
 # ---- units ----
 
 
-def _convert(result: Draft, entries: Sequence[Entry], engine: EngineColumns | None) -> None:
+def _convert(result: Draft, entries: Sequence[HeaderEntry], engine: EngineColumns | None) -> None:
     """Guess unit, conversion and limits of each column, the units that nothing states from all columns together."""
     limits = engine.limits if engine else {}
     columns = [_measured(e, limits) for e in entries]
@@ -223,7 +231,7 @@ def _convert(result: Draft, entries: Sequence[Entry], engine: EngineColumns | No
         _take(result, _guess(e, column, unit, engine))
 
 
-def _take(result: Draft, guess: Guess) -> None:
+def _take(result: Draft, guess: ColumnGuess) -> None:
     if guess.unit:
         result.columns[guess.target] = guess
     else:
@@ -231,18 +239,20 @@ def _take(result: Draft, guess: Guess) -> None:
         result.open += [f"{guess.source}: {doubt}" for doubt in guess.doubts]
 
 
-def _measured(e: Entry, limits: Mapping[str, tuple[float, float]]) -> Column:
+def _measured(e: HeaderEntry, limits: Mapping[str, tuple[float, float]]) -> UnitColumn:
     """The column with its unit where it is stated; a documented unit that cannot be is not."""
     own = find_unit(split_column(e.target)[1] or "1").dimension
     if e.unit is None or e.unit.dimension != own:
-        return Column(e.target, e.values)
-    column = Column(e.target, e.values, e.unit.unit, e.unit.scale)
+        return UnitColumn(e.target, e.values)
+    column = UnitColumn(e.target, e.values, e.unit.unit, e.unit.scale)
     if e.documented and likelihood_of_range(column, e.unit.unit, limits) < IMPLAUSIBLE:
-        return Column(e.target, e.values)
+        return UnitColumn(e.target, e.values)
     return column
 
 
-def _guess(e: Entry, column: Column, inferred: Inferred | None, engine: EngineColumns | None) -> Guess:
+def _guess(
+    e: HeaderEntry, column: UnitColumn, inferred: InferredUnit | None, engine: EngineColumns | None
+) -> ColumnGuess:
     """What a column becomes; its unit is empty where the file states one that is no unit of the quantity."""
     own = split_column(e.target)[1] or "1"
     dimension = find_unit(own).dimension
@@ -260,32 +270,32 @@ def _guess(e: Entry, column: Column, inferred: Inferred | None, engine: EngineCo
         remarks.append("unit as documented")
     if e.target == "dT_isa_K" and unit.dimension == "temperature":
         # a difference of temperatures has no zero point
-        unit = UnitWord("K", unit.scale * unit.known.factor)
+        unit = UnitWord("K", unit.scale * unit.definition.factor)
     if unit.unit == "pct" and dimension in ("rotational speed", "torque", "power"):
         return _full_scale(e, unit, doubts, remarks, engine)
     if unit.dimension == "volume flow" and dimension == "mass flow":
         doubts.append("density of the fuel at the meter: 800 kg/m³ is that of jet fuel at 15 °C")
-        guess = Guess(e.target, e.pattern, unit.unit, unit.scale, density=FUEL_KG_M3)
+        guess = ColumnGuess(e.target, e.pattern, unit.unit, unit.scale, density=FUEL_KG_M3)
         return replace(guess, doubts=tuple(doubts), remarks=tuple(remarks))
     if unit.dimension != dimension:
-        return Guess(e.target, e.column, "", doubts=(f"the file says {unit.unit}, which is no {dimension}",))
-    guess = Guess(e.target, e.pattern, unit.unit, unit.scale, remarks=tuple(remarks))
-    stated = Column(e.target, e.values, unit.unit, unit.scale)
+        return ColumnGuess(e.target, e.column, "", doubts=(f"the file says {unit.unit}, which is no {dimension}",))
+    guess = ColumnGuess(e.target, e.pattern, unit.unit, unit.scale, remarks=tuple(remarks))
+    stated = UnitColumn(e.target, e.values, unit.unit, unit.scale)
     if unit.gauge:
         gauge = f"{split_column(e.target)[0]}_gauge_Pa"
         return replace(guess, target=gauge, doubts=tuple(doubts), gauge_of=e.target)
     if column.unit and likelihood_of_range(stated, unit.unit) < IMPLAUSIBLE:
-        median = float(np.nanmedian(stated.in_si(unit.unit)))
+        median = float(np.nanmedian(stated.si_values(unit.unit)))
         doubts.append(f"in {unit.unit} its median is {median:.4g} {own}, which cannot be")
     doubts += _reference_doubt(e, unit, stated)
     if unit.dimension == "pressure" and not unit.absolute and _may_be_gauge(e.target) and not doubts:
         guess = replace(guess, remarks=(*guess.remarks, "absolute, since nothing says gauge"))
     possible = engine.limits.get(e.target) if engine and e.target in engine.sensors else None
-    limits, doubt = propose_limits(e.target, stated.in_si(unit.unit), possible[1] if possible else None)
+    limits, doubt = propose_limits(e.target, stated.si_values(unit.unit), possible[1] if possible else None)
     return replace(guess, limits=limits, doubts=(*doubts, *doubt))
 
 
-def _unit_doubt(inferred: Inferred | None, own: str) -> list[str]:
+def _unit_doubt(inferred: InferredUnit | None, own: str) -> list[str]:
     if inferred is None:
         return [] if own == "1" else [f"unit not stated, taken for {own}"]
     if inferred.certain:
@@ -303,17 +313,19 @@ def _may_be_gauge(target: str) -> bool:
     return split_column(target)[0].lstrip("Ps").isdigit()
 
 
-def _reference_doubt(e: Entry, unit: UnitWord, column: Column) -> list[str]:
+def _reference_doubt(e: HeaderEntry, unit: UnitWord, column: UnitColumn) -> list[str]:
     """Whether a pressure may be above ambient: what is written as psi or bar may be either."""
     if "gauge?" in e.name.features and not unit.absolute:
         return ["absolute, or above ambient (gauge), as plants mostly record it?"]
-    low = float(np.nanmin(column.in_si(unit.unit)))
+    low = float(np.nanmin(column.si_values(unit.unit)))
     if unit.dimension == "pressure" and _may_be_gauge(e.target) and low <= 0.0:
         return [f"gauge, since it goes down to {low:.4g} Pa: add the ambient pressure"]
     return []
 
 
-def _full_scale(e: Entry, unit: UnitWord, doubts: list[str], remarks: list[str], engine: EngineColumns | None) -> Guess:
+def _full_scale(
+    e: HeaderEntry, unit: UnitWord, doubts: list[str], remarks: list[str], engine: EngineColumns | None
+) -> ColumnGuess:
     """A reading in % of something that only the user, or the engine file, knows."""
     own = split_column(e.target)[1]
     full = engine.design_rpm.get(e.target) if engine else None
@@ -327,14 +339,14 @@ def _full_scale(e: Entry, unit: UnitWord, doubts: list[str], remarks: list[str],
     if limits and np.mean((readings < 0.0) | (readings > 130.0)) > MOST_OUTSIDE:
         limits = None
         doubts.append("readings in % that no shaft has: another unit, or fill values? add limits")
-    guess = Guess(e.target, e.pattern, "pct", full_scale=top, limits=limits)
+    guess = ColumnGuess(e.target, e.pattern, "pct", full_scale=top, limits=limits)
     return replace(guess, doubts=tuple(doubts), remarks=tuple(remarks))
 
 
 # ---- probes, gauges, derived columns ----
 
 
-def _add_probes(result: Draft, groups: Sequence[Sequence[Entry]], engine: EngineColumns | None) -> None:
+def _add_probes(result: Draft, groups: Sequence[Sequence[HeaderEntry]], engine: EngineColumns | None) -> None:
     """Redundant probes become columns of their own, and a consensus of them the target."""
     for group in groups:
         target = group[0].target
@@ -353,7 +365,7 @@ def _add_probes(result: Draft, groups: Sequence[Sequence[Entry]], engine: Engine
             name = f"{quantity}_probe_{k + 1}" + (f"_{own}" if own else "")
             columns[name] = replace(made, target=name, source=e.pattern, doubts=made.doubts if k == 0 else ())
         result.columns.update(columns)
-        readings = np.array([Column(target, e.values, made.unit, made.scale).in_si(made.unit) for e in group])
+        readings = np.array([UnitColumn(target, e.values, made.unit, made.scale).si_values(made.unit) for e in group])
         with np.errstate(all="ignore"):
             apart = float(np.nanmedian(np.nanmax(readings, axis=0) - np.nanmin(readings, axis=0)))
         within = float(f"{max(2.0 * apart, 1e-3 * abs(float(np.nanmedian(readings)))):.2g}")
@@ -423,7 +435,7 @@ def _report_rest(result: Draft, engine: EngineColumns | None) -> None:
     if engine is not None:
         made = {*result.columns, *result.derived}
         named = {*engine.inputs, *engine.sensors}
-        result.missing = {t: advice(t, made, engine) for t in engine.columns if t in named and t not in made}
+        result.missing = {t: advise_on_missing(t, made, engine) for t in engine.columns if t in named and t not in made}
     result.unused.update(dict.fromkeys(result.sniffed.unusable, "without a name of its own"))
     used = {*(g.source for g in result.columns.values()), *result.header.texts.values()}
     used |= set(result.clock.sources) if result.clock else set()
@@ -480,7 +492,7 @@ def draft_yaml(found: Draft, engine: str = "") -> str:
     return "\n".join(lines) + "\n"
 
 
-def _file(sniffed: Sniffed) -> list[str]:
+def _file(sniffed: SniffedTable) -> list[str]:
     dialect = sniffed.dialect
     named = {mark: word for word, mark in DELIMITERS.items()}
     lines = [
@@ -509,7 +521,7 @@ def _file(sniffed: Sniffed) -> list[str]:
     return lines
 
 
-def _missing_words(sniffed: Sniffed) -> list[str]:
+def _missing_words(sniffed: SniffedTable) -> list[str]:
     words: dict[str, int] = {}
     for column in sniffed.header:
         if sniffed.values(column) is not None:
@@ -539,7 +551,7 @@ def _time(found: Draft) -> list[str]:
     return ["", f"time: {{from: [{sources}], format: {_quoted(clock.form)}{zone}}}{text}"]
 
 
-def _column_line(g: Guess) -> str:
+def _column_line(g: ColumnGuess) -> str:
     parts = [f"from: {_quoted(g.source)}", f"unit: {_quoted(g.unit)}"]
     parts += [f"scale: {g.scale:.10g}"] if g.scale != 1.0 else []
     parts += [f"offset: {g.offset:g}"] if g.offset else []

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from enginediag_cli.recordings.header import Entry
+from enginediag_cli.recordings.header import HeaderEntry
 from enginediag_cli.recordings.quantities import Meaning
 from enginediag_cli.units import find_unit, split_column
 
@@ -36,12 +36,14 @@ HELPERS = frozenset(
 _TURBINE_EXIT = ("EGT_K", "ITT_K")
 
 
-def relate(entries: Sequence[Entry], engine: EngineColumns) -> tuple[list[Entry], list[tuple[Entry, str]]]:
-    """The entries as columns of the engine: renamed where the engine has one column that they can be, left out (and
+def match_to_engine(
+    entries: Sequence[HeaderEntry], engine: EngineColumns
+) -> tuple[list[HeaderEntry], list[tuple[HeaderEntry, str]]]:
+    """The entries as columns of the engine: renamed where the engine has one column that they can be, excluded (and
     why) where it has none."""
     here = {e.target for e in entries}
-    related: list[Entry] = []
-    left: list[tuple[Entry, str]] = []
+    related: list[HeaderEntry] = []
+    left: list[tuple[HeaderEntry, str]] = []
     for e in entries:
         if e.target == "TAT_K" and "T2_K" in engine.columns and not here & {"T2_K"}:
             related.append(_renamed(e, "T2_K", ""))  # the total temperature of the air is that before the engine
@@ -62,7 +64,7 @@ OWN_COLUMNS = ("dT_isa_K",)
 """Columns of the program that foreign files do not have, with which its own files are drafted, too."""
 
 
-def match_exactly(e: Entry, engine: EngineColumns | None) -> Entry:
+def match_exactly(e: HeaderEntry, engine: EngineColumns | None) -> HeaderEntry:
     """An entry whose name is that of a column of the engine, or of the program, but for case, spaces and unit."""
 
     def plain(text: str) -> str:
@@ -73,12 +75,12 @@ def match_exactly(e: Entry, engine: EngineColumns | None) -> Entry:
     return next((_renamed(e, t, "") for t in asked if plain(split_column(t)[0]) == head and t != e.target), e)
 
 
-def _renamed(e: Entry, target: str, doubt: str) -> Entry:
+def _renamed(e: HeaderEntry, target: str, doubt: str) -> HeaderEntry:
     meaning = e.meaning or Meaning(target, (), 3.0)
     return replace(e, meaning=replace(meaning, target=target), doubts=(*e.doubts, doubt) if doubt else e.doubts)
 
 
-def _counterpart(e: Entry, here: Collection[str], engine: EngineColumns) -> tuple[str, str]:
+def _counterpart(e: HeaderEntry, here: Collection[str], engine: EngineColumns) -> tuple[str, str]:
     """The engine's column that a recorded one can be, and what is doubtful of it; no column where several can be."""
     quantity, own = split_column(e.target)
     if e.target in _TURBINE_EXIT or e.target == "T5_K":
@@ -117,7 +119,7 @@ def _is_part(target: str, quantity: str, unit: str) -> bool:
     return same and name.endswith(f"_{quantity}")
 
 
-def _gas_temperature(e: Entry, engine: EngineColumns, here: Collection[str]) -> tuple[str, str]:
+def _gas_temperature(e: HeaderEntry, engine: EngineColumns, here: Collection[str]) -> tuple[str, str]:
     """An EGT or ITT is the temperature between or behind the turbines, wherever its probes are."""
     stations = [t for t in engine.sensors if t in _TURBINE_EXIT or (t.startswith("T") and t[1:2] in ("4", "5", "6"))]
     stations = [t for t in stations if t not in here]
@@ -139,7 +141,7 @@ def _gas_temperature(e: Entry, engine: EngineColumns, here: Collection[str]) -> 
 _READS = "give the engine file a sensor {name}_K: {{reads: {{T45_K: 0.5, T5_K: 0.5}}}}"
 
 
-def advice(target: str, made: Collection[str], engine: EngineColumns) -> str:
+def advise_on_missing(target: str, made: Collection[str], engine: EngineColumns) -> str:
     if target in engine.inputs:
         if target in ("altitude_m", "mach", "dT_isa_K") and not {"altitude_m", "mach", "cas_m_s"} & set(made):
             return "on a test bench hold it under constants"

@@ -15,16 +15,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from enginediag_cli.recordings.quantities import Mark, Meaning, Name, meaning_of, read_name
-from enginediag_cli.recordings.sniff import Sniffed
-from enginediag_cli.recordings.unit_words import UnitWord, trailing_unit, unit_word
+from enginediag_cli.recordings.quantities import Meaning, NameMark, ParsedName, interpret_name, parse_name
+from enginediag_cli.recordings.sniff import SniffedTable
+from enginediag_cli.recordings.unit_words import UnitWord, parse_unit, split_unit
 
 LEAST = 0.6
-"""Share of a scheme's names that must be in a header: files are often published with some columns left out."""
+"""Share of a scheme's names that must be in a header: files are often published without some columns."""
 
 
 @dataclass(frozen=True)
-class Documented:
+class DocumentedColumn:
     """What the documentation of a format says of a column: target (empty: of no use here), unit, and what to mind."""
 
     target: str
@@ -40,58 +40,61 @@ class NamingScheme:
     otherwise, as (pattern, replacement); constants: what the format leaves out because it is always so."""
 
     name: str
-    columns: Mapping[str, Documented]
+    columns: Mapping[str, DocumentedColumn]
     spelt: tuple[tuple[str, str], ...] = ()
     constants: Mapping[str, float] | None = None
 
-    def find(self, column: str) -> Documented | None:
-        """The meaning of a column's name, its unit at the end left out."""
+    def find(self, column: str) -> DocumentedColumn | None:
+        """The meaning of a column's name, without its unit at the end."""
         bare = re.sub(r"[^a-z0-9]", "", column.casefold())
         for pattern, form in self.spelt:
             bare = re.sub(pattern, form, bare)
         return self.columns.get(bare)
 
 
-def _numbered(prefix: str, entries: Sequence[Documented]) -> dict[str, Documented]:
+def _numbered(prefix: str, entries: Sequence[DocumentedColumn]) -> dict[str, DocumentedColumn]:
     return {f"{prefix}{k + 1}": entry for k, entry in enumerate(entries)}
 
 
-_NOT_USED = Documented("")
+_NOT_USED = DocumentedColumn("")
 _PHI = "the documentation says phi for this column and Ps30 for the other; by their values they are the other way round"
 
 CMAPSS = NamingScheme(
     "C-MAPSS (NASA turbofan degradation data)",
     {
         **{
-            word: Documented("", text="engine")
+            word: DocumentedColumn("", text="engine")
             for word in ("unit", "unitnumber", "unitnr", "unitid", "engine", "id", "c1")
         },
-        **{word: Documented("", text="flight") for word in ("cycle", "cycles", "time", "timecycles", "timeincycles")},
-        **_numbered("setting", (Documented("altitude_m", "kft"), Documented("mach", "1"), _NOT_USED)),
+        **{
+            word: DocumentedColumn("", text="flight")
+            for word in ("cycle", "cycles", "time", "timecycles", "timeincycles")
+        },
+        **_numbered("setting", (DocumentedColumn("altitude_m", "kft"), DocumentedColumn("mach", "1"), _NOT_USED)),
         **_numbered(
             "s",
             (
-                Documented("T2_K", "degR"),
-                Documented("T24_K", "degR"),
-                Documented("T3_K", "degR"),
-                Documented("T5_K", "degR"),
-                Documented("P2_Pa", "psi"),
-                Documented("P15_Pa", "psi"),
-                Documented("P3_Pa", "psi"),
-                Documented("N1_rpm", "rpm"),
-                Documented("N2_rpm", "rpm"),
-                Documented("EPR", "1"),
-                Documented("fuel_ratio_kg_s_Pa", "pph_psi", _PHI),
-                Documented("Ps3_Pa", "psi", _PHI),
+                DocumentedColumn("T2_K", "degR"),
+                DocumentedColumn("T24_K", "degR"),
+                DocumentedColumn("T3_K", "degR"),
+                DocumentedColumn("T5_K", "degR"),
+                DocumentedColumn("P2_Pa", "psi"),
+                DocumentedColumn("P15_Pa", "psi"),
+                DocumentedColumn("P3_Pa", "psi"),
+                DocumentedColumn("N1_rpm", "rpm"),
+                DocumentedColumn("N2_rpm", "rpm"),
+                DocumentedColumn("EPR", "1"),
+                DocumentedColumn("fuel_ratio_kg_s_Pa", "pph_psi", _PHI),
+                DocumentedColumn("Ps3_Pa", "psi", _PHI),
                 _NOT_USED,
                 _NOT_USED,
-                Documented("BPR", "1"),
+                DocumentedColumn("BPR", "1"),
                 _NOT_USED,
                 _NOT_USED,
                 _NOT_USED,
                 _NOT_USED,
-                Documented("W31_kg_s", "lb_s"),
-                Documented("W32_kg_s", "lb_s"),
+                DocumentedColumn("W31_kg_s", "lb_s"),
+                DocumentedColumn("W32_kg_s", "lb_s"),
             ),
         ),
     },
@@ -122,25 +125,25 @@ _N_CMAPSS_UNITS = {
 N_CMAPSS = NamingScheme(
     "N-CMAPSS (NASA turbofan data set 2)",
     {
-        **{name: Documented(*pair) for name, pair in _N_CMAPSS_UNITS.items()},
+        **{name: DocumentedColumn(*pair) for name, pair in _N_CMAPSS_UNITS.items()},
         **dict.fromkeys(("tra", "fc", "hs"), _NOT_USED),
-        "unit": Documented("", text="engine"),
-        "cycle": Documented("", text="flight"),
+        "unit": DocumentedColumn("", text="engine"),
+        "cycle": DocumentedColumn("", text="flight"),
     },
 )
 
 UCI_POWER_PLANT = NamingScheme(
     "UCI gas turbine CO and NOx data",
     {
-        "at": Documented("ambient_temperature_K", "degC"),
-        "ap": Documented("ambient_pressure_Pa", "mbar"),
-        "ah": Documented("relative_humidity", "pct"),
-        "afdp": Documented("dP_inlet_Pa", "mbar"),
-        "gtep": Documented("dP_exhaust_Pa", "mbar"),
-        "tit": Documented("T4_K", "degC"),
-        "tat": Documented("T5_K", "degC"),
-        "cdp": Documented("P3_Pa", "bar", "documented in mbar, with values in bar"),
-        "tey": Documented("power_W", "MW"),
+        "at": DocumentedColumn("ambient_temperature_K", "degC"),
+        "ap": DocumentedColumn("ambient_pressure_Pa", "mbar"),
+        "ah": DocumentedColumn("relative_humidity", "pct"),
+        "afdp": DocumentedColumn("dP_inlet_Pa", "mbar"),
+        "gtep": DocumentedColumn("dP_exhaust_Pa", "mbar"),
+        "tit": DocumentedColumn("T4_K", "degC"),
+        "tat": DocumentedColumn("T5_K", "degC"),
+        "cdp": DocumentedColumn("P3_Pa", "bar", "documented in mbar, with values in bar"),
+        "tey": DocumentedColumn("power_W", "MW"),
     },
 )
 NAVAL = NamingScheme(
@@ -148,27 +151,27 @@ NAVAL = NamingScheme(
     {
         "lp": _NOT_USED,
         "v": _NOT_USED,
-        "gtt": Documented("torque_Nm", "kNm", "documented in kN m, and published with values in kN m or in N m"),
-        "gtn": Documented("N2_rpm", "rpm"),
-        "ggn": Documented("N1_rpm", "rpm"),
+        "gtt": DocumentedColumn("torque_Nm", "kNm", "documented in kN m, and published with values in kN m or in N m"),
+        "gtn": DocumentedColumn("N2_rpm", "rpm"),
+        "ggn": DocumentedColumn("N1_rpm", "rpm"),
         "ts": _NOT_USED,
         "tp": _NOT_USED,
-        "t48": Documented("T45_K"),
-        "t1": Documented("T2_K"),
-        "t2": Documented("T3_K"),
-        "p48": Documented("P45_Pa", "bar"),
-        "p1": Documented("P2_Pa", "bar"),
-        "p2": Documented("P3_Pa", "bar"),
-        "pexh": Documented("P5_Pa", "bar"),
+        "t48": DocumentedColumn("T45_K"),
+        "t1": DocumentedColumn("T2_K"),
+        "t2": DocumentedColumn("T3_K"),
+        "p48": DocumentedColumn("P45_Pa", "bar"),
+        "p1": DocumentedColumn("P2_Pa", "bar"),
+        "p2": DocumentedColumn("P3_Pa", "bar"),
+        "pexh": DocumentedColumn("P5_Pa", "bar"),
         "tic": _NOT_USED,
-        "mf": Documented("Wf_kg_s", "kg_s"),
+        "mf": DocumentedColumn("Wf_kg_s", "kg_s"),
     },
     constants={"altitude_m": 0.0, "mach": 0.0},
 )
 SCHEMES = (CMAPSS, N_CMAPSS, UCI_POWER_PLANT, NAVAL)
 
 
-def scheme_of(names: Sequence[str]) -> NamingScheme | None:
+def detect_scheme(names: Sequence[str]) -> NamingScheme | None:
     """The scheme whose names the columns' names (without units) mostly are, or None."""
     best, share = None, LEAST
     for scheme in SCHEMES:
@@ -192,13 +195,13 @@ by more over a flight, two probes of one shaft by a tenth of a per cent."""
 
 
 @dataclass(frozen=True)
-class Entry:
+class HeaderEntry:
     """A column of numbers and what it is taken for. values: (N,) as the file has them; unit: as the name, the unit
     row or the format's documentation states it; pattern: its name with {prefix} for the engine; doubts: to be
     decided; documented: the unit is the documentation's and not the file's."""
 
     column: str
-    name: Name
+    name: ParsedName
     values: np.ndarray
     meaning: Meaning | None = None
     unit: UnitWord | None = None
@@ -218,21 +221,21 @@ class Header:
     texts: target text column → source; open: what the user must decide; scheme: the public format; others: column of
     another engine → pattern."""
 
-    entries: list[Entry] = field(default_factory=list)
+    entries: list[HeaderEntry] = field(default_factory=list)
     engines: dict[str, str] = field(default_factory=dict)
     texts: dict[str, str] = field(default_factory=dict)
     open: list[str] = field(default_factory=list)
     scheme: NamingScheme | None = None
 
 
-def read_header(sniffed: Sniffed, taken: Collection[str] = ()) -> Header:
+def read_header(sniffed: SniffedTable, taken: Collection[str] = ()) -> Header:
     """Read the columns of a file together; taken: columns of time stamps, which are something else."""
     columns = [c for c in sniffed.header if c not in taken]
     numbers = {c: v for c in columns if (v := sniffed.values(c)) is not None}
     result = Header()
     names = _names(columns, sniffed)
-    bare = {c: trailing_unit(c)[0] if trailing_unit(c) else c for c in columns}  # type: ignore[index]
-    result.scheme = scheme_of([bare[c] for c in columns])
+    bare = {c: split_unit(c)[0] if split_unit(c) else c for c in columns}  # type: ignore[index]
+    result.scheme = detect_scheme([bare[c] for c in columns])
     for c in columns:
         documented = result.scheme.find(bare[c]) if result.scheme else None
         text = documented.text if documented else "" if names[c].unit else _identity(names[c])
@@ -248,7 +251,7 @@ def read_header(sniffed: Sniffed, taken: Collection[str] = ()) -> Header:
     return result
 
 
-def _names(columns: Sequence[str], sniffed: Sniffed) -> dict[str, Name]:
+def _names(columns: Sequence[str], sniffed: SniffedTable) -> dict[str, ParsedName]:
     """Each column's name taken apart, without what most of them share."""
     start = _shared_prefix(columns)
     end = _shared_suffix([c.removeprefix(start) for c in columns])
@@ -258,9 +261,9 @@ def _names(columns: Sequence[str], sniffed: Sniffed) -> dict[str, Name]:
             tails[c[:-2]].add(c[-1].casefold())
     single = {c: len(tails.get(c[:-2], ())) < 2 for c in columns}
 
-    def read(ignored: Sequence[str]) -> dict[str, Name]:
+    def read(ignored: Sequence[str]) -> dict[str, ParsedName]:
         return {
-            c: _shifted(read_name(own, single_letter_unit=single[c], ignored=ignored), c, c.find(own))
+            c: _shifted(parse_name(own, single_letter_unit=single[c], ignored=ignored), c, c.find(own))
             for c in columns
             for own in (c.removeprefix(start).removesuffix(end),)
         }
@@ -271,7 +274,7 @@ def _names(columns: Sequence[str], sniffed: Sniffed) -> dict[str, Name]:
     return read(ignored) if ignored else first
 
 
-def _shifted(name: Name, text: str, by: int) -> Name:
+def _shifted(name: ParsedName, text: str, by: int) -> ParsedName:
     marks = tuple(replace(m, start=m.start + by, end=m.end + by) for m in name.marks)
     return replace(name, text=text, marks=marks)
 
@@ -287,7 +290,7 @@ def _shared_prefix(columns: Sequence[str]) -> str:
     least = max(SHARED * len(columns), FEWEST_SHARING)
     best, most = "", _understood(columns, "")
     for prefix in sorted((p for p, n in counts.items() if n >= least), key=len):
-        name = read_name(prefix.strip(" _.:/\\|-"))
+        name = parse_name(prefix.strip(" _.:/\\|-"))
         understood = _understood(columns, prefix)
         # a prefix of words that may be a quantity's must make names understood that were not
         if understood > most or (understood == most and not name.features - {"engine"} and not name.station):
@@ -320,11 +323,11 @@ def _making_understood(
 
 def _understood(columns: Sequence[str], prefix: str) -> int:
     """How many different quantities the names mean when they are read without this prefix."""
-    names = [read_name(c.removeprefix(prefix)) for c in columns]
-    return len({(m.target, name.marks[-1:] and name.marks[-1].text) for name in names if (m := meaning_of(name))})
+    names = [parse_name(c.removeprefix(prefix)) for c in columns]
+    return len({(m.target, name.marks[-1:] and name.marks[-1].text) for name in names if (m := interpret_name(name))})
 
 
-def _identity(name: Name) -> str:
+def _identity(name: ParsedName) -> str:
     """The text column that a name is (`flight`, `engine`, `phase`), or an empty text."""
     features = name.features - {"no", "id"}
     if "phase" in features and features <= {"phase", "flight", "engine"}:
@@ -339,29 +342,29 @@ def _identity(name: Name) -> str:
     return ""
 
 
-def _words(name: Name) -> set[str]:
+def _words(name: ParsedName) -> set[str]:
     return {"id"} if re.search(r"\b(id|serial|s/?n|esn)\b", name.text.replace("_", " "), re.I) else set()
 
 
 def _entry(
-    column: str, name: Name, values: np.ndarray, sniffed: Sniffed, scheme: NamingScheme | None, bare: str
-) -> Entry:
+    column: str, name: ParsedName, values: np.ndarray, sniffed: SniffedTable, scheme: NamingScheme | None, bare: str
+) -> HeaderEntry:
     """A column of numbers with its meaning and the unit that is stated for it."""
     row = sniffed.units[sniffed.header.index(column)]
-    unit = name.unit or unit_word(row)
+    unit = name.unit or parse_unit(row)
     documented = scheme.find(bare) if scheme else None
     name = replace(name, marks=()) if documented is not None else name
     if documented is not None and documented.target:
         doubts = (documented.doubt,) if documented.doubt else ()
         own = unit or (UnitWord(documented.unit) if documented.unit else None)
         meaning = Meaning(documented.target, (), 3.0)
-        return Entry(column, name, values, meaning, own, column, doubts, unit is None and own is not None)
+        return HeaderEntry(column, name, values, meaning, own, column, doubts, unit is None and own is not None)
     if documented is not None:
-        return Entry(column, name, values, None, unit, column)
+        return HeaderEntry(column, name, values, None, unit, column)
     name = _with_kind(name, unit)
-    found = meaning_of(name)
+    found = interpret_name(name)
     doubts = (*((found.doubt,) if found.doubt else ()), *found.remarks) if found else ()
-    return Entry(column, name, values, found, unit, column, doubts)
+    return HeaderEntry(column, name, values, found, unit, column, doubts)
 
 
 _KIND_BY_DIMENSION = {
@@ -392,7 +395,7 @@ _ALL_KINDS = {
 }
 
 
-def _with_kind(name: Name, unit: UnitWord | None) -> Name:
+def _with_kind(name: ParsedName, unit: UnitWord | None) -> ParsedName:
     """A name whose words name a place alone is of the kind that its unit measures: `Ambient [kPa]`."""
     kind = _KIND_BY_DIMENSION.get(unit.dimension, "") if unit else ""
     if kind and name.features and not name.unknown and not name.features & _ALL_KINDS:
@@ -419,7 +422,7 @@ def _side(text: str) -> str:
     )
 
 
-def _stems(entries: Sequence[Entry]) -> Iterator[tuple[str, Mark, Entry]]:
+def _stems(entries: Sequence[HeaderEntry]) -> Iterator[tuple[str, NameMark, HeaderEntry]]:
     for entry in entries:
         for mark in entry.name.marks:
             yield entry.column[: mark.start] + "{prefix}" + entry.column[mark.end :], mark, entry
@@ -431,7 +434,7 @@ def _find_engines(header: Header) -> None:
     Marks of other columns alone (two temperatures, one speed) are those of probes.
     """
     known = [e for e in header.entries if e.meaning]
-    stems: dict[str, dict[str, Entry]] = defaultdict(dict)
+    stems: dict[str, dict[str, HeaderEntry]] = defaultdict(dict)
     explicit: set[str] = set()
     for stem, mark, entry in _stems(known):
         stems[stem].setdefault(mark.text, entry)
@@ -449,13 +452,13 @@ def _find_engines(header: Header) -> None:
     _keep_first_engine(header, stems, explicit, ordered)
 
 
-def _shows_engines(entry: Entry) -> bool:
+def _shows_engines(entry: HeaderEntry) -> bool:
     return entry.target.startswith("shaft") or entry.target in ("Wf_kg_s", "N1_rpm", "N2_rpm")
 
 
 def _are_channels(
-    known: Sequence[Entry],
-    stems: Mapping[str, Mapping[str, Entry]],
+    known: Sequence[HeaderEntry],
+    stems: Mapping[str, Mapping[str, HeaderEntry]],
     evidence: Mapping[str, set[str]],
     texts: Collection[str],
     explicit: Collection[str],
@@ -476,7 +479,7 @@ def _are_channels(
 
 
 def _keep_first_engine(
-    header: Header, stems: Mapping[str, Mapping[str, Entry]], explicit: Collection[str], texts: Sequence[str]
+    header: Header, stems: Mapping[str, Mapping[str, HeaderEntry]], explicit: Collection[str], texts: Sequence[str]
 ) -> None:
     pattern: dict[str, tuple[str, str]] = {}  # column → stem, mark
     for stem, by in sorted(stems.items(), key=lambda item: item[0] not in explicit):
@@ -485,7 +488,7 @@ def _keep_first_engine(
                 if text in texts:
                     pattern.setdefault(entry.column, (stem, text))
     complete = {stem for stem, by in stems.items() if set(texts) <= set(by)}
-    kept: list[Entry] = []
+    kept: list[HeaderEntry] = []
     for entry in header.entries:
         stem, text = pattern.get(entry.column, ("", ""))
         spelt = [
@@ -500,16 +503,16 @@ def _keep_first_engine(
         elif stem not in complete:
             header.open.append(f"{entry.column}: only some of the engines have this column")
         elif text == texts[0]:
-            rest = tuple(m for m in entry.name.marks if m.text != text or not _is_at(stem, m))
+            rest = tuple(m for m in entry.name.marks if m.text != text or not _starts_stem(stem, m))
             kept.append(replace(entry, pattern=stem, name=replace(entry.name, marks=rest)))
     header.entries = kept
 
 
-def _is_at(stem: str, mark: Mark) -> bool:
+def _starts_stem(stem: str, mark: NameMark) -> bool:
     return stem.find("{prefix}") == mark.start
 
 
-def _unpaired_marks(header: Header, explicit: Collection[str], stems: Mapping[str, Mapping[str, Entry]]) -> None:
+def _unpaired_marks(header: Header, explicit: Collection[str], stems: Mapping[str, Mapping[str, HeaderEntry]]) -> None:
     """Marks of engines without a pair of speeds or fuel flows: one engine's where there is one, else a question."""
     texts = {_side(t) for s in explicit for t in stems[s]}
     if len(texts) > 1:

@@ -1,9 +1,9 @@
 """Gross errors masked in a stream: the same records and counts whatever the chunks, in bounded memory.
 
 A file is judged in blocks that begin at whole multiples of their length, counted in records from its start, each with
-a halo of records on either side that its readings are compared with; the last block takes what is left, and so a
+a halo of records on either side that its readings are compared with; the last block takes the rest, and so a
 file of up to 3,000 records is judged as one. Beyond the halo only this is carried forward: the span that a sensor has
-been seen to read, whether it was stuck when the last block ended, and what the search for repeated rows remembers.
+been seen to read, whether it was stuck when the last block ended, and the memory of the search for repeated rows.
 
 One rule for every caller: an input (a command, the air outside) may well stand still for hours, so only limits are
 asked of it; a sensor that does so while others move is stuck. Inputs are witnesses in that search. Outliers are single
@@ -21,15 +21,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from enginediag_cli.recordings.repeated import (
+    DuplicateRows,
     FrozenWatch,
-    HeldWatch,
-    Repeats,
+    RepeatWatch,
     StuckRun,
-    frozen,
-    held_readings,
-    joined_runs,
-    stuck,
-    stuck_runs,
+    append_runs,
+    find_frozen,
+    find_held_readings,
+    find_stuck,
+    list_stuck_runs,
 )
 from enginediag_cli.recordings.table import FlightNumbers, Recording, concat
 from enginediag_cli.units import find_unit, split_column
@@ -45,7 +45,7 @@ OUTSIDE = 0.2
 
 
 @np.errstate(all="ignore")  # readings near the largest number: their span is infinite, which is what it should be
-def spikes(values: np.ndarray, threshold: float = 8.0, isolation: float = 2.5) -> np.ndarray:
+def find_spikes(values: np.ndarray, threshold: float = 8.0, isolation: float = 2.5) -> np.ndarray:
     """Mask (N,) of the spikes of a column (N,) that lie outside its usual span, by a Hampel filter.
 
     Hampel (1974), Davies and Gather (1993, JASA 88): r_k = x_k − median of the 9 records around k. A spike
@@ -83,10 +83,10 @@ def spikes(values: np.ndarray, threshold: float = 8.0, isolation: float = 2.5) -
 REASONS = ("missing", "dropped", "out of limits", "held", "stuck", "outlier")
 
 WHOLE_RECORDS = {
-    "frozen": "in which every reading stands still, not used",
-    "repeated": "that were there already, left out",
+    "frozen": "in which every reading is constant, not used",
+    "repeated": "that were there already, excluded",
 }
-"""Reasons that concern whole records, and what is told of them."""
+"""Reasons that concern whole records, and how they are reported."""
 
 _PHYSICAL = (
     (r"([a-z]+_)?(T\d*|ITT|itt|EGT|TGT|TIT|TAT|SAT|tat|sat|temperature)", "temperature", 100.0, 3500.0),
@@ -131,7 +131,7 @@ def physical_limits(column: str) -> tuple[float, float]:
     return (-0.1, 10.0) if column == "mach" else (-BEYOND_ANY, BEYOND_ANY)
 
 
-def in_runs(mask: np.ndarray, shortest: int) -> np.ndarray:
+def long_runs(mask: np.ndarray, shortest: int) -> np.ndarray:
     """The part of a mask (N,) that lies in runs of at least `shortest` records."""
     edges = np.flatnonzero(np.diff(np.r_[False, mask, False].astype(np.int8)))
     starts, ends = edges[::2], edges[1::2]
@@ -142,7 +142,7 @@ def in_runs(mask: np.ndarray, shortest: int) -> np.ndarray:
     return np.cumsum(change[:-1]) > 0
 
 
-def tally(found: Mapping[str, np.ndarray]) -> tuple[np.ndarray, dict[str, int]]:
+def count_new(found: Mapping[str, np.ndarray]) -> tuple[np.ndarray, dict[str, int]]:
     """Union of the masks, and how many values each adds to those before it."""
     union: np.ndarray | None = None
     counts: dict[str, int] = {}
@@ -160,7 +160,7 @@ A block is two halos long: a third of the work is done twice, and a record waits
 
 
 @dataclass(frozen=True)
-class Judged:
+class MaskingRules:
     """What a masker judges: `inputs` by their limits, `sensors` also by their behaviour; `limits`: column → (lowest,
     highest) value that it can truthfully give, `physical_limits` where none is stated; frozen, repeated: whether whole
     records are judged as well."""
@@ -207,7 +207,7 @@ class MaskCounts:
             lines += [f"{n} record{'s' * (n > 1)} {WHOLE_RECORDS[reason]} ({reason})"] if n else []
         return lines
 
-    def note(self, recording: Recording, counts: Mapping[str, Mapping[str, int]], frozen: int) -> None:
+    def add_block(self, recording: Recording, counts: Mapping[str, Mapping[str, int]], frozen: int) -> None:
         """Add what was found in some records."""
         self.records += len(recording)
         self.frozen += frozen
@@ -216,18 +216,18 @@ class MaskCounts:
             self.columns.setdefault(column, Counter()).update(reasons)
 
 
-class Masker:
+class RecordMasker:
     """Masks the records of ONE file. `add` and `end` hand out what has become final, in order; `counts` says what was
     masked in what was handed out."""
 
-    def __init__(self, judged: Judged):
+    def __init__(self, judged: MaskingRules):
         self.judged = judged
         self.counts = MaskCounts()
         s = judged.settings
         self.halo = max(HALO, 2 * max(s.dropped_records, s.stuck_records, s.frozen_records))
         self.block = 2 * self.halo
         self._flights = FlightNumbers()
-        self._repeats = Repeats()
+        self._repeats = DuplicateRows()
         self._waiting: list[Recording] = []
         self._before = self._after = 0
         self._span: dict[str, tuple[float, float]] = {}
@@ -238,7 +238,7 @@ class Masker:
     def add(self, chunk: Recording) -> list[Recording]:
         """Blocks that have become final by these further records (N,), in file order."""
         if self.judged.repeated and len(chunk):
-            again = self._repeats.add(chunk, self._flights.of(chunk))
+            again = self._repeats.add(chunk, self._flights.numbers(chunk))
             self._count_repeats(chunk, again)
             chunk = chunk.select(~again) if again.any() else chunk
         if len(chunk) or not self._waiting:
@@ -285,12 +285,12 @@ class Masker:
     def _clean(self, context: Recording, block: slice) -> Recording:
         judged, settings = self.judged, self.judged.settings
         own = context.select(block)
-        found = {c: local_reasons(context[c], self._limits(c), settings) for c in judged.columns}
+        found = {c: find_local_errors(context[c], self._limits(c), settings) for c in judged.columns}
         usable = {c: np.where(np.any(list(f.values()), axis=0), np.nan, context[c]) for c, f in found.items()}
         sensors = [c for c in judged.columns if c not in judged.inputs]
         still = np.zeros(len(context), dtype=bool)
-        flights = self._flights.of(context)
-        held, every = held_readings(usable, judged.inputs, flights) if judged.repeated else ({}, 1)
+        flights = self._flights.numbers(context)
+        held, every = find_held_readings(usable, judged.inputs, flights) if judged.repeated else ({}, 1)
         for column, mask in held.items():
             found[column]["held"] = mask
             usable[column] = np.where(mask, np.nan, usable[column])
@@ -298,7 +298,7 @@ class Masker:
             inputs = [c for c in judged.columns if c in judged.inputs]
             # a recorder that holds every reading for so many records stands still only when it does so for longer
             records = max(settings.frozen_records, 3 * every) if every > 1 else settings.frozen_records
-            still = frozen(context, flights, sensors, inputs, records)
+            still = find_frozen(context, flights, sensors, inputs, records)
             if self._lifeless:
                 still = still | np.isin(context.line, list(self._lifeless))
             if still.any():
@@ -306,11 +306,13 @@ class Masker:
         self._search(usable, sensors, block, found)
         counts, masks = {}, {}
         for column, reasons in found.items():
-            masks[column], counts[column] = tally({why: mask[block] for why, mask in reasons.items()})
+            masks[column], counts[column] = count_new({why: mask[block] for why, mask in reasons.items()})
             if column not in judged.inputs:
-                joined_runs(self.counts.stuck, stuck_runs(column, own[column], own.line, found[column]["stuck"][block]))
+                append_runs(
+                    self.counts.stuck, list_stuck_runs(column, own[column], own.line, found[column]["stuck"][block])
+                )
                 masks[column] = masks[column] | still[block]
-        self.counts.note(own, counts, int(np.count_nonzero(still[block])))
+        self.counts.add_block(own, counts, int(np.count_nonzero(still[block])))
         return own.with_columns({c: np.where(masks[c], np.nan, own[c]) if masks[c].any() else own[c] for c in masks})
 
     def _search(
@@ -326,14 +328,16 @@ class Masker:
             mask = np.zeros(len(x), dtype=bool)
             if settings.stuck_records > 0:
                 rest = {c: v for c, v in usable.items() if c != column}
-                mask = stuck(x, rest, settings.stuck_records, self._span.get(column, (np.inf, -np.inf)))
-                self._go_on(column, x, mask, block)
+                mask = find_stuck(x, rest, settings.stuck_records, self._span.get(column, (np.inf, -np.inf)))
+                self._continue_stuck(column, x, mask, block)
             found[column]["stuck"] = mask
             spiked = settings.outlier_sigma > 0.0
-            found[column]["outlier"] = spikes(x, settings.outlier_sigma) if spiked else np.zeros(len(x), dtype=bool)
+            found[column]["outlier"] = (
+                find_spikes(x, settings.outlier_sigma) if spiked else np.zeros(len(x), dtype=bool)
+            )
 
-    def _go_on(self, column: str, x: np.ndarray, mask: np.ndarray, block: slice) -> None:
-        """A sensor that was stuck when the last block ended is so until it moves; remember how this one ends."""
+    def _continue_stuck(self, column: str, x: np.ndarray, mask: np.ndarray, block: slice) -> None:
+        """A sensor that was stuck when the last block ended is so until it moves; keep how this one ends."""
         known = block.start + np.flatnonzero(np.isfinite(x[block]))
         if known.size:
             value = self._stuck_at.get(column)
@@ -355,12 +359,12 @@ class LiveMasker:
     """For a file that is still being written, where nobody can wait for a halo: limits, missing values, repeated rows
     and a recorder that has stood still for long enough by now. What takes a look ahead is not searched for."""
 
-    def __init__(self, judged: Judged):
+    def __init__(self, judged: MaskingRules):
         self.judged = judged
         self.counts = MaskCounts()
         self._flights = FlightNumbers()
-        self._repeats = Repeats()
-        self._held = HeldWatch()
+        self._repeats = DuplicateRows()
+        self._held = RepeatWatch()
         sensors = [c for c in judged.columns if c not in judged.inputs]
         inputs = [c for c in judged.columns if c in judged.inputs]
         self.watch = FrozenWatch(sensors, inputs, judged.settings.frozen_records if judged.frozen else 0)
@@ -368,7 +372,7 @@ class LiveMasker:
     def add(self, chunk: Recording) -> list[Recording]:
         """The records (N,) with unusable values set to NaN, without those that were there already."""
         if self.judged.repeated and len(chunk):
-            again = self._repeats.add(chunk, self._flights.of(chunk))
+            again = self._repeats.add(chunk, self._flights.numbers(chunk))
             self.counts.repeated += int(again.sum())
             chunk = chunk.select(~again) if again.any() else chunk
         still = self.watch.add(chunk)
@@ -379,11 +383,11 @@ class LiveMasker:
         self.counts.stuck = list(self._held.stuck)
         for column in self.judged.columns:
             limits = self.judged.limits.get(column) or physical_limits(column)
-            reasons = local_reasons(chunk[column], limits, whole)
-            mask, counts[column] = tally({**reasons, "held": held[column]} if column in held else reasons)
+            reasons = find_local_errors(chunk[column], limits, whole)
+            mask, counts[column] = count_new({**reasons, "held": held[column]} if column in held else reasons)
             mask = mask if column in self.judged.inputs else mask | still
             columns[column] = np.where(mask, np.nan, chunk[column])
-        self.counts.note(chunk, counts, int(np.count_nonzero(still)))
+        self.counts.add_block(chunk, counts, int(np.count_nonzero(still)))
         return [chunk.with_columns(columns)]
 
     def end(self) -> list[Recording]:
@@ -391,10 +395,12 @@ class LiveMasker:
         return []
 
 
-def local_reasons(values: np.ndarray, limits: tuple[float, float], settings: QualitySettings) -> dict[str, np.ndarray]:
+def find_local_errors(
+    values: np.ndarray, limits: tuple[float, float], settings: QualitySettings
+) -> dict[str, np.ndarray]:
     """Reason → mask (N,) of what a column's own values (N,) show: missing, dropped, out of limits."""
     absent = ~np.isfinite(values)
-    dropped = in_runs(absent, settings.dropped_records) if settings.dropped_records else np.zeros(len(values), bool)
+    dropped = long_runs(absent, settings.dropped_records) if settings.dropped_records else np.zeros(len(values), bool)
     return {
         "missing": absent & ~dropped,
         "dropped": dropped,
@@ -402,14 +408,14 @@ def local_reasons(values: np.ndarray, limits: tuple[float, float], settings: Qua
     }
 
 
-def mask_chunks(chunks: Iterable[Recording], masker: Masker | LiveMasker) -> Iterator[Recording]:
+def mask_chunks(chunks: Iterable[Recording], masker: RecordMasker | LiveMasker) -> Iterator[Recording]:
     """The records of one file's chunks, masked; `masker.counts` is complete when the iterator ends."""
     for chunk in chunks:
         yield from masker.add(chunk)
     yield from masker.end()
 
 
-def mask_recording(recording: Recording, judged: Judged) -> tuple[Recording, MaskCounts]:
+def mask_recording(recording: Recording, judged: MaskingRules) -> tuple[Recording, MaskCounts]:
     """A whole file (N records) masked as its stream would be, without repeated rows."""
-    masker = Masker(judged)
+    masker = RecordMasker(judged)
     return concat(list(mask_chunks([recording], masker))), masker.counts

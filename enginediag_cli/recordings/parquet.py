@@ -23,12 +23,12 @@ import numpy as np
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.source import PARQUET_MAGIC, refuse_devices
 from enginediag_cli.recordings.table import (
-    Asked,
+    ReadRequest,
     Recording,
     RecordingWriter,
     TableFile,
-    check_clock,
-    no_number,
+    check_time,
+    number_error,
     read_positions,
     rechunk,
 )
@@ -107,7 +107,7 @@ class ParquetTable(TableFile):
             ]
             yield from map(_line, zip(*safe, strict=True))
 
-    def records(self, asked: Asked, chunk_records: int) -> Iterator[Recording]:
+    def records(self, asked: ReadRequest, chunk_records: int) -> Iterator[Recording]:
         """See `TableFile.records`. Raises DataError naming file, row, row group and column."""
         positions = read_positions(self.columns, asked, self.name)
         for name, kind, type_ in zip(self.columns, self._kinds, self._types, strict=True):
@@ -118,7 +118,7 @@ class ParquetTable(TableFile):
                 )
         yield from rechunk(self._parts(asked, positions, chunk_records), chunk_records)
 
-    def _parts(self, asked: Asked, positions: Sequence[int], records: int) -> Iterator[Recording]:
+    def _parts(self, asked: ReadRequest, positions: Sequence[int], records: int) -> Iterator[Recording]:
         empty = True
         for row, group, columns in self._batches(records):
             yield self._recording(asked, positions, row, group, columns)
@@ -137,7 +137,7 @@ class ParquetTable(TableFile):
                         row += batch.num_rows
 
     def _recording(
-        self, asked: Asked, positions: Sequence[int], row: int, group: int, columns: Sequence[Any] | None
+        self, asked: ReadRequest, positions: Sequence[int], row: int, group: int, columns: Sequence[Any] | None
     ) -> Recording:
         n = len(columns[0]) if columns else 0
         numbers: dict[str, np.ndarray] = {}
@@ -155,12 +155,12 @@ class ParquetTable(TableFile):
                 numbers[name], bad, counts = asked.dialect.numbers(cells)
                 if bad:
                     place = f"{self.name}: row {row + bad[0] + 1} (row group {group}): column {name}"
-                    raise no_number(cells[bad[0]], place)
-                asked.counts.take_words(name, counts)
+                    raise number_error(cells[bad[0]], place)
+                asked.counts.count_missing(name, counts)
         line = len(self.provenance) + 2 + row + np.arange(n)
         order = tuple(self.columns[j] for j in positions)
         found = Recording(numbers, texts, order, line, self.name, tuple(self.provenance))
-        check_clock(found)
+        check_time(found)
         return found
 
     def _floats(self, column: Any, group: int) -> np.ndarray:

@@ -30,16 +30,16 @@ def header_lines(
         lines.append(f"command: {command}")
     if seed is not None:
         lines.append(f"seed: {seed}")
-    lines += [f"config: {Path(path).name} sha256:{sha256_of(path)[:16]}" for path in configs]
-    lines += [f"{key}: {text}" for key, text in {**besides(), **(notes or {})}.items()]
+    lines += [f"config: {Path(path).name} sha256:{file_sha256(path)[:16]}" for path in configs]
+    lines += [f"{key}: {text}" for key, text in {**current_notes(), **(notes or {})}.items()]
     if inherited:
         lines.append("input:")
         lines += [f"  {line}" for line in inherited]
     return tuple(" ".join(line.splitlines()) for line in lines)
 
 
-class _Besides:
-    """What the run at work was told otherwise than by its command line."""
+class _CurrentNotes:
+    """Settings of the present run that are not on its command line."""
 
     notes: Mapping[str, str] = {}
 
@@ -48,19 +48,19 @@ class _Besides:
 def provenance_notes(notes: Mapping[str, str]) -> Iterator[None]:
     """Within it, notes that every header has: options on which results depend, and that a file or the environment
     gives."""
-    before, _Besides.notes = _Besides.notes, dict(notes)
+    before, _CurrentNotes.notes = _CurrentNotes.notes, dict(notes)
     try:
         yield
     finally:
-        _Besides.notes = before
+        _CurrentNotes.notes = before
 
 
-def besides() -> dict[str, str]:
+def current_notes() -> dict[str, str]:
     """The notes of `provenance_notes`, for what has a head of its own."""
-    return dict(_Besides.notes)
+    return dict(_CurrentNotes.notes)
 
 
-def sha256_of(path: str | Path) -> str:
+def file_sha256(path: str | Path) -> str:
     """Hexadecimal SHA-256 of a file's bytes. Raises OSError."""
     import hashlib
 

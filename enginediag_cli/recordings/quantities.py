@@ -2,7 +2,7 @@
 
 A name is cut into words (`Eng (1) FFlow` → eng, 1, f, flow), each word means features (`itt` → temperature, between the
 turbines), and the rule that explains most of the features, and leaves none that it does not know, is the quantity.
-What is left (`oil`, `demand`, `vibration`) makes another quantity of it, which the program has no use for.
+The rest (`oil`, `demand`, `vibration`) makes another quantity of it, which the program has no use for.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
-from enginediag_cli.recordings.unit_words import UnitWord, trailing_unit
+from enginediag_cli.recordings.unit_words import UnitWord, split_unit
 
 TEMPERATURES = ("K", "degC", "degF", "degR")
 PRESSURES = ("Pa", "kPa", "bar", "psi", "mbar", "MPa", "inHg", "atm")
@@ -198,7 +198,7 @@ LEXICON: Mapping[str, Features] = _lexicon()
 
 
 @dataclass(frozen=True)
-class Rule:
+class NameRule:
     """A quantity: the features that make it, those that may stand beside them, its column ({} the station), the units
     in which it is usually recorded in the order of preference, and what is to be said of it."""
 
@@ -210,14 +210,14 @@ class Rule:
     rank: float = 0.0
 
 
-def _rule(needs: str, target: str, units: Sequence[str], may: str = "", doubt: str = "", rank: float = 0.0) -> Rule:
-    return Rule(frozenset(needs.split()), target, tuple(units), frozenset(may.split()), doubt, rank)
+def _rule(needs: str, target: str, units: Sequence[str], may: str = "", doubt: str = "", rank: float = 0.0) -> NameRule:
+    return NameRule(frozenset(needs.split()), target, tuple(units), frozenset(may.split()), doubt, rank)
 
 
 _SPEED = ("rpm", "pct")
 _AREA = "total static abs air engine gas measured dry"
 _TURBINE = "total static abs gas engine"
-RULES: tuple[Rule, ...] = (
+RULES: tuple[NameRule, ...] = (
     _rule("altitude", "altitude_m", ("ft", "m", "kft"), "standard abs"),
     _rule("altitude P", "altitude_m", ("ft", "m", "kft"), "standard baro abs"),
     _rule("altitude pressure", "altitude_m", ("ft", "m", "kft"), "standard P"),
@@ -286,7 +286,7 @@ _STATIONS: tuple[tuple[str, str], ...] = (
 """ARP755 station → the words that name it."""
 
 
-def _place_rules() -> Iterator[Rule]:
+def _place_rules() -> Iterator[NameRule]:
     for station, places in _STATIONS:
         for place in places.split("|"):
             for kind, units in (("T", TEMPERATURES), ("P", PRESSURES)):
@@ -313,8 +313,8 @@ ALL_RULES = (*RULES, *_place_rules())
 
 
 @dataclass(frozen=True)
-class Mark:
-    """A number or letter in a name that tells engines or probes apart. start, end: where it stands in the name;
+class NameMark:
+    """A number or letter in a name that distinguishes engines or probes. start, end: its place in the name;
     explicit: a word such as `engine` or `left` says that it is an engine's."""
 
     text: str
@@ -324,14 +324,14 @@ class Mark:
 
 
 @dataclass(frozen=True)
-class Name:
+class ParsedName:
     """A column's name taken apart. features: of its words together; station: the ARP755 number, empty where none stands
     there; unknown: words that the lexicon does not hold; unit: as the name states it."""
 
     text: str
     features: Features
     station: str = ""
-    marks: tuple[Mark, ...] = ()
+    marks: tuple[NameMark, ...] = ()
     unknown: tuple[str, ...] = ()
     unit: UnitWord | None = None
 
@@ -349,7 +349,7 @@ class Meaning:
 
 
 @dataclass(frozen=True)
-class _Piece:
+class _NamePiece:
     text: str
     start: int
     end: int
@@ -411,7 +411,7 @@ _CHUNKS = re.compile(r"(?<![^\W_])[A-Za-z]_(?![ABCDLRabcdlr](?!\w))[A-Za-z]{1,2}
 """Letters and digits without a gap, or a symbol with its index: `p_t25`, `W_f`, but not the engine's letter."""
 
 
-def _pieces(head: str, offset: int) -> list[_Piece]:
+def _pieces(head: str, offset: int) -> list[_NamePiece]:
     found = []
     for c, chunk in enumerate(_CHUNKS.finditer(head)):
         text, gap = chunk.group().replace("_", ""), 1 if "_" in chunk.group() else 0
@@ -419,14 +419,14 @@ def _pieces(head: str, offset: int) -> list[_Piece]:
             continue
         for start, end, kind in _segments(text):
             at = offset + chunk.start()
-            found.append(_Piece(text[start:end], at + start + (gap if start else 0), at + end + gap, c, kind))
+            found.append(_NamePiece(text[start:end], at + start + (gap if start else 0), at + end + gap, c, kind))
     return found
 
 
-def read_name(text: str, *, single_letter_unit: bool = True, ignored: Sequence[str] = ()) -> Name:
+def parse_name(text: str, *, single_letter_unit: bool = True, ignored: Sequence[str] = ()) -> ParsedName:
     """Take a column's name apart. single_letter_unit: whether a last C, F, K or R is a unit; ignored: words that all
     columns of the file share."""
-    found = trailing_unit(text)
+    found = split_unit(text)
     if found and found[2] and not single_letter_unit and found[0] and text[-1:].isalpha():
         found = None
     head, unit = (found[0], found[1]) if found else (text, None)
@@ -451,14 +451,14 @@ _CLOCKS = {"time", "date", "elapsed", "epoch", "utc", "local"}
 _KIND_LETTERS = {"t", "p", "w", "tt", "pt", "ps", "temp", "press", "temperature", "pressure"}
 
 
-def _interpret(text: str, pieces: Sequence[_Piece], ignored: Features) -> Name:
+def _interpret(text: str, pieces: Sequence[_NamePiece], ignored: Features) -> ParsedName:
     """Features, station and marks of the pieces of a name."""
     features: set[str] = set()
-    marks: list[Mark] = []
+    marks: list[NameMark] = []
     unknown: list[str] = []
     station = ""
     k = 0
-    pieces = _without_symbol(pieces)
+    pieces = _drop_symbol(pieces)
     while k < len(pieces):
         piece, lowered = pieces[k], pieces[k].text.casefold()
         after = pieces[k + 1] if k + 1 < len(pieces) else None
@@ -466,21 +466,21 @@ def _interpret(text: str, pieces: Sequence[_Piece], ignored: Features) -> Name:
         if lowered in ignored and piece.kind != "number":
             continue
         if piece.kind == "number" or piece.kind == "letter":
-            marks.append(Mark(piece.text, piece.start, piece.end, False))
+            marks.append(NameMark(piece.text, piece.start, piece.end, False))
         elif lowered in SIDES:
-            marks.append(Mark(piece.text, piece.start, piece.end, True))
+            marks.append(NameMark(piece.text, piece.start, piece.end, True))
         elif (
             lowered in ("eng", "engine", "e", "engines", "ac", "gt", "unit", "motor")
             and after
             and _is_mark(piece, after)
         ):
-            marks.append(Mark(after.text, after.start, after.end, lowered != "unit"))
+            marks.append(NameMark(after.text, after.start, after.end, lowered != "unit"))
             k += 1
         elif lowered == "n" and after and after.kind == "number" and after.chunk == piece.chunk:
             k += 1
             features |= {"N", after.text[0]}
             if len(after.text) == 2:
-                marks.append(Mark(after.text[1], after.start + 1, after.end, False))
+                marks.append(NameMark(after.text[1], after.start + 1, after.end, False))
         elif station and lowered in ("t", "p") and after and after.kind == "number" and after.chunk == piece.chunk:
             features.add("other station")  # `T3/T2`, `P3-P2`
             k += 1
@@ -500,7 +500,7 @@ def _interpret(text: str, pieces: Sequence[_Piece], ignored: Features) -> Name:
     _settle(features)
     if not features and not unknown and [m.text.casefold() for m in marks] == ["rh"]:
         features, marks = {"humidity", "relative"}, []  # not the right-hand engine's
-    return Name(text, frozenset(features), station, tuple(marks), tuple(unknown))
+    return ParsedName(text, frozenset(features), station, tuple(marks), tuple(unknown))
 
 
 def _settle(features: set[str]) -> None:
@@ -516,7 +516,7 @@ def _settle(features: set[str]) -> None:
     features -= {"either pt", "either tot", "either nr", "either sortie"}
 
 
-def _without_symbol(pieces: Sequence[_Piece]) -> Sequence[_Piece]:
+def _drop_symbol(pieces: Sequence[_NamePiece]) -> Sequence[_NamePiece]:
     """The pieces without a last letter that is the symbol of what the words name: `Thrust T`, `Fuel Flow f`."""
     if len(pieces) < 2 or len(pieces[-1].text) > 1 or pieces[-1].text.casefold() not in "tpnwfmq":
         return pieces
@@ -524,7 +524,7 @@ def _without_symbol(pieces: Sequence[_Piece]) -> Sequence[_Piece]:
     return pieces[:-1] if kinds and pieces[-1].chunk != pieces[-2].chunk else pieces
 
 
-def _is_mark(word: _Piece, after: _Piece) -> bool:
+def _is_mark(word: _NamePiece, after: _NamePiece) -> bool:
     """Whether a number or letter behind `eng` numbers an engine: `E1`, `Eng (2)`, `ENG_L`; `e 1` is none."""
     if word.text.casefold() == "e" and after.chunk != word.chunk:
         return False
@@ -533,7 +533,7 @@ def _is_mark(word: _Piece, after: _Piece) -> bool:
     )
 
 
-def _station(number: _Piece, following: Sequence[_Piece]) -> tuple[str, int]:
+def _station(number: _NamePiece, following: Sequence[_NamePiece]) -> tuple[str, int]:
     """The ARP755 station of a number behind T or P, and how many pieces it takes: 30 → 3, 490 → 49, `2.5` → 25."""
     digits, taken = number.text, 0
     if len(digits) == 1 and following and following[0].kind == "number" and following[0].start == number.end + 1:
@@ -554,7 +554,7 @@ _BESIDE_A_STATION = frozenset(
 """Words that describe a station which a number names as well."""
 
 
-def meaning_of(name: Name) -> Meaning | None:
+def interpret_name(name: ParsedName) -> Meaning | None:
     """The quantity of a name, or None where the words make none that the program has a use for."""
     features = name.features - {"abs", "gauge", "gauge?"} | ({"abs"} if "abs" in name.features else frozenset())
     if "selected" in features:
@@ -575,12 +575,12 @@ def meaning_of(name: Name) -> Meaning | None:
             target = "ambient_temperature_K" if kinds[0] == "T" else "ambient_pressure_Pa"
         else:
             target = form.format(name.station)
-        by_words = _by_words(features, lost, remarks)
+        by_words = _match_words(features, lost, remarks)
         if by_words is not None and _another_station(by_words.target, name.station):
             # ISO 2314 and others count otherwise: 2 behind the compressor, 3 before the turbine
             return replace(by_words, doubt=f"station {name.station} of another numbering than ARP755")
         return Meaning(target, units, 2.0 - lost, "", remarks)
-    return _by_words(features, lost, remarks)
+    return _match_words(features, lost, remarks)
 
 
 def _another_station(target: str, station: str) -> bool:
@@ -589,7 +589,7 @@ def _another_station(target: str, station: str) -> bool:
     return found is not None and found[1].replace("1", "2") != station[0].replace("1", "2")
 
 
-def _by_words(features: Features, lost: float, remarks: tuple[str, ...]) -> Meaning | None:
+def _match_words(features: Features, lost: float, remarks: tuple[str, ...]) -> Meaning | None:
     """The quantity of the rule that explains most of the features."""
     best: Meaning | None = None
     for rule in ALL_RULES:

@@ -32,33 +32,33 @@ from enginediag_cli.recordings.parquet import ParquetTable
 from enginediag_cli.recordings.source import (
     MOST_BLANK_LINES,
     Format,
-    Peeked,
+    PeekedLines,
     Source,
+    decoding_error,
     file_format,
-    opened,
+    open_lines,
     refuse_devices,
-    undecodable,
 )
 from enginediag_cli.recordings.table import (
     DELIMITERS,
     FIXED,
-    OWN,
+    NATIVE_DIALECT,
     WHITESPACE,
-    Asked,
     Dialect,
     ReadingCounts,
+    ReadRequest,
     Recording,
     TableFile,
-    check_clock,
+    check_time,
     concat,
+    detect_separator,
     is_missing,
-    no_number,
+    number_error,
     parse_number,
     read_positions,
     rechunk,
-    separator_of,
 )
-from enginediag_cli.recordings.unit_words import unit_word
+from enginediag_cli.recordings.unit_words import parse_unit
 from enginediag_cli.safe_text import shortened, unguarded
 from enginediag_cli.units import find_unit, is_numeric_column, split_column
 
@@ -77,21 +77,21 @@ MOST_FOOTER_LINES = 50
 """Lines at the end of a file that may be no records."""
 
 
-class CsvTable(TableFile):
+class TextTable(TableFile):
     """An open text file."""
 
     def __init__(self, lines: Iterable[str], name: str, source: Source):
         """source: what the lines come from, to find the place of a byte that is no text."""
         self._source, self._text = source, lines
-        self.lines = peeked = Peeked(lines, name)
+        self.lines = peeked = PeekedLines(lines, name)
         self.name, self.provenance, self.columns = name, peeked.provenance, peeked.columns
 
-    def records(self, asked: Asked, chunk_records: int) -> Iterator[Recording]:
+    def records(self, asked: ReadRequest, chunk_records: int) -> Iterator[Recording]:
         """See `TableFile.records`. Raises DataError naming file, physical line and column."""
         try:
-            yield from table_records(self.lines, self.name, asked, chunk_records, self._cut)
+            yield from read_text_records(self.lines, self.name, asked, chunk_records, self._cut)
         except UnicodeDecodeError as error:
-            raise undecodable(self._source, self.name, error) from error
+            raise decoding_error(self._source, self.name, error) from error
         except (gzip.BadGzipFile, EOFError, zlib.error) as error:
             raise DataError(f"{self.name}: damaged gzip file ({error})") from error
 
@@ -99,30 +99,30 @@ class CsvTable(TableFile):
         return bool(getattr(self._text, "cut", False))
 
 
-def table_records(
-    stream: Iterable[str], name: str, asked: Asked, chunk_records: int, cut: Callable[[], bool] = lambda: False
+def read_text_records(
+    stream: Iterable[str], name: str, asked: ReadRequest, chunk_records: int, cut: Callable[[], bool] = lambda: False
 ) -> Iterator[Recording]:
     """The records of a text table, see `TableFile.records`. cut: whether the last line has no end, known when it has
     been read. Raises DataError."""
     dialect = asked.dialect
     head, provenance, first = _head(stream, name, dialect)
     place = f"{name}:{head + 1}"
-    rows = _Rows(chain([first], stream), dialect, dialect.separator(first, place), name, head)
+    rows = _RowReader(chain([first], stream), dialect, dialect.separator(first, place), name, head)
     if dialect.names:
         order = [column.strip() for column in dialect.names]
     else:
         order = [unguarded(cell.strip()) for cell in rows.next_row() or []]
         _doubt_header(first, order, rows.separator, asked, place)
-    table = _Table(name, asked, order, read_positions(order, asked, place), tuple(provenance), cut)
+    table = _RecordReader(name, asked, order, read_positions(order, asked, place), tuple(provenance), cut)
     if dialect.unit_row and not dialect.names:
         table.check_units(rows.next_row() or [], head + 2)
     at_once = max(1, min(chunk_records, CELLS_AT_ONCE // max(len(order), 1)))
     for chunk in rechunk(_parts(rows, table, at_once), chunk_records):
-        check_clock(chunk)
+        check_time(chunk)
         yield chunk
 
 
-def _parts(rows: _Rows, table: _Table, at_once: int) -> Iterator[Recording]:
+def _parts(rows: _RowReader, table: _RecordReader, at_once: int) -> Iterator[Recording]:
     ended = False
     while not ended:
         raw, ended = rows.take(at_once)
@@ -133,7 +133,7 @@ Row = tuple[int, list[str]]
 """The physical line on which a row begins, and its cells."""
 
 
-class _Rows:
+class _RowReader:
     """Rows of cells of an open text. separator: a delimiter, or a layout."""
 
     def __init__(self, lines: Iterable[str], dialect: Dialect, separator: str, name: str, head: int):
@@ -153,7 +153,7 @@ class _Rows:
         """The next row, None at the end. Raises DataError for a text that is no row."""
         rows = self._rows(1)
         if rows:
-            self._line += _lines_of(rows[0])
+            self._line += _count_lines(rows[0])
         return rows[0] if rows else None
 
     def _rows(self, most: int) -> list[list[str]]:
@@ -181,25 +181,25 @@ class _Rows:
                 self._blank = 0
             else:
                 self._blank += 1
-            self._line += _lines_of(row)
+            self._line += _count_lines(row)
         if self._blank > MOST_BLANK_LINES:
             raise DataError(f"{self._name}:{self._line}: {self._blank} blank lines in a row; is it a table?")
         return found, ended
 
 
-def _lines_of(row: Sequence[str]) -> int:
+def _count_lines(row: Sequence[str]) -> int:
     """Physical lines of a row: a line end is one in a quoted cell, or ends it."""
     return 1 + sum(len(_LINE_END.findall(cell)) for cell in row if "\n" in cell or "\r" in cell)
 
 
 @dataclass
-class _Table:
+class _RecordReader:
     """The records of one file. order: its columns; positions: of those that are read; held: rows that are no records,
     and what is wrong with them, until it is known whether they end the file; header: line of the last header that was
     repeated; shortest: characters of the shortest number in the last column."""
 
     name: str
-    asked: Asked
+    asked: ReadRequest
     order: Sequence[str]
     positions: Sequence[int]
     provenance: tuple[str, ...]
@@ -224,7 +224,7 @@ class _Table:
         if not all(map(width.__eq__, (len(cells) for _, cells in rows))):
             rows, wrong = self._fitted(rows)
         if rows and self._ends_within_a_number(rows, ended):
-            self.asked.counts.pass_over(CUT, rows.pop()[0])
+            self.asked.counts.skip_line(CUT, rows.pop()[0])
         chunk, bad = self._columns(rows)
         wrong += [(rows[k], error) for k, error in bad.items()]
         if wrong or self.held:
@@ -279,14 +279,14 @@ class _Table:
             columns[column], wrong, counts = self.form.numbers(cells[j])
             words.append((column, counts))
             for k in wrong:
-                bad.setdefault(k, no_number(cells[j][k], f"{self.name}:{lines[k]}:{column}"))
+                bad.setdefault(k, number_error(cells[j][k], f"{self.name}:{lines[k]}:{column}"))
         for j in self.stamps:
             for k, cell in enumerate(cells[j]):
                 if not any(c.isdigit() for c in cell) and not is_missing(cell):
                     what = f"{self.name}:{lines[k]}:{self.order[j]}: not a time stamp: {shortened(cell)!r}"
                     bad.setdefault(k, DataError(what))
         for column, counts in words:
-            self.asked.counts.take_words(column, counts)
+            self.asked.counts.count_missing(column, counts)
         text = {self.order[j]: _texts(cells[j]) for j in self.positions if self.order[j] not in columns}
         order = tuple(self.order[j] for j in self.positions)
         return Recording(columns, text, order, lines, self.name, self.provenance), bad
@@ -300,7 +300,7 @@ class _Table:
             first = not self.records and not (good.size and good[0] < line)
             kind = self._kind(cells, line, first)
             if kind or self.asked.tolerant:
-                counts.pass_over(kind or "unreadable", line)
+                counts.skip_line(kind or "unreadable", line)
             elif first:
                 raise error
             else:
@@ -309,9 +309,9 @@ class _Table:
             raise held[0][1]
         for k, ((line, cells), error) in enumerate(held if ended else ()):
             if not self._like_a_record(cells):
-                counts.pass_over("footer", line)
+                counts.skip_line("footer", line)
             elif self.cut() and k == len(held) - 1 and len(cells) <= len(self.order):
-                counts.pass_over(CUT, line)
+                counts.skip_line(CUT, line)
             else:
                 raise error
 
@@ -332,7 +332,7 @@ class _Table:
     def _units(self, cells: Sequence[str], line: int) -> bool:
         """Whether a row holds the units of the columns of numbers, or most of them."""
         named = [cells[j] for j in self.numbers if j < len(cells) and not is_missing(cells[j])]
-        known = sum(unit_word(cell) is not None for cell in named)
+        known = sum(parse_unit(cell) is not None for cell in named)
         if not named or known < LEAST_UNITS * len(named) or any(parse_number(cell) is not None for cell in named):
             return False
         self.check_units(cells, line)
@@ -342,7 +342,7 @@ class _Table:
         """Hold a row of units against those that the columns are taken for. Raises DataError where a name says another
         one; another one than the recorder's is a doubt, which its author may have had a reason for."""
         for j in self.numbers:
-            column, word = self.order[j], unit_word(cells[j]) if j < len(cells) else None
+            column, word = self.order[j], parse_unit(cells[j]) if j < len(cells) else None
             named = split_column(column)[1] if self.asked.by_suffix else ""
             stated = named or self.asked.units.get(column, "")
             if word is None or not stated:
@@ -373,7 +373,7 @@ def _texts(cells: Sequence[str]) -> Sequence[str]:
     return [unguarded(cell) for cell in cells] if "'" in "".join(cells) else list(cells)
 
 
-def _doubt_header(header: str, order: Sequence[str], separator: str, asked: Asked, place: str) -> None:
+def _doubt_header(header: str, order: Sequence[str], separator: str, asked: ReadRequest, place: str) -> None:
     """Raises DataError for a header of one column that another delimiter would part, and for one of numbers."""
     if any(column in asked.numbers for column in order):
         return
@@ -386,7 +386,7 @@ def _doubt_header(header: str, order: Sequence[str], separator: str, asked: Aske
         )
     if len(order) > 1:
         return
-    found, word = separator_of(header), ""
+    found, word = detect_separator(header), ""
     if found != separator and found in header:
         word = next(word for word, mark in DELIMITERS.items() if mark == found)
     elif len(words) > 1 and any(map(is_numeric_column, words)):
@@ -447,17 +447,17 @@ class ExcelTable(TableFile):
         if sheet and sheet not in names:
             raise DataError(f"{path}: no sheet {sheet!r}; there are {', '.join(names)}")
         self._sheet = sheet or names[0]
-        self.lines = peeked = Peeked(self._text(","), self.name)
+        self.lines = peeked = PeekedLines(self._text(","), self.name)
         self.provenance, self.columns = peeked.provenance, peeked.columns
 
     def close(self) -> None:
         self._book.close()
 
-    def records(self, asked: Asked, chunk_records: int) -> Iterator[Recording]:
+    def records(self, asked: ReadRequest, chunk_records: int) -> Iterator[Recording]:
         """See `TableFile.records`. Numbers are written as the dialect says, which their cells do not depend on."""
-        written = replace(asked.dialect, delimiter="\t", widths=(), encoding=OWN.encoding)
+        written = replace(asked.dialect, delimiter="\t", widths=(), encoding=NATIVE_DIALECT.encoding)
         rows = self._text("\t", asked.dialect.decimal)
-        yield from table_records(rows, self.name, replace(asked, dialect=written), chunk_records)
+        yield from read_text_records(rows, self.name, replace(asked, dialect=written), chunk_records)
 
     def _text(self, delimiter: str, decimal: str = ".") -> Iterator[str]:
         """The rows as lines of text."""
@@ -507,7 +507,7 @@ def _cell_text(cell: Any, decimal: str) -> str:
 
 
 @contextmanager
-def table_file(source: Source, codec: str = "utf-8-sig", sheet: str = "") -> Iterator[TableFile]:
+def open_table(source: Source, codec: str = "utf-8-sig", sheet: str = "") -> Iterator[TableFile]:
     """Open a table in the format of its first bytes or its name; anything else is read as text.
 
     Parameters
@@ -523,8 +523,8 @@ def table_file(source: Source, codec: str = "utf-8-sig", sheet: str = "") -> Ite
     """
     kind = file_format(source)
     if kind is Format.TEXT:
-        with opened(source, codec) as (stream, name):
-            yield CsvTable(stream, name, source)
+        with open_lines(source, codec) as (stream, name):
+            yield TextTable(stream, name, source)
         return
     assert isinstance(source, (str, Path))
     with closing(ExcelTable(source, sheet) if kind is Format.EXCEL else ParquetTable(source)) as table:
@@ -538,7 +538,7 @@ def read(
     required: Collection[str] = (),
     by_suffix: bool = True,
     chunk_records: int = 20_000,
-    dialect: Dialect = OWN,
+    dialect: Dialect = NATIVE_DIALECT,
     texts: Collection[str] | None = None,
     stamps: Collection[str] = (),
     units: Mapping[str, str] = MappingProxyType({}),
@@ -570,9 +570,11 @@ def read(
         Names file, physical line (row, in Parquet) and column.
     """
     numbers = {*declared, *required} - set(texts or ())
-    asked = Asked(numbers, required, by_suffix, dialect, texts, stamps, units, tolerant, counts or ReadingCounts())
+    asked = ReadRequest(
+        numbers, required, by_suffix, dialect, texts, stamps, units, tolerant, counts or ReadingCounts()
+    )
     with (
-        nullcontext(source) if isinstance(source, TableFile) else table_file(source, dialect.codec, dialect.sheet) as t
+        nullcontext(source) if isinstance(source, TableFile) else open_table(source, dialect.codec, dialect.sheet) as t
     ):
         touched("read:", t.name)
         yield from t.records(asked, chunk_records)

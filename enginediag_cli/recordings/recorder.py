@@ -19,49 +19,55 @@ import numpy as np
 from enginediag_cli.errors import DataError, NoVerdictError
 from enginediag_cli.recordings.clocks import (
     JoinedFile,
-    LongForm,
-    Stamps,
-    TimesOf,
-    beside,
-    cells_of,
+    LongFormat,
+    RecordTimes,
+    TimeStamps,
     check_forward,
-    join,
-    pivot,
-    stamps_of,
+    find_joined_path,
+    join_files,
+    make_stamps,
+    pivot_long,
+    text_cells,
 )
-from enginediag_cli.recordings.derived import RULES, Fill, Filler
-from enginediag_cli.recordings.masking import Judged, LiveMasker, MaskCounts, Masker, QualitySettings
+from enginediag_cli.recordings.derived import RULES, GapFill, GapFiller
+from enginediag_cli.recordings.masking import LiveMasker, MaskCounts, MaskingRules, QualitySettings, RecordMasker
 from enginediag_cli.recordings.read import read
 from enginediag_cli.recordings.source import Source
-from enginediag_cli.recordings.steady import GateReport, SteadySettings, average, failures, first_reasons
+from enginediag_cli.recordings.steady import (
+    GateReport,
+    SteadySettings,
+    average_windows,
+    count_first_reasons,
+    find_failures,
+)
 from enginediag_cli.recordings.table import (
     DELIMITERS,
     THOUSANDS,
     Dialect,
     ReadingCounts,
     Recording,
-    absent_columns,
-    check_clock,
+    check_time,
     concat,
+    find_missing_columns,
     rechunk,
 )
 from enginediag_cli.units import convert, to_si
 
 
-class Conversion:
-    """For one engine ("" where the file has one) of one file, chunk by chunk: remembers where its time began and the
+class ColumnConversion:
+    """For one engine ("" where the file has one) of one file, chunk by chunk: keeps where its time began and the
     readings that later gaps are filled from."""
 
     def __init__(self, recorder: Recorder, name: str):
         self._recorder, self._name = recorder, name
         self._engine: Mapping[str, Any] = recorder.engines[name]
         self._stamps = recorder.stamps()
-        self._filler = Filler({c.target: c.fill for c in recorder.channels if c.fill is not None})
+        self._filler = GapFiller({c.target: c.fill for c in recorder.channels if c.fill is not None})
 
     def add(self, recording: Recording, *, end: bool = False) -> Recording:
         """The records that have become final. Raises DataError for columns that are not there and for bad stamps."""
         recorder, engine = self._recorder, self._engine
-        sources = {channel.target: channel.source_of(engine) for channel in recorder.channels}
+        sources = {channel.target: channel.source_column(engine) for channel in recorder.channels}
         texts = {**recorder.values["text"], **{column: column for column in recorder.values["keep"]}}
         self._insist(
             recording, set(sources.values()), {*texts.values(), *(self._stamps.sources if self._stamps else ())}
@@ -74,12 +80,12 @@ class Conversion:
             columns[channel.target] = channel.read(recording[sources[channel.target]], full)
         for column, value in {**recorder.values["constants"], **engine["constants"]}.items():
             columns[column] = np.full(len(recording), float(value))
-        text = {target: list(cells_of(recording, source)) for target, source in texts.items()}
+        text = {target: list(text_cells(recording, source)) for target, source in texts.items()}
         if self._name:
             text["engine"] = [self._name] * len(recording)
         order = (*text, *columns)
         converted = Recording(columns, text, order, recording.line, recording.source, recording.provenance)
-        check_clock(converted)
+        check_time(converted)
         return self._filler.add(converted, end=end)
 
     def _insist(self, recording: Recording, numbers: set[str], others: set[str]) -> None:
@@ -87,7 +93,7 @@ class Conversion:
         if absent:
             raise DataError(
                 f"{recording.source}: the recorder {self._recorder.path} needs columns that are not there: "
-                f"{', '.join(map(str, absent_columns(absent, recording.order)))}"
+                f"{', '.join(map(str, find_missing_columns(absent, recording.order)))}"
             )
 
 
@@ -105,7 +111,7 @@ class Channel:
     offset: float
     limits: tuple[float, float] | None
     density_kg_m3: float | None = None
-    fill: Fill | None = None
+    fill: GapFill | None = None
 
     def read(self, values: np.ndarray, full_scale: float | None = None) -> np.ndarray:
         """Target (N,) from the source's values (N,); full_scale replaces the channel's own."""
@@ -117,7 +123,7 @@ class Channel:
             return to_si(reading, self.unit) * self.density_kg_m3
         return convert(reading, self.unit, self.target_unit)
 
-    def source_of(self, engine: Mapping[str, Any]) -> str:
+    def source_column(self, engine: Mapping[str, Any]) -> str:
         """The source column for an engine of the file."""
         return self.source.replace("{prefix}", engine["prefix"])
 
@@ -153,16 +159,16 @@ class Recorder:
     @property
     def source_columns(self) -> tuple[str, ...]:
         """Numeric columns that the file must have."""
-        return tuple(dict.fromkeys(c.source_of(engine) for engine in self.engines.values() for c in self.channels))
+        return tuple(dict.fromkeys(c.source_column(engine) for engine in self.engines.values() for c in self.channels))
 
     @property
     def dialect(self) -> Dialect:
         """How its files are written."""
-        return dialect_of(self.values["file"])
+        return make_dialect(self.values["file"])
 
-    def judged(self, inputs: Collection[str] = ()) -> Judged:
+    def judged(self, inputs: Collection[str] = ()) -> MaskingRules:
         """What is masked of an engine's recording; `inputs`: columns that may stand still (see masking.py)."""
-        return Judged(
+        return MaskingRules(
             sensors=tuple(c.target for c in self.channels if c.target not in inputs),
             inputs=tuple(c.target for c in self.channels if c.target in inputs),
             limits={c.target: c.limits for c in self.channels if c.limits is not None},
@@ -187,17 +193,19 @@ class Recorder:
         files that it joins; `tolerant` and `counts` as in `recordings.read.read`. Raises DataError."""
         found = self._records(source, chunk_records, tolerant, counts)
         if self.values["joins"]:
-            found = rechunk(join(found, self._clock(), self._joined(source, chunk_records, counts)), chunk_records)
+            found = rechunk(
+                join_files(found, self._clock(), self._open_joined_files(source, chunk_records, counts)), chunk_records
+            )
         yield from found
 
-    def stamps(self, since: str = "") -> Stamps | None:
+    def stamps(self, since: str = "") -> TimeStamps | None:
         """What reads the time of records as `chunks` gives them, for one pass; None where it is a column of numbers."""
         time, file = self.values["time"], self.values["file"]
         if time is None:
             return None
         if file["long"] is not None:
-            return Stamps(time["from"][:1], "epoch_s", since=since or time["since"])
-        return stamps_of({**time, "since": since or time["since"]}, self.dialect)
+            return TimeStamps(time["from"][:1], "epoch_s", since=since or time["since"])
+        return make_stamps({**time, "since": since or time["since"]}, self.dialect)
 
     def _records(
         self, source: Source, chunk_records: int, tolerant: bool, counts: ReadingCounts | None
@@ -215,35 +223,35 @@ class Recorder:
             raise DataError(
                 "an export of one reading a line has records only when it is complete, and cannot be followed"
             )
-        form = LongForm(**{**long, "good": tuple(long["good"])})
+        form = LongFormat(**{**long, "good": tuple(long["good"])})
         time = self.values["time"]
         texts = [c for c in how["texts"] if c in ours and c not in time["from"]]
         read_texts = tuple(dict.fromkeys((*form.columns, *time["from"])))
-        yield from pivot(
+        yield from pivot_long(
             read(source, by_suffix=False, dialect=self.dialect, required=read_texts, texts=read_texts, counts=counts),
             form,
-            lambda: stamps_of({**time, "since": "epoch"}, self.dialect),
+            lambda: make_stamps({**time, "since": "epoch"}, self.dialect),
             self.dialect,
             [c for c in self.source_columns if c in ours],
             texts,
             chunk_records,
         )
 
-    def _clock(self) -> TimesOf:
+    def _clock(self) -> RecordTimes:
         """The times of records, on the clock of all files."""
         stamps = self.stamps("epoch")
         if stamps is not None:
             return stamps.seconds
         channel = next(c for c in self.channels if c.target == "time_s")
         engine = next(iter(self.engines.values()))
-        return lambda chunk: channel.read(chunk[channel.source_of(engine)])
+        return lambda chunk: channel.read(chunk[channel.source_column(engine)])
 
-    def _joined(self, source: Source, chunk_records: int, counts: ReadingCounts | None) -> list[JoinedFile]:
+    def _open_joined_files(self, source: Source, chunk_records: int, counts: ReadingCounts | None) -> list[JoinedFile]:
         """The files that are joined to a recording."""
         files = []
         for settings in self.values["joins"]:
-            path = beside(source, settings["recording"], settings["cut"])
-            dialect = self.dialect if settings["file"] is None else dialect_of(settings["file"])
+            path = find_joined_path(source, settings["recording"], settings["cut"])
+            dialect = self.dialect if settings["file"] is None else make_dialect(settings["file"])
             time = {**(settings["time"] or self.values["time"]), "since": "epoch"}
             start = settings["name"] + "."
             columns = [c.removeprefix(start) for c in self.source_columns if c.startswith(start)]
@@ -260,7 +268,7 @@ class Recorder:
                 counts=counts,
             )
             nearest = settings["how"] == "nearest"
-            clock = stamps_of(time, dialect).seconds
+            clock = make_stamps(time, dialect).seconds
             files.append(
                 JoinedFile(settings["name"], str(path), columns, chunks, clock, nearest, settings["max_age_s"])
             )
@@ -274,10 +282,10 @@ class Recorder:
         engines: Collection[str] | None = None,
         *,
         live: bool = False,
-    ) -> RecorderStream:
+    ) -> MappedStream:
         """As `read` in bounded memory: iterate for (engine, records) as they become final; `engines`: only these."""
 
-        return RecorderStream(self, source, chunk_records, inputs, engines)
+        return MappedStream(self, source, chunk_records, inputs, engines)
 
     @property
     def reading(self) -> dict[str, Any]:
@@ -294,7 +302,7 @@ class Recorder:
             "texts": tuple(column for column in texts if column not in numbers),
             "stamps": time,
             "units": {
-                channel.source_of(engine): channel.unit
+                channel.source_column(engine): channel.unit
                 for engine in self.engines.values()
                 for channel in self.channels
                 if (channel.scale, channel.offset) == (1.0, 0.0)
@@ -330,7 +338,7 @@ class Recorder:
         """
         used = self if steady else replace(self, steady=None, average_s=0.0)
         for name in self.engines:
-            stream = LiveRecorder(used, name, search=True, inputs=inputs)
+            stream = EngineMapper(used, name, search=True, inputs=inputs)
             kept = stream.add(recording, end=True)
             masks = stream.counts
             if masks.total and masks.total == sum(masks.readings.values()) and not masks.frozen:
@@ -361,7 +369,7 @@ class Recorder:
                 )
 
 
-def dialect_of(file: Mapping[str, Any]) -> Dialect:
+def make_dialect(file: Mapping[str, Any]) -> Dialect:
     """How a file is written by the keys of a section `file`."""
     return Dialect(
         DELIMITERS.get(file["delimiter"], file["delimiter"]),
@@ -382,7 +390,7 @@ SOAK_MEMORY = 12.0
 
 
 @dataclass
-class LiveRecorder:
+class EngineMapper:
     """`recorder` for one `engine` of the file ("" where it has only one); `add` takes the records as they come.
 
     records, kept: records read and handed over (averages, where the recorder averages, out of so many `windows`);
@@ -397,13 +405,13 @@ class LiveRecorder:
     kept: int = 0
     windows: int = 0
     reasons: Counter[str] = field(default_factory=Counter)
-    _held: Recording | None = None
-    _done: int = 0
+    _recent: Recording | None = None
+    _last_line: int = 0
 
     def __post_init__(self) -> None:
         judged = self.recorder.judged(self.inputs)
-        self._masker = Masker(judged) if self.search else LiveMasker(judged)
-        self._conversion = Conversion(self.recorder, self.engine)
+        self._masker = RecordMasker(judged) if self.search else LiveMasker(judged)
+        self._conversion = ColumnConversion(self.recorder, self.engine)
 
     @property
     def counts(self) -> MaskCounts:
@@ -432,16 +440,16 @@ class LiveRecorder:
 
     def _map(self, clean: Recording, *, end: bool = False) -> Recording:
         """What of masked records and of those held has become final."""
-        every = concat([self._held, clean]) if self._held is not None else clean
+        every = concat([self._recent, clean]) if self._recent is not None else clean
         full = self.recorder.derive(every)
         if len(clean):
             self.recorder.check(full)
         final = np.ones(len(full), bool) if end else self._final(full)
-        new = final & (full.line > self._done)
-        settled = self._settled(full, new)
+        new = final & (full.line > self._last_line)
+        settled = self._select_steady(full, new)
         self.kept += len(settled)
-        self._done = int(full.line[new][-1]) if new.any() else self._done
-        self._held = every.select(np.arange(len(full)) >= self._first_needed(full))
+        self._last_line = int(full.line[new][-1]) if new.any() else self._last_line
+        self._recent = every.select(np.arange(len(full)) >= self._first_needed(full))
         return settled
 
     def insist_on_records(self, source: str) -> None:
@@ -460,21 +468,21 @@ class LiveRecorder:
             return np.asarray(rows <= (ended[-1] if ended.size else -1))
         return np.asarray(rows < len(full) - 1) if steady and steady.neighbours else np.ones(len(full), bool)
 
-    def _settled(self, full: Recording, new: np.ndarray) -> Recording:
+    def _select_steady(self, full: Recording, new: np.ndarray) -> Recording:
         steady, length = self.recorder.steady, self.recorder.average_s
-        failed = failures(full, steady) if steady else {}
+        failed = find_failures(full, steady) if steady else {}
         if length > 0.0:
-            averages, report = average(full, length, failed, new)
+            averages, report = average_windows(full, length, failed, new)
             self.reasons.update(report.reasons)
             self.windows += report.total
             return averages
-        keep, reasons = first_reasons(failed, new)
+        keep, reasons = count_first_reasons(failed, new)
         self.reasons.update(reasons)
         return full.select(keep)
 
     def _first_needed(self, full: Recording) -> int:
         """The first record that later ones look back to."""
-        waiting = np.flatnonzero(full.line > self._done)
+        waiting = np.flatnonzero(full.line > self._last_line)
         first = int(waiting[0]) if waiting.size else len(full)
         reach = self._reach()
         if reach == 0.0 or "time_s" not in full or not len(full):
@@ -491,7 +499,7 @@ class LiveRecorder:
         return float(max([0.0, 2 * self.recorder.average_s, *gate, *soak]))
 
 
-class RecorderStream:
+class MappedStream:
     """A foreign file mapped in bounded memory; iterate once for (engine, records), every piece with some records.
 
     Rows are those of `Recorder.map`, whatever the size of chunks; heat soak forgets its beginning after 12 time
@@ -509,7 +517,7 @@ class RecorderStream:
     ----------
     engines : engine → its LiveRecorder, whose counts are complete at the end
     counts : what of the file was no record or no reading
-    watch : takes the records as they stand in the file, before they are mapped
+    watch : takes the records as they are in the file, before they are mapped
     """
 
     watch: Callable[[Recording], None] | None = None
@@ -526,7 +534,7 @@ class RecorderStream:
         chosen = [name for name in recorder.engines if engines is None or name in engines]
         self._recorder, self._source, self._chunk, self._live = recorder, source, chunk_records, live
         self.counts = ReadingCounts()
-        self.engines = {name: LiveRecorder(recorder, name, search=not live, inputs=inputs) for name in chosen}
+        self.engines = {name: EngineMapper(recorder, name, search=not live, inputs=inputs) for name in chosen}
 
     def __iter__(self) -> Iterator[tuple[str, Recording]]:
         """Raises DataError as `Recorder.map` does, and NoVerdictError at the end of an engine without any record."""

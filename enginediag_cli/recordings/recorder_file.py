@@ -14,11 +14,11 @@ from enginediag_cli.config.hints import near
 from enginediag_cli.config.kinds import load_checked
 from enginediag_cli.config.validate import Checked
 from enginediag_cli.errors import ConfigError, Problem
-from enginediag_cli.recordings.clocks import NUMBERS, zone_of
-from enginediag_cli.recordings.derived import RULES, Fill
+from enginediag_cli.recordings.clocks import NUMBERS, parse_zone
+from enginediag_cli.recordings.derived import RULES, GapFill
 from enginediag_cli.recordings.recorder import Channel, Recorder
 from enginediag_cli.recordings.steady import SteadySettings
-from enginediag_cli.recordings.table import DELIMITERS, FIXED, LAYOUTS, THOUSANDS, WHITESPACE, known_encoding
+from enginediag_cli.recordings.table import DELIMITERS, FIXED, LAYOUTS, THOUSANDS, WHITESPACE, is_encoding
 from enginediag_cli.units import UnitError, convert, find_unit, split_column, split_header, to_si
 
 _COLUMN = Section(
@@ -54,7 +54,7 @@ _CHECK = Section(
         Field("of", "text", "column above"),
         Field("over", "text", "column below"),
         Field("between", "range", "where the median of the ratio must lie"),
-        Field("otherwise", "text", "what to tell the user if it does not"),
+        Field("otherwise", "text", "what to report if it does not"),
     ),
 )
 
@@ -255,7 +255,7 @@ def _volume_as_mass(checked: Checked, target: str, unit: str, problems: list[Pro
     return volume and mass
 
 
-def _fill(checked: Checked, target: str, problems: list[Problem]) -> Fill | None:
+def _fill(checked: Checked, target: str, problems: list[Problem]) -> GapFill | None:
     spec = checked.values["columns"][target]
     method, records = spec["fill"], spec["fill_records"]
     if (method == "none") != (records == 0):
@@ -266,7 +266,7 @@ def _fill(checked: Checked, target: str, problems: list[Problem]) -> Fill | None
                 "such as fill: hold, fill_records: 10",
             )
         )
-    return Fill(method, records) if method != "none" and records else None
+    return GapFill(method, records) if method != "none" and records else None
 
 
 def _full_scale_per_engine(values: Mapping[str, Any], target: str) -> bool:
@@ -310,7 +310,7 @@ def _problems_of_file(checked: Checked, here: Place, file: Mapping[str, Any] | N
     """Problems of a section `file` that only its values together show."""
     if file is None:
         return
-    if not known_encoding(file["encoding"]):
+    if not is_encoding(file["encoding"]):
         hint = "such as utf-8, latin-1 or cp1252"
         yield checked.problem((*here, "encoding"), f"no encoding {file['encoding']!r}", hint)
     marks = {"decimal mark": file["decimal"], "delimiter": file["delimiter"], "mark of thousands": file["thousands"]}
@@ -348,7 +348,7 @@ def _problems_of_time(checked: Checked, here: Place, time: Mapping[str, Any] | N
     elif form in NUMBERS and len(time["from"]) > 1:
         yield checked.problem((*here, "from"), f"a time of the form {form} is one column")
     try:
-        zone_of(time["zone"])
+        parse_zone(time["zone"])
     except ValueError as error:
         yield checked.problem((*here, "zone"), f"no time zone {time['zone']!r}", str(error))
 

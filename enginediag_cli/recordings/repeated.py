@@ -47,12 +47,12 @@ class StuckRun:
     opens: bool = field(default=False, compare=False)
     closes: bool = field(default=False, compare=False)
 
-    def within(self, first_line: int, last_line: int) -> bool:
+    def overlaps(self, first_line: int, last_line: int) -> bool:
         """Whether some of it lies in these lines."""
         return self.first_line <= last_line and self.last_line >= first_line
 
 
-def stuck_runs(column: str, values: np.ndarray, line: np.ndarray, mask: np.ndarray) -> Iterator[StuckRun]:
+def list_stuck_runs(column: str, values: np.ndarray, line: np.ndarray, mask: np.ndarray) -> Iterator[StuckRun]:
     """The masked (N,) of the readings of a column (N,), on these lines (N,), as runs of one value."""
     rows = np.flatnonzero(mask)
     if not rows.size:
@@ -65,13 +65,13 @@ def stuck_runs(column: str, values: np.ndarray, line: np.ndarray, mask: np.ndarr
         yield StuckRun(column, float(values[own[0]]), int(line[own[0]]), int(line[own[-1]]), len(own), opens, closes)
 
 
-def same_runs(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
+def extend_to_runs(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """The masked (N,) and whatever stands beside them with the same value (N,), in a row."""
     run = np.cumsum(np.r_[0, values[1:] != values[:-1]])
     return np.isin(run, run[mask])
 
 
-def joined_runs(known: list[StuckRun], more: Iterator[StuckRun]) -> None:
+def append_runs(known: list[StuckRun], more: Iterator[StuckRun]) -> None:
     """Add runs to those that are known, in order; one that goes on from a block to the next stays one."""
     for run in more:
         before = next((k for k in range(len(known) - 1, -1, -1) if known[k].column == run.column), None)
@@ -84,7 +84,7 @@ def joined_runs(known: list[StuckRun], more: Iterator[StuckRun]) -> None:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # readings near the largest number: of infinite spread, they tell nothing
-def stuck(
+def find_stuck(
     values: np.ndarray,
     others: Mapping[str, np.ndarray],
     records: int = 20,
@@ -122,19 +122,19 @@ def stuck(
         usual = np.delete(lengths, k)[np.delete((lengths < records) | stop, k)]
         repeats = 1.0 - len(usual) / usual.sum() if usual.size else 1.0
         if repeats < COARSE:
-            frozen = bool(np.any(np.ptp(predictors[run], axis=0) > 0.0)) if predictors.shape[1] else False
+            is_stuck = bool(np.any(np.ptp(predictors[run], axis=0) > 0.0)) if predictors.shape[1] else False
         elif not within[k] or lengths[k] < 3 * elsewhere.max():
-            frozen = False
+            is_stuck = False
         else:
             moved, error = _predicted_span(x, predictors, run)
-            frozen = moved > 6.0 * error
-        if frozen:
+            is_stuck = moved > 6.0 * error
+        if is_stuck:
             mask[finite[run]] = True
     return mask
 
 
 def _standardised(others: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
-    """(n, q) columns of mean 0 and variance 1, gaps at the mean; those that never change are left out."""
+    """(n, q) columns of mean 0 and variance 1, gaps at the mean; without those that never change."""
     columns = []
     for values in others.values():
         x = values[rows]
@@ -185,7 +185,7 @@ _SHIFT = np.uint64(29)
 
 
 @dataclass
-class Repeats:
+class DuplicateRows:
     """Finds repeated rows of one file, given in chunks of any size."""
 
     _latest: dict[int, float] = field(default_factory=dict)
@@ -205,7 +205,7 @@ class Repeats:
             piece = slice(start, stop)
             candidates = np.flatnonzero(self._not_later(time[piece], flights[piece]))
             if candidates.size:
-                found[piece] = self._among_earlier(rows[piece], candidates)
+                found[piece] = self._find_earlier(rows[piece], candidates)
             self._remember(rows[piece])
             start = stop
         return found
@@ -224,7 +224,7 @@ class Repeats:
             self._latest[key] = float(before[-1])
         return result
 
-    def _among_earlier(self, rows: np.ndarray, candidates: np.ndarray) -> np.ndarray:
+    def _find_earlier(self, rows: np.ndarray, candidates: np.ndarray) -> np.ndarray:
         wanted = rows[candidates]
         seen = np.zeros(len(wanted), dtype=bool)
         for segment in self._segments:
@@ -258,7 +258,7 @@ def _hashes(recording: Recording, flights: np.ndarray) -> np.ndarray:
     return rows
 
 
-def held_for(values: np.ndarray, flights: np.ndarray) -> int:
+def hold_length(values: np.ndarray, flights: np.ndarray) -> int:
     """k, records for which a channel (N,) holds each reading, 1 where it is not held; flights (N,) numbers."""
     known = np.flatnonzero(np.isfinite(values))
     x, flight = values[known], flights[known]
@@ -283,13 +283,13 @@ def held_for(values: np.ndarray, flights: np.ndarray) -> int:
     return k
 
 
-def held_readings(
+def find_held_readings(
     columns: Mapping[str, np.ndarray], inputs: Collection[str], flights: np.ndarray
 ) -> tuple[dict[str, np.ndarray], int]:
     """Masks (N,) of the readings that say nothing new, by column, and for how many records the fastest channel holds
     each reading. Where inputs are held a record without a fresh one of the slowest of them is as old as that: of every
     sensor no reading there counts, and elsewhere one that has changed since the last record that counts."""
-    k = {c: held_for(x, flights) for c, x in columns.items()}
+    k = {c: hold_length(x, flights) for c, x in columns.items()}
     if max(k.values(), default=1) < 2:
         return {}, 1
     n = len(flights)
@@ -324,7 +324,7 @@ STUCK = 20
 
 
 @dataclass
-class HeldWatch:
+class RepeatWatch:
     """The causal part, for a recording that is still being written. A reading that repeats the one before is held
     until the channel has changed often enough from one record to the next, as one does that is rounded; in a channel
     that hardly ever repeats a reading it is held, or stuck. A record in which every reading repeats is another matter.
@@ -386,7 +386,7 @@ MOST_WATCHED = 64
 """Flights that a watch keeps the last record of; the one silent longest is forgotten for the next."""
 
 
-def frozen(
+def find_frozen(
     recording: Recording, flights: np.ndarray, sensors: Sequence[str], inputs: Sequence[str], records: int
 ) -> np.ndarray:
     """Mask (N,) of the records in runs of at least `records` in which all `sensors` and `inputs` stand still.
@@ -455,7 +455,7 @@ class FrozenWatch:
         mask = np.zeros(len(recording), dtype=bool)
         if self.records <= 0 or not len(recording) or not self.sensors:
             return mask
-        flights = self._flights.of(recording)
+        flights = self._flights.numbers(recording)
         table = np.column_stack([recording[c] for c in (*self.sensors, *self.inputs)])
         time = recording["time_s"] if "time_s" in recording else np.full(len(recording), np.nan)
         known = np.isfinite(table[:, : len(self.sensors)]).any(axis=1)

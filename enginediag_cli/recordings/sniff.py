@@ -17,19 +17,27 @@ import numpy as np
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.clocks import DAY_S
 from enginediag_cli.recordings.parquet import ParquetTable
-from enginediag_cli.recordings.quantities import read_name
-from enginediag_cli.recordings.read import table_file
+from enginediag_cli.recordings.quantities import parse_name
+from enginediag_cli.recordings.read import open_table
 from enginediag_cli.recordings.source import (
     HEAD_BYTES,
     Format,
     detect_bom,
     detect_utf_16,
     file_format,
+    open_bytes,
     refuse_binary,
-    unpacked,
 )
-from enginediag_cli.recordings.table import DELIMITERS, OWN, WHITESPACE, Asked, Dialect, TableFile, is_missing
-from enginediag_cli.recordings.unit_words import UnitWord, trailing_unit, unit_word
+from enginediag_cli.recordings.table import (
+    DELIMITERS,
+    NATIVE_DIALECT,
+    WHITESPACE,
+    Dialect,
+    ReadRequest,
+    TableFile,
+    is_missing,
+)
+from enginediag_cli.recordings.unit_words import UnitWord, parse_unit, split_unit
 
 LOOKED_AT = 1 << 18
 """Bytes of the file that are looked at, 256 KiB: some thousand records."""
@@ -42,7 +50,7 @@ NUMBERS = 0.6
 UNITS_OF_A_ROW = 0.4
 """Share of the cells of a row of units that must be known units; the others are forms of dates and the like."""
 MOST_TAGS = 1000
-"""Tags of an export of one reading a line that are told apart."""
+"""Tags of an export of one reading a line that are distinguished."""
 
 FEWEST_LINES = 3
 """Lines that a table without a delimiter must have: two lines of words may be any text."""
@@ -66,7 +74,7 @@ class LongTable:
 
 
 @dataclass(frozen=True)
-class Sniffed:
+class SniffedTable:
     """dialect: with its header line always stated where lines stand before it; header: the names of columns that can be
     read; units: cells of the unit row, else empty texts; cells: column → texts of the records looked at;
     guessed_encoding: it is not UTF-8; unusable: columns without a name, or with one that another has; invented: the
@@ -96,7 +104,7 @@ class Sniffed:
         return values if good >= NUMBERS * max(len(values), 1) and np.isfinite(values).any() else None
 
     def words(self, column: str) -> Counter[str]:
-        """Words that stand in a column of numbers although no recording knows them for a missing value."""
+        """Words in a column of numbers although no recording knows them for a missing value."""
         bare = (self._plain(cell) for cell in self.cells[column])
         return Counter(cell for cell in bare if not _NUMBER.fullmatch(cell) and not is_missing(cell))
 
@@ -107,10 +115,10 @@ class Sniffed:
         return bare.replace(",", ".") if self.dialect.decimal == "," else bare
 
 
-def sniff(path: str) -> Sniffed:
+def sniff(path: str) -> SniffedTable:
     """Look at the head of a file (`-`: standard input). Raises DataError when no table is found in it."""
     if file_format(path) is not Format.TEXT:
-        with table_file(path) as table:
+        with open_table(path) as table:
             return _reshape_long(_first_records(table) if isinstance(table, ParquetTable) else _first_rows(table))
     raw = _head(path)
     text, encoding = _decoded(raw)
@@ -125,17 +133,17 @@ def sniff(path: str) -> Sniffed:
     return _reshape_long(replace(found, dialect=replace(found.dialect, encoding=encoding), guessed_encoding=guessed))
 
 
-def _text_table(lines: Sequence[str], path: str) -> Sniffed:
+def _text_table(lines: Sequence[str], path: str) -> SniffedTable:
     """The table in the lines of a text file; its encoding is the caller's."""
     delimiter, header, width = _table(lines, path)
-    rows = list(_split(lines[max(header, 0) :], delimiter))
+    rows = list(_split_rows(lines[max(header, 0) :], delimiter))
     rows = [row for row in rows if any(c.strip() for c in row) and not (header < 0 and row[0].startswith("#"))]
     units: tuple[str, ...] = ()
     if header < 0:
         names = tuple(f"c{k + 1}" for k in range(width))
     else:
         names = tuple(cell.strip().lstrip("\ufeff") for cell in rows[0])
-        above = next(_split(lines[header - 1 : header], delimiter), []) if header else []
+        above = next(_split_rows(lines[header - 1 : header], delimiter), []) if header else []
         if above and is_unit_row([above[0].lstrip("#"), *above[1:]], width):
             units = tuple(cell.strip().lstrip("#") for cell in above)
         rows = rows[1:]
@@ -157,7 +165,7 @@ def _text_table(lines: Sequence[str], path: str) -> Sniffed:
         names=names if header < 0 else (),
         thousands=thousands,
     )
-    return Sniffed(
+    return SniffedTable(
         path,
         dialect,
         tuple(names[k] for k in usable),
@@ -171,25 +179,25 @@ def _text_table(lines: Sequence[str], path: str) -> Sniffed:
     )
 
 
-def _split(lines: Sequence[str], delimiter: str) -> Iterator[list[str]]:
+def _split_rows(lines: Sequence[str], delimiter: str) -> Iterator[list[str]]:
     if delimiter == WHITESPACE:
         return (line.split() for line in lines)
     return csv.reader(lines, delimiter=delimiter)
 
 
-def _first_rows(table: TableFile) -> Sniffed:
+def _first_rows(table: TableFile) -> SniffedTable:
     """The first rows of a workbook."""
     return _text_table([row.rstrip("\r\n") for row in islice(table.lines, TABLE_RECORDS)], table.name)
 
 
-def _first_records(table: TableFile) -> Sniffed:
+def _first_records(table: TableFile) -> SniffedTable:
     """The first records of a Parquet file, which says itself what its columns are."""
-    first = next(table.records(Asked((), by_suffix=False), TABLE_RECORDS))
+    first = next(table.records(ReadRequest((), by_suffix=False), TABLE_RECORDS))
     cells = {name: list(first.text[name]) for name in table.columns}
-    return Sniffed(table.name, OWN, table.columns, ("",) * len(table.columns), cells, False)
+    return SniffedTable(table.name, NATIVE_DIALECT, table.columns, ("",) * len(table.columns), cells, False)
 
 
-def _reshape_long(found: Sniffed) -> Sniffed:
+def _reshape_long(found: SniffedTable) -> SniffedTable:
     """A file with one reading a line as the table of its tags; any other as it is."""
     named = {c: found.values(c) is not None for c in found.header}
     tag = next((c for c, numeric in named.items() if not numeric and _TAG.fullmatch(c.strip())), "")
@@ -220,7 +228,7 @@ def _head(path: str) -> bytes:
     """The first bytes, unpacked. Raises DataError for what cannot be read, and for formats that are no text."""
     name = "<stdin>" if path == "-" else path
     try:
-        with unpacked(path, name) as stream:
+        with open_bytes(path, name) as stream:
             raw = bytes(stream.read(LOOKED_AT))
     except (OSError, EOFError, zlib.error) as error:
         raise DataError(f"{name}: {getattr(error, 'strerror', None) or error}") from error
@@ -250,15 +258,15 @@ def _table(lines: Sequence[str], path: str) -> tuple[str, int, int]:
     for delimiter in (*DELIMITERS.values(), WHITESPACE):
         if delimiter == WHITESPACE and best is not None:
             break  # blanks also stand within cells
-        widths = [len(row) for row in _split(shown, delimiter)]
+        widths = [len(row) for row in _split_rows(shown, delimiter)]
         common, count = Counter(widths[len(widths) // 3 :]).most_common(1)[0] if widths else (1, 0)
         if common < 2 or (delimiter == WHITESPACE and len(shown) < FEWEST_LINES):
             continue
         score = count / len(shown) * common
-        rows = list(_split(lines[:MOST_TITLE_LINES], delimiter))
+        rows = list(_split_rows(lines[:MOST_TITLE_LINES], delimiter))
         headers = [k for k, row in enumerate(rows) if is_header(row, common) and not is_unit_row(row, common)]
         bare = [k for k in headers if not lines[k].startswith("#")]
-        if not headers and not all(is_numeric_row(row) for row in _split(shown[:20], delimiter)):
+        if not headers and not all(is_numeric_row(row) for row in _split_rows(shown[:20], delimiter)):
             continue
         header = bare[0] if bare else headers[-1] if headers else -1
         if best is None or score > best[0]:
@@ -286,7 +294,7 @@ def is_unit_row(row: Sequence[str], width: int) -> bool:
     filled = [cell for cell in cells if cell and cell != "-"]
     if len(row) != width or not filled or any(_NUMBER.fullmatch(c) for c in filled):
         return False
-    return sum(unit_word(c) is not None for c in filled) >= UNITS_OF_A_ROW * len(filled)
+    return sum(parse_unit(c) is not None for c in filled) >= UNITS_OF_A_ROW * len(filled)
 
 
 def _marks(rows: Sequence[Sequence[str]], delimiter: str) -> tuple[str, str]:
@@ -340,7 +348,7 @@ SPREADSHEET_DAYS = (29_000.0, 75_000.0)
 
 
 @dataclass(frozen=True)
-class Clock:
+class ClockColumns:
     """sources: columns of the stamp; form: as in the recorder's `time:`; number: its unit, where it is a plain number
     that becomes the column time_s; doubt: what is to be decided; remark: what was guessed."""
 
@@ -351,7 +359,7 @@ class Clock:
     remark: str = ""
 
 
-def find_clock(sniffed: Sniffed) -> Clock | None:
+def find_clock(sniffed: SniffedTable) -> ClockColumns | None:
     """The file's clock: date and time of day before a full stamp, UTC before local time, a stamp before a number."""
     text = [c for c in sniffed.header if sniffed.values(c) is None]
     dates = {c: f for c in text if (f := _forms(sniffed, (c,), DATES))}
@@ -375,7 +383,9 @@ def find_clock(sniffed: Sniffed) -> Clock | None:
         return number
     if times:
         column = next(iter(times))
-        return Clock((column,), "iso" if times[column][0] in ("%H:%M:%S", "%H:%M:%S.%f", "%H:%M") else times[column][0])
+        return ClockColumns(
+            (column,), "iso" if times[column][0] in ("%H:%M:%S", "%H:%M:%S.%f", "%H:%M") else times[column][0]
+        )
     if dates:
         column = next(iter(dates))
         return _clock(sniffed, (column,), dates[column])
@@ -383,12 +393,12 @@ def find_clock(sniffed: Sniffed) -> Clock | None:
 
 
 def _is_clock_name(column: str) -> bool:
-    return bool(read_name(column).features & {"date", "time", "utc", "epoch", "elapsed", "local"})
+    return bool(parse_name(column).features & {"date", "time", "utc", "epoch", "elapsed", "local"})
 
 
 def _affinity(*columns: str) -> int:
     """How much the names say that these columns are the clock, and the same one."""
-    features = [read_name(c).features for c in columns]
+    features = [parse_name(c).features for c in columns]
     together = set.intersection(*(set(f) for f in features))
     return (
         2 * sum(bool(f & {"date", "time", "epoch"}) for f in features)
@@ -398,13 +408,13 @@ def _affinity(*columns: str) -> int:
     )
 
 
-def _sample(sniffed: Sniffed, columns: Sequence[str]) -> list[str]:
+def _sample(sniffed: SniffedTable, columns: Sequence[str]) -> list[str]:
     cells = [" ".join(sniffed.cells[c][k].strip() for c in columns) for k in range(len(sniffed.cells[columns[0]]))]
     filled = [c for c in cells if c.strip() and not is_missing(c)]
     return [filled[k] for k in np.unique(np.linspace(0, len(filled) - 1, STAMP_CELLS).astype(int))] if filled else []
 
 
-def _forms(sniffed: Sniffed, columns: Sequence[str], forms: Sequence[str]) -> list[str]:
+def _forms(sniffed: SniffedTable, columns: Sequence[str], forms: Sequence[str]) -> list[str]:
     """The forms in which all cells can be read."""
     sample = _sample(sniffed, columns)
     return [f for f in forms if sample and all(_read(cell, f) is not None for cell in sample)]
@@ -422,13 +432,13 @@ def _read(cell: str, form: str) -> datetime | None:
     return stamp
 
 
-def _is_iso(sniffed: Sniffed, column: str) -> bool:
+def _is_iso(sniffed: SniffedTable, column: str) -> bool:
     sample = _sample(sniffed, (column,))
     stamp = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?\s*(Z|[+-]\d\d:?\d\d)?", re.I)
     return bool(sample) and all(stamp.fullmatch(cell) for cell in sample)
 
 
-def _clock(sniffed: Sniffed, columns: tuple[str, ...], forms: Sequence[str]) -> Clock:
+def _clock(sniffed: SniffedTable, columns: tuple[str, ...], forms: Sequence[str]) -> ClockColumns:
     """The form among those possible in which time runs forward, with what is doubtful of it."""
     sample = _sample(sniffed, columns)
     doubt = ""
@@ -440,9 +450,9 @@ def _clock(sniffed: Sniffed, columns: tuple[str, ...], forms: Sequence[str]) -> 
             form = both[int(np.argmin(steps))]
             if steps[0] == steps[1]:
                 doubt = "day before month, or month before day: nothing in the file says which"
-    features = frozenset[str]().union(*(read_name(c).features for c in columns))
+    features = frozenset[str]().union(*(parse_name(c).features for c in columns))
     remark = "local time" if "local" in features else "UTC" if "utc" in features else ""
-    return Clock(columns, form, None, doubt, remark)
+    return ClockColumns(columns, form, None, doubt, remark)
 
 
 def _backward(sample: Sequence[str], form: str) -> int:
@@ -450,15 +460,15 @@ def _backward(sample: Sequence[str], form: str) -> int:
     return sum(a is not None and b is not None and b < a for a, b in pairwise(stamps))
 
 
-def _number(sniffed: Sniffed) -> Clock | None:
+def _number(sniffed: SniffedTable) -> ClockColumns | None:
     """A column of numbers that is a clock: seconds since 1970, days of a spreadsheet, seconds of the day, or
     elapsed."""
     for c in sniffed.header:
-        name = read_name(c)
+        name = parse_name(c)
         values = sniffed.values(c)
         if values is None:
             continue
-        bare = (trailing_unit(c) or (c,))[0].strip().casefold()
+        bare = (split_unit(c) or (c,))[0].strip().casefold()
         only = name.features <= {"date", "time", "utc", "epoch", "elapsed", "local", "engine", "no", "flight"}
         if not (name.features & {"date", "time", "epoch", "elapsed"} and only) and bare not in ("t", "sec"):
             continue
@@ -466,18 +476,18 @@ def _number(sniffed: Sniffed) -> Clock | None:
         middle = float(np.median(known))
         step = np.diff(known)
         if np.all((EARLIEST_S < known) & (known < LATEST_S)):
-            return Clock((c,), "epoch_s")
+            return ClockColumns((c,), "epoch_s")
         if np.all((1e3 * EARLIEST_S < known) & (known < 1e3 * LATEST_S)):
-            return Clock((c,), "epoch_ms")
+            return ClockColumns((c,), "epoch_ms")
         if SPREADSHEET_DAYS[0] < middle < SPREADSHEET_DAYS[1] and np.any(known % 1.0 > 0.0) and "date" in name.features:
-            return Clock((c,), "excel_days")
+            return ClockColumns((c,), "excel_days")
         if known.max() < DAY_S and np.any(step < -0.9 * DAY_S):
-            return Clock((c,), "seconds_of_day")
+            return ClockColumns((c,), "seconds_of_day")
         row = sniffed.units[sniffed.header.index(c)]
-        unit = name.unit or unit_word(row)
+        unit = name.unit or parse_unit(row)
         stated = unit is not None and unit.dimension == "time"
         restarts = not stated and bool(np.any(step < 0.0)) and bool(np.all((step == 1.0) | (step < 0.0)))
-        return Clock(
+        return ClockColumns(
             (c,),
             number=unit if stated else UnitWord("s"),
             doubt="a count that begins again: of seconds, or of cycles or flights?" if restarts else "",

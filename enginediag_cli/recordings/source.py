@@ -50,7 +50,7 @@ FORMATS: dict[bytes, tuple[str, str]] = {
     b"CDF\x02": ("a netCDF file", _EXPORT),
     ZIP_MAGIC: ("a zip archive, or an Excel workbook in a pipe or under another name", "unpack it, or name it .xlsx"),
     b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": ("an Excel 97 workbook (.xls)", "save it as .xlsx or CSV"),
-    b"PAR1": ("a Parquet file, in a pipe or packed, whose index stands at its end", "give the file itself by its name"),
+    b"PAR1": ("a Parquet file, in a pipe or packed, whose index is at its end", "give the file itself by its name"),
     b"\x28\xb5\x2f\xfd": ("packed by zstd", "unpack it, or pack it by gzip"),
     b"BZh": ("packed by bzip2", "unpack it, or pack it by gzip"),
     b"\xfd7zXZ\0": ("packed by xz", "unpack it, or pack it by gzip"),
@@ -136,17 +136,17 @@ def _terminal(path: str | Path) -> bool:
 
 
 @contextmanager
-def opened(source: Source, codec: str = "utf-8-sig") -> Iterator[tuple[Iterable[str], str]]:
+def open_lines(source: Source, codec: str = "utf-8-sig") -> Iterator[tuple[Iterable[str], str]]:
     """The lines of a text and its name; `-` is standard input, what is packed by gzip is unpacked, a byte order mark
     says which Unicode it is. Raises DataError, also for what is no text and for lines that are too long."""
     if not isinstance(source, (str, Path)):
         name = getattr(source, "name", "<stream>")
-        yield ShortLines(source, name), name
+        yield LimitedLines(source, name), name
         return
     name = "<stdin>" if str(source) == "-" else str(source)
     with ExitStack() as stack:
         try:
-            binary = stack.enter_context(unpacked(source, name))
+            binary = stack.enter_context(open_bytes(source, name))
             head = binary.peek(HEAD_BYTES)[:HEAD_BYTES]
         except (gzip.BadGzipFile, EOFError, zlib.error) as error:
             raise DataError(f"{name}: damaged gzip file ({error})") from error
@@ -154,11 +154,11 @@ def opened(source: Source, codec: str = "utf-8-sig") -> Iterator[tuple[Iterable[
             raise DataError(f"{name}: {error.strerror or error}") from error
         refuse_binary(head, name, codec)
         text = stack.enter_context(io.TextIOWrapper(binary, encoding=detect_bom(head) or codec, newline=""))
-        yield ShortLines(text, name), name
+        yield LimitedLines(text, name), name
 
 
 @contextmanager
-def unpacked(source: str | Path, name: str) -> Iterator[Any]:
+def open_bytes(source: str | Path, name: str) -> Iterator[Any]:
     """The bytes of a file (`-`: of standard input) as a buffered stream that can be peeked into. Raises OSError, and
     DataError for what is no file."""
     if str(source) == "-":
@@ -207,7 +207,7 @@ def detect_bom(head: bytes) -> str:
     return "utf-16" if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else ""
 
 
-class ShortLines:
+class LimitedLines:
     """The lines of a text, one in memory at a time. cut: after the last one, whether that has no line end."""
 
     def __init__(self, stream: Iterable[str], name: str):
@@ -238,13 +238,13 @@ class ShortLines:
         self.cut = not line.endswith(("\n", "\r"))
 
 
-def undecodable(source: Source, name: str, error: UnicodeDecodeError) -> DataError:
+def decoding_error(source: Source, name: str, error: UnicodeDecodeError) -> DataError:
     """The error for a byte that is not text in the encoding: line, byte, and how to state another encoding."""
     line, byte = 0, error.object[error.start]
     regular = isinstance(source, (str, Path)) and os.path.isfile(source)
     if regular and not error.encoding.startswith(("utf-16", "utf-32")):
         assert isinstance(source, (str, Path))
-        with unpacked(source, name) as stream:
+        with open_bytes(source, name) as stream:
             for number, text in enumerate(iter(lambda: stream.readline(LONGEST_LINE), b""), start=1):
                 try:
                     text.decode(error.encoding)
@@ -261,7 +261,7 @@ MOST_BLANK_LINES = 2_000_000
 rows, which may all be there."""
 
 
-class Peeked:
+class PeekedLines:
     """An open text file whose head has been read: `provenance`, the `#` lines before the header; `columns`, the cells
     of the header; iterating gives all lines from the first."""
 
@@ -344,7 +344,7 @@ class GrowingFile:
         again = False
         while True:
             in_head = True
-            for line in self._of_one():
+            for line in self._read_one():
                 if in_head and not line.startswith("#"):
                     in_head = False
                     if not header and UNREADABLE in line:
@@ -361,7 +361,7 @@ class GrowingFile:
                 return
             again = True
 
-    def _of_one(self) -> Iterator[str]:
+    def _read_one(self) -> Iterator[str]:
         """Lines until none has come for long enough, or there is another file to go on with."""
         self._replaced = False
         try:

@@ -15,7 +15,7 @@ import numpy as np
 from enginediag_cli.recordings.table import Recording
 
 
-class Trailing:
+class TrailingWindows:
     """Windows (t_k − length, t_k] of a recording; they do not reach across gaps or backward steps of time."""
 
     def __init__(self, time_s: np.ndarray, length_s: float, gap_s: float = np.inf):
@@ -133,10 +133,10 @@ class GateReport:
 
     def report_line(self) -> str:
         why = ", ".join(f"{reason} {n}" for reason, n in self.reasons.items() if n)
-        return f"kept {self.kept} of {self.total} {self.unit}" + (f" (left out: {why})" if why else "")
+        return f"kept {self.kept} of {self.total} {self.unit}" + (f" (excluded: {why})" if why else "")
 
 
-def failures(recording: Recording, settings: SteadySettings) -> dict[str, np.ndarray]:
+def find_failures(recording: Recording, settings: SteadySettings) -> dict[str, np.ndarray]:
     """Condition → mask (N,) of the records that fail it, in the order in which they are reported."""
     failed: dict[str, np.ndarray] = {}
     for name in settings.columns:
@@ -156,20 +156,20 @@ def failures(recording: Recording, settings: SteadySettings) -> dict[str, np.nda
 
 
 def _timed(recording: Recording, settings: SteadySettings, failed: dict[str, np.ndarray]) -> None:
-    window = Trailing(recording["time_s"], settings.window_s, settings.gap_s)
+    window = TrailingWindows(recording["time_s"], settings.window_s, settings.gap_s)
     failed["start or gap"] = ~window.full
     for name, most in settings.spread.items():
         failed[f"spread of {name}"] = window.spread(recording[name]) > most
     for name, most in settings.slope.items():
         failed[f"slope of {name}"] = np.abs(window.slope(recording[name])) > most
     if settings.dwell:
-        past = Trailing(recording["time_s"], settings.dwell_s, settings.gap_s)
+        past = TrailingWindows(recording["time_s"], settings.dwell_s, settings.gap_s)
         failed["dwell (start or gap)"] = ~past.full
         for name, most in settings.dwell.items():
             failed[f"dwell of {name}"] = past.spread(recording[name]) > most
 
 
-def first_reasons(failed: Mapping[str, np.ndarray], candidates: np.ndarray) -> tuple[np.ndarray, dict[str, int]]:
+def count_first_reasons(failed: Mapping[str, np.ndarray], candidates: np.ndarray) -> tuple[np.ndarray, dict[str, int]]:
     """Candidates (N,) that pass everything, and how many fail each condition first."""
     keep = candidates.copy()
     reasons: dict[str, int] = {}
@@ -183,7 +183,7 @@ COMPLETE = 0.8
 """Share of the records of a window that must be there for it to count as a window."""
 
 
-def average(
+def average_windows(
     recording: Recording, window_s: float, failed: Mapping[str, np.ndarray], new: np.ndarray | None = None
 ) -> tuple[Recording, GateReport]:
     """Means over windows of window_s seconds whose last record passes every condition in `failed`.
@@ -192,7 +192,7 @@ def average(
 
     Windows begin at whole multiples of window_s, so that the engines of one flight have the same
     ones. A condition on the last window_s before a record is a condition on the window. Missing
-    values are left out of the mean; a column without any is missing.
+    values are not in the mean; a column without any is missing.
     """
     time = recording["time_s"]
     number = np.floor(np.where(np.isfinite(time), time, -1e300) / window_s)
@@ -205,7 +205,7 @@ def average(
     complete = (size >= COMPLETE * expected) & np.isfinite(time[first])
     conditions = {"incomplete window": ~complete} | {why: mask[last] for why, mask in failed.items()}
     asked = np.ones(len(first), dtype=bool) if new is None else np.asarray(new)[last]
-    keep, reasons = first_reasons(conditions, asked)
+    keep, reasons = count_first_reasons(conditions, asked)
     report = GateReport(int(keep.sum()), int(asked.sum()), reasons, unit=f"windows of {window_s:g} s")
     return _means(recording, first[keep], size[keep]), report
 

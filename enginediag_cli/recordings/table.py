@@ -129,7 +129,7 @@ def rechunk(recordings: Iterable[Recording], chunk_records: int) -> Iterator[Rec
         yield concat(waiting)
 
 
-def check_clock(recording: Recording) -> None:
+def check_time(recording: Recording) -> None:
     """Raises DataError with the line of the first time_s that cannot be a time."""
     if "time_s" not in recording:
         return
@@ -141,7 +141,7 @@ def check_clock(recording: Recording) -> None:
 
 
 KEYS = ("flight", "engine")
-"""Columns that tell recordings of one file apart, where the file has them."""
+"""Columns that distinguish recordings of one file, where the file has them."""
 
 
 @dataclass
@@ -150,7 +150,7 @@ class FlightNumbers:
 
     known: dict[tuple[str, ...], int] = field(default_factory=dict)
 
-    def of(self, recording: Recording) -> np.ndarray:
+    def numbers(self, recording: Recording) -> np.ndarray:
         """(N,) int64: the number of each record's flight and engine."""
         labels = []
         for column in KEYS:
@@ -250,7 +250,7 @@ class Dialect:
 
         Raises DataError when the decimal mark and the delimiter are the same.
         """
-        found = separator_of(header) if self.delimiter == "auto" else self.delimiter
+        found = detect_separator(header) if self.delimiter == "auto" else self.delimiter
         if found == self.decimal:
             raise DataError(f"{place}: the decimal mark and the delimiter are both '{found}'; state another delimiter")
         return found
@@ -326,17 +326,17 @@ class Dialect:
         return cell.replace(self.thousands, "") if self._grouped.fullmatch(cell) else cell + "\u00b7"
 
 
-OWN = Dialect()
+NATIVE_DIALECT = Dialect()
 """Files of this program: commas, decimal points, UTF-8, the header first."""
 
 
-def separator_of(header: str) -> str:
+def detect_separator(header: str) -> str:
     """The delimiter that a header line has most of, outside quotes; a comma where it has none."""
     bare = "".join(header.split('"')[::2])
     return max(DELIMITERS.values(), key=bare.count) if any(map(bare.count, DELIMITERS.values())) else ","
 
 
-def known_encoding(name: str) -> bool:
+def is_encoding(name: str) -> bool:
     """Whether Python has a text codec of this name."""
     try:
         return bool(codecs.lookup(name)._is_text_encoding)
@@ -344,7 +344,7 @@ def known_encoding(name: str) -> bool:
         return False
 
 
-def no_number(cell: str, place: str) -> DataError:
+def number_error(cell: str, place: str) -> DataError:
     """The error for a cell that is no number, with the key of a recorder that may make it one."""
     bare = _SPACES.sub(" ", cell.strip())
     hint = ""
@@ -388,11 +388,11 @@ class ReadingCounts:
     unread: list[str] = field(default_factory=list)
     doubts: list[str] = field(default_factory=list)
 
-    def pass_over(self, kind: str, line: int) -> None:
+    def skip_line(self, kind: str, line: int) -> None:
         """Count a line that holds no record."""
         self.lines.setdefault(kind, [0, line])[0] += 1
 
-    def take_words(self, column: str, counts: Mapping[str, int]) -> None:
+    def count_missing(self, column: str, counts: Mapping[str, int]) -> None:
         """Count cells of a column that stood for a missing value."""
         known = self.words.setdefault(column, {}) if counts else {}
         for word, n in counts.items():
@@ -415,7 +415,7 @@ class ReadingCounts:
 
 
 @dataclass(frozen=True)
-class Asked:
+class ReadRequest:
     """What a reader wants of a table. numbers: columns that hold numbers whatever their names say, and with
     `by_suffix` so do those whose name carries a unit; required: columns that must be there, also those of `texts`;
     dialect: how texts are written; texts: the only columns of text wanted, None for all; stamps: those of them that
@@ -426,7 +426,7 @@ class Asked:
     numbers: Collection[str]
     required: Collection[str] = ()
     by_suffix: bool = True
-    dialect: Dialect = OWN
+    dialect: Dialect = NATIVE_DIALECT
     texts: Collection[str] | None = None
     stamps: Collection[str] = ()
     units: Mapping[str, str] = field(default_factory=dict)
@@ -440,7 +440,7 @@ class Asked:
         """Whether a column is read where there is one of this name."""
         return self.texts is None or column in self.texts or self.is_number(column)
 
-    def must_be_one(self, column: str) -> bool:
+    def must_be_unique(self, column: str) -> bool:
         """Whether it matters which of two columns of this name is read."""
         if column in self.numbers or column in (self.texts or ()) or column in KEYS:
             return True
@@ -457,7 +457,7 @@ class TableFile(ABC):
     lines: Iterable[str]
 
     @abstractmethod
-    def records(self, asked: Asked, chunk_records: int) -> Iterator[Recording]:
+    def records(self, asked: ReadRequest, chunk_records: int) -> Iterator[Recording]:
         """Chunks of exactly so many records, the last of fewer; one empty recording of a file without records."""
 
 
@@ -486,7 +486,7 @@ class RecordingWriter(ABC):
 
 
 @dataclass(frozen=True)
-class Absent:
+class MissingColumn:
     """A column that a file lacks, and the column of the file that may be it, misspelt ("" where none is near)."""
 
     column: str
@@ -496,7 +496,7 @@ class Absent:
         return self.column + (f" (did you mean {self.near!r}?)" if self.near else "")
 
 
-def absent_columns(wanted: Iterable[str], order: Collection[str]) -> tuple[Absent, ...]:
+def find_missing_columns(wanted: Iterable[str], order: Collection[str]) -> tuple[MissingColumn, ...]:
     """Those of the wanted columns that are not in the file's header, each with a near match that is not wanted, too."""
     names = list(wanted)
     others = [column for column in order if column not in names]
@@ -507,13 +507,13 @@ def absent_columns(wanted: Iterable[str], order: Collection[str]) -> tuple[Absen
             from difflib import get_close_matches
 
             near = get_close_matches(column.casefold(), list(folded), n=1, cutoff=0.75)
-            found.append(Absent(column, folded[near[0]] if near else ""))
+            found.append(MissingColumn(column, folded[near[0]] if near else ""))
     return tuple(found)
 
 
-def read_positions(order: Sequence[str], asked: Asked, place: str) -> list[int]:
+def read_positions(order: Sequence[str], asked: ReadRequest, place: str) -> list[int]:
     """Positions of the columns to read. Columns without a name, and those of one name that nobody asked for, are not
-    read, which is counted. Raises DataError for two of one name that is asked for, for columns that are required and
+    read, which is counted. Raises DataError for two of one name that is required, for columns that are required and
     not there, and for too many."""
     if len(order) > MOST_COLUMNS:
         raise DataError(f"{place}: {len(order)} columns, and at most {MOST_COLUMNS} are read; is it a table?")
@@ -521,7 +521,7 @@ def read_positions(order: Sequence[str], asked: Asked, place: str) -> list[int]:
     for column, n in times.items():
         if not column:
             unread.append(f"{n} column{'s' if n > 1 else ''} without a name")
-        elif n > 1 and asked.must_be_one(column):
+        elif n > 1 and asked.must_be_unique(column):
             raise DataError(f"{place}:{column}: two columns have this name")
         elif n > 1:
             unread.append(f"{n} columns {column!r}")
@@ -533,7 +533,7 @@ def read_positions(order: Sequence[str], asked: Asked, place: str) -> list[int]:
 
 def check_required(order: Sequence[str], required: Collection[str], place: str) -> None:
     """Raises DataError, with near matches, for required columns that are not there."""
-    missing = absent_columns(required, order)
+    missing = find_missing_columns(required, order)
     if missing:
         words = ", ".join(map(str, missing))
         raise DataError(f"{place}: missing column{'s' * (len(missing) > 1)} {words}; the file has {', '.join(order)}")

@@ -3,7 +3,7 @@
 An axis is a group of columns that are recorded in one unit (the temperatures of the outside air, those of the gas
 path, …). Each combination of units is judged by a prior (which units are usual), by whether each column's median can
 be what it is taken for, and by what physics says of columns together: total and static temperature at a Mach number,
-the standard atmosphere, airspeed against Mach number, and the work of a compressor. What is left of the other
+the standard atmosphere, airspeed against Mach number, and the work of a compressor. The probability of the other
 combinations is doubt.
 """
 
@@ -61,7 +61,7 @@ Limits = Mapping[str, tuple[float, float]]
 
 
 @dataclass(frozen=True)
-class Inferred:
+class InferredUnit:
     """A column's unit: the likeliest, its probability, and other units that are possible with theirs."""
 
     unit: str
@@ -74,7 +74,7 @@ class Inferred:
         return self.probability >= CERTAIN
 
 
-def axis_of(target: str) -> str:
+def unit_axis(target: str) -> str:
     """The axis of a target column, or an empty text where its unit is not inferred."""
     quantity, own = split_column(target)
     dimension = find_unit(own or "1").dimension
@@ -124,7 +124,7 @@ _FURTHER_RANGES: Mapping[str, tuple[float, float]] = {
 """Ranges of medians of quantities that `acceptance.USUAL` does not hold, in SI, as wide as engines differ."""
 
 
-def range_of(target: str, limits: Limits | None = None) -> tuple[float, float] | None:
+def median_range(target: str, limits: Limits | None = None) -> tuple[float, float] | None:
     """Where a target's median usually lies, in SI; by the engine's own limits where they are known."""
     quantity, own = split_column(target)
     between = quantity[:1] in ("T", "P") and quantity[1:2] == "2" and quantity[1:].isdigit() and len(quantity) > 2
@@ -154,7 +154,7 @@ def outside(value: float, limits: tuple[float, float] | None) -> float:
 
 
 @dataclass(frozen=True)
-class Column:
+class UnitColumn:
     """A column whose unit is sought: its target, N values as the file has them, and the unit and factor it states."""
 
     target: str
@@ -162,7 +162,7 @@ class Column:
     unit: str = ""
     scale: float = 1.0
 
-    def in_si(self, unit: str) -> np.ndarray:
+    def si_values(self, unit: str) -> np.ndarray:
         """Values (N,) in SI, read in that unit."""
         known = find_unit(self.unit or unit)
         with np.errstate(over="ignore"):
@@ -170,7 +170,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Fact:
+class PhysicalFact:
     """Columns that physics holds together, and by how many standard deviations they disagree, record by record."""
 
     targets: tuple[str, ...]
@@ -206,7 +206,7 @@ def _airspeed_and_mach(c: Mapping[str, np.ndarray]) -> np.ndarray:
     return (mach_from_cas(c["cas_m_s"], c["altitude_m"]) - c["mach"]) / 0.02
 
 
-def _compressor_work(exit_pressure: str, air: str, pressure: str) -> Fact:
+def _compressor_work(exit_pressure: str, air: str, pressure: str) -> PhysicalFact:
     """The work of compression between the air at the inlet and station 3; without a column of the air, or of its
     pressure, they are those of the standard atmosphere at the altitude and Mach number."""
     known = air != "altitude_m" and pressure != "altitude_m"
@@ -221,7 +221,7 @@ def _compressor_work(exit_pressure: str, air: str, pressure: str) -> Fact:
         return (0.28 * np.log(c[exit_pressure] / total) / np.log(c["T3_K"] / inlet) - 0.86) / spread
 
     mach = ("mach",) if "altitude_m" in (air, pressure) else ()
-    return Fact(tuple(dict.fromkeys(("T3_K", exit_pressure, air, pressure, *mach))), judge)
+    return PhysicalFact(tuple(dict.fromkeys(("T3_K", exit_pressure, air, pressure, *mach))), judge)
 
 
 def _thermal_efficiency(c: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -229,32 +229,32 @@ def _thermal_efficiency(c: Mapping[str, np.ndarray]) -> np.ndarray:
     return (c["power_W"] / (c["Wf_kg_s"] * 43e6) - 0.28) / 0.07
 
 
-FACTS: Sequence[Sequence[Fact]] = (
-    (Fact(("TAT_K", "ambient_temperature_K", "mach"), _total_and_static),),
+FACTS: Sequence[Sequence[PhysicalFact]] = (
+    (PhysicalFact(("TAT_K", "ambient_temperature_K", "mach"), _total_and_static),),
     (
-        Fact(("ambient_temperature_K", "altitude_m"), _standard_atmosphere),
-        Fact(("TAT_K", "altitude_m", "mach"), _standard_atmosphere_total),
+        PhysicalFact(("ambient_temperature_K", "altitude_m"), _standard_atmosphere),
+        PhysicalFact(("TAT_K", "altitude_m", "mach"), _standard_atmosphere_total),
     ),
-    (Fact(("ambient_pressure_Pa", "altitude_m"), _pressure_at_altitude),),
-    (Fact(("cas_m_s", "altitude_m", "mach"), _airspeed_and_mach),),
+    (PhysicalFact(("ambient_pressure_Pa", "altitude_m"), _pressure_at_altitude),),
+    (PhysicalFact(("cas_m_s", "altitude_m", "mach"), _airspeed_and_mach),),
     tuple(
         _compressor_work(exit_pressure, air, pressure)
         for exit_pressure in ("P3_Pa", "Ps3_Pa")
         for air in ("T2_K", "TAT_K", "T1_K", "ambient_temperature_K", "altitude_m")
         for pressure in ("P2_Pa", "ambient_pressure_Pa", "altitude_m")
     ),
-    (Fact(("power_W", "Wf_kg_s"), _thermal_efficiency),),
+    (PhysicalFact(("power_W", "Wf_kg_s"), _thermal_efficiency),),
 )
 """What physics says of columns together; of the forms of one fact that which is recorded and comes first."""
-ON_THE_GROUND = (Fact(("ambient_pressure_Pa",), _pressure_on_the_ground),)
+ON_THE_GROUND = (PhysicalFact(("ambient_pressure_Pa",), _pressure_on_the_ground),)
 """What it says of a machine without a column of FLIGHT."""
 FLIGHT = frozenset(("altitude_m", "mach", "cas_m_s", "tas_m_s", "TAT_K"))
 
 
-def infer_units(columns: Sequence[Column], limits: Limits | None = None) -> list[Inferred | None]:
+def infer_units(columns: Sequence[UnitColumn], limits: Limits | None = None) -> list[InferredUnit | None]:
     """The unit of each column that states none, from all columns together; None where it states one, or where nothing
     is known of its kind. Speeds are judged one by one, since % of each shaft is its own."""
-    axes = [axis_of(c.target) for c in columns]
+    axes = [unit_axis(c.target) for c in columns]
     names = list(dict.fromkeys(a for a, c in zip(axes, columns, strict=True) if a and a != "speed" and not c.unit))
     options = {a: tuple(PRIORS[a]) for a in names}
     factors: list[Factor] = [(_axis_evidence(a, columns, axes, limits), (a,)) for a in names]
@@ -267,7 +267,7 @@ def infer_units(columns: Sequence[Column], limits: Limits | None = None) -> list
         found = (_joint_likelihood(form, columns, axes, options) for form in forms)
         factors += [f for f in found if f is not None][:1]
     marginal = _marginals(names, options, factors)
-    result: list[Inferred | None] = []
+    result: list[InferredUnit | None] = []
     for c, a in zip(columns, axes, strict=True):
         if c.unit or not a:
             result.append(None)
@@ -301,7 +301,7 @@ def _marginals(
     return marginal
 
 
-def _axis_evidence(axis: str, columns: Sequence[Column], axes: Sequence[str], limits: Limits | None) -> np.ndarray:
+def _axis_evidence(axis: str, columns: Sequence[UnitColumn], axes: Sequence[str], limits: Limits | None) -> np.ndarray:
     """ln of prior times plausibility for each unit of an axis."""
     mine = [c for c, a in zip(columns, axes, strict=True) if a == axis]
     twin = {a for one, other, _ in ALIKE if axis in (one, other) for a in (one, other)} - {axis}
@@ -319,12 +319,12 @@ def _axis_evidence(axis: str, columns: Sequence[Column], axes: Sequence[str], li
     return np.array(result)
 
 
-def likelihood_of_range(column: Column, unit: str, limits: Limits | None = None) -> float:
+def likelihood_of_range(column: UnitColumn, unit: str, limits: Limits | None = None) -> float:
     """ln likelihood, 0 at most, that the column's median in that unit is what its target usually is."""
     if find_unit(unit).dimension == "ratio" and split_column(column.target)[1]:
         return 0.0 if np.nanmax(np.abs(column.values)) <= _FULL_SCALE_PCT else WORST
-    median = median_of(column.in_si(unit))
-    return float(max(-0.5 * outside(median, range_of(column.target, limits)) ** 2, WORST))
+    median = finite_median(column.si_values(unit))
+    return float(max(-0.5 * outside(median, median_range(column.target, limits)) ** 2, WORST))
 
 
 _FULL_SCALE_PCT = 135.0
@@ -332,7 +332,7 @@ _FULL_SCALE_PCT = 135.0
 
 
 def _joint_likelihood(
-    fact: Fact, columns: Sequence[Column], axes: Sequence[str], options: Mapping[str, tuple[str, ...]]
+    fact: PhysicalFact, columns: Sequence[UnitColumn], axes: Sequence[str], options: Mapping[str, tuple[str, ...]]
 ) -> Factor | None:
     """ln likelihood over the units of the axes that a fact leaves open, or None where a column is not recorded."""
     mine = {c.target: (c, a) for c, a in zip(columns, axes, strict=True) if c.target in fact.targets}
@@ -346,7 +346,7 @@ def _joint_likelihood(
     result = np.zeros(tuple(len(options[a]) for a in open_axes))
     for index in np.ndindex(*result.shape):
         units = {a: options[a][k] for a, k in zip(open_axes, index, strict=True)}
-        si = {t: _subsample(c.in_si(units.get(a, "1") if not c.unit else c.unit)) for t, (c, a) in mine.items()}
+        si = {t: _subsample(c.si_values(units.get(a, "1") if not c.unit else c.unit)) for t, (c, a) in mine.items()}
         with np.errstate(all="ignore"):
             apart = np.abs(fact.judge(si))
         apart = apart[np.isfinite(apart)]
@@ -368,13 +368,13 @@ def _broadcast(values: np.ndarray, names: Sequence[str], axes: Sequence[str]) ->
     return moved.reshape(shape)
 
 
-def _best(marginal: Mapping[str, float]) -> Inferred:
+def _best(marginal: Mapping[str, float]) -> InferredUnit:
     ranked = sorted(marginal.items(), key=lambda item: -item[1])
     others = tuple((unit, float(p)) for unit, p in ranked[1:] if p >= WORTH_NAMING)
-    return Inferred(ranked[0][0], float(ranked[0][1]), others)
+    return InferredUnit(ranked[0][0], float(ranked[0][1]), others)
 
 
-def _speed_unit(column: Column, limits: Limits | None) -> Inferred:
+def _speed_unit(column: UnitColumn, limits: Limits | None) -> InferredUnit:
     """rpm or %: no shaft turns at 135 rpm, and none reads a thousand %."""
     log = {u: np.log(p) + likelihood_of_range(column, u, limits) for u, p in PRIORS["speed"].items()}
     best = max(log.values())
@@ -383,7 +383,7 @@ def _speed_unit(column: Column, limits: Limits | None) -> Inferred:
 
 
 @dataclass(frozen=True)
-class Range:
+class UsualRange:
     """What the readings of a quantity usually lie within, in SI; narrower than what a sensor can give."""
 
     pattern: str
@@ -393,23 +393,23 @@ class Range:
 
 USUAL = {
     "temperature": (
-        Range(r"(ambient_)?(temperature|SAT|sat|OAT|oat)|T0", 190.0, 335.0),
-        Range(r"T1\d*|T2|TAT|tat", 200.0, 360.0),
-        Range(r"T21\d*|T25\d*", 230.0, 700.0),
-        Range(r"T3\d*", 350.0, 1050.0),
-        Range(r"T4\d*|TIT|ITT|itt", 600.0, 2300.0),
-        Range(r"T5\d*|T6\d*|EGT|egt|TGT", 350.0, 1500.0),
+        UsualRange(r"(ambient_)?(temperature|SAT|sat|OAT|oat)|T0", 190.0, 335.0),
+        UsualRange(r"T1\d*|T2|TAT|tat", 200.0, 360.0),
+        UsualRange(r"T21\d*|T25\d*", 230.0, 700.0),
+        UsualRange(r"T3\d*", 350.0, 1050.0),
+        UsualRange(r"T4\d*|TIT|ITT|itt", 600.0, 2300.0),
+        UsualRange(r"T5\d*|T6\d*|EGT|egt|TGT", 350.0, 1500.0),
     ),
     "pressure": (
-        Range(r"(ambient_)?pressure|P0", 5e3, 1.1e5),
-        Range(r"P1\d*|P2", 1.8e4, 2.5e5),
-        Range(r"P21\d*|P25\d*", 1.5e4, 1e6),
-        Range(r"Ps?3\d*|Ps?4", 5e4, 6e6),
-        Range(r"P4\d|P5\d*|P6\d*", 1.5e4, 2e6),
+        UsualRange(r"(ambient_)?pressure|P0", 5e3, 1.1e5),
+        UsualRange(r"P1\d*|P2", 1.8e4, 2.5e5),
+        UsualRange(r"P21\d*|P25\d*", 1.5e4, 1e6),
+        UsualRange(r"Ps?3\d*|Ps?4", 5e4, 6e6),
+        UsualRange(r"P4\d|P5\d*|P6\d*", 1.5e4, 2e6),
     ),
-    "rotational speed": (Range(r"N\d*|Np|Ng", 200.0, 2.5e5),),
-    "mass flow": (Range(r"Wf|fuel_flow|fuel", 3e-4, 15.0),),
-    "length": (Range(r"altitude|alt", -500.0, 20_000.0),),
+    "rotational speed": (UsualRange(r"N\d*|Np|Ng", 200.0, 2.5e5),),
+    "mass flow": (UsualRange(r"Wf|fuel_flow|fuel", 3e-4, 15.0),),
+    "length": (UsualRange(r"altitude|alt", -500.0, 20_000.0),),
 }
 """Dimension → ranges of quantities by ARP755 station, of gas turbines from 10 kW to 400 MW, from idle up. They say
 whether a unit can be: a median outside is a question to the user, never a mask."""
@@ -435,7 +435,7 @@ def unit_doubt(column: str, values: np.ndarray) -> UnitDoubt | None:
         return None
     unit = find_unit(suffix)
     usual = usual_range(quantity, unit.dimension)
-    median = median_of(finite)
+    median = finite_median(finite)
     if usual is None or usual.low <= median * unit.factor + unit.offset <= usual.high:
         return None
     plausible = tuple(
@@ -447,13 +447,13 @@ def unit_doubt(column: str, values: np.ndarray) -> UnitDoubt | None:
     return UnitDoubt(column, suffix, median, low, high, plausible)
 
 
-def median_of(values: np.ndarray) -> float:
+def finite_median(values: np.ndarray) -> float:
     """The median of the values (N,) that are there; infinite where it is at the end of what a float holds."""
     with np.errstate(over="ignore"):
         return float(np.nanmedian(values))
 
 
-def usual_range(quantity: str, dimension: str) -> Range | None:
+def usual_range(quantity: str, dimension: str) -> UsualRange | None:
     """The usual range of a quantity of that name, perhaps behind an engine's prefix (`lh_T3`)."""
     for known in USUAL.get(dimension, ()):
         if re.fullmatch(rf"([A-Za-z]+\d*_)?({known.pattern})", quantity):
@@ -500,7 +500,7 @@ def propose_limits(
     hundred (N values in SI) lies outside them. possible: the largest reading that the engine file holds possible."""
     _quantity, own = split_column(target)
     limits = _LIMITS.get(target)
-    usual = range_of(target)
+    usual = median_range(target)
     factors = _LIMITS_BY_DIMENSION.get(find_unit(own or "1").dimension)
     if limits is None and usual is not None and factors is not None:
         low = 200.0 if own == "K" else factors[0] * usual[0]  # a cold engine has the temperature of the air

@@ -20,14 +20,14 @@ class UnitWord:
     absolute: bool = False
 
     @property
-    def known(self) -> Unit:
+    def definition(self) -> Unit:
         """The unit itself."""
         return find_unit(self.unit)
 
     @property
     def dimension(self) -> str:
         """What it measures: `temperature`, `pressure`, …"""
-        return self.known.dimension
+        return self.definition.dimension
 
 
 _MULTIPLES = {
@@ -179,7 +179,7 @@ def _table() -> dict[str, str]:
     return {**lowered, **_SPELT}
 
 
-def unit_word(text: str) -> UnitWord | None:
+def parse_unit(text: str) -> UnitWord | None:
     """The unit that a text spells, or None: exactly as the program writes it, else whatever its case and spaces."""
     bare = text.strip().strip("[](){}").strip()
     if not bare or re.fullmatch(r"[-+\d.,]+", bare):
@@ -192,7 +192,7 @@ def unit_word(text: str) -> UnitWord | None:
     lowered = re.sub(r"\s+per\s+", "/", lowered)
     referred = _PRESSURE_REFERENCE.fullmatch(re.sub(r"[\s.]+", "", lowered))
     if referred:
-        base = unit_word(referred[1])
+        base = parse_unit(referred[1])
         if base is None:
             return None
         gauge = referred[2].startswith("g")
@@ -210,19 +210,19 @@ def unit_word(text: str) -> UnitWord | None:
     return UnitWord(unit) if unit in UNITS else None
 
 
-def trailing_unit(name: str) -> tuple[str, UnitWord, bool] | None:
+def split_unit(name: str) -> tuple[str, UnitWord, bool] | None:
     """What stands before the unit at the end of a column's name, the unit, and whether it is one letter behind a space
     or underscore, which may be another mark: `ALT KFT`, `EGT_degC`, `N1A (%RPM)`, `P3/kPa`, `T3, K`, `TAT F`."""
     bare = name.strip()
     bracketed = re.fullmatch(r"(.+?)\s*[\[({]([^\[\](){}]*(?:\([ag]\))?)[\])}]\s*", bare)
     if bracketed and bracketed[1].strip(" _-"):
-        word = unit_word(bracketed[2])
+        word = parse_unit(bracketed[2])
         if word is not None:
             return bracketed[1].strip(" _-.,"), word, False
     parts = list(re.finditer(r"[\s_,/.:-]+", bare))
     for gap in parts[-4:]:
         head, tail = bare[: gap.start()], bare[gap.end() :]
-        word = unit_word(tail) or unit_word(tail.replace("_", "/"))
+        word = parse_unit(tail) or parse_unit(tail.replace("_", "/"))
         if word is None or word.unit == "1" or not head.strip(" _-") or re.fullmatch(r"\d+|.*(?<!\([ag])[\])}]", tail):
             continue
         single = len(tail) == 1

@@ -69,7 +69,7 @@ class CsvWriter(RecordingWriter):
 
 
 @contextmanager
-def output(path: str | Path) -> Iterator[TextIO]:
+def open_output(path: str | Path) -> Iterator[TextIO]:
     """A text stream to `path`: `-` is stdout, `.gz` is packed.
 
     A file is written beside its final place and renamed when the block ends well, so that an error or an
@@ -80,7 +80,7 @@ def output(path: str | Path) -> Iterator[TextIO]:
         yield sys.stdout
         sys.stdout.flush()
         return
-    with binary_output(path) as raw:
+    with open_binary_output(path) as raw:
         if Path(os.path.realpath(path)).suffix == ".gz" and raw.seekable():
             # no name and no time in the packed file: the same data give the same bytes
             with gzip.GzipFile(filename="", fileobj=raw, mode="wb", mtime=0) as packed:
@@ -100,7 +100,7 @@ def _descriptor(path: str | Path) -> int | None:
 
 
 @contextmanager
-def binary_output(path: str | Path) -> Iterator[BinaryIO]:
+def open_binary_output(path: str | Path) -> Iterator[BinaryIO]:
     """As `output`, a stream of bytes, packed nowhere; not for stdout."""
     if (descriptor := _descriptor(path)) is not None:  # what a shell has opened, to be appended to where it says so
         with os.fdopen(os.dup(descriptor), "wb") as stream:
@@ -113,14 +113,14 @@ def binary_output(path: str | Path) -> Iterator[BinaryIO]:
         return
     from tempfile import mkstemp
 
-    _clear_away(final)
+    _remove_stale(final)
     handle, temporary = mkstemp(prefix=f".{final.name}.", suffix=PART, dir=final.parent)
     same = os.dup(handle)  # the stream's user may close it
     try:
         try_lock(same)
         with os.fdopen(handle, "wb") as raw:
             yield raw
-        os.chmod(temporary, _mode_for(final))
+        os.chmod(temporary, _file_mode(final))
         _to_disk(same, path)
         os.replace(temporary, final)
         touched("written:", path)
@@ -141,7 +141,7 @@ def _to_disk(handle: int, path: str | Path) -> None:
         raise OSError(error.errno, error.strerror, str(path)) from None
 
 
-def _clear_away(final: Path) -> None:
+def _remove_stale(final: Path) -> None:
     """Remove what runs that were killed have left beside the file: old, and locked by nobody."""
     for entry in final.parent.glob(f".{glob.escape(final.name)}.*{PART}"):
         with suppress(OSError):
@@ -156,21 +156,21 @@ def _clear_away(final: Path) -> None:
 
 
 @contextmanager
-def recording_output(
+def open_recording_output(
     path: str | Path, provenance: Sequence[str] = (), *, parquet: bool | None = None
 ) -> Iterator[RecordingWriter]:
     """What writes recordings to `path`, as Parquet or CSV; with None its name says which. Raises DataError, OSError."""
     if named_parquet(path) if parquet is None else parquet:
         from enginediag_cli.recordings.parquet import ParquetWriter
 
-        with binary_output(path) as raw, ParquetWriter(raw, str(path), provenance) as writer:
+        with open_binary_output(path) as raw, ParquetWriter(raw, str(path), provenance) as writer:
             yield writer
     else:
-        with output(path) as stream:
+        with open_output(path) as stream:
             yield CsvWriter(stream, provenance)
 
 
-def _mode_for(path: Path) -> int:
+def _file_mode(path: Path) -> int:
     """Permissions that a plain open() would have given: those of the file there, or the umask's."""
     if path.exists():
         return stat.S_IMODE(path.stat().st_mode)
@@ -187,7 +187,7 @@ def write_csv(
     Raises DataError (columns differ, or nothing to write, not even a header) and OSError.
     """
     sizes = []
-    with output(path) as stream:
+    with open_output(path) as stream:
         writer = CsvWriter(stream, provenance, digits=digits)
         for recording in recordings:
             writer.write(recording)

@@ -13,8 +13,8 @@ import numpy as np
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.fleets.maintenance import MarginSettings
-from enginediag_cli.intake.loader import Intake
-from enginediag_cli.intake.selection import Source, columns_of
+from enginediag_cli.intake.loader import RecordingLoader
+from enginediag_cli.intake.selection import RecordingSource, required_columns
 from enginediag_cli.parameters import Parameter, unspecified
 from enginediag_cli.progress import each, stage
 from enginediag_cli.report import result_files as kinds
@@ -138,7 +138,7 @@ class RecordingsQuestion:
     """`monitor` watches the engine alone, `suspicious` every instrument, too; false_alarm: level of the tests; margins:
     what is asked of the margin."""
 
-    source: Source
+    source: RecordingSource
     monitor: Monitor
     suspicious: Monitor
     judging: Judging
@@ -179,7 +179,7 @@ def _detection_rows(question: RecordingsQuestion, left_out: list[str]) -> Iterat
     for window, _ in each(files.windows(), "windows judged"):
         row = DETECT.row(judge(window, question.false_alarm, monitor=question.monitor), DETECTABLE)
         yield Row(row, _window_origin(window))
-    for left in files.intake.left_out:
+    for left in files.intake.excluded:
         left_out += excluded_lines(left)
     left_out += [*not_judged_lines(files.counts), *outside_envelope_lines(files.elsewhere)]
 
@@ -253,7 +253,7 @@ def _add_records(question: RecordingsQuestion, evidence: ReportEvidence) -> None
     for engine, rows in found.items():
         mine = evidence.engines.setdefault(engine, EngineEvidence(engine))
         mine.records = _computed_records(monitor, rows)
-        for left in intake.left_out:
+        for left in intake.excluded:
             if left.engine in ("", engine):
                 for column, reasons in left.columns.items():
                     mine.masked[column] = mine.masked.get(column, 0) + sum(reasons.values())
@@ -292,9 +292,9 @@ def _series_files(question: RecordingsQuestion, monitor: Monitor) -> JudgedFiles
     return JudgedFiles(_intake(question, monitor), monitor, judging, summed=plan.whole, series=True)
 
 
-def _intake(question: RecordingsQuestion, monitor: Monitor) -> Intake:
-    wanted = columns_of(monitor.engine, monitor.sensors)
-    return Intake(question.source, wanted, agreement=agreement_with(monitor), keep_going=True)
+def _intake(question: RecordingsQuestion, monitor: Monitor) -> RecordingLoader:
+    wanted = required_columns(monitor.engine, monitor.sensors)
+    return RecordingLoader(question.source, wanted, agreement=agreement_with(monitor), keep_going=True)
 
 
 def _window_origin(window: Any) -> RowOrigin:

@@ -329,11 +329,11 @@ class RunLog:
 
     def add_output(self, path: str) -> None:
         """A file now stands complete under its name."""
-        from enginediag_cli.recordings.provenance import sha256_of
+        from enginediag_cli.recordings.provenance import file_sha256
 
         name = os.path.abspath(path)
         try:
-            self._outputs[name] = {"file": name, "sha256": sha256_of(name), "bytes": os.path.getsize(name)}
+            self._outputs[name] = {"file": name, "sha256": file_sha256(name), "bytes": os.path.getsize(name)}
         except OSError as error:  # taken away as soon as it was there
             self._outputs[name] = {"file": name, "sha256": None, "bytes": None, "lost": error.strerror}
 

@@ -213,18 +213,18 @@ class Output:
 
         A file appears under its name only when the block ends without an error. Raises OSError.
         """
-        from enginediag_cli.recordings.write import output
+        from enginediag_cli.recordings.write import open_output
 
-        with output(self.path) as stream:
+        with open_output(self.path) as stream:
             wipe()
             yield stream
 
     @contextmanager
     def open_recording(self, provenance: Sequence[str] = ()) -> Iterator[RecordingWriter]:
         """As `open`, for recordings in one of RECORDING_FORMATS. Raises DataError, OSError."""
-        from enginediag_cli.recordings.write import recording_output
+        from enginediag_cli.recordings.write import open_recording_output
 
-        with recording_output(self.path, provenance, parquet=self.chosen_format() == PARQUET) as writer:
+        with open_recording_output(self.path, provenance, parquet=self.chosen_format() == PARQUET) as writer:
             wipe()
             yield writer
 
@@ -294,10 +294,10 @@ class Output:
     ) -> int:
         """Rows with lists and mappings as the texts that CSV has of them."""
         from enginediag_cli.recordings.parquet import write_parquet
-        from enginediag_cli.recordings.write import binary_output
+        from enginediag_cli.recordings.write import open_binary_output
 
         notes = [line.removeprefix("#").strip() if line.startswith("#") else line for line in provenance]
-        with binary_output(self.path) as stream:
+        with open_binary_output(self.path) as stream:
             return write_parquet((bare_cells(row, columns) for row in rows), columns, stream, self.path, notes)
 
     def write_tables(self, parts: Iterable[Sequence[Mapping[str, Any]]], summary: Sequence[str] = ()) -> None:

@@ -32,7 +32,7 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.isolation.results import restricted_change
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.recordings.provenance import sha256_of
+from enginediag_cli.recordings.provenance import file_sha256
 from enginediag_cli.report.plotting import Axis, RowOrigin
 from enginediag_cli.residuals.flat import is_flat
 from enginediag_cli.residuals.windows import WindowStatistics
@@ -311,13 +311,13 @@ class ResultFile:
 def read_result(path: str, name: str, *, recordings: bool = False) -> ResultFile:
     """What a file holds; recordings: what is no result is one. Raises DataError where nothing that a report reads is
     recognised, or it is damaged."""
-    from enginediag_cli.recordings.read import table_file
+    from enginediag_cli.recordings.read import open_table
 
-    with table_file(path) as table:
+    with open_table(path) as table:
         if recordings and _is_recording(table.columns):
-            return ResultFile(RECORDING, name, sha256="" if path == "-" else sha256_of(path), path=path)
+            return ResultFile(RECORDING, name, sha256="" if path == "-" else file_sha256(path), path=path)
         lines = [line if line.endswith("\n") else line + "\n" for line in _decoded(table.lines, name)]
-    digest = "" if path == "-" else sha256_of(path)
+    digest = "" if path == "-" else file_sha256(path)
     provenance = [line[1:].removeprefix(" ").rstrip() for line in _head(lines)]
     body = next((line for line in lines if line.strip() and not line.startswith("#")), "")
     if not body:
@@ -444,9 +444,9 @@ def nominal_result(path: str) -> ResultFile:
     """The nominal file with which recordings were judged, as one of the files of a report."""
     import os
 
-    from enginediag_cli.recordings.provenance import sha256_of
+    from enginediag_cli.recordings.provenance import file_sha256
 
-    return ResultFile(NOMINAL, os.path.basename(path), sha256=sha256_of(path), path=path)
+    return ResultFile(NOMINAL, os.path.basename(path), sha256=file_sha256(path), path=path)
 
 
 def residual_records(rows: Sequence[Row]) -> ResidualRecords:

@@ -15,7 +15,7 @@ from enginediag_cli.parameters import Parameter, meanings, spelled
 from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
-    from enginediag_cli.intake.agreement import Disagreement
+    from enginediag_cli.intake.agreement import RecordingMismatch
     from enginediag_cli.isolation.results import AmbiguityGroup
     from enginediag_cli.residuals.instruments import FaultInFlights, InstrumentFault
 
@@ -168,10 +168,11 @@ def not_listed(ratio: float, unlisted: float) -> str:
     return f"something that is not among the suspects (probability {probability(unlisted)}{left}): no conclusion"
 
 
-def wrong_file(found: Disagreement) -> str:
+def wrong_file(found: RecordingMismatch) -> str:
     """Why an answer does not stand: the recording is likelier wrong than the engine, although that was accepted."""
     return (
-        f"the recording is likelier wrong than the engine (probability {probability(found.wrong_file)}): {found.what}; "
+        f"the recording is likelier wrong than the engine (probability {probability(found.wrong_file)}): "
+        f"{found.description}; "
         "check columns, units and engine file: no conclusion"
     )
 

@@ -26,7 +26,7 @@ import numpy as np
 
 from enginediag_cli.engine.instrument_errors import DRIFT, ELAPSED
 from enginediag_cli.errors import DataError, NoVerdictError
-from enginediag_cli.intake.loader import File, Intake
+from enginediag_cli.intake.loader import LoadedFile, RecordingLoader
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.recordings.table import Recording, concat
 from enginediag_cli.residuals.flat import DIGITS, MadeWith, is_flat, plan_cells
@@ -258,7 +258,7 @@ class JudgedFiles:
     drifts: what statistics hold of drifts of instruments is read, too, which are suspects of isolation alone.
     `ledger`: what was read of statistics."""
 
-    intake: Intake
+    intake: RecordingLoader
     monitor: Monitor | None
     judging: Judging = field(default_factory=Judging)
     passing: Callable[[Iterable[Recording]], Iterable[Recording]] = iter
@@ -287,11 +287,11 @@ class JudgedFiles:
                     self._count(window)
                     yield window if self.solutions else replace(window, solution=None), known
             except (DataError, NoVerdictError) as error:
-                self.intake.excuse(file.name, error)
+                self.intake.skip_file(file.name, error)
         for name, reason in self.intake.unread.items():
             yield not_read(name, reason), {}
 
-    def _condensed(self, file: File) -> Iterator[Window]:
+    def _condensed(self, file: LoadedFile) -> Iterator[Window]:
         monitor = self.monitor
         if monitor is None:
             raise DataError(f"{file.name}: a recording needs --nominal; only what residual has written does without")
@@ -305,12 +305,12 @@ class JudgedFiles:
         gate = GrossErrorGate(monitor)
         recordings = self.passing(gate.clean(recordings))
         for window in self._windows(monitor, recordings, file.name):
-            mine = [left for left in self.intake.left_out if left.file == file.name]
+            mine = [left for left in self.intake.excluded if left.file == file.name]
             masked = [run for left in mine if left.engine in ("", window.engine) for run in left.stuck]
             here = (window.source, window.flight, window.engine)
             found = next((one for one in self.intake.mismatches if one.concerns(*here)), None)
             yield replace(gate.judged(window, masked), disagreement=found), monitor.meaning
-        gate.report(left for left in self.intake.left_out if left.file == file.name)
+        gate.report(left for left in self.intake.excluded if left.file == file.name)
 
     def _windows(self, monitor: Monitor, recordings: Iterable[Recording], name: str) -> Iterator[WindowStatistics]:
         judging, linearise = self.judging, self.judging.linearise
@@ -318,7 +318,7 @@ class JudgedFiles:
             recordings = iter(recordings)
             first = list(islice(recordings, 1))  # as soon as records are read, they have been compared with the engine
             recordings = chain(first, recordings)
-            if any(m.source == name and not m.flights and m.doubtful for m in self.intake.mismatches):
+            if any(m.source == name and not m.flights and m.is_likely_wrong for m in self.intake.mismatches):
                 linearise = "nominal"
         if self.series or self._adding:
             later = last_records(recordings, judging.last) if judging.last else recordings
@@ -345,10 +345,10 @@ class JudgedFiles:
         self._few = self._few or with_lagging(reduced(monitor))
         return self._few
 
-    def _flat(self, file: File) -> Iterator[Window]:
+    def _flat(self, file: LoadedFile) -> Iterator[Window]:
         assert file.table is not None
         refuse_ignored_options(self.given, file.table.name)
-        self.intake.inherit(file.table.provenance)
+        self.intake.add_provenance(file.table.provenance)
         form = as_read if self.series else marginalised
         for window, known in read_statistics(file.table.lines, file.table.name, self.ledger):
             drifting = {n for n, p in known.items() if p.of_instrument and p.quantity == DRIFT and not self.drifts}
@@ -363,7 +363,7 @@ class JudgedFiles:
 
 def made_with(files: JudgedFiles, monitor: Monitor) -> MadeWith:
     """How the statistics of these files are made."""
-    from enginediag_cli.recordings.provenance import sha256_of
+    from enginediag_cli.recordings.provenance import file_sha256
 
     judging, source = files.judging, files.intake.source
     return MadeWith(
@@ -374,7 +374,7 @@ def made_with(files: JudgedFiles, monitor: Monitor) -> MadeWith:
         reference=str(judging.reference),
         last=str(judging.last),
         model_error="" if judging.model_error is None else f"{judging.model_error:g}",
-        recorder=sha256_of(source.recorder)[:DIGITS] if source.recorder else "",
+        recorder=file_sha256(source.recorder)[:DIGITS] if source.recorder else "",
         engine_instance=source.engine_instance,
     )
 

@@ -19,8 +19,8 @@ from itertools import pairwise
 import numpy as np
 
 from enginediag_cli.engine.instrument_errors import ELAPSED
-from enginediag_cli.intake.loader import GrossCounts, LeftOut
-from enginediag_cli.recordings.repeated import StuckRun, joined_runs, same_runs, stuck_runs
+from enginediag_cli.intake.loader import ExcludedData, GrossCounts
+from enginediag_cli.recordings.repeated import StuckRun, append_runs, extend_to_runs, list_stuck_runs
 from enginediag_cli.recordings.table import Recording, concat
 from enginediag_cli.residuals.gross_errors import (
     AROUND,
@@ -142,7 +142,7 @@ class GrossErrorGate:
         mine = sum((c for line, c in found if line <= window.last_line), GrossCounts(judged=judged))
         return replace(window, gross=mine)
 
-    def report(self, left_out: Iterable[LeftOut]) -> None:
+    def report(self, left_out: Iterable[ExcludedData]) -> None:
         """Add what was rejected to what was left out of each engine; all of `left_out` are of files that came by their
         whole names, or of the one file that came."""
         left_out = list(left_out)
@@ -211,11 +211,11 @@ class GrossErrorGate:
                 source, _, engine = keys[0]
                 rows = np.sort(np.concatenate([rows for key, rows in group_rows(own) if key[2] == engine]))
                 # records that cannot be judged, where a stuck input has led perhaps, belong to the run as well
-                whole = same_runs(own[column][rows], np.isin(rows, at[mask]))
+                whole = extend_to_runs(own[column][rows], np.isin(rows, at[mask]))
                 inside = (rows >= block.start) & (rows < block.stop)
                 mine = rows[inside]
-                runs = stuck_runs(column, own[column][mine], own.line[mine], whole[inside])
-                joined_runs(self._stuck.setdefault((source, engine), []), runs)
+                runs = list_stuck_runs(column, own[column][mine], own.line[mine], whole[inside])
+                append_runs(self._stuck.setdefault((source, engine), []), runs)
         if not gone.any():
             return context
         columns = {c: np.where(gone[:, j], np.nan, own[c]) for j, c in enumerate(monitor.sensors) if c in own}
@@ -488,14 +488,14 @@ class LiveGate:
         for run in masked:
             gone[(line >= run.first_line) & (line <= run.last_line), monitor.sensors.index(run.column)] = True
         for name, mask in masks.items():
-            for run in stuck_runs(name, column[name], line, mask):
+            for run in list_stuck_runs(name, column[name], line, mask):
                 self._go_on(run, line)
         return gone
 
     def _go_on(self, run: StuckRun, line: np.ndarray) -> None:
         """Note a run of known records on these lines (n,), or that one that is noted goes on."""
         for k, old in enumerate(self._stuck):
-            if (old.column, old.value) == (run.column, run.value) and old.within(run.first_line, run.last_line):
+            if (old.column, old.value) == (run.column, run.value) and old.overlaps(run.first_line, run.last_line):
                 more = int(np.sum((line > old.last_line) & (line <= run.last_line)))
                 last = max(old.last_line, run.last_line)
                 self._stuck[k] = replace(old, last_line=last, records=old.records + more)

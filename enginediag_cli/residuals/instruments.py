@@ -216,7 +216,7 @@ def stuck_faults(
     model's inputs."""
     consecutive = lines[1] - lines[0] + 1 == records
     for run in runs:
-        if not run.within(*lines):
+        if not run.overlaps(*lines):
             continue
         first, last = max(run.first_line, lines[0]), min(run.last_line, lines[1])
         share = (last - first + 1) / (run.last_line - run.first_line + 1)

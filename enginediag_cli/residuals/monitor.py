@@ -21,8 +21,8 @@ from enginediag_cli.error_model.sizes import MapSlopes, map_slopes
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.instruments import LaggingReading
 from enginediag_cli.identification.problem import OffsetPrior
-from enginediag_cli.intake.agreement import Agreement
-from enginediag_cli.intake.comparison import yardstick_of_nominal
+from enginediag_cli.intake.agreement import AgreementCheck
+from enginediag_cli.intake.comparison import nominal_reference
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.relinearise import Hold
@@ -31,7 +31,7 @@ from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
     from enginediag_cli.identification.nominal import Nominal
-    from enginediag_cli.intake.selection import Baseline
+    from enginediag_cli.intake.selection import NominalBaseline
 
 AnyMonitor = TypeVar("AnyMonitor", bound="Monitor")
 
@@ -377,7 +377,7 @@ def _with_drifts(engine: MonitoredModel, sensors: Sequence[str]) -> MonitoredMod
 
 
 def monitor_of(
-    baseline: Baseline, patterns: Sequence[str] = (), *, sensors: bool = False, drifts: bool = False
+    baseline: NominalBaseline, patterns: Sequence[str] = (), *, sensors: bool = False, drifts: bool = False
 ) -> Monitor:
     """Monitor of a baseline; patterns as in `monitor_from_nominal`; sensors: bias and scale of every sensor in use and
     of every input channel, and bleed valves, may have changed, too; drifts: these instruments may drift as well. Raises
@@ -404,12 +404,12 @@ def monitor_of(
     return replace(monitor, nominal=monitor.nominal + changed)
 
 
-def agreement_with(monitor: Monitor) -> Agreement | None:
+def agreement_with(monitor: Monitor) -> AgreementCheck | None:
     """What recordings are compared with before they are judged by a monitor; None for one of a model without an engine
     file."""
     if not hasattr(monitor.engine, "network"):
         return None
     identified = dict(zip(monitor.names, monitor.theta0.tolist(), strict=False))
     values = {n: float(v) for n, v in {**monitor.base, **identified}.items() if n in monitor.engine.parameters}
-    yardstick = yardstick_of_nominal(monitor.engine, values, monitor.sensors, monitor.noise.sigma)
-    return Agreement(yardstick, monitor.engine)
+    yardstick = nominal_reference(monitor.engine, values, monitor.sensors, monitor.noise.sigma)
+    return AgreementCheck(yardstick, monitor.engine)

@@ -30,7 +30,7 @@ import numpy as np
 from enginediag_cli.engine.instrument_errors import ELAPSED
 from enginediag_cli.error_model.maps import MapErrorModel
 from enginediag_cli.errors import DataError
-from enginediag_cli.intake.agreement import Disagreement
+from enginediag_cli.intake.agreement import RecordingMismatch
 from enginediag_cli.intake.loader import GrossCounts
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.instruments import InstrumentFault
@@ -407,7 +407,7 @@ class WindowStatistics:
     gross: GrossCounts = field(default_factory=GrossCounts)
     instruments: tuple[InstrumentFault, ...] = ()
     weights: np.ndarray | None = field(default=None, repr=False, compare=False)
-    disagreement: Disagreement | None = field(default=None, repr=False, compare=False)
+    disagreement: RecordingMismatch | None = field(default=None, repr=False, compare=False)
 
     def without(self, names: Collection[str]) -> WindowStatistics:
         """The window without the suspects `names` and those that are silent, in its statistics, too."""
@@ -418,7 +418,7 @@ class WindowStatistics:
     @property
     def doubtful(self) -> bool:
         """Whether the recording is likelier wrong than the engine."""
-        return self.disagreement is not None and self.disagreement.doubtful
+        return self.disagreement is not None and self.disagreement.is_likely_wrong
 
     @property
     def counts(self) -> dict[str, int]:

@@ -66,7 +66,7 @@ FLIGHT_FILE = Section(
         Field("source", "text", "where the numbers come from", ""),
         Field("flights", "integer", "flights (days on the ground), if the command does not say", 1, minimum=1),
         Field("mission", "section", "what a flight looks like", section=MISSION),
-        Field("constants", "number_map", "further inputs of the engine, each held at one value", {}),
+        Field("constants", "number_map", "further inputs of the engine, each at one value", {}),
         Field("noise", "section", "sensor noise, if the command does not say", {}, section=NOISE),
     ),
 )
@@ -77,7 +77,7 @@ LABELS = ("flight", "time_s", "phase")
 
 
 @dataclass(frozen=True)
-class Conditions:
+class FlightConditions:
     """Columns of equal length N in the order in which they are written; `flight` and `phase` may be text.
 
     `series`: whether records follow each other in time, rather than being points that were drawn one by one. `way`:
@@ -86,7 +86,7 @@ class Conditions:
 
     columns: Mapping[str, NDArray]
     series: bool = True
-    way: Conditions | None = None
+    path: FlightConditions | None = None
 
     def __post_init__(self) -> None:
         lengths = {name: len(values) for name, values in self.columns.items()}
@@ -96,13 +96,13 @@ class Conditions:
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
 
-    def slice(self, start: int, stop: int) -> Conditions:
+    def slice(self, start: int, stop: int) -> FlightConditions:
         """Records `start` to `stop` (exclusive, counted from 0)."""
         cut = {name: values[start:stop] for name, values in self.columns.items()}
-        return Conditions(cut, self.series, self.way)
+        return FlightConditions(cut, self.series, self.path)
 
 
-def engine_inputs(engine: EngineLike, conditions: Conditions) -> dict[str, NDArray[np.float64]]:
+def engine_inputs(engine: EngineLike, conditions: FlightConditions) -> dict[str, NDArray[np.float64]]:
     """The engine's input columns, (N,) each: all required ones, and the optional ones that are given.
 
     Raises DataError naming the missing column and a near match among those that are there.
@@ -121,7 +121,7 @@ def engine_inputs(engine: EngineLike, conditions: Conditions) -> dict[str, NDArr
     return inputs
 
 
-def outside_envelope(engine: EngineLike, conditions: Conditions) -> dict[str, int]:
+def outside_envelope(engine: EngineLike, conditions: FlightConditions) -> dict[str, int]:
     """Column → number of records outside the engine's declared envelope; empty where all are inside."""
     counts = {}
     for column, (low, high) in engine.envelope.items():
@@ -145,7 +145,7 @@ def generate_flights(
     *,
     flights: int | None = None,
     records: int | None = None,
-) -> Conditions:
+) -> FlightConditions:
     """Operating conditions of flights described by a flight file.
 
     Flight k is the same however many flights follow it, in the missions that draw flight by flight (airliner).
@@ -170,11 +170,13 @@ def generate_flights(
         first = kind.generate(mission, 1, engine, deepcopy(rng))
         count = min(1 + records // max(len(first["time_s"]) // 2, 1), MAX_FLIGHTS_FOR_RECORDS)
     columns = kind.generate(mission, count, engine, rng)
-    conditions = _recorded(with_power(columns, engine, plan["constants"]), columns, kind.series)
+    conditions = _recorded(complete_inputs(columns, engine, plan["constants"]), columns, kind.series)
     return conditions if records is None else conditions.slice(0, records)
 
 
-def with_power(columns: Mapping[str, NDArray], engine: EngineLike, constants: Mapping[str, float]) -> Conditions:
+def complete_inputs(
+    columns: Mapping[str, NDArray], engine: EngineLike, constants: Mapping[str, float]
+) -> FlightConditions:
     """The engine's columns from generated ones: power fraction → power setting, unknown columns dropped."""
     n = len(columns["time_s"])
     temperature, pressure = standard_atmosphere(columns["altitude_m"])
@@ -200,15 +202,15 @@ def with_power(columns: Mapping[str, NDArray], engine: EngineLike, constants: Ma
             "hold it under 'constants:' or simulate with --conditions"
         )
     inputs = (*engine.inputs, *(name for name in engine.optional_inputs if name in given))
-    return Conditions({name: given[name] for name in (*LABELS, *inputs)})
+    return FlightConditions({name: given[name] for name in (*LABELS, *inputs)})
 
 
-def _recorded(way: Conditions, columns: Mapping[str, NDArray], series: bool) -> Conditions:
+def _recorded(way: FlightConditions, columns: Mapping[str, NDArray], series: bool) -> FlightConditions:
     """The records among all points that a mission gives."""
     if UNRECORDED not in columns:
-        return Conditions(way.columns, series)
+        return FlightConditions(way.columns, series)
     kept = columns[UNRECORDED] == 0
-    return Conditions({name: values[kept] for name, values in way.columns.items()}, series, way)
+    return FlightConditions({name: values[kept] for name, values in way.columns.items()}, series, way)
 
 
 AIRLINER_FLIGHTS = 5

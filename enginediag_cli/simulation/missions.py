@@ -172,7 +172,7 @@ def draw_sweep(settings: Settings, count: int, engine: EngineLike, rng: Generato
     for column in ("altitude_m", "mach", "dT_isa_K", "power"):
         # one draw per column whatever its range, so that fixing one range leaves the others' points
         uniform[column] = rng.random(n)
-    altitude = _spread(uniform["altitude_m"], *_range(settings, engine, "altitude_m"))
+    altitude = _scale(uniform["altitude_m"], *_range(settings, engine, "altitude_m"))
     low, high = _range(settings, engine, "mach")
     cas_low, cas_high = (KNOT_M_S * cas for cas in settings["cas_kt"])
     floor = np.where(altitude > FREE_BELOW_M, mach_from_cas(cas_low, altitude), 0.0)
@@ -184,18 +184,18 @@ def draw_sweep(settings: Settings, count: int, engine: EngineLike, rng: Generato
         if c in engine.envelope and c not in (*uniform, engine.power_setting)
     ]
     return {
-        **{column: _spread(rng.random(n), *engine.envelope[column]) for column in others},
+        **{column: _scale(rng.random(n), *engine.envelope[column]) for column in others},
         "time_s": settings["record_interval_s"] * record,
         "phase": np.full(n, "sweep"),
         "altitude_m": altitude,
-        "mach": _spread(uniform["mach"], np.minimum(np.clip(floor, low, high), ceiling), ceiling),
-        "dT_isa_K": _spread(uniform["dT_isa_K"], *_range(settings, engine, "dT_isa_K")),
-        "power_fraction": _spread(uniform["power"], *settings["power"]),
+        "mach": _scale(uniform["mach"], np.minimum(np.clip(floor, low, high), ceiling), ceiling),
+        "dT_isa_K": _scale(uniform["dT_isa_K"], *_range(settings, engine, "dT_isa_K")),
+        "power_fraction": _scale(uniform["power"], *settings["power"]),
         "flight": 1 + record // settings["records_per_flight"],
     }
 
 
-def _spread(uniform: Array, low: float | Array, high: float | Array) -> Array:
+def _scale(uniform: Array, low: float | Array, high: float | Array) -> Array:
     return low + (high - low) * uniform
 
 
@@ -349,7 +349,7 @@ def _continued(values: list[Any], first: Any) -> list[Any]:
     return list(accumulate(values, lambda before, v: before if v is None else v, initial=first))[1:]
 
 
-class Profile:
+class FlightProfile:
     """Legs one after the other; each changes altitude linearly in time and has one phase and a power ramp.
 
     `times`, `altitudes` are the corners, s and m; leg i runs from corner i to i + 1.
@@ -401,11 +401,11 @@ class Profile:
         before = np.where(leg > 0, end[np.maximum(leg - 1, 0)], begin[leg])
         return wanted + (before - begin[leg]) * np.clip(1.0 - elapsed / spool_s, 0.0, 1.0)
 
-    def start_of(self, phase: str) -> float:
+    def start_time(self, phase: str) -> float:
         """Time, s, at which a phase first begins."""
         return self.times[self.phases.index(phase)]
 
-    def end_of(self, phase: str) -> float:
+    def end_time(self, phase: str) -> float:
         """Time, s, at which a phase last ends."""
         return self.times[len(self.phases) - self.phases[::-1].index(phase)]
 
@@ -520,12 +520,12 @@ class _Draw:
         return self.values[key]
 
 
-def _profile(settings: Settings, draw: _Draw) -> Profile:
+def _profile(settings: Settings, draw: _Draw) -> FlightProfile:
     """Altitude and power against time, phase by phase."""
     field_m = draw["airfield_elevation_m"]
     level = FOOT_M * float(draw.rng.choice(np.asarray(settings["cruise_levels_ft"], dtype=float)))
     taxi = 60.0 * settings["taxi_min"]
-    profile = Profile(field_m)
+    profile = FlightProfile(field_m)
 
     def level_flight(duration: float) -> None:
         power = draw["cruise"]
@@ -551,7 +551,7 @@ def _profile(settings: Settings, draw: _Draw) -> Profile:
     return profile
 
 
-def _climb(profile: Profile, settings: Settings, phase: str, top_m: float, power: float) -> None:
+def _climb(profile: FlightProfile, settings: Settings, phase: str, top_m: float, power: float) -> None:
     """Climb to `top_m` at dh/dt = r(h), r linear in h: t = ∫ dh / r(h) on a grid of 60 altitudes."""
     at_top, at_ground = settings["climb_rate_m_s"]
     altitude = np.linspace(profile.altitudes[-1], max(top_m, profile.altitudes[-1]), 60)
@@ -562,7 +562,7 @@ def _climb(profile: Profile, settings: Settings, phase: str, top_m: float, power
         profile.go(phase, float(height), float(duration), power)
 
 
-def _mach(settings: Settings, draw: _Draw, profile: Profile, time: Array, altitude: Array) -> Array:
+def _mach(settings: Settings, draw: _Draw, profile: FlightProfile, time: Array, altitude: Array) -> Array:
     """Mach number, (N,): the airspeed schedule up to the cruise Mach number, and the ground rolls."""
     field_m = profile.altitudes[0]
     slow = settings["lift_off_cas_kt"]
@@ -572,15 +572,15 @@ def _mach(settings: Settings, draw: _Draw, profile: Profile, time: Array, altitu
         heights = [field_m, field_m + CLEAN_HEIGHT_M, LOW_ALTITUDE_M, LOW_ALTITUDE_M + 600.0]
         return KNOT_M_S * np.interp(altitude, np.maximum.accumulate(heights), [slow, low, low, high])
 
-    top = profile.start_of("descent")
+    top = profile.start_time("descent")
     speed = np.where(time < top, cas(settings["climb_cas_kt"]), cas(settings["descent_cas_kt"]))
     flown = np.minimum(mach_from_cas(speed, altitude), draw["cruise_mach"])
-    roll, touch_down = profile.start_of("take-off"), profile.end_of("approach")
+    roll, touch_down = profile.start_time("take-off"), profile.end_time("approach")
     on_ground = np.interp(time, [roll, roll + ROLL_S, touch_down, touch_down + ROLL_S], [0.0, 1.0, 1.0, 0.0])
     return flown * on_ground
 
 
-def _power(settings: Settings, profile: Profile, time: Array, phase: NDArray, rng: Generator) -> Array:
+def _power(settings: Settings, profile: FlightProfile, time: Array, phase: NDArray, rng: Generator) -> Array:
     """Fraction of the rating, (N,), with spool-up ramps at phase changes and slow scatter in flight."""
     knots = np.arange(0.0, profile.times[-1] + SCATTER_INTERVAL_S, SCATTER_INTERVAL_S)
     scatter = np.interp(time, knots, settings["power_scatter"] * rng.standard_normal(len(knots)))

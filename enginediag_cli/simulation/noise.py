@@ -74,10 +74,10 @@ def column_noise(values: Mapping[str, Any], engine: EngineLike, mark: Mark | Non
         if name not in readable
     ]
     noise = {
-        column: _noise_of(values, _by_default(values, sensor), sensor) for column, sensor in engine.sensors.items()
+        column: _make_noise(values, _default_noise(values, sensor), sensor) for column, sensor in engine.sensors.items()
     }
     for column, own in values["columns"].items():
-        noise[column] = _noise_of(values, own, engine.sensors.get(column))
+        noise[column] = _make_noise(values, own, engine.sensors.get(column))
     for column, one in noise.items():
         if one.distribution == "uniform" and one.correlation:
             problems.append(
@@ -98,14 +98,14 @@ def column_noise(values: Mapping[str, Any], engine: EngineLike, mark: Mark | Non
     return noise
 
 
-def _by_default(values: Mapping[str, Any], sensor: Any) -> Mapping[str, Any]:
+def _default_noise(values: Mapping[str, Any], sensor: Any) -> Mapping[str, Any]:
     """What a column without noise of its own takes from the section."""
     quantum = values["quantum_sigmas"]
     step = quantum * (values["scale"] * _number(sensor, "noise_sigma")) if quantum else 0.0
     return {**values, "sigma": None, "width": None, "quantum": step}
 
 
-def _noise_of(values: Mapping[str, Any], own: Mapping[str, Any], sensor: Any) -> ColumnNoise:
+def _make_noise(values: Mapping[str, Any], own: Mapping[str, Any], sensor: Any) -> ColumnNoise:
     """The noise of a column; sizes that it does not state come from its sensor in the engine file."""
     sigma, width = own["sigma"], own["width"]
     sigma = values["scale"] * _number(sensor, "noise_sigma") if sigma is None else sigma

@@ -27,21 +27,21 @@ from enginediag_cli.faults.catalogue import (
 )
 from enginediag_cli.parameters import spelled
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.simulation.flights import LABELS, Conditions, engine_inputs
+from enginediag_cli.simulation.flights import LABELS, FlightConditions, engine_inputs
 from enginediag_cli.simulation.noise import ColumnNoise, noise_sources
 
 Columns = Mapping[str, NDArray[np.float64]]
 
 
-def moves(engine: object, conditions: Conditions, varied: Sequence[str] = ()) -> bool:
-    """Whether an engine has states, or remembers anything, and the records follow each other in time."""
+def is_dynamic(engine: object, conditions: FlightConditions, varied: Sequence[str] = ()) -> bool:
+    """Whether an engine has states, or memory, and the records follow each other in time."""
     if not (isinstance(engine, Engine) and conditions.series and "time_s" in conditions.columns):
         return False
     return bool(remembered(engine, varied)) or bool(transient_states(engine))
 
 
-def told_states(engine: Engine) -> str:
-    """Names of an engine's states, and of what readings remember."""
+def describe_states(engine: Engine) -> str:
+    """Names of an engine's states, and of the memory of readings."""
     states = transient_states(engine)
     further = [m for m in remembered(engine) if not any(s.represents(m) for s in states)]
     return ", ".join(dict.fromkeys([*(s.words for s in states), *(spelled(m.name) for m in further)]))
@@ -64,15 +64,15 @@ class DynamicFlight:
         return self.engine.predict(inputs, parameters, self.known.select(piece), sensors=sensors)
 
 
-def fly_dynamically(engine: Engine, conditions: Conditions, inputs: Columns, values: Columns) -> DynamicFlight:
+def fly_dynamically(engine: Engine, conditions: FlightConditions, inputs: Columns, values: Columns) -> DynamicFlight:
     """Fly the conditions. `inputs` and parameters `values` (N,) are those of the records. Raises DataError for a
     time that does not rise within a flight, and for an engine whose power setting leaves its states no room."""
     try:
         moving = MovingEngine(engine, varied=tuple(values))
     except ValueError as error:
         raise DataError(str(error)) from error
-    way = conditions if conditions.way is None else conditions.way
-    at_way = inputs if conditions.way is None else engine_inputs(engine, way)
+    way = conditions if conditions.path is None else conditions.path
+    at_way = inputs if conditions.path is None else engine_inputs(engine, way)
     records, corners = _runs(conditions), _runs(way)
     flights = []
     for name, index in records.items():
@@ -91,11 +91,11 @@ def fly_dynamically(engine: Engine, conditions: Conditions, inputs: Columns, val
     return DynamicFlight(moving, FlightSolution(states, unknowns, lost, loose))
 
 
-def _time(conditions: Conditions) -> NDArray[np.float64]:
+def _time(conditions: FlightConditions) -> NDArray[np.float64]:
     return np.asarray(conditions.columns["time_s"], dtype=float)
 
 
-def _runs(conditions: Conditions) -> dict[object, NDArray[np.intp]]:
+def _runs(conditions: FlightConditions) -> dict[object, NDArray[np.intp]]:
     """Records of each flight, in the order of the recording."""
     flight = conditions.columns.get("flight", np.zeros(len(conditions)))
     found = {}
@@ -106,7 +106,7 @@ def _runs(conditions: Conditions) -> dict[object, NDArray[np.intp]]:
             k = int(np.flatnonzero(~(steps > 0.0))[0])
             raise DataError(
                 f"flight {name}: time_s does not rise behind its record {k + 1}, so that an engine with states cannot "
-                "be flown along it; mend the column, or take every record as steady with --steady"
+                "be flown along it; correct the column, or take every record as steady with --steady"
             )
         found[name] = index
     return found
@@ -139,7 +139,7 @@ class Simulated:
 
 def simulate(
     engine: EngineLike,
-    conditions: Conditions,
+    conditions: FlightConditions,
     faults: FaultSet,
     noise: Mapping[str, ColumnNoise],
     rng: np.random.Generator,
@@ -161,7 +161,7 @@ def simulate(
 
 def simulate_in_chunks(
     engine: EngineLike,
-    conditions: Conditions,
+    conditions: FlightConditions,
     faults: FaultSet,
     noise: Mapping[str, ColumnNoise],
     rng: np.random.Generator,
@@ -180,7 +180,7 @@ def simulate_in_chunks(
     """
     check_faults(faults, engine)
     inputs = engine_inputs(engine, conditions)
-    instruments = Instruments(noise, faults, rng, {*engine.sensors, *conditions.columns})
+    instruments = SimulatedInstruments(noise, faults, rng, {*engine.sensors, *conditions.columns})
     clocks = clocks_from_columns(conditions.columns, len(conditions))
     values = parameter_values(faults.components, engine.parameters, clocks)
     hidden = {
@@ -189,18 +189,18 @@ def simulate_in_chunks(
         **sensor_truth(faults.sensors, clocks),
     }
     flown = None
-    if not steady and moves(engine, conditions, tuple(values)):
+    if not steady and is_dynamic(engine, conditions, tuple(values)):
         assert isinstance(engine, Engine)
         flown = fly_dynamically(engine, conditions, inputs, values)
-    return _pieces(engine, _Run(conditions, inputs, values, hidden, clocks, flown), instruments, chunk)
+    return _pieces(engine, _SimulationRun(conditions, inputs, values, hidden, clocks, flown), instruments, chunk)
 
 
 @dataclass(frozen=True)
-class _Run:
+class _SimulationRun:
     """What is set for every record: conditions, the engine's inputs and parameters, what is true of them, the time, and
     the states of an engine that moves."""
 
-    conditions: Conditions
+    conditions: FlightConditions
     inputs: Mapping[str, NDArray[np.float64]]
     values: Mapping[str, NDArray[np.float64]]
     hidden: Mapping[str, NDArray]
@@ -216,7 +216,7 @@ class _Run:
         return engine.predict(inputs, values, sensors=tuple(engine.sensors))
 
 
-class Instruments:
+class SimulatedInstruments:
     """What stands between the engine and the recording: sensor faults and noise, with their memories."""
 
     def __init__(
@@ -254,7 +254,9 @@ def _floats(column: NDArray) -> NDArray[np.float64]:
     return np.asarray(column, dtype=float)
 
 
-def _pieces(engine: EngineLike, run: _Run, instruments: Instruments, chunk: int) -> Iterator[Simulated]:
+def _pieces(
+    engine: EngineLike, run: _SimulationRun, instruments: SimulatedInstruments, chunk: int
+) -> Iterator[Simulated]:
     for start in range(0, max(len(run.conditions), 1), chunk):
         piece = slice(start, start + chunk)
         given = run.conditions.slice(start, start + chunk).columns
@@ -271,15 +273,15 @@ def _pieces(engine: EngineLike, run: _Run, instruments: Instruments, chunk: int)
         yield Simulated(recorded, hidden, dict(reasons), loose)
 
 
-def conditions_of(recording: Recording) -> Conditions:
+def to_conditions(recording: Recording) -> FlightConditions:
     """Operating conditions with the columns of a recording in their order; text stays text."""
     numbers, text = recording.columns, recording.text
-    return Conditions(
+    return FlightConditions(
         {name: numbers[name] if name in numbers else np.asarray(text[name], dtype=str) for name in recording.order}
     )
 
 
-def recording_of(columns: Mapping[str, NDArray]) -> Recording:
+def to_recording(columns: Mapping[str, NDArray]) -> Recording:
     """A recording of columns (N,): numbers as float64, everything else as text."""
     numbers = {
         name: np.asarray(values, dtype=float)

@@ -24,7 +24,7 @@ from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.identified import Hypothesis, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.recordings.write import CsvWriter, output
+from enginediag_cli.recordings.write import CsvWriter, open_output
 from enginediag_cli.validation import kinds
 from enginediag_cli.validation.causes import (
     Cause,
@@ -564,7 +564,7 @@ def write_trial_files(folder: Path, engine: Engine, recorded: TrialFlights, trai
 
 def write_recording(path: Path, columns: Mapping[str, np.ndarray]) -> None:
     """Write columns (N,) as a recording."""
-    with output(path) as stream:
+    with open_output(path) as stream:
         CsvWriter(stream).write(Recording(dict(columns)))
 
 

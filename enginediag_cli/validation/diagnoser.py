@@ -27,8 +27,8 @@ from enginediag_cli.engine.engine import Engine
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.nominal_file import write_nominal
 from enginediag_cli.identification.problem import without_repeats
-from enginediag_cli.intake.loader import Intake, whole_flights
-from enginediag_cli.intake.selection import Source, columns_of, open_baseline
+from enginediag_cli.intake.loader import RecordingLoader, load_flights
+from enginediag_cli.intake.selection import RecordingSource, open_baseline, required_columns
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions
 from enginediag_cli.isolation.windows import IsolatedWindow, WindowIsolation
 from enginediag_cli.mismatch.explain.answer import IDENTIFIED, Answer, Explanation
@@ -46,7 +46,7 @@ from enginediag_cli.parallel import answer_questions
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import candidate_effects
-from enginediag_cli.recordings.provenance import sha256_of
+from enginediag_cli.recordings.provenance import file_sha256
 from enginediag_cli.residuals.files import JudgedFiles
 from enginediag_cli.residuals.long_windows import KeptRecords
 from enginediag_cli.residuals.monitor import monitor_of
@@ -86,7 +86,7 @@ def explain(question: Mapping[str, Any]) -> dict[str, Any]:
         noise=question["noise"],
         seed=question["seed"],
     )
-    case = RecordedCase(question["engine"], Source(tuple(question["recordings"])), asked=asked)
+    case = RecordedCase(question["engine"], RecordingSource(tuple(question["recordings"])), asked=asked)
     searched = question["task"] != LOCATE
     evidence = _set_known_noise(load_case(case, identified=searched).evidence, question)
     if not searched:
@@ -195,14 +195,14 @@ def identify_once(engine_path: Path, healthy: tuple[str, ...]) -> IdentifiedEngi
     """The engine identified on these files; kept while questions are about the same ones."""
     begun = process_time()
     engine = load_engine(engine_path)
-    intake = Intake(Source(healthy), columns_of(engine))
-    training, _ = without_repeats([f.recording for f in whole_flights(intake)], (*engine.inputs, *engine.sensors))
+    intake = RecordingLoader(RecordingSource(healthy), required_columns(engine))
+    training, _ = without_repeats([f.recording for f in load_flights(intake)], (*engine.inputs, *engine.sensors))
     found = identify(engine, training)
     path = None
     if found.converged:
         path = engine_path.parent / NOMINAL
         # whether it is smooth, which `identify` finds out as well, is asked by `detect` alone
-        write_nominal(found.nominal(engine_path.name, sha256_of(engine_path), {}), str(path))
+        write_nominal(found.nominal(engine_path.name, file_sha256(engine_path), {}), str(path))
     return IdentifiedEngine(engine, path, found.reason, process_time() - begun)
 
 
@@ -218,7 +218,9 @@ def isolate(question: Mapping[str, Any]) -> dict[str, Any]:
 
 def _windows(nominal: Path, judged: str) -> Sequence[IsolatedWindow]:
     monitor = monitor_of(open_baseline(nominal), sensors=True, drifts=True)
-    files = JudgedFiles(Intake(Source((judged,)), columns_of(monitor.engine, monitor.sensors)), monitor)
+    files = JudgedFiles(
+        RecordingLoader(RecordingSource((judged,)), required_columns(monitor.engine, monitor.sensors)), monitor
+    )
     kept = KeptRecords(monitor, short_windows=False)
     return list(WindowIsolation(files, DiagnosisOptions(), FALSE_ALARM, kept_records=kept).windows())
 

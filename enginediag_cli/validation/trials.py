@@ -32,7 +32,7 @@ from enginediag_cli import __version__
 from enginediag_cli.errors import DataError
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.parallel import QuestionProcess, run_tasks
-from enginediag_cli.recordings.write import output
+from enginediag_cli.recordings.write import open_output
 from enginediag_cli.validation import kinds
 
 Key = TypeVar("Key")
@@ -209,7 +209,7 @@ class Journal(Generic[Key, Value]):
 
     def _rewrite(self, lines: Iterable[str]) -> None:
         """These lines, completely or not at all."""
-        with output(self.path) as stream:
+        with open_output(self.path) as stream:
             stream.writelines(line + "\n" for line in lines)
 
 

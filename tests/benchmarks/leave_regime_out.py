@@ -29,10 +29,10 @@ from enginediag_cli.faults.catalogue import FaultSet
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.recordings.write import CsvWriter, output
-from enginediag_cli.simulation.flights import Conditions, default_plan, generate_flights
+from enginediag_cli.recordings.write import CsvWriter, open_output
+from enginediag_cli.simulation.flights import FlightConditions, default_plan, generate_flights
 from enginediag_cli.simulation.noise import KINDS, column_noise
-from enginediag_cli.simulation.simulate import recording_of, simulate
+from enginediag_cli.simulation.simulate import simulate, to_recording
 from enginediag_cli.validation.truth_engines import tabulate_engine
 
 ENGINE = Path(__file__).resolve().parents[2] / "configs" / "turbofan.yaml"
@@ -91,13 +91,13 @@ def fly(model: Engine, truth: Engine, flights: int, seed: int, *, thin: bool) ->
     number = np.arange(len(phase))
     every = np.array([EVERY.get(str(p), 1) if thin else 1 for p in phase])
     kept = np.isin(phase, PHASES) & (number % every == 0)
-    conditions = Conditions({c: v[kept] for c, v in conditions.columns.items()})
+    conditions = FlightConditions({c: v[kept] for c, v in conditions.columns.items()})
     noise = column_noise(KINDS["gaussian"], model)
-    return recording_of(simulate(truth, conditions, FaultSet((), ()), noise, rng).columns), phase[kept]
+    return to_recording(simulate(truth, conditions, FaultSet((), ()), noise, rng).columns), phase[kept]
 
 
 def write(path: Path, recording: Recording, rows: np.ndarray) -> Path:
-    with output(path) as stream:
+    with open_output(path) as stream:
         CsvWriter(stream).write(recording.select(rows))
     return path
 

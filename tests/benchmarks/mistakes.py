@@ -32,11 +32,11 @@ from made_mistakes import KINDS, Columns, Made, mistaken, recording
 
 from enginediag_cli.__main__ import main as program
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.intake.agreement import NEAR, NEAR_GENERIC, Agreement, Disagreement, agreement_with_engine
-from enginediag_cli.intake.comparison import yardstick_of_engine, yardstick_of_nominal
-from enginediag_cli.intake.loader import Intake
+from enginediag_cli.intake.agreement import NEAR, NEAR_GENERIC, AgreementCheck, RecordingMismatch, check_against_engine
+from enginediag_cli.intake.comparison import engine_reference, nominal_reference
+from enginediag_cli.intake.loader import RecordingLoader
 from enginediag_cli.intake.mistakes import Mistake
-from enginediag_cli.intake.selection import Source, columns_of
+from enginediag_cli.intake.selection import RecordingSource, required_columns
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.shipped import shipped
@@ -76,7 +76,7 @@ PUBLIC = (
 """Engine, recorder and file of public recordings, and whether mistakes are put into the first engine of each."""
 
 
-def effect(agreement: Agreement, right: Columns, wrong: Columns) -> float:
+def effect(agreement: AgreementCheck, right: Columns, wrong: Columns) -> float:
     """By how much a mistake moves a sensor against the model, relative, in the median of the records; the largest."""
     before, after = (agreement.yardstick.deviations(c)[0] for c in (right, wrong))
     return float(np.nanmax(np.nanmedian(np.abs(after - before), axis=0)))
@@ -124,13 +124,13 @@ class Tally:
         self.show, self.sound, self.refused = show, 0, 0
         self.made, self.right, self.other, self.unnamed, self.small, self.silent = (Counter[str]() for _ in range(6))
 
-    def add_sound(self, found: list[Disagreement]) -> None:
+    def add_sound(self, found: list[RecordingMismatch]) -> None:
         self.sound += 1
         if found:
             self.refused += 1
             print(f"refused: {found[0]}", flush=True)
 
-    def add(self, name: str, wrong: Made, visible: bool, found: list[Disagreement]) -> None:
+    def add(self, name: str, wrong: Made, visible: bool, found: list[RecordingMismatch]) -> None:
         given = found[0].trial.mistake if found and found[0].trial else None
         same = bool(found) and fits(wrong, given, found[0].others)
         kind = wrong.kind
@@ -170,7 +170,7 @@ class Kept:
     def __init__(self) -> None:
         self.recordings: dict[str, Recording] = {}
 
-    def disagreements(self, recording: Recording, engine: str = "", *_: object) -> list[Disagreement]:
+    def disagreements(self, recording: Recording, engine: str = "", *_: object) -> list[RecordingMismatch]:
         self.recordings.setdefault(engine, recording)
         return []
 
@@ -182,13 +182,13 @@ def public(tally: Tally, seed: int, engines: list[str]) -> None:
         if name not in engines:
             continue
         engine, kept = load_engine(shipped(f"{name}.yaml")), Kept()
-        source = Source((str(data / file),), str(shipped(f"recorders/{recorder}.yaml")))
-        for _ in Intake(source, columns_of(engine, past=True), fleet=True, agreement=kept).chunks():  # type: ignore[arg-type]
+        source = RecordingSource((str(data / file),), str(shipped(f"recorders/{recorder}.yaml")))
+        for _ in RecordingLoader(source, required_columns(engine, past=True), fleet=True, agreement=kept).chunks():  # type: ignore[arg-type]
             pass
-        agreement = agreement_with_engine(engine)
+        agreement = check_against_engine(engine)
         assert agreement is not None
         for read in kept.recordings.values():
-            tally.add_sound(agreement.disagreements(read))
+            tally.add_sound(agreement.find_mismatches(read))
         if not spoilt:
             continue
         known = {*engine.inputs, *engine.optional_inputs, *engine.sensors}
@@ -199,7 +199,7 @@ def public(tally: Tally, seed: int, engines: list[str]) -> None:
             wrong = mistaken(columns, engine, kind, rng)
             if wrong is not None:
                 visible = effect(agreement, columns, wrong.columns) >= VISIBLE * NEAR_GENERIC
-                tally.add(file, wrong, visible, agreement.disagreements(Recording(wrong.columns, source=file)))
+                tally.add(file, wrong, visible, agreement.find_mismatches(Recording(wrong.columns, source=file)))
         print(f"{file}: {tally.good} of {tally.made.total()} right", flush=True)
 
 
@@ -209,21 +209,23 @@ def simulated(tally: Tally, seed: int, engines: list[str], repeats: int, identif
         for name in engines:
             engine = load_engine(shipped(f"{name}.yaml"))
             noise = np.array([s.noise_sigma or 0.0 for s in engine.sensors.values()])
-            nominal = yardstick_of_nominal(engine, {}, tuple(engine.sensors), noise)
-            agreement = Agreement(nominal if identified else yardstick_of_engine(engine), engine)
+            nominal = nominal_reference(engine, {}, tuple(engine.sensors), noise)
+            agreement = AgreementCheck(nominal if identified else engine_reference(engine), engine)
             least = VISIBLE * (NEAR if identified else NEAR_GENERIC)
             for repeat in range(repeats):
                 rng = np.random.default_rng([seed, repeat, len(name)])
                 inputs = flown(name, ENGINES[name], engine, seed + 100 * repeat, Path(folder))
                 healthy = [recording(engine, inputs, rng, identified=identified)]
                 for columns in healthy + (list(faulty(engine, inputs, rng)) if identified else []):
-                    tally.add_sound(agreement.disagreements(Recording(columns, source=name)))
+                    tally.add_sound(agreement.find_mismatches(Recording(columns, source=name)))
                 for kind in KINDS:
                     columns = recording(engine, inputs, rng, identified=identified)
                     wrong = mistaken(columns, engine, kind, rng)
                     if wrong is not None:
                         visible = effect(agreement, columns, wrong.columns) >= least
-                        tally.add(name, wrong, visible, agreement.disagreements(Recording(wrong.columns, source=name)))
+                        tally.add(
+                            name, wrong, visible, agreement.find_mismatches(Recording(wrong.columns, source=name))
+                        )
                 print(f"{name}, recording {repeat + 1}: {tally.good} of {tally.made.total()} right", flush=True)
 
 

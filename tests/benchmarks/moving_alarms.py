@@ -31,7 +31,7 @@ from enginediag_cli.engine.tape import MOMENT
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.recordings.write import CsvWriter, output
+from enginediag_cli.recordings.write import CsvWriter, open_output
 from enginediag_cli.validation.trial_flights import draw_moving_flights
 
 Terms = Sequence[tuple[str, str, Mapping[str, float]]]
@@ -108,7 +108,7 @@ def written(
     folder.mkdir()
     files = [folder / f"flight_{k + 1}.csv" for k in range(len(flights))]
     for file, flight in zip(files, flights, strict=True):
-        with output(file) as stream:
+        with open_output(file) as stream:
             CsvWriter(stream).write(Recording(recorded(truth, flight, health, rng)))
     return files
 

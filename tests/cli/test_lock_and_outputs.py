@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from enginediag_cli.file_lock import lock_file
-from enginediag_cli.recordings.write import LEFT_BEHIND_S, output
+from enginediag_cli.recordings.write import LEFT_BEHIND_S, open_output
 
 ROOT = Path(__file__).parents[2]
 BARE = {"PATH": os.environ["PATH"], "LANG": "C", "PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"}
@@ -106,12 +106,12 @@ def test_what_a_killed_run_left_is_cleared_away_and_what_another_has_at_work_is_
         path.write_text("half")
     for path in (left, other):
         os.utime(path, (old, old))
-    with output("out.csv") as stream:
+    with open_output("out.csv") as stream:
         stream.write("first\n")
         stream.flush()
         at_work = next(p for p in folder.glob(".out.csv.*.part") if p not in (left, fresh))
         os.utime(at_work, (old, old))
-        with output("out.csv") as second:
+        with open_output("out.csv") as second:
             second.write("second\n")
         assert at_work.exists()
     assert Path("out.csv").read_text() == "first\n"

@@ -12,7 +12,7 @@ from known_engine import climb, recorded, write_known
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.read import read_all
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.recordings.write import recording_output, write_csv
+from enginediag_cli.recordings.write import open_recording_output, write_csv
 from enginediag_cli.shipped import shipped
 
 N = 120
@@ -51,7 +51,7 @@ def folder(tmp_path_factory):
     (folder / "csv").mkdir()
     (folder / "parquet").mkdir()
     write_csv(folder / "csv" / "rec", [recording], ["seed: 7001"], digits=17)
-    with recording_output(folder / "rec.parquet", ["seed: 7001"]) as writer:
+    with open_recording_output(folder / "rec.parquet", ["seed: 7001"]) as writer:
         writer.write(recording)
     (folder / "rec.parquet").rename(folder / "parquet" / "rec")
     write_known(engine, path, inputs, folder / "nominal.yaml")

@@ -17,7 +17,7 @@ from enginediag_cli.errors import ConfigError
 from enginediag_cli.identification.nominal_file import format_nominal, read_nominal, write_nominal
 from enginediag_cli.intake.selection import open_baseline
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.recordings.provenance import sha256_of
+from enginediag_cli.recordings.provenance import file_sha256
 
 MAP = "turbine_map.csv"
 
@@ -61,7 +61,7 @@ def test_what_identify_writes_holds_the_engine_file_byte_for_byte(here, run):
     assert ended.exit_code == 0, ended.stderr
     nominal = read_nominal("made.yaml")
     assert nominal.description.text.encode() == Path("engine.yaml").read_bytes()
-    assert nominal.description.sha256 == nominal.engine_sha256 == sha256_of("engine.yaml")
+    assert nominal.description.sha256 == nominal.engine_sha256 == file_sha256("engine.yaml")
 
 
 @pytest.mark.parametrize("words", [("detect",), ("isolate", "--nonlinear", "never"), ("residual",), ("trend",)])
@@ -84,13 +84,13 @@ def test_a_changed_engine_file_is_used_where_that_is_asked_for(here, run):
     with open("engine.yaml", "a", encoding="utf-8") as stream:
         stream.write("# a remark\n")
     baseline = open_baseline("nominal.yaml")
-    assert Path(baseline.left_aside).name == "engine.yaml" and not baseline.changed_engine
+    assert Path(baseline.unused_engine).name == "engine.yaml" and not baseline.changed_engine
     baseline = open_baseline("nominal.yaml", accept_changed_engine=True)
-    assert baseline.changed_engine == sha256_of("engine.yaml") and not baseline.left_aside
+    assert baseline.changed_engine == file_sha256("engine.yaml") and not baseline.unused_engine
 
 
 def test_an_engine_file_that_is_given_must_be_the_one_identified(here):
-    assert not open_baseline("nominal.yaml", "engine.yaml").left_aside
+    assert not open_baseline("nominal.yaml", "engine.yaml").unused_engine
     with open("engine.yaml", "a", encoding="utf-8") as stream:
         stream.write("# a remark\n")
     with pytest.raises(ConfigError, match="has changed since its nominal state was identified"):

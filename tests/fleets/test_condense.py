@@ -13,8 +13,8 @@ from enginediag_cli.fleets import store as module
 from enginediag_cli.fleets.run import RecordingParts, _StoredWindows, condense_all, engine_tasks
 from enginediag_cli.fleets.runners import SerialRunner
 from enginediag_cli.fleets.store import CondensedReader, CondenseTask, FleetStore, condense, whole_monitor
-from enginediag_cli.intake.loader import Intake
-from enginediag_cli.intake.selection import Source, columns_of
+from enginediag_cli.intake.loader import RecordingLoader
+from enginediag_cli.intake.selection import RecordingSource, required_columns
 from enginediag_cli.recordings.read import read_all
 from enginediag_cli.recordings.write import write_csv
 from enginediag_cli.residuals.files import JudgedFiles, Judging
@@ -38,7 +38,9 @@ def test_each_engine_has_its_flights_and_the_readings_that_trend_has_of_them(fle
     assert [task.serial for task in tasks] == ["1", "2", "3", "4"]
     task = tasks[1]
     monitor = whole_monitor(task.nominal, task.fingerprint)
-    intake = Intake(Source((str(fleet_file.parent / "engine_2.csv"),)), columns_of(monitor.engine, monitor.sensors))
+    intake = RecordingLoader(
+        RecordingSource((str(fleet_file.parent / "engine_2.csv"),)), required_columns(monitor.engine, monitor.sensors)
+    )
     files = JudgedFiles(intake, monitor, Judging(task_plan(fleet_file)), summed=True, series=True)
     by_trend, mine = series_of(files, law="none").readings(""), readings(task)
     assert mine.z.shape == by_trend.z.shape

@@ -25,8 +25,8 @@ from enginediag_cli.fleets.work_scope import (
     gains,
     solve_equal_power,
 )
-from enginediag_cli.intake.loader import Intake
-from enginediag_cli.intake.selection import Source, columns_of, open_baseline
+from enginediag_cli.intake.loader import RecordingLoader
+from enginediag_cli.intake.selection import RecordingSource, open_baseline, required_columns
 from enginediag_cli.isolation.posterior import SetInference, average_sizes, set_posterior
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.physics.engine_file import load_engine
@@ -142,7 +142,9 @@ def followed(engine, folder: Path, states, rng):
     write_csv(folder / "series.csv", [Recording(table, {"flight": labels.tolist()})])
     monitor = monitor_of(open_baseline(str(folder / "nominal.yaml")), sensors=True)
     files = JudgedFiles(
-        Intake(Source((str(folder / "series.csv"),)), columns_of(monitor.engine, monitor.sensors)),
+        RecordingLoader(
+            RecordingSource((str(folder / "series.csv"),)), required_columns(monitor.engine, monitor.sensors)
+        ),
         monitor,
         Judging(WindowPlan().of_series),
         summed=True,

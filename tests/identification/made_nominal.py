@@ -9,7 +9,7 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.identification.nominal import Estimate, Nominal, SensorNoise, learn_envelope
-from enginediag_cli.recordings.provenance import sha256_of
+from enginediag_cli.recordings.provenance import file_sha256
 
 ESTIMATED = {"compressor.efficiency": 0.004, "turbine.efficiency": 0.004, "nozzle.area": 0.003}
 """Parameter of the turbojet → standard error of its nominal value."""
@@ -38,7 +38,7 @@ def nominal_of(
     covariance = np.outer(sigma, sigma) * ((1 - correlation) * np.eye(len(sigma)) + correlation)
     return Nominal(
         engine_path=Path(path).name,
-        engine_sha256=sha256_of(path),
+        engine_sha256=file_sha256(path),
         inputs=engine.inputs,
         estimates=estimates,
         covariance=covariance,

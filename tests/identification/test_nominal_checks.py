@@ -23,7 +23,7 @@ from enginediag_cli.identification.nominal_file import (
     refuse_changed_engine,
     write_nominal,
 )
-from enginediag_cli.recordings.provenance import sha256_of
+from enginediag_cli.recordings.provenance import file_sha256
 
 
 @pytest.fixture(scope="module")
@@ -184,13 +184,13 @@ def test_a_value_beyond_the_bounds_of_the_engine_is_refused(nominal, engine, tmp
 def test_a_changed_engine_file_is_refused_unless_it_is_accepted(nominal, tmp_path):
     engine, path = tmp_path / "toy.yaml", tmp_path / "nominal.yaml"
     engine.write_text("kind: engine\n", encoding="utf-8")
-    same = replace(nominal, engine_sha256=sha256_of(engine))
+    same = replace(nominal, engine_sha256=file_sha256(engine))
     write_nominal(same, path)
     assert refuse_changed_engine(same, engine, nominal_path=path) == ""
     engine.write_text("kind: engine\nname: other\n", encoding="utf-8")
     with pytest.raises(ConfigError, match=r"nominal\.yaml:\d+:\d+.*has changed.*--accept-changed-engine"):
         refuse_changed_engine(same, engine, nominal_path=path)
-    assert refuse_changed_engine(same, engine, accept=True) == sha256_of(engine)
+    assert refuse_changed_engine(same, engine, accept=True) == file_sha256(engine)
 
 
 def test_the_other_engine_of_the_aircraft_is_told_from_the_one_identified(nominal):

@@ -17,7 +17,7 @@ from enginediag_cli.identification.nominal_file import (
     write_nominal,
 )
 from enginediag_cli.identification.problem import IdentificationSettings
-from enginediag_cli.recordings.provenance import sha256_of
+from enginediag_cli.recordings.provenance import file_sha256
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +102,7 @@ def test_a_changed_engine_file_is_noticed(nominal, tmp_path):
     engine.parent.mkdir()
     engine.write_text("kind: engine\n", encoding="utf-8")
     path = tmp_path / "nominal.yaml"
-    now = replace(nominal, engine_sha256=sha256_of(engine))
+    now = replace(nominal, engine_sha256=file_sha256(engine))
     assert engine_file(now, path) == engine
     refuse_changed_engine(now, engine)
     engine.write_text("kind: engine\nname: other\n", encoding="utf-8")

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.intake.comparison import yardstick_of_engine
+from enginediag_cli.intake.comparison import engine_reference
 from enginediag_cli.recordings.derived import SEA_LEVEL_PA, SOUND_AT_SEA_LEVEL_M_S, isa_pressure, isa_temperature
 from enginediag_cli.units import known_unit, split_column
 
@@ -33,7 +33,7 @@ class Made:
 def recording(engine: Engine, inputs: Columns, rng: np.random.Generator, *, identified: bool = False) -> Columns:
     """Inputs and noisy readings of an engine of the kind, or of the engine of the file where it is `identified`."""
     values: dict[str, float] = {}
-    yardstick = yardstick_of_engine(engine)
+    yardstick = engine_reference(engine)
     for name, spread in zip(yardstick.names, yardstick.spread, strict=True):
         parameter = engine.parameters.get(name)
         if identified or parameter is None or parameter.of_instrument:

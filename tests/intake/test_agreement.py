@@ -8,8 +8,8 @@ from made_mistakes import KINDS, mistaken, recording
 
 from enginediag_cli.__main__ import main
 from enginediag_cli.engine.overview import design_table, heating_value_doubts, heating_values
-from enginediag_cli.intake.agreement import Agreement, agreement_with_engine
-from enginediag_cli.intake.comparison import yardstick_of_nominal
+from enginediag_cli.intake.agreement import AgreementCheck, check_against_engine
+from enginediag_cli.intake.comparison import nominal_reference
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv
@@ -37,7 +37,7 @@ def inputs(turbofan):
 @pytest.fixture(scope="module")
 def identified(turbofan):
     noise = np.array([s.noise_sigma for s in turbofan.sensors.values()])
-    return Agreement(yardstick_of_nominal(turbofan, {}, tuple(turbofan.sensors), noise), turbofan)
+    return AgreementCheck(nominal_reference(turbofan, {}, tuple(turbofan.sensors), noise), turbofan)
 
 
 def test_a_constant_input_is_not_taken_for_a_sensor_that_is_in_the_wrong_unit():
@@ -46,7 +46,7 @@ def test_a_constant_input_is_not_taken_for_a_sensor_that_is_in_the_wrong_unit():
     middle = {c: np.full(40, sum(plant.envelope[c]) / 2) for c in plant.inputs if c in plant.envelope}
     moved = {c: v * rng.uniform(0.98, 1.02, 40) for c, v in middle.items() if c != "dP_inlet_Pa"}
     columns = recording(plant, {"dP_inlet_Pa": np.full(40, 450.0), **moved}, rng)
-    (found,) = agreement_with_engine(plant).disagreements(
+    (found,) = check_against_engine(plant).find_mismatches(
         Recording({**columns, "P3_Pa": columns["P3_Pa"] / 6894.757}, source="x.csv")
     )
     assert "P3_Pa is in psi" in str(found)
@@ -59,7 +59,7 @@ QUICK = ("swapped",)
 def test_a_single_mistake_is_named(kind, turbofan, inputs, identified):
     rng = np.random.default_rng(5)
     wrong = mistaken(recording(turbofan, inputs, rng, identified=True), turbofan, kind, rng)
-    (found,) = identified.disagreements(Recording(wrong.columns, source="flight.csv"))
+    (found,) = identified.find_mismatches(Recording(wrong.columns, source="flight.csv"))
     assert found.trial is not None, str(found)
     assert any(word in found.trial.mistake.words for word in wrong.words), str(found)
     assert wrong.column in ("", found.trial.mistake.column)
@@ -67,10 +67,12 @@ def test_a_single_mistake_is_named(kind, turbofan, inputs, identified):
 
 def test_a_sound_recording_of_another_engine_of_the_kind_passes_and_one_in_fahrenheit_does_not(turbofan, inputs):
     rng = np.random.default_rng(6)
-    agreement = agreement_with_engine(turbofan)
+    agreement = check_against_engine(turbofan)
     columns = recording(turbofan, inputs, rng)
-    assert agreement.disagreements(Recording(columns, source="x.csv")) == []
-    (found,) = agreement.disagreements(Recording({**columns, "T45_K": columns["T45_K"] * 1.8 - 459.67}, source="x.csv"))
+    assert agreement.find_mismatches(Recording(columns, source="x.csv")) == []
+    (found,) = agreement.find_mismatches(
+        Recording({**columns, "T45_K": columns["T45_K"] * 1.8 - 459.67}, source="x.csv")
+    )
     assert "T45_K is in degF" in str(found)
 
 
@@ -81,37 +83,37 @@ def test_a_sound_recording_of_another_engine_of_the_kind_passes_and_one_in_fahre
 def test_a_damaged_engine_is_not_refused(values, turbofan, inputs, identified):
     answer = turbofan.predict(inputs, values)
     columns = {**inputs, **{c: answer.y[:, j] for j, c in enumerate(turbofan.sensors)}}
-    assert identified.disagreements(Recording(columns, source="x.csv")) == []
+    assert identified.find_mismatches(Recording(columns, source="x.csv")) == []
 
 
 @pytest.mark.parametrize(("sensor", "change"), [("T3_K", 10.0), ("P3_Pa", 4e4)])
 def test_a_wrong_instrument_is_not_refused(sensor, change, turbofan, inputs, identified):
     columns = recording(turbofan, inputs, np.random.default_rng(8), identified=True)
-    assert identified.disagreements(Recording({**columns, sensor: columns[sensor] + change}, source="x.csv")) == []
+    assert identified.find_mismatches(Recording({**columns, sensor: columns[sensor] + change}, source="x.csv")) == []
 
 
 def test_fillers_in_two_of_a_hundred_cells_are_no_mistake(turbofan, inputs, identified):
     rng = np.random.default_rng(9)
     columns = recording(turbofan, inputs, rng, identified=True)
     spoilt = {c: np.where(rng.uniform(size=60) < 0.02, 999.0, v) for c, v in columns.items()}
-    assert identified.disagreements(Recording(spoilt, source="x.csv")) == []
+    assert identified.find_mismatches(Recording(spoilt, source="x.csv")) == []
 
 
 @pytest.mark.parametrize("known", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_the_flights_since_which_a_unit_has_changed_are_named(known, turbofan, inputs, identified):
-    agreement = identified if known else agreement_with_engine(turbofan)
+    agreement = identified if known else check_against_engine(turbofan)
     columns = recording(turbofan, inputs, np.random.default_rng(10), identified=True)
     flight = np.repeat(np.arange(1, 7), 10)
     columns["Wf_kg_s"] = np.where(flight >= 4, columns["Wf_kg_s"] / 0.45359237, columns["Wf_kg_s"])
     table = Recording(columns, {"flight": [str(f) for f in flight]}, line=np.arange(2, 62), source="x.csv")
-    (found,) = agreement.disagreements(table)
+    (found,) = agreement.find_mismatches(table)
     assert found.flights == ("4", "5", "6") and "lb_" in str(found)
 
 
 @pytest.mark.slow
 def test_another_shipped_engine_is_named(turbofan, inputs):
     columns = recording(turbofan, inputs, np.random.default_rng(12), identified=True)
-    (found,) = agreement_with_engine(load_engine(shipped("turbojet.yaml"))).disagreements(Recording(columns))
+    (found,) = check_against_engine(load_engine(shipped("turbojet.yaml"))).find_mismatches(Recording(columns))
     assert "this is the engine turbofan (turbofan.yaml)" in str(found)
 
 
@@ -170,12 +172,12 @@ def test_a_gearbox_behind_its_turbine_is_called_so(tmp_path, capsys):
 
 
 def test_short_recordings_are_predicted_together_as_each_by_itself(turbofan):
-    yardstick = yardstick_of_nominal(turbofan, {}, tuple(turbofan.sensors), np.ones(len(turbofan.sensors)))
+    yardstick = nominal_reference(turbofan, {}, tuple(turbofan.sensors), np.ones(len(turbofan.sensors)))
     columns = {"altitude_m": [1e3, 9e3], "mach": [0.3, 0.8], "dT_isa_K": [5.0, 0.0], "Wf_kg_s": [1.6, 0.8]}
     one = {c: np.array(v) for c, v in columns.items()}
     other = {c: v[:1] for c, v in one.items()} | {"Wf_kg_s": np.array([1.2])}
-    for alone, together in zip((one, other), yardstick.answers([one, other]), strict=True):
-        expected = yardstick.answer(alone)
+    for alone, together in zip((one, other), yardstick.predict_several([one, other]), strict=True):
+        expected = yardstick.predict(alone)
         np.testing.assert_allclose(together.y, expected.y, rtol=1e-9)
         np.testing.assert_allclose(together.jacobian, expected.jacobian, rtol=1e-6, atol=1e-9)
         assert together.ok.tolist() == list(expected.ok)
@@ -214,5 +216,5 @@ def test_what_is_likelier_a_wrong_file_than_an_engine_is_no_healthy_one(turbofan
     columns = recording(turbofan, inputs, np.random.default_rng(18), identified=True)
     failed = {**columns, "P3_Pa": columns["P3_Pa"] * 0.01}
     swapped = {**columns, "T3_K": columns["T45_K"], "T45_K": columns["T3_K"]}
-    (one,), (two,) = (identified.disagreements(Recording(c, source="x"), search=False) for c in (failed, swapped))
-    assert one.wrong_file < 0.5 < 0.99 < two.wrong_file and two.doubtful and two.concerns("x", "3", "left")
+    (one,), (two,) = (identified.find_mismatches(Recording(c, source="x"), search=False) for c in (failed, swapped))
+    assert one.wrong_file < 0.5 < 0.99 < two.wrong_file and two.is_likely_wrong and two.concerns("x", "3", "left")

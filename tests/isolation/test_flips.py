@@ -10,8 +10,8 @@ import pytest
 from known_engine import climb, recorded, write_known
 from score_makers import linear_score, sensitivities
 
-from enginediag_cli.intake.loader import Intake
-from enginediag_cli.intake.selection import Source, columns_of, open_baseline
+from enginediag_cli.intake.loader import RecordingLoader
+from enginediag_cli.intake.selection import RecordingSource, open_baseline, required_columns
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions, component_posterior, median_model
 from enginediag_cli.isolation.posterior import (
     SetInference,
@@ -148,7 +148,9 @@ def answer(monitor, path: Path, wrong: dict[tuple[str, str], float], health: dic
         table[column] = table[column] * (1 + size) if form == "scale" else table[column] + size
     write_csv(path, [Recording(table)])
     kept = KeptRecords(monitor, short_windows=False)
-    files = JudgedFiles(Intake(Source((str(path),)), columns_of(monitor.engine, monitor.sensors)), monitor)
+    files = JudgedFiles(
+        RecordingLoader(RecordingSource((str(path),)), required_columns(monitor.engine, monitor.sensors)), monitor
+    )
     isolating = WindowIsolation(
         files,
         DiagnosisOptions(),

@@ -11,8 +11,8 @@ from known_engine import climb, nominal_of, recorded
 
 from enginediag_cli.identification.nominal import SensorNoise
 from enginediag_cli.identification.nominal_file import write_nominal
-from enginediag_cli.intake.loader import Intake
-from enginediag_cli.intake.selection import Source, columns_of, open_baseline
+from enginediag_cli.intake.loader import RecordingLoader
+from enginediag_cli.intake.selection import RecordingSource, open_baseline, required_columns
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions
 from enginediag_cli.isolation.windows import WindowIsolation
 from enginediag_cli.physics.engine_file import load_engine
@@ -44,7 +44,9 @@ def test_a_valve_that_passes_two_per_cent_is_no_compressor(monitor, valve: str, 
         table = recorded(engine, climb(engine, RECORDS), {valve: 0.02}, np.random.default_rng(seed))
         path = tmp_path / f"{seed}.csv"
         write_csv(path, [Recording(table)])
-        files = JudgedFiles(Intake(Source((str(path),)), columns_of(monitor.engine, monitor.sensors)), monitor)
+        files = JudgedFiles(
+            RecordingLoader(RecordingSource((str(path),)), required_columns(monitor.engine, monitor.sensors)), monitor
+        )
         kept = KeptRecords(monitor, short_windows=False)
         (found,) = WindowIsolation(files, DiagnosisOptions(), 0.01, kept_records=kept).windows()
         result = found.diagnosis.result

@@ -17,7 +17,7 @@ from enginediag_cli.identification.nominal import Nominal, SensorNoise, learn_en
 from enginediag_cli.identification.nominal_file import write_nominal
 from enginediag_cli.methods.registry import METHODS
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.recordings.provenance import sha256_of
+from enginediag_cli.recordings.provenance import file_sha256
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv
 
@@ -45,7 +45,7 @@ def files(tmp_path_factory):
             readings = {c: np.where(np.arange(N) < 60, v, np.nan) for c, v in readings.items()}
         write_csv(folder / f"{name}.csv", [Recording({**columns, "time_s": 10.0 * np.arange(N), **readings})])
     noise = tuple(SensorNoise(c, s, 0.0, N, float(N), 0) for c, s in sigma.items())
-    parts = (str(ENGINE), sha256_of(ENGINE), engine.inputs, (), np.zeros((0, 0)), noise, np.eye(len(sigma)))
+    parts = (str(ENGINE), file_sha256(ENGINE), engine.inputs, (), np.zeros((0, 0)), noise, np.eye(len(sigma)))
     nominal = Nominal(*parts, (), {}, (), (), (), (), learn_envelope(columns), {}, {})
     write_nominal(nominal, folder / "nominal.yaml")
     return folder

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine.tape import MOMENT
-from enginediag_cli.intake.selection import Source
+from enginediag_cli.intake.selection import RecordingSource
 from enginediag_cli.mismatch.explain.answer import IDENTIFIED, NO_DISCREPANCY, Coefficient, Explanation
 from enginediag_cli.mismatch.explain.plan import advise_flights_for_explanations
 from enginediag_cli.mismatch.explain.story import explain_mismatch
@@ -67,7 +67,7 @@ def recorded(folder, truth, seed):
 
 
 def explained(files):
-    evidence = load_case(RecordedCase(ENGINE, Source(files)), identified=True).evidence
+    evidence = load_case(RecordedCase(ENGINE, RecordingSource(files)), identified=True).evidence
     return explain_mismatch(evidence, advise=False)
 
 
@@ -99,7 +99,7 @@ def test_nothing_is_named_where_power_follows_its_set_point(tmp_path):
 def test_a_rate_limit_is_told_as_rates_and_refined_on_unseen_runs(tmp_path):
     files = recorded(tmp_path, {"load_rate_limit@generator": {"rise": 120.0, "fall": 80.0}}, seed=7)
     assert any(" W/s (" in line for line in sentences(explained(files)))
-    evidence = load_case(RecordedCase(ENGINE, Source(files))).evidence
+    evidence = load_case(RecordedCase(ENGINE, RecordingSource(files))).evidence
     found = refine(evidence, [2], [effect(engine(), "load_rate_limit", "generator")])
     assert found.effects[0].values["rise"] == pytest.approx(120.0, rel=0.1)
     assert found.effects[0].values["fall"] == pytest.approx(80.0, rel=0.1)
@@ -126,7 +126,9 @@ GATE = """steady:
 def test_what_a_gate_has_left_out_is_told_and_not_called_absorbed(tmp_path):
     files = recorded(tmp_path, {"load_control_delay@generator": {"delay": 8.0}}, seed=8)
     (tmp_path / "gated.yaml").write_text(RECORDER + GATE)
-    loaded = load_case(RecordedCase(ENGINE, Source(files, recorder=str(tmp_path / "gated.yaml"))), identified=True)
+    loaded = load_case(
+        RecordedCase(ENGINE, RecordingSource(files, recorder=str(tmp_path / "gated.yaml"))), identified=True
+    )
     story = explain_mismatch(loaded.evidence, advise=False, intake=loaded.intake)
     assert story.gated is not None and story.gated.of == 3 * RECORDS
     assert story.gated.records == 3 * RECORDS - loaded.evidence.records > 0
@@ -137,7 +139,7 @@ def test_what_a_gate_has_left_out_is_told_and_not_called_absorbed(tmp_path):
 
 def test_no_gate_is_told_where_there_is_none(tmp_path):
     files = recorded(tmp_path, {}, seed=6)
-    loaded = load_case(RecordedCase(ENGINE, Source(files)), identified=True)
+    loaded = load_case(RecordedCase(ENGINE, RecordingSource(files)), identified=True)
     assert explain_mismatch(loaded.evidence, advise=False, intake=loaded.intake).gated is None
 
 
@@ -148,7 +150,7 @@ def test_no_gate_is_told_where_there_is_none(tmp_path):
 def test_two_effects_on_one_thing_are_fitted_in_the_order_in_which_they_act(first, second, tmp_path):
     sizes = {"load_control_lag": {"time_constant": 15.0}, "load_rate_limit": {"rise": 250.0, "fall": 180.0}}
     truth = {f"{name}@generator": sizes[name] for name in (first, second)}
-    evidence = load_case(RecordedCase(ENGINE, Source(recorded(tmp_path, truth, seed=9)))).evidence
+    evidence = load_case(RecordedCase(ENGINE, RecordingSource(recorded(tmp_path, truth, seed=9)))).evidence
     evidence = replace(evidence, noise=Noise({"el_power_W": 50.0}))
     along = nuisance(evidence)
     base = identify_with(evidence, NULL_HYPOTHESIS, along)
@@ -177,7 +179,7 @@ def fitted(base, along, label):
 
 def test_a_step_of_another_size_tells_a_rate_limit_from_a_lag(tmp_path):
     files = recorded(tmp_path, {"load_control_lag@generator": {"time_constant": 20.0}}, seed=9)
-    evidence = load_case(RecordedCase(ENGINE, Source(files))).evidence
+    evidence = load_case(RecordedCase(ENGINE, RecordingSource(files))).evidence
     along = nuisance(evidence)
     base = identify_with(evidence, NULL_HYPOTHESIS, along)
     lag, limit = (fitted(base, along, f"{name}@generator") for name in ("load_control_lag", "load_rate_limit"))

@@ -10,7 +10,7 @@ import pytest
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.problem import TrainingRecording
-from enginediag_cli.intake.selection import Source
+from enginediag_cli.intake.selection import RecordingSource
 from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.mismatch.fit.load import SCALE_SIGMA, MismatchQuery, RecordedCase, build_dataset, load_case
 from enginediag_cli.physics.engine_file import load_engine
@@ -56,7 +56,7 @@ def flight(engine, **columns) -> Flight:
 
 
 def test_engines_and_flights_of_a_file_are_flights_of_their_engine(fleet):
-    evidence = load_case(RecordedCase(TURBOFAN, Source((fleet,)))).evidence
+    evidence = load_case(RecordedCase(TURBOFAN, RecordingSource((fleet,)))).evidence
     assert [(f.engine, f.label) for f in evidence.flights] == [
         ("A", "fleet.csv engine A flight 1"),
         ("A", "fleet.csv engine A flight 2"),
@@ -66,10 +66,10 @@ def test_engines_and_flights_of_a_file_are_flights_of_their_engine(fleet):
 
 
 def test_one_engine_can_be_chosen_and_one_that_is_not_there_is_refused(fleet):
-    evidence = load_case(RecordedCase(TURBOFAN, Source((fleet,), engine_instance="B"))).evidence
+    evidence = load_case(RecordedCase(TURBOFAN, RecordingSource((fleet,), engine_instance="B"))).evidence
     assert evidence.engines == ("B",)
     with pytest.raises(DataError, match=r"no record of engine 'C' \(A, B\)"):
-        load_case(RecordedCase(TURBOFAN, Source((fleet,), engine_instance="C")))
+        load_case(RecordedCase(TURBOFAN, RecordingSource((fleet,), engine_instance="C")))
 
 
 def test_several_files_are_flights_of_one_engine(tmp_path):
@@ -82,13 +82,13 @@ def test_several_files_are_flights_of_one_engine(tmp_path):
             encoding="utf-8",
         )
         paths.append(str(path))
-    evidence = load_case(RecordedCase(TURBOFAN, Source(tuple(paths)))).evidence
+    evidence = load_case(RecordedCase(TURBOFAN, RecordingSource(tuple(paths)))).evidence
     assert [f.label for f in evidence.flights] == ["a.csv", "b.csv"]
     assert evidence.engines == ("",)
 
 
 def test_default_nuisance_is_monitored_health_and_scale_errors_of_what_is_recorded(engine, fleet):
-    sigma = load_case(RecordedCase(TURBOFAN, Source((fleet,)))).evidence.settings.nuisance
+    sigma = load_case(RecordedCase(TURBOFAN, RecordingSource((fleet,)))).evidence.settings.nuisance
     assert set(sigma) == {*engine.monitored, "sensor.N1.scale", "sensor.T3.scale"}
     assert sigma["sensor.T3.scale"] == SCALE_SIGMA
     assert sigma["hpc.efficiency"] == engine.parameters["hpc.efficiency"].prior_sigma
@@ -186,19 +186,21 @@ def test_noise_as_stated_is_taken_at_its_word(engine):
 
 
 def test_further_drivers_must_be_recorded(fleet):
-    evidence = load_case(RecordedCase(TURBOFAN, Source((fleet,)), asked=MismatchQuery(drivers=("valve",)))).evidence
+    evidence = load_case(
+        RecordedCase(TURBOFAN, RecordingSource((fleet,)), asked=MismatchQuery(drivers=("valve",)))
+    ).evidence
     assert evidence.drivers == ("valve",)
     assert evidence.flights[0].columns["valve"].tolist() == [0.0, 1.0, 0.0]
     with pytest.raises(DataError, match=r"no recording has numbers in a column 'valvee' \(did you mean 'valve'"):
-        load_case(RecordedCase(TURBOFAN, Source((fleet,)), asked=MismatchQuery(drivers=("valvee",))))
+        load_case(RecordedCase(TURBOFAN, RecordingSource((fleet,)), asked=MismatchQuery(drivers=("valvee",))))
 
 
 def test_gross_errors_are_masked_and_told(tmp_path):
     path = tmp_path / "f.csv"
     path.write_text("\n".join([HEAD, *rows("A", "1"), *rows("A", "1", T3="-9999")]) + "\n", encoding="utf-8")
-    loaded = load_case(RecordedCase(TURBOFAN, Source((str(path),))))
+    loaded = load_case(RecordedCase(TURBOFAN, RecordingSource((str(path),))))
     assert np.isnan(loaded.evidence.flights[0].columns["T3_K"]).sum() == 3
-    (left,) = loaded.intake.left_out
+    (left,) = loaded.intake.excluded
     assert left.columns["T3_K"] == {"out of limits": 3} and left.readings["T3_K"] == 6
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from enginediag_cli.__main__ import main
-from enginediag_cli.intake.selection import Source
+from enginediag_cli.intake.selection import RecordingSource
 from enginediag_cli.mismatch.explain.answer import NO_DISCREPANCY
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search
@@ -26,7 +26,7 @@ def test_noise_of_a_speed_is_not_explained_by_metal_that_follows_the_speed_as_it
     engine, recorded = str(CONFIGS / "turbofan.yaml"), str(tmp_path / "recorded.csv")
     flown = ["simulate", engine, "--flight", str(tmp_path / "flights.yaml"), "--flights", "3", "--seed", "5", "-q"]
     assert main([*flown, "-o", recorded]) == 0
-    evidence = load_case(RecordedCase(engine, Source((recorded,))), identified=True).evidence
+    evidence = load_case(RecordedCase(engine, RecordingSource((recorded,))), identified=True).evidence
     search = Search(evidence, list(candidate_effects(evidence.engine)), hidden_search(evidence))
     assert search.run().status == NO_DISCREPANCY
     for column, sensor in evidence.engine.sensors.items():

@@ -12,7 +12,7 @@ import pytest
 from refine_flights import ENGINE, flights, write_csv
 
 from enginediag_cli.__main__ import main
-from enginediag_cli.intake.selection import Source
+from enginediag_cli.intake.selection import RecordingSource
 from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.mismatch.fit.load import MismatchQuery, RecordedCase, load_case
 from enginediag_cli.mismatch.fit.noise import LEAST_RHO
@@ -36,7 +36,7 @@ def folder(tmp_path_factory):
 
 
 def evidence(folder, nominal):
-    case = RecordedCase(str(folder / "engine.yaml"), Source((str(folder / "flown.csv"),)), nominal)
+    case = RecordedCase(str(folder / "engine.yaml"), RecordingSource((str(folder / "flown.csv"),)), nominal)
     return load_case(case).evidence
 
 
@@ -71,7 +71,7 @@ def test_explain_finds_the_bleed_that_switches_without_a_nominal_file(folder, ca
 
 
 def test_an_engine_file_without_identification_is_taken_at_its_word(folder):
-    given = load_case(RecordedCase(str(ENGINE), Source((str(folder / "flown.csv"),)))).evidence
+    given = load_case(RecordedCase(str(ENGINE), RecordingSource((str(folder / "flown.csv"),)))).evidence
     stated = load_engine(str(ENGINE))
     assert given.noise.sigma == {c: s.noise_sigma for c, s in stated.sensors.items()} and not given.noise.rho
     assert given.settings.prior_mean == {} and given.settings.noise == "specified"
@@ -79,7 +79,7 @@ def test_an_engine_file_without_identification_is_taken_at_its_word(folder):
 
 @pytest.mark.slow
 def test_a_known_design_keeps_its_priors_and_takes_noise_instruments_and_maps_from_the_flights(folder):
-    case = RecordedCase(str(ENGINE), Source((str(folder / "flown.csv"),)))
+    case = RecordedCase(str(ENGINE), RecordingSource((str(folder / "flown.csv"),)))
     found, stated = load_case(case, identified=True).evidence, load_case(case).evidence
     assert found.settings.prior_mean == {} and found.settings.nuisance == stated.settings.nuisance
     assert found.noise.estimated and found.settings.maps is not None and found.settings.instruments
@@ -88,7 +88,9 @@ def test_a_known_design_keeps_its_priors_and_takes_noise_instruments_and_maps_fr
 
 
 def test_who_vouches_for_the_noise_is_believed(folder):
-    case = RecordedCase(str(ENGINE), Source((str(folder / "flown.csv"),)), asked=MismatchQuery(noise="specified"))
+    case = RecordedCase(
+        str(ENGINE), RecordingSource((str(folder / "flown.csv"),)), asked=MismatchQuery(noise="specified")
+    )
     found, stated = load_case(case, identified=True).evidence, load_case(case).evidence
     assert (found.noise, found.settings, found.owed) == (stated.noise, stated.settings, None)
 

@@ -19,7 +19,7 @@ from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, IdentifiedHy
 from enginediag_cli.mismatch.fit.identified import nuisance as along_of
 from enginediag_cli.mismatch.unrecorded.finding import HiddenFinding, Switch
 from enginediag_cli.mismatch.unrecorded.switched import switched_effect, switched_trials
-from enginediag_cli.recordings.steady import SteadySettings, average, failures
+from enginediag_cli.recordings.steady import SteadySettings, average_windows, find_failures
 from enginediag_cli.recordings.table import Recording
 
 BLEED = ("customer_bleed", "hpc")
@@ -98,8 +98,8 @@ def one_flight(
         behind = lagged(power, rng.uniform(2.0, 15.0)) - power
         walk = lagged(rng.normal(0.0, 1.0, n), 40.0) * 4.0
         columns[c] = y[:, j] + sigma * (rng.normal(0.0, 1.0, n) + walk + rng.normal(0.0, 150.0) * behind)
-    failed = failures(Recording({"time_s": t, **columns}), STEADY)
-    kept, _ = average(Recording({"time_s": t, **columns, "valve": open_[:, 0]}), WINDOW_S, failed)
+    failed = find_failures(Recording({"time_s": t, **columns}), STEADY)
+    kept, _ = average_windows(Recording({"time_s": t, **columns, "valve": open_[:, 0]}), WINDOW_S, failed)
     return Flight(label, "", dict(kept.columns)), {"time_s": t, **columns}
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from ground_recordings import CONFIGS, enginediag, public_data
 
-from enginediag_cli.intake.selection import Source
+from enginediag_cli.intake.selection import RecordingSource
 from enginediag_cli.mismatch.explain.unrecorded_search import refit_noise_without_switches
 from enginediag_cli.mismatch.fit.evidence import Dataset, Flight
 from enginediag_cli.mismatch.fit.identified import (
@@ -110,7 +110,7 @@ def nominal(folder: Path, flights: Path, side: str) -> Path:
 
 
 def load(flights: Path, names: Sequence[str], side: str, nominal_path: Path) -> Dataset:
-    source = Source(tuple(str(flights / n) for n in names), str(RECORDER), side)
+    source = RecordingSource(tuple(str(flights / n) for n in names), str(RECORDER), side)
     return load_case(RecordedCase(str(ENGINE), source, str(nominal_path))).evidence
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from ground_recordings import CONFIGS, public_data
 
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.intake.selection import Source
+from enginediag_cli.intake.selection import RecordingSource
 from enginediag_cli.mismatch.explain.story import explain_mismatch, named_effects
 from enginediag_cli.mismatch.fit.evidence import Dataset
 from enginediag_cli.mismatch.fit.identified import nuisance
@@ -36,7 +36,7 @@ LAG = ("load_control_lag", "generator")
 
 def evidence_of(files: Sequence[str], tests: Sequence[str]) -> tuple[Dataset, list[int]]:
     """The runs as `refine` reads them, and the positions of those to judge by."""
-    source = Source((*files, *tests), recorder=str(RECORDER))
+    source = RecordingSource((*files, *tests), recorder=str(RECORDER))
     loaded = load_case(RecordedCase(str(ENGINE), source), lambda flights: [f for f in flights if f.file not in tests])
     unseen = [k for k, f in enumerate(loaded.evidence.flights) if f.file in tests]
     return judged_by_trained_noise(loaded.evidence, unseen), unseen
@@ -45,7 +45,7 @@ def evidence_of(files: Sequence[str], tests: Sequence[str]) -> tuple[Dataset, li
 def named(files: Sequence[str]) -> tuple[tuple[Effect, ...], dict[str, list[float]]]:
     """What `explain` names from these runs, and 95 % intervals of its coefficients."""
     evidence = load_case(
-        RecordedCase(str(ENGINE), Source(tuple(files), recorder=str(RECORDER))), identified=True
+        RecordedCase(str(ENGINE), RecordingSource(tuple(files), recorder=str(RECORDER))), identified=True
     ).evidence
     story = explain_mismatch(evidence, advise=False)
     found = story.answer.explanations[:1]

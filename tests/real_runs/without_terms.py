@@ -20,7 +20,7 @@ from pathlib import Path
 from ground_recordings import CONFIGS, public_data
 
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.intake.selection import Source
+from enginediag_cli.intake.selection import RecordingSource
 from enginediag_cli.mismatch.explain.answer import Answer
 from enginediag_cli.mismatch.explain.story import explain_mismatch
 from enginediag_cli.mismatch.fit.load import RecordedCase, load_case
@@ -37,7 +37,7 @@ TOLD = 4
 
 def searched(engine: Path, files: list[Path], recorder: Path, without: tuple[str, ...]) -> Answer:
     """The answer of `explain` with a library that lacks these terms."""
-    case = RecordedCase(str(engine), Source(tuple(map(str, files)), recorder=str(recorder)))
+    case = RecordedCase(str(engine), RecordingSource(tuple(map(str, files)), recorder=str(recorder)))
     evidence = load_case(case, identified=True).evidence
     left: list[Effect] = [e for e in candidate_effects(evidence.engine) if e.term.NAME not in without]
     return explain_mismatch(evidence, left, advise=False).answer

@@ -10,11 +10,11 @@ from shared_recordings import REPOSITORY, shared_data
 from enginediag_cli.cli.main import enginediag
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.derived import isa_pressure, isa_temperature
-from enginediag_cli.recordings.draft import draft, draft_yaml
+from enginediag_cli.recordings.draft import draft_yaml, make_draft
 from enginediag_cli.recordings.engine_columns import EngineColumns
 from enginediag_cli.recordings.recorder_file import load_recorder
 from enginediag_cli.recordings.sniff import sniff
-from enginediag_cli.recordings.unit_inference import PRIORS, Column, axis_of, infer_units
+from enginediag_cli.recordings.unit_inference import PRIORS, UnitColumn, infer_units, unit_axis
 from enginediag_cli.units import find_unit
 
 N = 60
@@ -126,7 +126,7 @@ def test_the_recording_is_never_overwritten_by_its_draft(tmp_path):
 
 @pytest.mark.shared_data
 def test_the_citation_s_draft_names_what_the_shipped_recorder_maps():
-    found = draft(sniff(str(shared_data("c550_jt15d/flight_ref.csv"))))
+    found = make_draft(sniff(str(shared_data("c550_jt15d/flight_ref.csv"))))
     shipped = load_recorder(REPOSITORY / "configs" / "recorders" / "citation_jt15d.yaml")
     for channel in shipped.channels:
         guess = found.columns[channel.target]
@@ -152,7 +152,7 @@ def rows(head: str, *columns) -> bytes:
 def found_in(tmp_path, content: bytes, engine: EngineColumns | None = None):
     file = tmp_path / "f.csv"
     file.write_bytes(content)
-    return draft(sniff(str(file)), engine)
+    return make_draft(sniff(str(file)), engine)
 
 
 def test_two_probes_beside_one_speed_are_one_engine_and_their_consensus_is_a_question(tmp_path):
@@ -313,10 +313,10 @@ def test_units_that_are_inferred_with_certainty_are_right_as_often_as_that_says(
         units = {axis: rng.choice(list(prior)) for axis, prior in PRIORS.items()}
         columns, truth = [], []
         for target in rng.permutation([t for t in recorded if rng.random() < 0.8]):
-            unit = units.get(axis_of(target), "1")
+            unit = units.get(unit_axis(target), "1")
             known = find_unit(unit)
             columns.append(
-                Column(target, (recorded[target] - known.offset) / known.factor, unit if unit == "1" else "")
+                UnitColumn(target, (recorded[target] - known.offset) / known.factor, unit if unit == "1" else "")
             )
             truth.append(unit)
         for inferred, unit in zip(infer_units(columns), truth, strict=True):

@@ -6,8 +6,8 @@ import pytest
 from draft_headers import NOT_IN_UNITS, HeaderCase
 from draft_headers_public import FIFTH, FOURTH, FRESH, SECOND, SIXTH, THIRD, TUNED
 
-from enginediag_cli.recordings.draft import Draft, draft
-from enginediag_cli.recordings.quantities import meaning_of, read_name
+from enginediag_cli.recordings.draft import Draft, make_draft
+from enginediag_cli.recordings.quantities import interpret_name, parse_name
 from enginediag_cli.recordings.sniff import sniff
 
 REQUIRED = 0.90
@@ -18,7 +18,7 @@ def outcome(case: HeaderCase, tmp_path) -> tuple[list[str], list[str], list[str]
     """Columns that are right, wrong but left to the user, and silently wrong, each with what was found."""
     file = tmp_path / "f.csv"
     file.write_text(case.text, encoding="utf-8")
-    found = draft(sniff(str(file)))
+    found = make_draft(sniff(str(file)))
     made = meanings(found)
     right, open_, silent = [], [], []
     for e in case.expected:
@@ -80,4 +80,4 @@ NO_QUANTITY = """Cabin Alt|Selected Altitude|ALT_SEL|Radio Altitude|RALT|Fuel Te
 
 @pytest.mark.parametrize("name", [name.strip() for name in NO_QUANTITY.split("|")])
 def test_a_name_beside_a_quantity_s_is_not_taken_for_it(name):
-    assert meaning_of(read_name(name)) is None
+    assert interpret_name(parse_name(name)) is None

@@ -14,7 +14,7 @@ from shared_recordings import RECORDERS, shared_data
 from enginediag_cli.errors import ConfigError, DataError
 from enginediag_cli.recordings.read import read_all
 from enginediag_cli.recordings.recorder_file import load_recorder
-from enginediag_cli.recordings.table import Absent, absent_columns, concat
+from enginediag_cli.recordings.table import MissingColumn, concat, find_missing_columns
 
 LOGGER = """\
 Prüfstand 3;Messung vom 4. März
@@ -197,7 +197,7 @@ def test_a_pipe_is_read(tmp_path):
 
 
 def test_absent_columns_are_data_with_a_near_match_that_nobody_else_wants():
-    assert absent_columns(["T3_K", "P3_Pa", "N1_rpm"], ["T3_k", "N1_rpm", "x"]) == (
-        Absent("T3_K", "T3_k"),
-        Absent("P3_Pa", ""),
+    assert find_missing_columns(["T3_K", "P3_Pa", "N1_rpm"], ["T3_k", "N1_rpm", "x"]) == (
+        MissingColumn("T3_K", "T3_k"),
+        MissingColumn("P3_Pa", ""),
     )

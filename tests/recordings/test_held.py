@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from enginediag_cli.recordings.masking import Judged, LiveMasker, mask_recording
-from enginediag_cli.recordings.repeated import HeldWatch, held_for
+from enginediag_cli.recordings.masking import LiveMasker, MaskingRules, mask_recording
+from enginediag_cli.recordings.repeated import RepeatWatch, hold_length
 from enginediag_cli.recordings.table import Recording
 
 N = 600
@@ -21,12 +21,12 @@ def wander(rng, n):
 @pytest.mark.parametrize("k", [1, 2, 3, 4, 10, 20])
 def test_the_length_of_the_hold_is_found(k):
     x = np.repeat(wander(np.random.default_rng(k), N // k), k)
-    assert held_for(x, one_flight(len(x))) == k
+    assert hold_length(x, one_flight(len(x))) == k
 
 
 def test_a_rate_that_is_no_multiple_is_found():
     x = wander(np.random.default_rng(1), N)[np.arange(N) * 2 // 5]
-    assert held_for(x, one_flight()) in (2, 3)
+    assert hold_length(x, one_flight()) in (2, 3)
 
 
 @pytest.mark.parametrize("step", [0.3, 1.0, 3.0, 10.0])
@@ -34,14 +34,14 @@ def test_a_rate_that_is_no_multiple_is_found():
 def test_rounded_readings_are_not_held(step, slope):
     rng = np.random.default_rng(2)
     x = 500 + slope * np.arange(N) + rng.standard_normal(N)
-    assert held_for(np.round(x / step) * step, one_flight()) == 1
+    assert hold_length(np.round(x / step) * step, one_flight()) == 1
 
 
 def test_a_slow_climb_in_steps_and_a_fixed_value_are_not_held():
-    assert held_for(25.0 * (np.arange(N) // 3), one_flight()) == 1
-    assert held_for(np.full(N, 7.0), one_flight()) == 1
+    assert hold_length(25.0 * (np.arange(N) // 3), one_flight()) == 1
+    assert hold_length(np.full(N, 7.0), one_flight()) == 1
     lever = np.repeat([0.3, 0.9, 0.7, 0.75, 0.4], N // 5)
-    assert held_for(lever, one_flight()) == 1
+    assert hold_length(lever, one_flight()) == 1
 
 
 def recording(rng, k_rows=1, k_sensor=1, k_input=1, n=N):
@@ -57,7 +57,7 @@ def recording(rng, k_rows=1, k_sensor=1, k_input=1, n=N):
     return Recording(columns)
 
 
-JUDGED = Judged(("T3_K", "T45_K", "N2_rpm"), ("altitude_m", "Wf_kg_s"))
+JUDGED = MaskingRules(("T3_K", "T45_K", "N2_rpm"), ("altitude_m", "Wf_kg_s"))
 
 
 def readings(clean, column):
@@ -113,7 +113,7 @@ def test_a_live_channel_that_was_stuck_several_times_is_not_rounded(block):
     for first in (50, 150, 250, 350):
         x[first : first + 40] = x[first - 1]
         stuck[first : first + 40] = True
-    watch, masks = HeldWatch(), []
+    watch, masks = RepeatWatch(), []
     for i in range(0, 400, block):
         found = watch.add({"x": x[i : i + block], "other": other[i : i + block]}, np.arange(i, min(i + block, 400)))
         assert "other" not in found

@@ -9,7 +9,7 @@ import pytest
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings import clocks as joining
-from enginediag_cli.recordings.clocks import latest, nearest_records
+from enginediag_cli.recordings.clocks import last_values, nearest_records
 from enginediag_cli.recordings.recorder_file import load_recorder
 from enginediag_cli.recordings.table import concat
 
@@ -125,7 +125,7 @@ def test_the_last_reading_and_the_nearest_record_against_every_pair():
     draw = np.random.default_rng(5)
     times, at = np.sort(draw.uniform(0, 10, 40)), np.sort(draw.uniform(0, 10, 60))
     values = draw.normal(size=40)
-    for t, found in zip(at, latest(times, values, at, 0.3), strict=True):
+    for t, found in zip(at, last_values(times, values, at, 0.3), strict=True):
         before = np.flatnonzero(times <= t)
         young = before.size and t - times[before[-1]] <= 0.3
         np.testing.assert_equal(found, values[before[-1]] if young else np.nan)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.recordings.read import read
-from enginediag_cli.recordings.recorder import LiveRecorder
+from enginediag_cli.recordings.recorder import EngineMapper
 from enginediag_cli.recordings.recorder_file import load_recorder
 
 HEAD = """\
@@ -45,7 +45,7 @@ def recording(seed, n=400):
 
 
 def in_pieces(recorder, text, size):
-    live, pieces, last = LiveRecorder(recorder, "right"), [], None
+    live, pieces, last = EngineMapper(recorder, "right"), [], None
     for chunk in read(io.StringIO(text), required=recorder.source_columns, by_suffix=False, chunk_records=size):
         if last is not None:
             pieces.append(live.add(last))
@@ -72,6 +72,6 @@ def test_only_what_later_records_look_back_to_is_kept(tmp_path):
     path = tmp_path / "r.yaml"
     path.write_text(HEAD + SETTINGS["gate"], encoding="utf-8")
     live, _ = in_pieces(load_recorder(path), recording(2, n=2000), 20)
-    assert len(live._held) < 40
+    assert len(live._recent) < 40
     assert sum(live.counts.columns["T3_K"].values()) > 20
-    assert live.gate.report_line().startswith(f"kept {live.kept} of 2000 records (left out: ")
+    assert live.gate.report_line().startswith(f"kept {live.kept} of 2000 records (excluded: ")

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from shared_recordings import flight, shared_data
 
-from enginediag_cli.recordings.masking import Judged, LiveMasker, Masker, mask_chunks, mask_recording
+from enginediag_cli.recordings.masking import LiveMasker, MaskingRules, RecordMasker, mask_chunks, mask_recording
 from enginediag_cli.recordings.read import read_all
-from enginediag_cli.recordings.repeated import Repeats
+from enginediag_cli.recordings.repeated import DuplicateRows
 from enginediag_cli.recordings.table import Recording, concat
 
 SENSORS = ("N1_rpm", "T3_K", "P3_Pa", "ITT_K")
-JUDGED = Judged(SENSORS, ("Wf_kg_s",))
+JUDGED = MaskingRules(SENSORS, ("Wf_kg_s",))
 
 
 def recording(n: int = 7000, **columns) -> Recording:
@@ -44,7 +44,7 @@ def with_errors() -> Recording:
 @pytest.mark.parametrize("size", [97, 2000, 3000, 20_000])
 def test_rows_and_counts_do_not_depend_on_the_size_of_chunks(size):
     source = with_errors()
-    one, other = Masker(JUDGED), Masker(JUDGED)
+    one, other = RecordMasker(JUDGED), RecordMasker(JUDGED)
     whole = concat(list(mask_chunks([source], one)))
     parts = concat(list(mask_chunks(pieces(source, size), other)))
     assert same(whole, parts) and one.counts == other.counts
@@ -59,14 +59,14 @@ def test_a_file_of_up_to_three_thousand_records_is_judged_as_one():
     r = recording(3000)
     r["T3_K"][1985:2015] = r["T3_K"][1985]
     r["ITT_K"][2500] = 2000.0
-    masker = Masker(Judged(tuple(c for c in r.columns if c != "time_s")))
+    masker = RecordMasker(MaskingRules(tuple(c for c in r.columns if c != "time_s")))
     assert len(list(mask_chunks(pieces(r, 300), masker))) == 1
     report = masker.counts
     assert report.columns["T3_K"]["stuck"] == 30 and report.columns["ITT_K"]["outlier"] == 1
 
 
 def test_no_more_than_a_block_and_its_halo_waits():
-    masker, r = Masker(JUDGED), recording(20_000)
+    masker, r = RecordMasker(JUDGED), recording(20_000)
     for piece in pieces(r, 500):
         masker.add(piece)
         assert sum(map(len, masker._waiting)) <= 4000 + 500
@@ -95,7 +95,7 @@ def test_a_frozen_recorder_is_counted_by_the_record_and_its_readings_are_not_jud
     clean, report = mask_recording(r, JUDGED)
     assert report.frozen == 60 and report.total == 0
     assert all(np.isnan(clean[c]).all() for c in SENSORS) and np.isfinite(clean["Wf_kg_s"]).all()
-    assert "60 records in which every reading stands still, not used (frozen)" in report.report_lines()
+    assert "60 records in which every reading is constant, not used (frozen)" in report.report_lines()
 
 
 def test_nineteen_equal_records_are_not_frozen_nor_is_a_recorder_that_holds_each_of_them_for_sixteen():
@@ -137,7 +137,7 @@ def test_copies_are_found_across_the_segments_of_the_memory(monkeypatch):
 
     monkeypatch.setattr(repeated, "SEGMENT", 256)
     r = recording(1500)
-    whole, parts, twice = Repeats(), Repeats(), concat([r, r])
+    whole, parts, twice = DuplicateRows(), DuplicateRows(), concat([r, r])
     zeros = np.zeros(3000, dtype=np.int64)
     at_once = whole.add(twice, zeros)
     in_parts = np.concatenate([parts.add(p, zeros[: len(p)]) for p in pieces(twice, 70)])
@@ -162,5 +162,5 @@ def test_live_a_recorder_is_frozen_from_the_record_on_at_which_it_has_stood_stil
 )
 def test_steady_quantised_recordings_of_real_engines_are_neither_frozen_nor_repeated(file):
     r = read_all(shared_data(file))
-    _, report = mask_recording(r, Judged(tuple(c for c in r.columns if c != "time_s")))
+    _, report = mask_recording(r, MaskingRules(tuple(c for c in r.columns if c != "time_s")))
     assert (report.frozen, report.repeated) == (0, 0)

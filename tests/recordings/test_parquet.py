@@ -13,11 +13,11 @@ import pytest
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.provenance import header_lines
-from enginediag_cli.recordings.read import read, read_all, table_file
+from enginediag_cli.recordings.read import open_table, read, read_all
 from enginediag_cli.recordings.recorder_file import load_recorder
 from enginediag_cli.recordings.sniff import sniff
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.recordings.write import recording_output, write_csv
+from enginediag_cli.recordings.write import open_recording_output, write_csv
 
 
 def test_without_pyarrow_a_parquet_file_is_refused_with_what_to_install_and_csv_is_not(tmp_path, monkeypatch):
@@ -27,7 +27,7 @@ def test_without_pyarrow_a_parquet_file_is_refused_with_what_to_install_and_csv_
     told = r"needs pyarrow, which is not installed .*pip install 'enginediag\[parquet\]', or "
     with pytest.raises(DataError, match=rf"a.parquet: .*{told}convert the file to CSV"):
         read_all(there)
-    with pytest.raises(DataError, match=rf"b.parquet: .*{told}write a .csv"), recording_output(new) as writer:
+    with pytest.raises(DataError, match=rf"b.parquet: .*{told}write a .csv"), open_recording_output(new) as writer:
         writer.write(Recording({"T3_K": np.ones(1)}))
     assert not new.exists()
     write_csv(tmp_path / "c.csv", [Recording({"T3_K": np.ones(1)})])
@@ -63,7 +63,7 @@ NOTES = ("enginediag: 0", "seed: 7", "input:", "  seed: 6")
 
 def test_what_is_written_reads_back_to_the_last_bit_and_as_from_csv_with_all_digits(pa, tmp_path):
     whole = recording()
-    with recording_output(tmp_path / "a.parquet", NOTES) as writer:
+    with open_recording_output(tmp_path / "a.parquet", NOTES) as writer:
         writer.write(whole.select(slice(0, 700)))
         writer.write(whole.select(slice(700, None)))
     write_csv(tmp_path / "a.csv", [whole], NOTES, digits=17)
@@ -75,7 +75,7 @@ def test_what_is_written_reads_back_to_the_last_bit_and_as_from_csv_with_all_dig
         for column in theirs.columns:
             np.testing.assert_array_equal(ours[column], theirs[column])
     assert sorted(os.listdir(tmp_path)) == ["a.csv", "a.parquet"]
-    with table_file(tmp_path / "a.parquet") as ours, table_file(tmp_path / "a.csv") as theirs:
+    with open_table(tmp_path / "a.parquet") as ours, open_table(tmp_path / "a.csv") as theirs:
         assert ours.columns == theirs.columns
         assert [x for x in ours.lines if x[0] == "#"] == [f"# {n.strip()}\n" for n in NOTES]
 
@@ -84,14 +84,14 @@ def test_the_header_lines_are_metadata_of_the_file(pa, tmp_path):
     import pyarrow.parquet as pq
 
     head = header_lines("simulate", seed=7)
-    with recording_output(tmp_path / "a.parquet", head) as writer:
+    with open_recording_output(tmp_path / "a.parquet", head) as writer:
         writer.write(recording(3))
     assert pq.read_schema(tmp_path / "a.parquet").metadata[b"enginediag"].decode().splitlines() == list(head)
 
 
 def test_the_same_records_give_the_same_bytes(pa, tmp_path):
     for name in ("a.parquet", "b.parquet"):
-        with recording_output(tmp_path / name, NOTES) as writer:
+        with open_recording_output(tmp_path / name, NOTES) as writer:
             writer.write(recording())
     assert (tmp_path / "a.parquet").read_bytes() == (tmp_path / "b.parquet").read_bytes()
 
@@ -99,12 +99,15 @@ def test_the_same_records_give_the_same_bytes(pa, tmp_path):
 def test_an_error_leaves_the_old_file_and_no_other(pa, tmp_path):
     path = tmp_path / "a.parquet"
     path.write_text("old")
-    with pytest.raises(RuntimeError), recording_output(path) as writer:
+    with pytest.raises(RuntimeError), open_recording_output(path) as writer:
         writer.write(recording(5))
         raise RuntimeError
-    with pytest.raises(DataError, match="nothing to write"), recording_output(path):
+    with pytest.raises(DataError, match="nothing to write"), open_recording_output(path):
         pass
-    with pytest.raises(DataError, match="differ from those already written: T4_K"), recording_output(path) as writer:
+    with (
+        pytest.raises(DataError, match="differ from those already written: T4_K"),
+        open_recording_output(path) as writer,
+    ):
         writer.write(recording(5))
         writer.write(recording(5).with_columns({"T4_K": np.ones(5)}))
     assert path.read_text() == "old" and os.listdir(tmp_path) == ["a.parquet"]

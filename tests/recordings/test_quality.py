@@ -6,14 +6,20 @@ import numpy as np
 import pytest
 from shared_recordings import flight
 
-from enginediag_cli.recordings.masking import Judged, QualitySettings, mask_recording, physical_limits, spikes
-from enginediag_cli.recordings.repeated import stuck
+from enginediag_cli.recordings.masking import (
+    MaskingRules,
+    QualitySettings,
+    find_spikes,
+    mask_recording,
+    physical_limits,
+)
+from enginediag_cli.recordings.repeated import find_stuck
 from enginediag_cli.recordings.table import Recording
 
 
 def masked(columns, limits=None, settings=None):
     """The recording with unusable readings of sensors masked, and the counts."""
-    judged = Judged(tuple(columns), limits=limits or {}, settings=settings or QualitySettings(), frozen=False)
+    judged = MaskingRules(tuple(columns), limits=limits or {}, settings=settings or QualitySettings(), frozen=False)
     return mask_recording(Recording(columns), judged)
 
 
@@ -30,7 +36,7 @@ def test_spikes_far_from_both_sides_are_found_and_nothing_else():
     rng = np.random.default_rng(5)
     where = rng.choice(np.arange(20, 19_980, 20), 60, replace=False)
     columns["ITT_K"][where] += 400.0 * rng.choice([-1, 1], 60)
-    found = {name: spikes(x) for name, x in columns.items()}
+    found = {name: find_spikes(x) for name, x in columns.items()}
     beyond = np.abs(columns["ITT_K"] - np.median(columns["ITT_K"])) > 0.8 * np.ptp(flight()["ITT_K"])
     assert found["ITT_K"][where[beyond[where]]].mean() >= 0.95
     assert found["ITT_K"].sum() - found["ITT_K"][where].sum() <= 2
@@ -41,13 +47,13 @@ def test_what_lies_within_the_usual_range_is_left_to_the_model():
     columns = flight(seed=2)
     for name in columns:
         columns[name][300] = columns[name].mean()
-    assert not any(spikes(x)[300] for x in columns.values())
+    assert not any(find_spikes(x)[300] for x in columns.values())
 
 
 def test_a_valve_that_is_mostly_shut_has_no_outliers():
     valve = np.zeros(5000)
     valve[[100, 101, 1500, 3000]] = 1.0
-    assert not spikes(valve).any()
+    assert not find_spikes(valve).any()
 
 
 def test_a_quantised_sensor_in_steady_flight_is_not_stuck():
@@ -73,15 +79,15 @@ def test_a_coarse_sensor_is_stuck_when_the_others_say_that_it_should_have_moved(
     coarse = np.round(columns["T3_K"] / 10.0) * 10.0
     coarse[2000:4000] = coarse[2000]
     others = {name: values for name, values in columns.items() if name != "T3_K"}
-    mask = stuck(coarse, others)
+    mask = find_stuck(coarse, others)
     assert mask[2000:4000].all() and mask.sum() <= 2050
 
 
 def test_a_constant_column_and_an_indicator_at_its_stop_are_not_stuck():
     others = flight(seed=8)
-    assert not stuck(np.full(20_000, 3.0), others).any()
+    assert not find_stuck(np.full(20_000, 3.0), others).any()
     speed = np.maximum(others["N1_rpm"] - 9000.0, 0.0)
-    assert not stuck(speed, others).any()
+    assert not find_stuck(speed, others).any()
 
 
 def test_limits_missing_and_dropped_values_are_counted_by_reason():

@@ -123,5 +123,5 @@ def test_of_endless_blank_lines_no_more_are_held_than_are_refused(monkeypatch):
 
     monkeypatch.setattr(peeked, "MOST_BLANK_LINES", 10)
     lines = iter(["\n"] * 1000)
-    peeked.Peeked(lines, "blank.csv")
+    peeked.PeekedLines(lines, "blank.csv")
     assert len(list(lines)) >= 988

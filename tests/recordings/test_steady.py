@@ -3,7 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.recordings.steady import SteadySettings, Trailing, average, failures, first_reasons
+from enginediag_cli.recordings.steady import (
+    SteadySettings,
+    TrailingWindows,
+    average_windows,
+    count_first_reasons,
+    find_failures,
+)
 from enginediag_cli.recordings.table import Recording
 
 
@@ -19,7 +25,7 @@ def test_spread_and_slope_agree_with_a_loop_over_records_at_irregular_times():
     time[200:] += 60.0
     x = rng.normal(size=400)
     x[rng.random(400) < 0.1] = np.nan
-    window = Trailing(time, 10.0, gap_s=5.0)
+    window = TrailingWindows(time, 10.0, gap_s=5.0)
     spread, slope = window.spread(x), window.slope(x)
     for k in range(400):
         rows = [j for j in range(k + 1) if time[j] > time[k] - 10.0 and (j >= 200) == (k >= 200)]
@@ -31,7 +37,7 @@ def test_spread_and_slope_agree_with_a_loop_over_records_at_irregular_times():
 
 
 def steady(recording, settings):
-    return first_reasons(failures(recording, settings), np.ones(len(recording), dtype=bool))
+    return count_first_reasons(find_failures(recording, settings), np.ones(len(recording), dtype=bool))
 
 
 def test_a_step_takes_out_the_records_until_the_dwell_is_over():
@@ -63,7 +69,7 @@ def test_averages_are_the_means_of_whole_steady_windows():
     r = step_flight().with_columns({"T3_K": 700.0 + rng.normal(size=200)})
     r = Recording(r.columns, {"e": ["a"] * 200})
     settings = SteadySettings(window_s=10, spread={"N1_rpm": 100})
-    averages, report = average(r, 10.0, failures(r, settings))
+    averages, report = average_windows(r, 10.0, find_failures(r, settings))
     assert report.kept == 20 and report.total == 20
     np.testing.assert_allclose(averages["T3_K"], r["T3_K"].reshape(20, 10).mean(axis=1))
     assert averages["time_s"].tolist() == [10 * k + 4.5 for k in range(20)]
@@ -74,7 +80,7 @@ def test_a_window_across_a_step_or_with_too_few_records_is_left_out():
     r = step_flight()
     r = r.with_columns({"N1_rpm": np.where(r["time_s"] < 105, 9000.0, 12000.0)})
     r = r.select(np.r_[0:151, 158:200])
-    averages, report = average(r, 10.0, failures(r, SteadySettings(window_s=10, spread={"N1_rpm": 100})))
+    averages, report = average_windows(r, 10.0, find_failures(r, SteadySettings(window_s=10, spread={"N1_rpm": 100})))
     times = averages["time_s"].tolist()
     assert 104.5 not in times and len(times) == report.kept == 18
     assert report.reasons["incomplete window"] == 1 and report.reasons["spread of N1_rpm"] == 1
@@ -84,5 +90,5 @@ def test_missing_values_are_left_out_of_the_mean():
     r = step_flight()
     r.columns["T3_K"][:10] = [np.nan] * 5 + [1.0] * 5
     r.columns["T3_K"][10:20] = np.nan
-    averages, _ = average(r, 10.0, {})
+    averages, _ = average_windows(r, 10.0, {})
     assert averages["T3_K"][0] == 1.0 and np.isnan(averages["T3_K"][1])

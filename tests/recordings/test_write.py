@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.provenance import header_lines, sha256_of
+from enginediag_cli.recordings.provenance import file_sha256, header_lines
 from enginediag_cli.recordings.read import read_all
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.recordings.write import CsvWriter, output, write_csv
+from enginediag_cli.recordings.write import CsvWriter, open_output, write_csv
 
 
 def recording() -> Recording:
@@ -49,7 +49,7 @@ def test_a_chunk_with_other_columns_is_refused():
 def test_an_error_leaves_the_old_file_and_no_other(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text("old")
-    with pytest.raises(RuntimeError), output(path) as stream:
+    with pytest.raises(RuntimeError), open_output(path) as stream:
         stream.write("half")
         raise RuntimeError
     assert path.read_text() == "old" and os.listdir(tmp_path) == ["a.csv"]
@@ -63,13 +63,13 @@ def test_an_output_through_a_link_replaces_the_file_and_keeps_mode_and_link(tmp_
     real.write_text("old")
     real.chmod(0o640)
     link.symlink_to(real)
-    with output(link) as stream:
+    with open_output(link) as stream:
         stream.write("new")
     assert link.is_symlink() and real.read_text() == "new" and real.stat().st_mode & 0o777 == 0o640
 
 
 def test_a_device_is_written_to_and_not_replaced():
-    with output("/dev/null") as stream:
+    with open_output("/dev/null") as stream:
         stream.write("x")
     assert not os.path.isfile("/dev/null")
 
@@ -88,13 +88,16 @@ def test_provenance_names_the_configuration_by_hash(tmp_path):
     lines = header_lines("simulate", seed=7, configs=[config], notes={"flight": "climb\nx"}, inherited=["seed: 3"])
     assert str(tmp_path) not in "\n".join(lines) and all("\n" not in line for line in lines)
     assert {"seed: 7", "command: simulate", "flight: climb x"} <= set(lines)
-    assert f"config: engine.yaml sha256:{sha256_of(config)[:16]}" in lines
+    assert f"config: engine.yaml sha256:{file_sha256(config)[:16]}" in lines
 
 
 def test_a_name_of_an_open_file_is_written_to_as_the_shell_opened_it(tmp_path):
     kept = tmp_path / "kept.txt"
     kept.write_text("kept\n", encoding="utf-8")
-    write = "from enginediag_cli.recordings.write import output\nwith output('/dev/stdout') as s: s.write('added\\n')"
+    write = (
+        "from enginediag_cli.recordings.write import open_output\n"
+        "with open_output('/dev/stdout') as s: s.write('added\\n')"
+    )
     with open(kept, "a", encoding="utf-8") as stream:
         subprocess.run([sys.executable, "-c", write], stdout=stream, check=True)
     assert kept.read_text(encoding="utf-8") == "kept\nadded\n"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from white_statistics import white_noise
 
-from enginediag_cli.recordings.repeated import StuckRun, joined_runs, stuck_runs
+from enginediag_cli.recordings.repeated import StuckRun, append_runs, list_stuck_runs
 from enginediag_cli.residuals.instruments import (
     NoiseModel,
     Scatter,
@@ -179,13 +179,13 @@ def test_an_input_is_stuck_where_the_readings_move_as_its_error_would_make_them(
 def test_runs_are_the_same_in_one_piece_and_in_blocks():
     x = np.array([1.0, 5, 5, 5, 5, 2, 7, np.nan, 7, 7, 3, 7, 7])
     mask, line = np.array([0, 1, 1, 1, 1, 0, 1, 0, 1, 1, 0, 1, 1], bool), np.arange(10, 23)
-    whole = list(stuck_runs("T", x, line, mask))
+    whole = list(list_stuck_runs("T", x, line, mask))
     again = StuckRun("T", 7.0, 21, 22, 2)  # the same value, but it has moved between
     assert whole == [StuckRun("T", 5.0, 11, 14, 4), StuckRun("T", 7.0, 16, 19, 3), again]
     for cut in range(1, 13):
         known: list[StuckRun] = []
         for part in (slice(0, cut), slice(cut, None)):
-            joined_runs(known, stuck_runs("T", x[part], line[part], mask[part]))
+            append_runs(known, list_stuck_runs("T", x[part], line[part], mask[part]))
         assert known == whole
 
 

@@ -10,7 +10,7 @@ import pytest
 from toy_engine import toy_monitor, toy_recording
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.source import Peeked
+from enginediag_cli.recordings.source import PeekedLines
 from enginediag_cli.report.output import write_csv
 from enginediag_cli.residuals.flat import (
     CHECKSUM,
@@ -181,9 +181,9 @@ def test_options_that_statistics_would_ignore_are_named_as_they_are_written():
 
 def test_the_head_of_a_file_tells_statistics_from_a_recording_and_nothing_of_it_is_lost():
     text = text_of(windows())
-    peeked = Peeked(io.StringIO(text), "f")
+    peeked = PeekedLines(io.StringIO(text), "f")
     assert is_flat(peeked.columns) and peeked.provenance == ["enginediag: x"] and "".join(peeked) == text
-    assert not is_flat(Peeked(io.StringIO("altitude_m,mach\n1,2\n"), "f").columns)
+    assert not is_flat(PeekedLines(io.StringIO("altitude_m,mach\n1,2\n"), "f").columns)
 
 
 def test_a_flat_row_carries_how_many_sensors_were_judged():

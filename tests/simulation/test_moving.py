@@ -12,7 +12,7 @@ from enginediag_cli.__main__ import main
 from enginediag_cli.errors import DataError
 from enginediag_cli.faults.catalogue import FaultSet
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.simulation.flights import Conditions, generate_flights
+from enginediag_cli.simulation.flights import FlightConditions, generate_flights
 from enginediag_cli.simulation.simulate import simulate
 
 
@@ -82,8 +82,8 @@ def test_a_time_that_stands_still_is_told_with_the_way_out(engine):
     columns["Wf_kg_s"] = np.full(n, 0.2)
     none = FaultSet((), ())
     with pytest.raises(DataError, match=r"behind its record 2.*--steady"):
-        simulate(engine, Conditions(columns), none, {}, np.random.default_rng(0))
-    drawn = simulate(engine, Conditions(columns, series=False), none, {}, np.random.default_rng(0))
+        simulate(engine, FlightConditions(columns), none, {}, np.random.default_rng(0))
+    drawn = simulate(engine, FlightConditions(columns, series=False), none, {}, np.random.default_rng(0))
     assert np.ptp(drawn.columns["N1_rpm"]) < 1e-6
 
 

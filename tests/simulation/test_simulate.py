@@ -6,7 +6,7 @@ from simulation_toy import CONFIGS, SENSORS, ToyEngine
 
 from enginediag_cli.errors import ConfigError, DataError
 from enginediag_cli.faults.catalogue import STEP, ComponentFault, FaultSet, SensorFault, load_faults
-from enginediag_cli.simulation.flights import Conditions, generate_flights
+from enginediag_cli.simulation.flights import FlightConditions, generate_flights
 from enginediag_cli.simulation.noise import KINDS, column_noise
 from enginediag_cli.simulation.simulate import simulate, simulate_in_chunks
 
@@ -72,7 +72,7 @@ def test_points_that_do_not_converge_keep_their_row_with_a_reason(engine):
         "dT_isa_K": np.zeros(n),
         "Wf_kg_s": np.full(n, 0.8),
     }
-    record = run(engine, Conditions(columns))
+    record = run(engine, FlightConditions(columns))
     failed = columns["altitude_m"] > 13000.0
     assert failed.any() and len(record) == n
     np.testing.assert_array_equal(record.columns["status"], np.where(failed, "not-converged", "ok"))
@@ -94,14 +94,14 @@ def test_a_wrong_fuel_flow_meter_changes_the_record_and_not_the_engine(engine, c
 
 
 def test_columns_that_the_engine_does_not_know_are_carried_through(engine, conditions):
-    carried = Conditions({**conditions.columns, "tail": np.full(len(conditions), "PH-XYZ")})
+    carried = FlightConditions({**conditions.columns, "tail": np.full(len(conditions), "PH-XYZ")})
     assert set(run(engine, carried).columns["tail"]) == {"PH-XYZ"}
 
 
 def test_a_missing_input_is_named_with_the_near_column(engine, conditions):
     columns = {("Mach" if c == "mach" else c): v for c, v in conditions.columns.items()}
     with pytest.raises(DataError, match=r"'mach'.*did you mean 'Mach'"):
-        run(engine, Conditions(columns))
+        run(engine, FlightConditions(columns))
 
 
 def test_what_is_wrong_with_the_faults_is_said_before_the_first_record(engine, conditions):

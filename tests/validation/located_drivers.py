@@ -16,7 +16,7 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from enginediag_cli.intake.selection import Source
+from enginediag_cli.intake.selection import RecordingSource
 from enginediag_cli.mismatch.fit.evidence import Noise
 from enginediag_cli.mismatch.fit.load import MismatchQuery, RecordedCase, load_case
 from enginediag_cli.mismatch.locate.locate import Located, locate
@@ -43,7 +43,7 @@ def mapped(concealed: ConcealedTruth, recorded: TrialFlights, seed: int) -> Loca
     with tempfile.TemporaryDirectory() as folder:
         path, files = write_trial_files(Path(folder), load_engine(ENGINE), recorded, concealed.training)
         asked = MismatchQuery(kinds.MODEL_ERROR[concealed.truth], drivers=hour_columns(), noise="specified", seed=seed)
-        evidence = load_case(RecordedCase(str(path), Source(tuple(map(str, files))), asked=asked)).evidence
+        evidence = load_case(RecordedCase(str(path), RecordingSource(tuple(map(str, files))), asked=asked)).evidence
     known = Noise(
         evidence.noise.sigma, {}, dict(concealed.noise.inputs or {}), dict(concealed.noise.input_shares or {})
     )

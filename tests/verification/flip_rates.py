@@ -29,8 +29,8 @@ import numpy as np
 
 from enginediag_cli.__main__ import main
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.intake.loader import Intake
-from enginediag_cli.intake.selection import Source, columns_of, open_baseline
+from enginediag_cli.intake.loader import RecordingLoader
+from enginediag_cli.intake.selection import RecordingSource, open_baseline, required_columns
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions
 from enginediag_cli.isolation.sensitivity_analysis import ConclusionChange, SensitivityAnalysis
 from enginediag_cli.isolation.windows import WindowIsolation
@@ -133,7 +133,9 @@ def answers(monitor: Monitor, path: Path, tables: list[dict], *, flips: bool = F
     write_flights(path, tables)
     plan = WindowPlan()
     files = JudgedFiles(
-        Intake(Source((str(path),)), columns_of(monitor.engine, monitor.sensors)), monitor, Judging(plan)
+        RecordingLoader(RecordingSource((str(path),)), required_columns(monitor.engine, monitor.sensors)),
+        monitor,
+        Judging(plan),
     )
     kept = KeptRecords(monitor, short_windows=False)
     return list(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from enginediag_cli.intake.loader import Intake, every_record
+from enginediag_cli.intake.loader import RecordingLoader, load_ungated_flights
 from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis, Nuisance
 from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
@@ -14,7 +14,11 @@ MOST_FILES = 8
 
 
 def with_times(
-    finding: HiddenFinding, refitted: list[HypothesisFit], base: IdentifiedHypothesis, along: Nuisance, intake: Intake
+    finding: HiddenFinding,
+    refitted: list[HypothesisFit],
+    base: IdentifiedHypothesis,
+    along: Nuisance,
+    intake: RecordingLoader,
 ) -> HiddenFinding:
     """The finding with its changes timed by unsteady records; as it is where there are none. `refitted`: listed effects
     at its states, best first; without one the place itself is refitted at them."""
@@ -25,7 +29,8 @@ def with_times(
     own = {f.file for f in flights if f.label in changing}
     others = [f for f in dict.fromkeys(f.file for f in flights) if f not in own]
     raw = {
-        (w.recording.label, w.engine): w.recording.columns for w in every_record(intake, own | set(others[:MOST_FILES]))
+        (w.recording.label, w.engine): w.recording.columns
+        for w in load_ungated_flights(intake, own | set(others[:MOST_FILES]))
     }
     if not raw:
         return finding

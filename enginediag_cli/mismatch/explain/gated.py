@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from enginediag_cli.engine.tape import MOMENT
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.intake.loader import Intake
+from enginediag_cli.intake.loader import RecordingLoader
 from enginediag_cli.mismatch.fit.evidence import Dataset
 
 
@@ -22,11 +22,11 @@ class UnsteadyRecords:
     effects: tuple[str, ...]
 
 
-def gated_out(evidence: Dataset, effects: Sequence[Effect], intake: Intake | None) -> UnsteadyRecords | None:
+def gated_out(evidence: Dataset, effects: Sequence[Effect], intake: RecordingLoader | None) -> UnsteadyRecords | None:
     """None where no gate has left records out, or where those that it kept know their past all the same."""
     if intake is None or any(MOMENT in f.columns for f in evidence.flights):
         return None
-    gates = [left.gate for left in intake.left_out if left.gate is not None]
+    gates = [left.gate for left in intake.excluded if left.gate is not None]
     out = sum(g.total - g.kept for g in gates)
     labels = tuple(e.label for e in effects if MOMENT in e.term.INPUTS)
     return UnsteadyRecords(out, sum(g.total for g in gates), gates[0].unit, labels) if out and labels else None

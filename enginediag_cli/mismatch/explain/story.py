@@ -13,7 +13,7 @@ import numpy as np
 from scipy import special
 
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.intake.loader import Intake
+from enginediag_cli.intake.loader import RecordingLoader
 from enginediag_cli.isolation.sensitivity_analysis import SensitivityAnalysis
 from enginediag_cli.mismatch.controlled.find import ControlSearchResult
 from enginediag_cli.mismatch.explain.answer import (
@@ -80,7 +80,7 @@ def explain_mismatch(
     effects: Sequence[Effect] | None = None,
     *,
     advise: bool = True,
-    intake: Intake | None = None,
+    intake: RecordingLoader | None = None,
     every_record: bool = False,
 ) -> ExplanationResult:
     """Search and everything around it. `effects`: the library, default all that the model does not carry; `intake`: by

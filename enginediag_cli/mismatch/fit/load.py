@@ -33,9 +33,9 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.identification.nominal import Nominal
 from enginediag_cli.identification.nominal_checks import with_accuracy
 from enginediag_cli.identification.problem import IdentificationSettings, OffsetPrior, settings_from_mapping
-from enginediag_cli.intake.agreement import agreement_with_engine, agreement_with_nominal
-from enginediag_cli.intake.loader import GrossCounts, Intake, Thinning, whole_flights
-from enginediag_cli.intake.selection import Baseline, Source, columns_of, open_baseline
+from enginediag_cli.intake.agreement import check_against_engine, check_against_nominal
+from enginediag_cli.intake.loader import GrossCounts, RecordingLoader, Thinning, load_flights
+from enginediag_cli.intake.selection import NominalBaseline, RecordingSource, open_baseline, required_columns
 from enginediag_cli.mismatch.controlled.find import ControlSearchResult, find_law
 from enginediag_cli.mismatch.fit.evidence import Dataset, Flight, Noise, Owed, Settings, as_recordings
 from enginediag_cli.mismatch.fit.noise import larger_noise
@@ -77,7 +77,7 @@ class RecordedCase:
     although the engine file is not the one that was identified."""
 
     engine: str
-    source: Source
+    source: RecordingSource
     nominal: str | None = None
     accept_changed_engine: bool = False
     asked: MismatchQuery = field(default_factory=MismatchQuery)
@@ -91,8 +91,8 @@ class LoadedCase:
     records were kept."""
 
     evidence: Dataset
-    intake: Intake
-    baseline: Baseline | None = None
+    intake: RecordingLoader
+    baseline: NominalBaseline | None = None
     control: ControlSearchResult | None = None
     as_described: tuple[EngineDescription, Engine] | None = None
     thinning: Thinning = field(default_factory=Thinning)
@@ -118,14 +118,14 @@ def load_case(
     if case.nominal:
         baseline = open_baseline(case.nominal, case.engine, accept_changed_engine=case.accept_changed_engine)
     engine = baseline.engine if baseline else load_engine(case.engine)
-    gated = case.source.recorder is not None and Intake(case.source, None).ungated() is not None
+    gated = case.source.recorder is not None and RecordingLoader(case.source, None).without_gate() is not None
     # what moves is looked for where it was recorded: a gate has left it out
     past = not gated
-    agreement = agreement_with_nominal(engine, baseline.nominal) if baseline else agreement_with_engine(engine)
-    wanted = columns_of(engine, others=case.asked.drivers, past=past)
-    intake = Intake(case.source, wanted, fleet=True, agreement=agreement)
+    agreement = check_against_nominal(engine, baseline.nominal) if baseline else check_against_engine(engine)
+    wanted = required_columns(engine, others=case.asked.drivers, past=past)
+    intake = RecordingLoader(case.source, wanted, fleet=True, agreement=agreement)
     thinning = Thinning(MOST_SEARCHED)
-    whole = whole_flights(intake, thinning)
+    whole = load_flights(intake, thinning)
     _known_drivers(case.asked.drivers, intake.columns)
     flights = [Flight(f.recording.label, f.engine, f.recording.columns, f.file) for f in whole]
     healthy = share_of(fitted(flights)) if identified else fitted(flights)
@@ -157,7 +157,7 @@ def load_case(
         own = build_dataset(engine, flights, case.asked, nominal=self_identified(engine, healthy))
         evidence = _with_errors_of(evidence, own)
     evidence, gross = without_gross_errors(evidence)
-    for left in intake.left_out:
+    for left in intake.excluded:
         left.gross = sum(
             (c for (file, name), c in gross.items() if file == left.file and left.engine in ("", name)), left.gross
         )
@@ -185,7 +185,7 @@ def without_gross_errors(evidence: Dataset) -> tuple[Dataset, dict[tuple[str, st
     return replace(evidence, flights=tuple(flights)), counts
 
 
-def _described(engine: Engine, baseline: Baseline | None) -> EngineDescription:
+def _described(engine: Engine, baseline: NominalBaseline | None) -> EngineDescription:
     """The engine's text: of the file that was named, or what travels in the nominal file."""
     if baseline is not None and baseline.nominal.description is not None:
         return baseline.nominal.description

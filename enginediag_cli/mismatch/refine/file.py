@@ -19,7 +19,7 @@ from enginediag_cli.engine.term import Effect
 from enginediag_cli.errors import DataError
 from enginediag_cli.physics.engine_file import law_entry
 from enginediag_cli.physics.law import Law
-from enginediag_cli.recordings.write import output
+from enginediag_cli.recordings.write import open_output
 
 DIGITS = 6
 """Significant digits of coefficients; their standard errors have three."""
@@ -56,7 +56,7 @@ def write_refined(text: str, place: str, wanted: Engine) -> None:
     finally:
         with suppress(FileNotFoundError):
             os.unlink(temporary)
-    with output(place) as stream:
+    with open_output(place) as stream:
         stream.write(text)
 
 

@@ -265,11 +265,11 @@ def write_drawing(drawing: str, path: str) -> None:
     """Write the text of an SVG drawing, as PNG for a path that ends in .png; "-" is standard output. Raises DataError
     without what PNG needs, OSError."""
     from enginediag_cli.progress import wipe
-    from enginediag_cli.recordings.write import binary_output
+    from enginediag_cli.recordings.write import open_binary_output
     from enginediag_cli.report.output import table_suffix
 
     data = png(drawing, path) if table_suffix(path) == ".png" else drawing.encode()
-    with binary_output(path) as stream:
+    with open_binary_output(path) as stream:
         wipe()
         stream.write(data)
 

@@ -390,7 +390,7 @@ def reservation(adequacy: Adequacy, known: Mapping[str, Parameter]) -> str:
 
     if adequacy.is_listed:
         return ""
-    if adequacy.disagreement is not None and adequacy.disagreement.doubtful:
+    if adequacy.disagreement is not None and adequacy.disagreement.is_likely_wrong:
         return wrong_file(adequacy.disagreement)
     if adequacy.impossible_change is not None:
         name, change = adequacy.impossible_change

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from enginediag_cli.engine.overview import design_table, heating_value_doubts
-from enginediag_cli.intake.loader import GrossCounts, LeftOut
-from enginediag_cli.intake.selection import Baseline
+from enginediag_cli.intake.loader import ExcludedData, GrossCounts
+from enginediag_cli.intake.selection import NominalBaseline
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.sentences import count, format_quantity, rounded
 from enginediag_cli.report.tables import Table, column, object_column, part
@@ -25,10 +25,10 @@ from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
-    from enginediag_cli.intake.acceptance import Accepted, Stretches
-    from enginediag_cli.intake.agreement import Disagreement
+    from enginediag_cli.intake.acceptance import CheckedFile, Stretches
+    from enginediag_cli.intake.agreement import RecordingMismatch
     from enginediag_cli.intake.loader import Thinning
-    from enginediag_cli.intake.selection import Wanted
+    from enginediag_cli.intake.selection import RequiredColumns
 
 
 CHECK: Table[Mapping[str, Any]] = Table(
@@ -119,7 +119,7 @@ SOME_LINES = 5
 
 def report_excluded(
     messages: Messages,
-    left_out: Iterable[LeftOut],
+    left_out: Iterable[ExcludedData],
     records: Mapping[str, int] | None = None,
     elsewhere: Mapping[Elsewhere, int] | None = None,
 ) -> None:
@@ -144,7 +144,7 @@ def report_thinning(messages: Messages, thinning: Thinning) -> None:
         from enginediag_cli.intake.loader import RUN
 
         messages.note(
-            f"of {thinning.came:,} records one run of {RUN} in {2**thinning.halved} is fitted, evenly spread: "
+            f"of {thinning.total:,} records one run of {RUN} in {2**thinning.halved} is fitted, evenly spread: "
             f"{thinning.most:,} are as many as memory is taken for"
         )
 
@@ -155,13 +155,13 @@ def undecided_lines(undecided: Collection[str]) -> Iterator[str]:
         yield f"the recorder leaves open: {text}"
 
 
-def report_mismatches(messages: Messages, mismatches: Iterable[Disagreement]) -> None:
+def report_mismatches(messages: Messages, mismatches: Iterable[RecordingMismatch]) -> None:
     """Recordings that cannot be of the engine or in these units, where that was accepted."""
     for one in mismatches:
         messages.warning(f"{one}; accepted", file=one.source, engine=one.engine)
 
 
-def report_absent(messages: Messages, left: LeftOut) -> None:
+def report_absent(messages: Messages, left: ExcludedData) -> None:
     """Sensors of the engine that a recording has no column of: nothing can be said of them."""
     if not left.absent:
         return
@@ -172,7 +172,7 @@ def report_absent(messages: Messages, left: LeftOut) -> None:
     )
 
 
-def excluded_lines(left: LeftOut) -> Iterator[str]:
+def excluded_lines(left: ExcludedData) -> Iterator[str]:
     """One line per column that lost readings, and one per reason for which whole records went."""
     place = _place(left)
     yield from (f"{place}: {line}" for line in left.reading.report_lines())
@@ -242,23 +242,23 @@ def outside_envelope_lines(elsewhere: Mapping[Elsewhere, int]) -> Iterator[str]:
             yield f"{count(sum(by.values()), 'record')} outside the operating points identified, {what}: {inputs}"
 
 
-def _place(left: LeftOut) -> str:
+def _place(left: ExcludedData) -> str:
     import os
 
     name = "stdin" if left.file == "-" else os.path.basename(left.file)
     return name + (f", engine {left.engine}" if left.engine else "")
 
 
-def report_baseline(messages: Messages, baseline: Baseline, engine_instance: str = "") -> None:
+def report_baseline(messages: Messages, baseline: NominalBaseline, engine_instance: str = "") -> None:
     """A changed engine file, a nominal file without its checksum, and recordings of another engine."""
     if baseline.changed_engine:
         messages.warning(
             f"{baseline.engine.path} has changed since its nominal state was identified; what follows is judged with "
             "the engine as it is now"
         )
-    if baseline.left_aside:
+    if baseline.unused_engine:
         messages.warning(
-            f"{baseline.left_aside} has changed since its nominal state was identified; the engine that was "
+            f"{baseline.unused_engine} has changed since its nominal state was identified; the engine that was "
             f"identified, which travels in {baseline.path}, is used (--accept-changed-engine: the file as it is now)"
         )
     if not baseline.nominal.sealed:
@@ -299,14 +299,14 @@ class Remark:
         return ("warning: " if self.level == WARNING else "") + self.text_with_hint
 
 
-def headline(report: Accepted) -> str:
+def headline(report: CheckedFile) -> str:
     """What a file holds, in one line."""
     place = report.file if report.file != "-" else "<stdin>"
     place += f", engine {report.engine}" if report.engine else ""
     return f"{place}: {'ok' if report.usable else 'not fit to be judged'}, {_content_words(report)}"
 
 
-def acceptance_rows(report: Accepted) -> Iterator[dict[str, Any]]:
+def acceptance_rows(report: CheckedFile) -> Iterator[dict[str, Any]]:
     """A row for the file, then one for each remark; `ok` is false where the remark keeps it from being judged."""
     file = report.file if report.file != "-" else "<stdin>"
     start = {"file": file, "engine": report.engine or None}
@@ -334,14 +334,14 @@ def acceptance_rows(report: Accepted) -> Iterator[dict[str, Any]]:
         }
 
 
-def _content_words(report: Accepted) -> str:
+def _content_words(report: CheckedFile) -> str:
     acceptance = report.acceptance
     numbers = acceptance.numeric + int(acceptance.timed)
     found = f"{count(acceptance.records, 'record')}, {count(numbers, 'column')} of numbers"
     return found + (f", {report.text} of text" if report.text else "")
 
 
-def remarks(report: Accepted) -> Iterator[Remark]:
+def remarks(report: CheckedFile) -> Iterator[Remark]:
     """All that is known of a recording, in the order in which it would be mended."""
     yield from _columns(report)
     yield from _units(report)
@@ -350,9 +350,9 @@ def remarks(report: Accepted) -> Iterator[Remark]:
     yield from _coverage(report)
 
 
-def _columns(report: Accepted) -> Iterator[Remark]:
+def _columns(report: CheckedFile) -> Iterator[Remark]:
     acceptance, wanted = report.acceptance, report.wanted
-    if report.goes_on:
+    if report.is_partial:
         what = f"the first {acceptance.records:,} records were looked over; the file goes on"
         yield Remark(NOTE, "recording", what, count=acceptance.records)
     if not acceptance.records:
@@ -372,11 +372,11 @@ def _columns(report: Accepted) -> Iterator[Remark]:
             yield Remark(WARNING, "inputs", f"no column {absent.column}: taken as not recorded", near, absent.column)
     for name in acceptance.empty if acceptance.records else ():
         needed = name in wanted.inputs
-        level, about = (PROBLEM if needed else WARNING), ("inputs" if name in wanted.given else "sensors")
+        level, about = (PROBLEM if needed else WARNING), ("inputs" if name in wanted.input_columns else "sensors")
         yield Remark(level, about, f"{name} has no reading", name=name, count=0)
 
 
-def _sensors(report: Accepted, wanted: Wanted) -> Iterator[Remark]:
+def _sensors(report: CheckedFile, wanted: RequiredColumns) -> Iterator[Remark]:
     """How many there are, and which are not."""
     from enginediag_cli.detection.verdict import LEAST_SENSORS
 
@@ -392,13 +392,13 @@ def _sensors(report: Accepted, wanted: Wanted) -> Iterator[Remark]:
             near = f"did you mean {absent.near!r}?" if absent.near else ""
             what = f"no column {absent.column}: judged without, and its errors are no suspects"
             yield Remark(WARNING, "sensors", what, near, absent.column)
-    if there and report.sensorless and acceptance.records:
+    if there and report.lacks_sensors and acceptance.records:
         yield Remark(PROBLEM, "sensors", "no sensor has a reading", count=0)
     elif there and acceptance.records and len(set(there) - set(acceptance.empty)) < LEAST_SENSORS:
         yield Remark(WARNING, "sensors", f"too few sensors for a verdict: {LEAST_SENSORS} are the least")
 
 
-def _units(report: Accepted) -> Iterator[Remark]:
+def _units(report: CheckedFile) -> Iterator[Remark]:
     for doubt in report.units:
         usual = f"{rounded(doubt.low)} to {rounded(doubt.high)}"
         told = f"{doubt.column}: the median is {rounded(doubt.median)}, and {usual} is what can be"
@@ -406,7 +406,7 @@ def _units(report: Accepted) -> Iterator[Remark]:
     for one in report.wrong:
         name = one.trial.mistake.column if one.trial is not None else ""
         since = f"{one.stretch}: " if one.stretch else ""
-        yield Remark(PROBLEM, "units", f"{since}{one.what}", one.hint, name, one.lines if one.stretch else None)
+        yield Remark(PROBLEM, "units", f"{since}{one.description}", one.hint, name, one.lines if one.stretch else None)
 
 
 def _unit_remark(column: str, told: str, plausible: Sequence[str]) -> Remark:
@@ -417,7 +417,7 @@ def _unit_remark(column: str, told: str, plausible: Sequence[str]) -> Remark:
     return Remark(PROBLEM, "units", told, hint, column)
 
 
-def _records(report: Accepted) -> Iterator[Remark]:
+def _records(report: CheckedFile) -> Iterator[Remark]:
     acceptance, timing = report.acceptance, report.acceptance.timing
     for stretch in acceptance.frozen:
         n = int(stretch.amount)
@@ -453,7 +453,7 @@ def _steps(kind: str, stretches: Stretches, number: int, usual: float) -> Iterat
         yield Remark(WARNING, "time", more, count=number)
 
 
-def _masks(report: Accepted) -> Iterator[Remark]:
+def _masks(report: CheckedFile) -> Iterator[Remark]:
     left = report.left
     for line in left.reading.report_lines():
         yield Remark(NOTE, "read", line)
@@ -469,7 +469,7 @@ def _masks(report: Accepted) -> Iterator[Remark]:
         yield Remark(NOTE, "gate", told, count=left.gate.kept)
 
 
-def _coverage(report: Accepted) -> Iterator[Remark]:
+def _coverage(report: CheckedFile) -> Iterator[Remark]:
     coverage = report.coverage
     if coverage is None or report.refused:
         return

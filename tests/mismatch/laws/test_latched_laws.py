@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine.tape import MOMENT
-from enginediag_cli.intake.selection import Source
+from enginediag_cli.intake.selection import RecordingSource
 from enginediag_cli.mismatch.explain.answer import FORMULA, HIDDEN_STATE
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.follows import followed
@@ -52,7 +52,7 @@ def searched(folder: Path, bled: np.ndarray | None, band: float, seed: int) -> S
         files.append(str(folder / f"run_{run}.csv"))
         rows = np.column_stack(list(table.values()))
         np.savetxt(files[-1], rows, fmt="%.9g", delimiter=",", header=",".join(table), comments="")
-    evidence = load_case(RecordedCase(TURBOJET, Source(tuple(files))), identified=True).evidence
+    evidence = load_case(RecordedCase(TURBOJET, RecordingSource(tuple(files))), identified=True).evidence
     known = [e for e in candidate_effects(evidence.engine) if e.term.NAME != "handling_bleed"]
     return Search(refit_noise_without_switches(evidence), known, hidden_search(evidence))
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from enginediag_cli.__main__ import main
-from enginediag_cli.intake.selection import Source
+from enginediag_cli.intake.selection import RecordingSource
 from enginediag_cli.mismatch.explain.answer import FORMULA, Answer
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search
@@ -26,7 +26,7 @@ def explained(folder: Path, law: str, seed: int) -> Answer:
     flights.write_text(profile.replace("interval_s: 10", "interval_s: 60"), encoding="utf-8")
     flown = ["simulate", str(truth), "--flight", str(flights), "--flights", "5", "--seed", str(seed), "-q"]
     assert main([*flown, "-o", recorded]) == 0
-    evidence = load_case(RecordedCase(str(TURBOFAN), Source((recorded,))), identified=True).evidence
+    evidence = load_case(RecordedCase(str(TURBOFAN), RecordingSource((recorded,))), identified=True).evidence
     return Search(evidence, list(candidate_effects(evidence.engine)), hidden_search(evidence)).run()
 
 
