@@ -80,5 +80,5 @@ def test_a_formula_that_is_long_is_not_written_out():
     acts = LawPlace("hpc.efficiency", "hpc", "", True)
     size = Coefficient("a", "1", "size", lower=-1.0, upper=1.0, sigma=0.1, typical=0.0)
     text = "a * (" + " + ".join(["0.123456"] * (LONG // 10)) + ")"
-    law = Law("long", acts, Expression.parsed(text), {}, (size,), "Efficiency changes.")
+    law = Law("long", acts, Expression.parse(text), {}, (size,), "Efficiency changes.")
     assert is_long(law) and "long formula" in equation(law) and "0.123456" not in equation(law)
