@@ -53,7 +53,7 @@ from enginediag_cli.identification.normal_equations import (
     near_equations,
     normal_equations,
     offset_step,
-    predicted_at,
+    predict_records,
 )
 from enginediag_cli.identification.problem import Problem
 from enginediag_cli.progress import each
@@ -278,7 +278,7 @@ def served(problem: Problem, x: np.ndarray, z: np.ndarray, step: Step, from_exac
 
 def taken_at(problem: Problem, x: np.ndarray, z: np.ndarray) -> NormalEquations:
     """With derivatives that are taken here and kept."""
-    return normal_equations(problem, x, z, predicted_at(problem, x, z))
+    return normal_equations(problem, x, z, predict_records(problem, x, z))
 
 
 def reduced(n: NormalEquations, x: np.ndarray, z: np.ndarray) -> Arrow:

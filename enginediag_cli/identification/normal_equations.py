@@ -146,11 +146,11 @@ def directions(problem: Problem) -> tuple[str, ...]:
     return (*problem.names[: len(problem.names) - amounts_of(problem)], *shifted_inputs(problem))
 
 
-def ask(problem: Problem, x: np.ndarray, z: np.ndarray, wrt: tuple[str, ...], chunk: int) -> Iterator[Answer]:
-    """What the model says at (x, z), `chunk` records at a time."""
+def ask(problem: Problem, x: np.ndarray, z: np.ndarray, wrt: tuple[str, ...]) -> Iterator[Answer]:
+    """What the model says at (x, z), `CHUNK_RECORDS` at a time."""
     theta, N, outputs = problem.physical(x), len(problem.recording), len(problem.offsets) - problem.input_offsets
-    for start in range(0, N, chunk):
-        rows = slice(start, min(start + chunk, N))
+    for start in range(0, N, CHUNK_RECORDS):
+        rows = slice(start, min(start + CHUNK_RECORDS, N))
         read = {c: v[rows] for c, v in problem.inputs.items()}
         inputs = dict(read)
         for j, o in enumerate(problem.offsets[outputs:], outputs):
@@ -166,17 +166,14 @@ def ask(problem: Problem, x: np.ndarray, z: np.ndarray, wrt: tuple[str, ...], ch
         yield Answer(y, status, derivatives)
 
 
-def predict_records(
-    problem: Problem, x: np.ndarray, z: np.ndarray, chunk: int, near: Predicted | None = None
-) -> Predicted:
-    """Readings at (x, z) with derivatives that are taken there, or with those of a point near by; `chunk`: records of
-    one call of the model."""
+def predict_records(problem: Problem, x: np.ndarray, z: np.ndarray, near: Predicted | None = None) -> Predicted:
+    """Readings at (x, z), to be kept: with derivatives that are taken there, or with those of a point near by."""
     wrt = directions(problem)
     N, m = problem.measured.shape
     y, status = np.empty((N, m)), np.empty(N, np.int8)
     tangent = _empty(problem, wrt) if near is None else near.tangent
     first = 0
-    for part in ask(problem, x, z, wrt if near is None else (), chunk):
+    for part in ask(problem, x, z, wrt if near is None else ()):
         rows = slice(first, first + len(part.y))
         first = rows.stop
         y[rows], status[rows] = part.y, part.status
@@ -278,7 +275,7 @@ def blocks(
             yield _block(problem, z, rows, (at.y[rows], at.status[rows], J, along))
         return
     wrt = (*problem.names, *shifted_inputs(problem)) if sensitivities else ()
-    for part in ask(problem, x, z, wrt, CHUNK_RECORDS):
+    for part in ask(problem, x, z, wrt):
         rows = slice(first, first + len(part.y))
         first = rows.stop
         D = np.where((part.status <= 1)[:, None, None], part.derivatives, 0.0)
@@ -320,11 +317,6 @@ def predict(problem: Problem, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray,
     return np.concatenate([b.predicted for b in parts]), np.concatenate([b.status for b in parts])
 
 
-def predicted_at(problem: Problem, x: np.ndarray, z: np.ndarray, near: Predicted | None = None) -> Predicted:
-    """What the model predicts at (x, z), to be kept: with its derivatives, or those of a point near by."""
-    return predict_records(problem, x, z, CHUNK_RECORDS, near)
-
-
 def normal_equations(problem: Problem, x: np.ndarray, z: np.ndarray, at: Predicted | None = None) -> NormalEquations:
     """Robust cost, its gradient and its reweighted Gauss–Newton matrix at (x, z); `at`: what is predicted there."""
     N, p, (R, q) = len(problem.recording), len(x), z.shape
@@ -349,7 +341,7 @@ def near_equations(problem: Problem, x: np.ndarray, z: np.ndarray, near: NormalE
     """Cost at (x, z), its gradient with the derivatives of a point near by, and the matrix of that point. `near` must
     have kept what it was made of."""
     assert near.at is not None
-    at = predicted_at(problem, x, z, near.at)
+    at = predict_records(problem, x, z, near.at)
     outputs = len(problem.offsets) - problem.input_offsets
     nothing = np.empty((*at.y.shape, 0))
     b = _block(problem, z, slice(None), (at.y, at.status, nothing, at.by_inputs(problem, slice(None))))

@@ -366,8 +366,6 @@ def considered(passes: Passes, accuracy: float) -> Passes:
     taken = np.linalg.solve(S, found.information[:p, p:])
     own = passes.found.covariance + taken @ taken.T
     covariance = np.block([[own, -taken], [-taken.T, np.eye(k)]])
-    return replace(passes, problem=problem, fit=fit, found=_with_covariance(found, covariance))
-
-
-def _with_covariance(found: Uncertainty, covariance: np.ndarray) -> Uncertainty:
-    return replace(found, covariance=covariance, from_data=np.clip(1 - np.diag(covariance), 0, 1))
+    from_data = np.clip(1 - np.diag(covariance), 0, 1)
+    found = replace(found, covariance=covariance, from_data=from_data)
+    return replace(passes, problem=problem, fit=fit, found=found)

@@ -30,7 +30,6 @@ each other, F⁺ M F⁺ would be huge changes that cancel at the point where F w
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from copy import copy
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -483,12 +482,6 @@ class PointSums:
         computed = laid_by[np.isfinite(laid_by).all(axis=1)]
         self._cells = Cells(computed) if len(computed) else None
         self._sums: dict[tuple[int, ...], np.ndarray] = {}
-
-    def empty(self) -> PointSums:
-        """The same points without a record."""
-        other = copy(self)
-        other._sums = {}
-        return other
 
     def add(self, predicted: np.ndarray, e: np.ndarray, J: np.ndarray) -> None:
         """Records with predictions and residuals (N, m) and sensitivities (N, m, p); those without a residual are at no

@@ -12,7 +12,7 @@ from enginediag_cli.engine.wrapped import warm_start
 from enginediag_cli.identification.gauss_newton import Fit
 from enginediag_cli.identification.identify import _without
 from enginediag_cli.identification.map_error import with_map_error, with_range_of
-from enginediag_cli.identification.normal_equations import near_equations, normal_equations, predicted_at
+from enginediag_cli.identification.normal_equations import near_equations, normal_equations, predict_records
 from enginediag_cli.identification.problem import IdentificationSettings, TrainingRecording, build_problem
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
@@ -42,16 +42,16 @@ def same(a, b, fields=SUMS):
 
 
 def test_sums_of_what_was_kept_are_those_of_asking_again(problem, point):
-    same(normal_equations(problem, *point, predicted_at(problem, *point)), normal_equations(problem, *point))
+    same(normal_equations(problem, *point, predict_records(problem, *point)), normal_equations(problem, *point))
 
 
 def test_other_noise_needs_no_new_derivatives(problem, point):
     other = problem.with_noise(1.7 * problem.sigma, np.full(4, 2.0))
-    same(normal_equations(other, *point, predicted_at(problem, *point)), normal_equations(other, *point))
+    same(normal_equations(other, *point, predict_records(problem, *point)), normal_equations(other, *point))
 
 
 def test_the_gradient_with_kept_derivatives_is_exact_where_they_were_taken(problem, point):
-    here = normal_equations(problem, *point, predicted_at(problem, *point))
+    here = normal_equations(problem, *point, predict_records(problem, *point))
     found = near_equations(problem, *point, here)
     same(found, here, ("g_x", "g_z", "record_cost"))
     assert here.at.taken
@@ -59,7 +59,7 @@ def test_the_gradient_with_kept_derivatives_is_exact_where_they_were_taken(probl
 
 
 def test_the_cost_near_by_is_exact_and_the_gradient_nearly(problem, point):
-    here = normal_equations(problem, *point, predicted_at(problem, *point))
+    here = normal_equations(problem, *point, predict_records(problem, *point))
     x, z = point[0] + 1e-3, point[1] + 1e-3
     found, expected = near_equations(problem, x, z, here), normal_equations(problem, x, z)
     assert found.record_cost == pytest.approx(expected.record_cost, rel=1e-12)
@@ -67,7 +67,7 @@ def test_the_cost_near_by_is_exact_and_the_gradient_nearly(problem, point):
 
 
 def test_readings_left_out_count_as_missing(problem, point):
-    kept = predicted_at(problem, *point)
+    kept = predict_records(problem, *point)
     out = np.arange(len(problem.recording)) % 3 == 0
     without = replace(problem, measured=np.where(out[:, None], np.nan, problem.measured))
     whole, part = (
@@ -82,7 +82,7 @@ def test_a_record_that_fails_has_neither_prediction_nor_weight(point):
     engine = ToyEngine(fails=lambda u, p: u["N1_pct"] > 96)
     problem = build_problem(engine, [fly(ToyEngine(), np.random.default_rng(5))], IdentificationSettings())
     x, z = point[0], np.zeros((1, 0))
-    kept = predicted_at(problem, x, z)
+    kept = predict_records(problem, x, z)
     assert 0 < np.sum(kept.status > 1) < len(kept.status)
     assert np.isnan(kept.y[kept.status > 1]).all()
     same(normal_equations(problem, x, z, kept), normal_equations(problem, x, z))
@@ -106,7 +106,7 @@ def test_amounts_of_map_error_follow_from_columns_of_the_records(turbojet):
     plain, extended = turbojet
     rng = np.random.default_rng(1)
     x, z = 0.1 * rng.standard_normal(len(extended.parameters)), np.zeros((1, 0))
-    kept = predicted_at(extended, x, z)
+    kept = predict_records(extended, x, z)
     assert kept.tangent.amounts == len(extended.parameters) - len(plain.parameters) > 0
     assert kept.fits(extended)
     assert not kept.fits(plain)
@@ -128,9 +128,9 @@ def test_maps_know_no_other_range_than_that_of_the_records_that_are_left(turboje
 def test_what_was_kept_needs_no_new_derivatives_where_errors_of_maps_have_another_range(turbojet):
     plain, extended = turbojet
     x, z = 0.1 * np.random.default_rng(1).standard_normal(len(extended.parameters)), np.zeros((1, 0))
-    kept, left = predicted_at(extended, x, z), with_range_of(extended, np.arange(len(plain.recording)) < 25)
+    kept, left = predict_records(extended, x, z), with_range_of(extended, np.arange(len(plain.recording)) < 25)
     same(normal_equations(left, x, z, kept.with_curves(left, x)), normal_equations(left, x, z))
-    of_none = predicted_at(plain, x[: len(plain.parameters)], z)
+    of_none = predict_records(plain, x[: len(plain.parameters)], z)
     assert of_none.with_curves(plain, x[: len(plain.parameters)]) is of_none
 
 
@@ -139,7 +139,7 @@ def test_a_fit_without_a_block_begins_at_the_equations_of_all_other_records(turb
     """Made of those of the whole, with the errors of maps that a fit without the block has."""
     problem = turbojet[maps]
     x, z = 0.1 * np.random.default_rng(1).standard_normal(len(problem.parameters)), np.zeros((1, 0))
-    whole = normal_equations(problem, x, z, predicted_at(problem, x, z))
+    whole = normal_equations(problem, x, z, predict_records(problem, x, z))
     out = np.arange(len(problem.recording)) >= 25
     rest = with_range_of(problem, ~out)
     found = _without(rest, Fit(x, z, whole, np.zeros(len(x), bool), True, "", ()), out)
