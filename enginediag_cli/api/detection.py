@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from enginediag_cli.detection.verdict import RequiredPower
     from enginediag_cli.intake.selection import RecordingSource
     from enginediag_cli.methods.base import FittedMethod, Method, WindowVerdict
-    from enginediag_cli.residuals.files import JudgedFiles
+    from enginediag_cli.residuals.files import WindowReader
 
 __all__ = [
     "DetectionResult",
@@ -54,8 +54,8 @@ class ResidualResult(Result):
     """Sufficient statistics of windows, or residuals of records; see `residual`."""
 
     def __init__(self, comparison: Comparison, what: str, sensors: bool):
-        from enginediag_cli.report.tables.detection import RECORDS, RESIDUAL
-        from enginediag_cli.residuals.flat import CHECKSUM, MADE_COLUMNS, flat_columns
+        from enginediag_cli.report.outputs.judgements import RECORDS, RESIDUAL
+        from enginediag_cli.residuals.flat import CHECKSUM, ORIGIN_COLUMNS, flat_columns
 
         monitor = comparison.monitor(sensors=sensors, drifts=sensors)
         if monitor is None:
@@ -70,7 +70,7 @@ class ResidualResult(Result):
         super().__init__(
             table=table,
             head=comparison.head("residual", table, files.intake, notes),
-            columns=None if records else (*flat_columns(monitor.monitored, files.nuisance), *MADE_COLUMNS, CHECKSUM),
+            columns=None if records else (*flat_columns(monitor.monitored, files.nuisance), *ORIGIN_COLUMNS, CHECKSUM),
             # residuals go by the engine's own sensors, in their order
             messages=comparison.messages,
         )
@@ -81,13 +81,13 @@ class ResidualResult(Result):
         report_exclusions(self.messages, self._files)
 
     def _statistics(self) -> Iterator[Row]:
-        from enginediag_cli.residuals.files import made_with
-        from enginediag_cli.residuals.flat import flat_row, sealed
+        from enginediag_cli.residuals.files import describe_origin
+        from enginediag_cli.residuals.flat import add_checksum, flat_row
 
-        made = made_with(self._files, self._monitor)
+        made = describe_origin(self._files, self._monitor)
         for window, _ in self._files.windows():
             self.judged = self._files.counts["statistics"]
-            yield sealed(flat_row(window), made)
+            yield add_checksum(flat_row(window), made)
 
     def _records(self) -> Iterator[Row]:
         from enginediag_cli.residuals.files import record_residuals
@@ -145,7 +145,7 @@ def residual(
 class VerdictResult(Result):
     """A verdict for every window; `found` counts faults, `judged` the windows with a verdict."""
 
-    _files: JudgedFiles
+    _files: WindowReader
 
     def _verdicts(self, windows: Iterable[Judged]) -> Iterator[tuple[int, Judged]]:
         """Count the windows, numbered from 1; report the counts after the last."""
@@ -163,15 +163,15 @@ class DetectionResult(VerdictResult):
     """A verdict for every window; see `detect`."""
 
     def __init__(self, comparison: Comparison, false_alarm: float, required: RequiredPower, detectable: bool):
-        from enginediag_cli.report.tables.detection import DETECT
-        from enginediag_cli.residuals.reduced import Economy
+        from enginediag_cli.report.outputs.judgements import DETECT as DECLARED
+        from enginediag_cli.residuals.reduced import MonitorCache
 
         self._comparison, self._false_alarm = comparison, false_alarm
         self._required, self._detectable = required, detectable
         self._monitor = monitor = comparison.monitor()
         self._files = files = comparison.files(monitor)
         # whether anything has changed does not depend on what wrong slopes of maps would make of the change
-        files.economy = Economy(replace(monitor, slopes=None)) if monitor else None
+        files.economy = MonitorCache(replace(monitor, slopes=None)) if monitor else None
         if monitor is not None:
             required.check(monitor.monitored)
         head = comparison.head("detect", DETECT, files.intake, {"false_alarm": str(false_alarm)})
@@ -259,20 +259,20 @@ class FollowResult(Result):
     """A row for every block of a flight as it comes; see `follow`. `found` counts flights with an alarm."""
 
     def __init__(self, comparison: Comparison, false_alarm: float, block: int | None, idle_s: float):
-        from enginediag_cli.detection.follow import BLOCK, Following
-        from enginediag_cli.report.tables.detection import FOLLOW
-        from enginediag_cli.residuals.files import Judging
-        from enginediag_cli.residuals.reduced import with_lagging
+        from enginediag_cli.detection.follow import BLOCK, FlightFollower
+        from enginediag_cli.report.outputs.judgements import FOLLOW as DECLARED
+        from enginediag_cli.residuals.files import WindowSettings
+        from enginediag_cli.residuals.reduced import add_sensor_lags
 
         monitor = comparison.monitor()
         if monitor is None:
             raise UsageError("--follow needs --nominal")
         size = block or BLOCK
         self._intake = open_intake(comparison.source, monitor)
-        self._following = Following(self._intake, with_lagging(monitor), false_alarm, size, idle_s)
+        self._following = FlightFollower(self._intake, add_sensor_lags(monitor), false_alarm, size, idle_s)
         notes = {"follow": f"{size} records", "false_alarm": str(false_alarm)}
-        head = comparison.head("detect", FOLLOW, self._intake, notes, judging=Judging())
-        super().__init__(table=FOLLOW, head=head, messages=comparison.messages)
+        head = comparison.head("detect", DECLARED, self._intake, notes, judging=WindowSettings())
+        super().__init__(table=DECLARED, head=head, messages=comparison.messages)
 
     def _compute(self) -> Iterator[Row]:
         from enginediag_cli.report.tables.detection import FOLLOW, report_new_instruments
@@ -287,8 +287,8 @@ class FollowResult(Result):
             self.findings = sum(alarms.values()) + sum(map(bool, wrong.values()))
             self.judged += 0 if report.reason else report.judged
             yield FOLLOW.row(report)
-        report_mismatches(self.messages, intake.mismatches)
-        report_excluded(self.messages, intake.excluded, following.counts, following.elsewhere)
+        tell_mismatches(self.messages, intake.mismatches)
+        tell_left_out(self.messages, intake.left_out, following.counts, following.extrapolation)
         counts = {"flights": len(alarms), "alarms": sum(alarms.values()), "instruments": sum(map(bool, wrong.values()))}
         beside = f", {counts['instruments']} with an instrument that is stuck or scatters" * bool(counts["instruments"])
         self.messages.note(f"{counts['alarms']} of {len(alarms)} flights with an alarm{beside}", counts=counts)
@@ -341,8 +341,8 @@ class MethodResult(VerdictResult):
     """The verdicts of another method on each window; see `detect_by_method`."""
 
     def __init__(self, comparison: Comparison, name: str, healthy: Sequence[str], false_alarm: float):
-        from enginediag_cli.report.tables.detection import METHOD
-        from enginediag_cli.residuals.files import Judging
+        from enginediag_cli.report.outputs.judgements import BY_METHOD
+        from enginediag_cli.residuals.files import WindowSettings
 
         self._comparison, self._false_alarm = comparison, false_alarm
         monitor = comparison.monitor()
@@ -353,8 +353,10 @@ class MethodResult(VerdictResult):
         self._files = files = comparison.files(monitor)
         self._fitted = self._learnt(resolve_recordings(tuple(healthy)) if self._method.learns else None)
         notes = {"method": self._method.name, "false_alarm": str(false_alarm)}
-        head = comparison.head("detect", METHOD, files.intake, notes, configs=tuple(healthy), judging=Judging())
-        super().__init__(table=METHOD, head=head, messages=comparison.messages)
+        head = comparison.head(
+            "detect", BY_METHOD, files.intake, notes, configs=tuple(healthy), judging=WindowSettings()
+        )
+        super().__init__(table=BY_METHOD, head=head, messages=comparison.messages)
         self.unread = files.intake.unread
 
     def _learnt(self, healthy: RecordingSource | None) -> FittedMethod:
@@ -387,8 +389,8 @@ class MethodResult(VerdictResult):
         for _, found in self._verdicts(judged()):
             place = found.window.place
             files.counts.update(outside=place.outside, incomplete=place.incomplete)
-            files.elsewhere.update(place.elsewhere)
-            yield METHOD.row(MethodRow(found, self._method))
+            files.extrapolation.update(place.extrapolation)
+            yield method_row(found, self._method)
 
 
 def detect_by_method(

@@ -16,8 +16,7 @@ from enginediag_cli.shipped import own_or_shipped
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
-    from enginediag_cli.engine.load import EngineDescription
-    from enginediag_cli.identification.covariance import AtBound
+    from enginediag_cli.identification.covariance import ActiveBound
     from enginediag_cli.identification.identify import Identification
     from enginediag_cli.identification.nominal import Estimate, Nominal
     from enginediag_cli.identification.problem import TrainingRecording
@@ -124,19 +123,19 @@ class IdentificationResult(Result):
         return self.fit.reason
 
     @property
-    def bounds(self) -> tuple[AtBound, ...]:
-        """Parameters at a bound."""
+    def bounds(self) -> tuple[ActiveBound, ...]:
+        """Parameters that the records push against a bound."""
         return self.fit.bounds
 
     @property
     def far_off(self) -> tuple[Estimate, ...]:
-        """Parameters five standard deviations of their priors, or more, from the expected value."""
-        return self.fit.far_off
+        """Parameters where no engine of the kind is."""
+        return self.fit.implausible_estimates
 
     @property
     def unexplained(self) -> tuple[tuple[str, float], ...]:
-        """Sensors with residuals far above their stated noise, with the ratio [1]."""
-        return self.fit.unexplained
+        """Sensors that the fit misses by far more than their stated noise, with the ratio [1]."""
+        return self.fit.unexplained_sensors
 
     @cached_property
     def nominal(self) -> Nominal:
@@ -314,23 +313,23 @@ def identify(
 def _training(
     engine: Engine, source: RecordingSource, choices: TrainingChoices, messages: Messages
 ) -> tuple[list[TrainingRecording], tuple[str, ...]]:
-    """Read the recordings to fit; return them with the columns of excluded probes."""
-    from enginediag_cli.identification.probes import without_probes, wrong_probes
-    from enginediag_cli.identification.problem import without_repeats
-    from enginediag_cli.intake.agreement import check_against_engine
-    from enginediag_cli.intake.loader import MOST, RecordingLoader, Thinning, load_flights
-    from enginediag_cli.intake.selection import required_columns
+    """Recordings as they are fitted, and columns of probes that are not."""
+    from enginediag_cli.identification.probes import drop_probes, wrong_probes
+    from enginediag_cli.identification.problem import drop_repeats
+    from enginediag_cli.intake.agreement import agreement_with_engine
+    from enginediag_cli.intake.loader import MOST, Intake, Thinning, whole_flights
+    from enginediag_cli.intake.selection import columns_of
     from enginediag_cli.report.tables.identification import probe_lines, repeat_lines
     from enginediag_cli.report.tables.recordings import report_excluded, report_mismatches, report_thinning
 
     agreement = check_against_engine(engine)
     intake = RecordingLoader(source, required_columns(engine, past=True), agreement=agreement)
     thinning = Thinning(0 if choices.first else MOST)
-    training = [flight.recording for flight in load_flights(intake, thinning)]
-    report_thinning(messages, thinning)
-    report_excluded(messages, intake.excluded)
-    report_mismatches(messages, intake.mismatches)
-    training, repeats = without_repeats(training, (*engine.inputs, *engine.sensors))
+    training = [flight.recording for flight in whole_flights(intake, thinning)]
+    tell_thinning(messages, thinning)
+    tell_left_out(messages, intake.left_out)
+    tell_mismatches(messages, intake.mismatches)
+    training, repeats = drop_repeats(training, (*engine.inputs, *engine.sensors))
     for line in repeat_lines(repeats):
         messages.warning(line)
     probes = wrong_probes(engine, training)
@@ -338,8 +337,8 @@ def _training(
         messages.warning(line)
     if choices.keep_probes:
         return training, ()
-    left_out = tuple(w.columns[0] for w in probes if w.told_apart and w.columns[0] in engine.sensors)
-    return without_probes(training, left_out), left_out
+    left_out = tuple(w.columns[0] for w in probes if w.is_unique and w.columns[0] in engine.sensors)
+    return drop_probes(training, left_out), left_out
 
 
 def _refusal(fit: Identification, allow_bounds: bool, accept_mismatch: bool) -> str:
@@ -350,8 +349,8 @@ def _refusal(fit: Identification, allow_bounds: bool, accept_mismatch: bool) -> 
         return f"no nominal state: {fit.reason}; nothing is written"
     if fit.bounds and not allow_bounds:
         return bounds_line(fit.bounds)
-    if fit.far_off and not (allow_bounds or accept_mismatch):
-        named = ", ".join(e.name for e in fit.far_off)
+    if fit.implausible_estimates and not (allow_bounds or accept_mismatch):
+        named = ", ".join(e.name for e in fit.implausible_estimates)
         return f"no nominal state: {named} where no engine of this kind is; --allow-bounds writes it as it is"
     return ""
 

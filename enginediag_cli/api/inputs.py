@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from enginediag_cli.engine.engine import Engine
-    from enginediag_cli.intake.loader import RecordingLoader
-    from enginediag_cli.report.tables import Table
-    from enginediag_cli.residuals.files import JudgedFiles, Judging
+    from enginediag_cli.intake.loader import Intake
+    from enginediag_cli.report.outputs.declared import Table
+    from enginediag_cli.residuals.files import WindowReader, WindowSettings
     from enginediag_cli.residuals.monitor import Monitor
 
 __all__ = ["Recordings", "WindowOptions", "load_engine", "load_nominal", "read_recordings"]
@@ -314,9 +314,9 @@ class WindowOptions:
     chosen: Mapping[str, bool] | None = None
 
     @property
-    def judging(self) -> Judging:
+    def judging(self) -> WindowSettings:
         """The plan of windows and the records that are judged."""
-        from enginediag_cli.residuals.files import Judging
+        from enginediag_cli.residuals.files import WindowSettings
         from enginediag_cli.residuals.windows import plan_windows
 
         length, step = (None if value is None else str(value) for value in (self.window, self.step))
@@ -324,7 +324,7 @@ class WindowOptions:
             plan = plan_windows(length, step)
         except ValueError as error:
             raise UsageError(f"--window, --step: {error}") from None
-        return Judging(plan, self.linearise, self.reference, self.last, self.model_error)
+        return WindowSettings(plan, self.linearise, self.reference, self.last, self.model_error)
 
     def set_by_user(self, source: RecordingSource) -> dict[str, bool]:
         """Return which choices were made that statistics would ignore."""
@@ -342,7 +342,7 @@ class Comparison:
     source: RecordingSource
     given: NominalLike
     options: WindowOptions
-    judging: Judging
+    judging: WindowSettings
     messages: Messages
 
     @cached_property
@@ -370,9 +370,9 @@ class Comparison:
         baseline = self.baseline
         if baseline is None:
             return None
-        from enginediag_cli.identification.nominal_checks import with_accuracy
-        from enginediag_cli.report.tables.recordings import report_baseline
-        from enginediag_cli.residuals.monitor import monitor_of
+        from enginediag_cli.identification.nominal_checks import set_map_accuracy
+        from enginediag_cli.report.recordings import tell_baseline
+        from enginediag_cli.residuals.monitor import build_monitor
 
         accuracy = self.options.model_error
         report_baseline(self.messages, baseline, self.source.engine_instance)
@@ -382,22 +382,21 @@ class Comparison:
                     f"--model-error {accuracy:g} changes nothing: {self.nominal} was identified with maps taken for "
                     "exact; give the option to `enginediag identify`, too"
                 )
-            baseline = replace(baseline, nominal=with_accuracy(baseline.nominal, accuracy))
-        return monitor_of(baseline, tuple(self.options.monitor), sensors=sensors, drifts=drifts)
+            baseline = replace(baseline, nominal=set_map_accuracy(baseline.nominal, accuracy))
+        return build_monitor(baseline, tuple(self.options.monitor), sensors=sensors, drifts=drifts)
 
     def files(
         self, monitor: Monitor | None, *, summed: bool = False, series: bool = False, drifts: bool = False
-    ) -> JudgedFiles:
-        """Open the recordings as windows.
-
-        summed: the windows of a flight are added; series: they are compared with each other; drifts: drifts of
-        instruments in statistics are read, too.
-        """
-        from enginediag_cli.residuals.files import JudgedFiles
+    ) -> WindowReader:
+        """The recordings as windows; summed: windows of a flight are added up; series: they are compared with each
+        other; drifts: what statistics hold of drifts of instruments is read, too."""
+        from enginediag_cli.residuals.files import WindowReader
 
         given = self.options.set_by_user(self.source)
         intake = open_intake(self.source, monitor)
-        return JudgedFiles(intake, monitor, self.judging, summed=summed, given=given, series=series, drifts=drifts)
+        return WindowReader(
+            intake, monitor, self.judging, summed=summed, user_options=given, series=series, drifts=drifts
+        )
 
     def head(
         self,
@@ -408,7 +407,7 @@ class Comparison:
         *,
         configs: Sequence[str] = (),
         last: Mapping[str, str] | None = None,
-        judging: Judging | None = None,
+        judging: WindowSettings | None = None,
     ) -> Callable[[], tuple[str, ...]]:
         """Make the header of a result, once the first file has been opened: the files and choices behind it.
 
@@ -437,22 +436,22 @@ def open_intake(source: RecordingSource, monitor: Monitor | None) -> RecordingLo
     from enginediag_cli.intake.selection import required_columns
 
     if monitor is None:
-        return RecordingLoader(source, None, keep_going=True)
-    from enginediag_cli.residuals.monitor import agreement_with
+        return Intake(source, None, keep_going=True)
+    from enginediag_cli.residuals.monitor import recording_agreement
 
-    wanted = required_columns(monitor.engine, monitor.sensors)
-    return RecordingLoader(source, wanted, agreement=agreement_with(monitor), keep_going=True)
+    wanted = columns_of(monitor.engine, monitor.sensors)
+    return Intake(source, wanted, agreement=recording_agreement(monitor), keep_going=True)
 
 
-def report_exclusions(messages: Messages, files: JudgedFiles) -> None:
-    """Report mismatches, unread files and excluded data."""
+def tell_files(messages: Messages, files: WindowReader) -> None:
+    """What was left out of the files."""
     from enginediag_cli.report.sentences import count
     from enginediag_cli.report.tables.recordings import report_excluded, report_mismatches
 
     report_mismatches(messages, files.intake.mismatches)
     for file, reason in files.intake.unread.items():
         messages.error(f"not read to its end, the other files are judged: {reason}", file=file)
-    report_excluded(messages, files.intake.excluded, files.counts, files.elsewhere)
+    tell_left_out(messages, files.intake.left_out, files.counts, files.extrapolation)
     if files.ledger.repeated:
         messages.warning(f"{count(files.ledger.repeated, 'row')} of statistics given twice, and counted once")
     if files.ledger.overlapping:

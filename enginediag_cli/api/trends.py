@@ -15,9 +15,9 @@ from enginediag_cli.report.messages import Messages
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.series import Series
-    from enginediag_cli.fleets.maintenance import MarginSettings, SeriesMargins
-    from enginediag_cli.fleets.work_scope import WorkScopeEstimator
-    from enginediag_cli.residuals.files import JudgedFiles
+    from enginediag_cli.fleets.maintenance import MarginQuestion, Margins
+    from enginediag_cli.fleets.work_scope import Scoping
+    from enginediag_cli.residuals.files import WindowReader
 
 __all__ = ["MarginOptions", "TrendResult", "forecast", "trend"]
 
@@ -126,17 +126,17 @@ class TrendResult(Result):
     """Rows of health over flights; see `trend`."""
 
     def __init__(self, comparison: Comparison, choices: TrendChoices):
-        from enginediag_cli.residuals.reduced import of_series
+        from enginediag_cli.residuals.reduced import monitor_for_series
 
         choices.check(comparison)
         self._choices, self.messages = choices, comparison.messages
         judging = comparison.judging
-        self._whole, self._healthy = judging.plan.whole, judging.reference
+        self._whole, self._healthy = judging.plan.is_whole_flight, judging.reference
         # the options of windows hold for the series, not for a window of it
-        self._comparison = replace(comparison, judging=replace(judging, plan=judging.plan.of_series, reference=0))
+        self._comparison = replace(comparison, judging=replace(judging, plan=judging.plan.series_plan, reference=0))
         monitor = self._comparison.monitor(sensors=not comparison.options.monitor)
         self._generic = monitor is None or monitor.slopes is not None
-        self._monitor = None if monitor is None else of_series(monitor)
+        self._monitor = None if monitor is None else monitor_for_series(monitor)
         self._series, self._margins, self._files = self._read()
         table = self._table()
         intake, margin = self._files.intake, choices.margin
@@ -152,25 +152,24 @@ class TrendResult(Result):
             return output("trend/components" if self._choices.by == "component" else "trend")
         return output(f"trend/{what}")
 
-    def _read(self) -> tuple[Series, SeriesMargins | None, JudgedFiles]:
-        """Read the series of flights, with margins if requested, and the files it comes from."""
-        from enginediag_cli.detection.series import series_of
-        from enginediag_cli.fleets.maintenance import assess_margins
-        from enginediag_cli.report.tables.margin import report_margins
-        from enginediag_cli.report.tables.trend import report_instruments_over_flights
-        from enginediag_cli.residuals.reduced import for_comparison
+    def _read(self) -> tuple[Series, Margins | None, WindowReader]:
+        """The series of flights, its margins where they are followed, and the files that it was read from."""
+        from enginediag_cli.detection.series import build_series
+        from enginediag_cli.fleets.maintenance import margins_of
+        from enginediag_cli.report.trend_rows import tell_instruments_in_flights, tell_margins
+        from enginediag_cli.residuals.reduced import comparison_monitor
 
         choices, monitor, margins = self._choices, self._monitor, None
         question = choices.margin.question(healthy=self._healthy, sensors=choices.sensors)
         if choices.follows_margin and monitor is not None:
-            files = self._comparison.files(for_comparison(monitor), summed=self._whole, series=True)
-            margins = assess_margins(files, monitor, question)
-            report_margins(self.messages, margins)
+            files = self._comparison.files(comparison_monitor(monitor), summed=self._whole, series=True)
+            margins = margins_of(files, monitor, question)
+            tell_margins(self.messages, margins)
             if choices.what == "margin":
                 return margins.series, margins, files
         files = self._comparison.files(monitor, summed=self._whole, series=True)
-        series = series_of(files, "covariance" if choices.what == "trend" else "whole")
-        report_instruments_over_flights(self.messages, series)
+        series = build_series(files, "covariance" if choices.what == "trend" else "whole")
+        tell_instruments_in_flights(self.messages, series)
         if monitor is None and series.stretches and choices.what == "trend":
             self.messages.note(
                 "without --nominal it is not known which inputs are weather and which set the power: what follows the "
@@ -190,9 +189,9 @@ class TrendResult(Result):
             rows = list(self._changes())
         self.judged = len(rows)
         yield from rows
-        report_exclusions(self.messages, self._files)
-        if self._series.lost:
-            self.messages.warning(f"{self._series.lost} windows without a verdict were excluded")
+        tell_files(self.messages, self._files)
+        if self._series.skipped_windows:
+            self.messages.warning(f"{self._series.skipped_windows} windows without a verdict were left out")
 
     def _changes(self) -> Iterator[Row]:
         """Make the rows of changes in each engine, and of maintenance."""
@@ -227,8 +226,8 @@ class TrendResult(Result):
         report_trend(messages, engine, story, series)
         scope = None
         if scoping is not None and story.events and (form or not messages.quiet):
-            scope = scoping.series_scope(story, series.known, mean_conditions(series.stretches[engine]))
-        report_work_scope(messages, engine, scope)
+            scope = scoping.of_story(story, series.parameters, conditions_of(series.stretches[engine]))
+        tell_scope(messages, engine, scope)
         rows = list(as_rows(engine, story, series, scope, form))
         if scoping is not None:
             for found in maintenance_effects(scoping, series, engine, tuple(choices.events)):

@@ -83,7 +83,7 @@ ONE_FLIGHT = 1e-3
 
 
 @dataclass(frozen=True)
-class Suspects:
+class SuspectDirections:
     """Directions (d, m) of unit changes in the readings, and the weight (d,) of each beforehand; they sum to 1."""
 
     directions: np.ndarray
@@ -91,7 +91,7 @@ class Suspects:
 
 
 @dataclass(frozen=True)
-class Rows:
+class FlightReadings:
     """The flights of one engine: z (n, m); conditions (n, c), standardised; weight (n,): square root of how much of a
     usual flight each one tells."""
 
@@ -153,7 +153,7 @@ def _courses(n: int, baseline: int, onsets: np.ndarray | None = None, stop: int 
     return _Courses(g, onset, ramp_, np.log(np.maximum(weight, 1e-300)))
 
 
-def e_path(rows: Rows, suspects: Suspects, baseline: int, looks: int = PEAKS) -> EPath:
+def e_path(rows: FlightReadings, suspects: SuspectDirections, baseline: int, looks: int = PEAKS) -> EPath:
     """E of one engine of which nothing began in its first `baseline` flights. It is 1 until two flights more are known
     than there are readings. looks: flights at which it is computed, the last among them. ValueError for readings that
     are not finite."""
@@ -165,8 +165,8 @@ def e_path(rows: Rows, suspects: Suspects, baseline: int, looks: int = PEAKS) ->
     if first >= n:
         return EPath(path, onset, 0.0, suspect)
     among, peaks = _courses(n, baseline), np.unique(np.linspace(n - 1, first, looks).round().astype(int))
-    ratios = _Ratios.of(rows, suspects, among, peaks, clipped=True)
-    by_course = ratios.by_course(among, suspects)  # (peaks, courses)
+    ratios = _Ratios.from_readings(rows, suspects, among, peaks, clipped=True)
+    by_course = ratios.course_evidence(among, suspects)  # (peaks, courses)
     rest = np.log(max(-np.expm1(min(np.logaddexp.reduce(among.log_weight), 0.0)), 1e-300))
     log_e = np.logaddexp(np.logaddexp.reduce(by_course, axis=1), rest)
     at = np.searchsorted(peaks, np.arange(first, n), side="right") - 1
@@ -174,11 +174,11 @@ def e_path(rows: Rows, suspects: Suspects, baseline: int, looks: int = PEAKS) ->
     total = np.logaddexp.reduce(by_course[-1])
     last = np.exp(by_course[-1] - total)
     np.add.at(onset, among.onset, last)
-    suspect = np.exp(ratios.by_suspect(among, suspects) - total)
+    suspect = np.exp(ratios.suspect_evidence(among, suspects) - total)
     return EPath(path, onset, float(last[among.ramp].sum()), suspect)
 
 
-def onset_law(rows: Rows, suspects: Suspects, baseline: int) -> np.ndarray:
+def onset_posterior(rows: FlightReadings, suspects: SuspectDirections, baseline: int) -> np.ndarray:
     """Probability (n,) that the change began with each flight, given that there is one: `ONSETS` of them are looked at,
     evenly spread, then as many among those around the likely ones, as long as these are the fewer half. Flights between
     two that were looked at share the probability of the first."""
@@ -190,7 +190,9 @@ def onset_law(rows: Rows, suspects: Suspects, baseline: int) -> np.ndarray:
     while True:
         at = np.arange(first, stop, -(-(stop - first) // ONSETS))
         among = _courses(n, baseline, at, stop)
-        log = _Ratios.of(rows, suspects, among, np.array([n - 1]), clipped=False).by_course(among, suspects)[0]
+        log = _Ratios.from_readings(rows, suspects, among, np.array([n - 1]), clipped=False).course_evidence(
+            among, suspects
+        )[0]
         chance = np.exp(log - np.logaddexp.reduce(log)).reshape(2, -1).sum(axis=0)
         edges = np.append(at, stop)
         likely = np.flatnonzero(chance > UNLIKELY)
@@ -207,38 +209,40 @@ class _Ratios:
     """log E of each course after the flights `peaks`, 0 of one that has not begun: along each direction (G, k, d), and
     in any (G, k)."""
 
-    along: np.ndarray
+    by_direction: np.ndarray
     anywhere: np.ndarray
 
     @staticmethod
-    def of(rows: Rows, suspects: Suspects, among: _Courses, peaks: np.ndarray, clipped: bool) -> _Ratios:
+    def from_readings(
+        rows: FlightReadings, suspects: SuspectDirections, among: _Courses, peaks: np.ndarray, clipped: bool
+    ) -> _Ratios:
         g, k = np.nonzero(among.onset[:, None] <= peaks)
-        along, by_reading = _Best(), _Best()
+        along, by_reading = _BestLaw(), _BestLaw()
         for share, length, chance in LAWS:
-            sums = _Sums.of(_whitened(rows, among, share, length), peaks, clipped)
-            told, gamma = sums.told(g, k), sums.gamma[g, k]
-            along.add(*sums.along(suspects.directions, told, gamma, k), k, chance)
-            by_reading.add(*sums.by_reading(told, gamma, k), k, chance)
+            sums = _LawSums.from_whitened(_whiten(rows, among, share, length), peaks, clipped)
+            told, gamma = sums.project_courses(g, k), sums.gamma[g, k]
+            along.add(*sums.direction_ratios(suspects.directions, told, gamma, k), k, chance)
+            by_reading.add(*sums.reading_ratios(told, gamma, k), k, chance)
         found = np.zeros((len(among.g), len(peaks), len(suspects.weights)))
         anywhere = np.zeros(found.shape[:2])
         found[g, k] = along.log(k)
         anywhere[g, k] = np.logaddexp.reduce(by_reading.log(k).sum(axis=2), axis=0) - np.log(len(ANY))
         return _Ratios(found, anywhere)
 
-    def by_course(self, among: _Courses, suspects: Suspects) -> np.ndarray:
+    def course_evidence(self, among: _Courses, suspects: SuspectDirections) -> np.ndarray:
         """(k, G), with the weight of each course."""
-        most = self.along.max(axis=2)
-        one = np.log(np.exp(self.along - most[:, :, None]) @ suspects.weights) + most + np.log(SINGLE)
+        most = self.by_direction.max(axis=2)
+        one = np.log(np.exp(self.by_direction - most[:, :, None]) @ suspects.weights) + most + np.log(SINGLE)
         return np.asarray(np.logaddexp(one, self.anywhere + np.log1p(-SINGLE)).T + among.log_weight)
 
-    def by_suspect(self, among: _Courses, suspects: Suspects) -> np.ndarray:
+    def suspect_evidence(self, among: _Courses, suspects: SuspectDirections) -> np.ndarray:
         """(d,): along each direction, with its weight, at the last of the peaks."""
         with np.errstate(divide="ignore"):
             weight = np.log(SINGLE * suspects.weights)
-        return np.asarray(np.logaddexp.reduce(self.along[:, -1] + among.log_weight[:, None], axis=0) + weight)
+        return np.asarray(np.logaddexp.reduce(self.by_direction[:, -1] + among.log_weight[:, None], axis=0) + weight)
 
 
-class _Best:
+class _BestLaw:
     """A ratio of densities, changed over not: a mean over laws above, the best of them below."""
 
     def __init__(self) -> None:
@@ -263,7 +267,7 @@ class _Whitened:
     log_scale: np.ndarray
 
 
-def _whitened(rows: Rows, among: _Courses, share: float, length: float) -> _Whitened:
+def _whiten(rows: FlightReadings, among: _Courses, share: float, length: float) -> _Whitened:
     """Rows of L⁻¹ W [Z, g], in two steps that are linear in n. A wander of one step's correlation φ beside flights each
     by itself is, once differenced by D (1 and −φ), correlated with its neighbour alone:
 
@@ -305,7 +309,7 @@ def _whitened(rows: Rows, among: _Courses, share: float, length: float) -> _Whit
     return _Whitened(u[:, :m], u[:, m:].T, log_scale)
 
 
-def _clipped(v: np.ndarray) -> np.ndarray:
+def _clip_outliers(v: np.ndarray) -> np.ndarray:
     """Flights that are off by more than others, by a chance below ONE_FLIGHT, drawn in to that."""
     from scipy.special import fdtri
 
@@ -320,7 +324,7 @@ def _clipped(v: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class _Sums:
+class _LawSums:
     """Of one law, after the flights `peaks`: root (k, m, m) R⁻¹ with A = R Rᵀ, ln R_ii (k, m), c (G, k, m), γ (G, k),
     Σ ln L_ii (k,), number of flights (k,)."""
 
@@ -332,8 +336,8 @@ class _Sums:
     flights: np.ndarray
 
     @staticmethod
-    def of(w: _Whitened, peaks: np.ndarray, clipped: bool) -> _Sums:
-        v = _clipped(w.v) if clipped else w.v
+    def from_whitened(w: _Whitened, peaks: np.ndarray, clipped: bool) -> _LawSums:
+        v = _clip_outliers(w.v) if clipped else w.v
         edges = [0, *(peaks + 1).tolist()]
         spans = [slice(a, b) for a, b in pairwise(edges)]
         A = np.cumsum([v[s].T @ v[s] for s in spans], axis=0)
@@ -341,13 +345,13 @@ class _Sums:
         gamma = np.cumsum(np.stack([np.sum(w.h[:, s] ** 2, axis=1) for s in spans], axis=1), axis=1)
         R = np.linalg.cholesky(A)
         log_root = np.log(np.diagonal(R, axis1=1, axis2=2))
-        return _Sums(np.linalg.inv(R), log_root, c, gamma, np.cumsum(w.log_scale)[peaks], peaks + 1.0)
+        return _LawSums(np.linalg.inv(R), log_root, c, gamma, np.cumsum(w.log_scale)[peaks], peaks + 1.0)
 
-    def told(self, g: np.ndarray, k: np.ndarray) -> np.ndarray:
+    def project_courses(self, g: np.ndarray, k: np.ndarray) -> np.ndarray:
         """R⁻¹ c (K, m) of the courses g at the peaks k (K,)."""
         return np.asarray(np.matmul(self.root[k], self.c[g, k][:, :, None])[:, :, 0])
 
-    def along(
+    def direction_ratios(
         self, directions: np.ndarray, told: np.ndarray, gamma: np.ndarray, k: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """log p (peaks, d), and log L (K, d), its mean over sizes, of courses told (K, m) with γ (K,) at peaks k."""
@@ -362,7 +366,7 @@ class _Sums:
         most = logs.max(axis=0)
         return same, np.log(np.exp(logs - most).mean(axis=0)) + most
 
-    def by_reading(self, told: np.ndarray, gamma: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def reading_ratios(self, told: np.ndarray, gamma: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The same of each reading regressed on those before it: (peaks, m), and of each size (ANY, K, m)."""
         free = 0.5 * (self.flights[:, None] - np.arange(1, self.log_root.shape[1] + 1))
         before = np.cumsum(self.log_root, axis=1) - self.log_root
@@ -383,7 +387,7 @@ def _log_ratios(explained: np.ndarray, left: np.ndarray, free: np.ndarray, sizes
     return logs
 
 
-def listed(log_e: np.ndarray, level: float) -> np.ndarray:
+def flag_engines(log_e: np.ndarray, level: float) -> np.ndarray:
     """Which (n,) of the engines with the e-values exp(log_e) (n,) are listed at the rate `level` of false discoveries;
     one without an e-value (NaN) counts, and is not listed. ValueError for a level that is no probability."""
     if not 0 < level < 1:

@@ -31,27 +31,35 @@ import numpy as np
 
 from enginediag_cli.detection.sequential import (
     LAWS,
+    ChangeEquations,
     Coordinates,
-    Effect,
     EProcess,
     Innovations,
     Segment,
-    effect,
+    eliminate_nuisance,
     log_full,
     log_mean_exp,
     log_single,
-    tails,
+    onset_sums,
 )
-from enginediag_cli.detection.verdict import LEAST_SENSORS, LackOfFit, lifeless, one_channel_decides, too_few, too_still
-from enginediag_cli.intake.loader import ExcludedData, GrossCounts, RecordingLoader, follow_chunks
+from enginediag_cli.detection.verdict import (
+    LEAST_SENSORS,
+    LackOfFit,
+    few_sensors_reason,
+    is_lifeless,
+    low_scatter_reason,
+    one_channel_reason,
+)
+from enginediag_cli.intake.excluded import GrossCounts, LeftOut
+from enginediag_cli.intake.loader import Intake, live_chunks
 from enginediag_cli.recordings.repeated import StuckRun
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.gross_errors import FEWEST, UNRELATED, brief_departures
+from enginediag_cli.residuals.gross_errors import FEWEST, UNRELATED, find_brief_departures
 from enginediag_cli.residuals.gross_gate import CleanBlocks, LiveGate, LiveRecords, input_effects
 from enginediag_cli.residuals.instruments import InstrumentFault
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.score import chdtrc
-from enginediag_cli.residuals.windows import Elsewhere, Key, Timeline, group_rows, judged_inputs
+from enginediag_cli.residuals.windows import Extrapolation, Key, Timeline, group_rows, select_inputs
 from enginediag_cli.units import split_column
 
 KINDS = {
@@ -70,7 +78,7 @@ MIXED = 0.95
 
 
 @dataclass(frozen=True)
-class Change:
+class DetectedChange:
     """kind: one of KINDS, `present from the start` or `cannot tell`; probability of the most probable kind, which
     `leading` names. parameter: the most probable single parameter or sensor. onset, low, high: block number, most
     probable and 95 % interval; onset_s, low_s, high_s: the same as times."""
@@ -87,7 +95,7 @@ class Change:
     high_s: float
 
 
-def log_health(found: Effect, count: int) -> np.ndarray:
+def log_health(found: ChangeEquations, count: int) -> np.ndarray:
     """log likelihood ratios (J,) of a fault: one health parameter, two, or all, a third each."""
     single = log_mean_exp(log_single(found)[:, :count], axis=1)
     parts = [single, log_full(found, count)]
@@ -101,13 +109,13 @@ def log_health(found: Effect, count: int) -> np.ndarray:
     return log_mean_exp(np.stack(parts), axis=0)
 
 
-def explain_change(past: list[Segment], coordinates: Coordinates) -> Change:
+def explain_change(past: list[Segment], coordinates: Coordinates) -> DetectedChange:
     """The most probable kind, parameter and onset of the change that an alarm has found."""
     a = len(coordinates.health)
     evidence: dict[str, np.ndarray] = {}
     singles: dict[str, np.ndarray] = {}
     for law in LAWS:
-        found = effect(tails(past, law), coordinates.nuisance)
+        found = eliminate_nuisance(onset_sums(past, law), coordinates.nuisance)
         for family, chosen in (("health", slice(0, a)), ("sensor", slice(a, None))):
             alone = log_single(found)[:, chosen]
             if not alone.shape[1]:
@@ -134,7 +142,7 @@ def explain_change(past: list[Segment], coordinates: Coordinates) -> Change:
     first = [piece.first for piece in past]
     # pieces begin where they begin: a change may have come anywhere in the piece before or after the best beginning
     low, high = max(low - 1, 0), min(high + 1, len(past) - 1)
-    return Change(
+    return DetectedChange(
         kind,
         leading,
         probabilities[leading],
@@ -154,7 +162,7 @@ def posterior_change(past: list[Segment], coordinates: Coordinates) -> np.ndarra
     Zero when the most probable explanation is a sensor's.
     """
     a = len(coordinates.health)
-    found = effect(tails(past), coordinates.nuisance)
+    found = eliminate_nuisance(onset_sums(past), coordinates.nuisance)
     health = log_health(found, a)
     alone = log_single(found)[:, a:]
     if alone.size and alone.max() > health.max():
@@ -179,7 +187,7 @@ NEVER_MOVED = "no reading has moved since the flight began"
 """Why a block tells nothing where a recorder stands still from the start: its one reading may be an old one."""
 
 
-def coordinates_of(monitor: Monitor) -> Coordinates:
+def unit_coordinates(monitor: Monitor) -> Coordinates:
     """Unit-normal coordinates of the uncertainty of nominal, of changes of health, and of sensor jumps.
 
     Parameters of the columns are those of the monitor, then a bias of each sensor.
@@ -232,13 +240,13 @@ class BlockReport:
     sensors_of: int
     log10_e: float
     alarm: bool
-    change: Change | None
+    change: DetectedChange | None
     outside: int = 0
     incomplete: int = 0
     failed: int = 0
     repeated: int = 0
     reason: str = ""
-    elsewhere: Counter[Elsewhere] = field(default_factory=Counter)
+    extrapolation: Counter[Extrapolation] = field(default_factory=Counter)
     gross: GrossCounts = field(default_factory=GrossCounts)
     instruments: Sequence[InstrumentFault] = ()
 
@@ -263,33 +271,33 @@ class FlightMonitor:
     _skipped: float = 0.0
     _clock: float = 0.0
     _timed: bool = False
-    _before: np.ndarray | None = None
+    _last_readings: np.ndarray | None = None
     _distinct: int = 0
     _copies: int = 0
     _blocks: int = 0
 
     def __post_init__(self) -> None:
-        self.process = EProcess(coordinates_of(self.monitor), self.false_alarm)
+        self.process = EProcess(unit_coordinates(self.monitor), self.false_alarm)
         self._innovations = Innovations(self.monitor.noise)
 
     def add(self, part: Recording, masked: Sequence[StuckRun] = ()) -> BlockReport:
         """Judge the records of a block; those without inputs or outside the points identified are counted only.
         masked: runs of readings of the file that were stuck by themselves."""
         monitor = self.monitor
-        taken = judged_inputs(monitor, part, widening=False)
+        taken = select_inputs(monitor, part, widening=False)
         inputs, y, incomplete, outside = taken.inputs, taken.y, taken.incomplete, taken.outside
         time = part.columns.get("time_s")
         _, lags = self._timeline.advance(len(part), time, False)
-        repeated = self._repeated(y) & ~incomplete & ~outside
+        repeated = self._find_repeated(y) & ~incomplete & ~outside
         kept = np.flatnonzero(~incomplete & ~outside & ~repeated)
-        failed, judged, lags = 0, 0, self._thinned(lags, kept)
+        failed, judged, lags = 0, 0, self._thin_lags(lags, kept)
         sensors = int(np.isfinite(y[kept]).any(axis=0).sum())
         clock = time if time is not None else self._clock + np.arange(len(part), dtype=float)
         self._clock, self._timed = self._clock + len(part), time is not None
         self._blocks += 1
         self._distinct += kept.size
         self._copies += int(repeated.sum())
-        reason, gross = self._still, GrossCounts()
+        reason, gross = self._frozen_reason, GrossCounts()
         if kept.size:
             e, J, predicted, ok = self._residuals({c: v[kept] for c, v in inputs.items()}, y[kept])
             failed = int(np.sum(~ok))
@@ -312,7 +320,7 @@ class FlightMonitor:
             judged=judged,
             sensors=sensors,
             reason=reason,
-            elsewhere=taken.elsewhere(slice(None)),
+            elsewhere=taken.count_extrapolation(slice(None)),
             gross=gross,
         )
 
@@ -339,7 +347,7 @@ class FlightMonitor:
         )
 
     @property
-    def _still(self) -> str:
+    def _frozen_reason(self) -> str:
         """Why nothing can be judged of a flight in which nothing has moved; "" where something has."""
         return NEVER_MOVED if self._distinct == 1 and self._copies else ""
 
@@ -349,12 +357,12 @@ class FlightMonitor:
         self.gross = sum(self._clean.rejected[len(self._clean.closed) :], self.gross)
         if not blocks or self._distinct >= FEWEST:
             return None
-        self._weigh([], *self._innovated(blocks, self._innovations))
-        records = LiveRecords.joined(blocks)
+        self._update_evidence([], *self._compute_innovations(blocks, self._innovations))
+        records = LiveRecords.join(blocks)
         self._blocks += 1
         sensors = int(np.isfinite(records.e).any(axis=0).sum())
         time = records.time if self._timed else None
-        reason = self._still or self._alone
+        reason = self._frozen_reason or self._one_channel_reason
         return self._report(records.line, time, 0, judged=self._waiting, sensors=sensors, reason=reason)
 
     def _judge(self, sensors: int, reason: str) -> tuple[int, str]:
@@ -364,26 +372,28 @@ class FlightMonitor:
         self.gross = sum(clean.rejected[:k], self.gross)
         closed: list[Segment] = []
         if k:
-            closed = self._segments(clean.closed, self._numbers[:k], *self._innovated(clean.closed, self._innovations))
-        z, X = self._innovated(clean.open, self._innovations.fork())
+            closed = self._segments(
+                clean.closed, self._numbers[:k], *self._compute_innovations(clean.closed, self._innovations)
+            )
+        z, X = self._compute_innovations(clean.open, self._innovations.fork())
         fit = self._scatter(z[-len(new) :], X[-len(new) :], int(np.isfinite(new.e).sum()))
         if sensors < LEAST_SENSORS:
-            reason = too_few(sensors, new.e.shape[1])
-        elif lifeless(fit):
-            reason = too_still(fit)
+            reason = few_sensors_reason(sensors, new.e.shape[1])
+        elif is_lifeless(fit):
+            reason = low_scatter_reason(fit)
         self._numbers = [*self._numbers[k:], None if reason else self._numbered]
         self._numbered += not reason
         self._waiting += int(np.sum(np.isfinite(new.e).any(axis=1)))
         if self._distinct < FEWEST:
             return 0, reason
-        self._weigh(closed, z, X)
+        self._update_evidence(closed, z, X)
         judged, self._waiting = self._waiting, 0
-        return judged, reason or self._alone
+        return judged, reason or self._one_channel_reason
 
-    def _innovated(self, blocks: Sequence[LiveRecords], past: Innovations) -> tuple[np.ndarray, np.ndarray]:
+    def _compute_innovations(self, blocks: Sequence[LiveRecords], past: Innovations) -> tuple[np.ndarray, np.ndarray]:
         """z (n, m) of the records of blocks after the `past`, and X (n, m, d), how they depend on the coordinates."""
-        records = LiveRecords.joined(blocks)
-        z, G = past.of(records.e, records.J, records.lags)
+        records = LiveRecords.join(blocks)
+        z, G = past.compute(records.e, records.J, records.lags)
         return z, G @ self.process.coordinates.basis
 
     def _segments(
@@ -398,7 +408,7 @@ class FlightMonitor:
                 found.append(self.process.segment(number, X[rows], z[rows], *times))
         return found
 
-    def _weigh(self, closed: Sequence[Segment], z: np.ndarray, X: np.ndarray) -> None:
+    def _update_evidence(self, closed: Sequence[Segment], z: np.ndarray, X: np.ndarray) -> None:
         """The evidence with z (n, m) and X (n, m, d) of the open blocks."""
         blocks, numbers = self._clean.open, self._numbers
 
@@ -411,14 +421,14 @@ class FlightMonitor:
         self.process.add(closed, self._segments(blocks, numbers, z, X), disturbed)
 
     @property
-    def _alone(self) -> str:
+    def _one_channel_reason(self) -> str:
         """Why there is no alarm yet where one channel alone speaks for a change; "" elsewhere."""
-        return one_channel_decides(self.process.alone) if self.process.alone else ""
+        return one_channel_reason(self.process.decisive_cause) if self.process.decisive_cause else ""
 
     def _disturbances(self) -> Iterator[tuple[str, np.ndarray]]:
         """Each channel, a sensor's or a recorded input's, and in which direction V (n, m), unit or zero, it would move
         the innovations of the open blocks where it may have been wrong for so short a time as a gross error is."""
-        records, monitor = LiveRecords.joined(self._clean.open), self.monitor
+        records, monitor = LiveRecords.join(self._clean.open), self.monitor
         n, m = records.e.shape
         sigma = monitor.noise.sigma
         inputs = self._gate.recorded if self._gate else ()
@@ -427,20 +437,20 @@ class FlightMonitor:
             axis=2,
         )
         S = np.where(np.isfinite(records.e)[:, :, None], np.nan_to_num(effects), 0.0)
-        _, moved = Innovations(monitor.noise).of(records.e, S * sigma[:, None], records.lags)
+        _, moved = Innovations(monitor.noise).compute(records.e, S * sigma[:, None], records.lags)
         t = np.einsum("km,kmc->kc", np.nan_to_num(records.e / sigma), _unit(S))
         clock = np.cumsum(np.where(np.isfinite(records.lags), records.lags, UNRELATED))
         time = records.time if self._timed else np.full(n, np.nan)
-        brief = brief_departures(np.where(S.any(axis=1), t, np.nan), time, clock)
+        brief = find_brief_departures(np.where(S.any(axis=1), t, np.nan), time, clock)
         directions = _unit(moved) * brief[:, None]
         for c, channel in enumerate((*monitor.sensors, *inputs)):
             yield channel, directions[:, :, c]
 
-    def _repeated(self, y: np.ndarray) -> np.ndarray:
+    def _find_repeated(self, y: np.ndarray) -> np.ndarray:
         """Mask (N,) of the records whose readings y (N, m) are those of the record before, all of them."""
-        before = np.full((1, y.shape[1]), np.nan) if self._before is None else self._before
+        before = np.full((1, y.shape[1]), np.nan) if self._last_readings is None else self._last_readings
         if len(y):
-            self._before = y[-1:]
+            self._last_readings = y[-1:]
         above = np.concatenate([before, y[:-1]])
         return np.all((y == above) | (np.isnan(y) & np.isnan(above)), axis=1) & np.isfinite(y).any(axis=1)
 
@@ -453,7 +463,7 @@ class FlightMonitor:
             return LackOfFit(rest, dof, float("nan"), float("nan"))
         return LackOfFit(rest, dof, float(chdtrc(dof, rest)), rest / dof)
 
-    def _thinned(self, lags: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    def _thin_lags(self, lags: np.ndarray, kept: np.ndarray) -> np.ndarray:
         """Lags between the records that are judged: those skipped lengthen the lag of the next one."""
         elapsed = np.cumsum(np.where(np.isfinite(lags), lags, 1e9))
         total = float(elapsed[-1]) if len(elapsed) else 0.0
@@ -496,7 +506,7 @@ OPEN_FLIGHTS = 16
 
 
 @dataclass
-class Following:
+class FlightFollower:
     """The recordings of an intake followed in blocks of up to `block` records; a file that does not grow for `idle_s`
     seconds has ended. false_alarm: probability of an alarm in the whole of a healthy flight. `counts`: of records
     that were not judged, by what became of them."""
@@ -507,7 +517,7 @@ class Following:
     block: int = BLOCK
     idle_s: float = 60.0
     counts: Counter[str] = field(default_factory=Counter)
-    elsewhere: Counter[Elsewhere] = field(default_factory=Counter)
+    extrapolation: Counter[Extrapolation] = field(default_factory=Counter)
 
     def reports(self) -> Iterator[BlockReport]:
         """One report per block of each flight, as soon as its records are there."""
@@ -517,29 +527,29 @@ class Following:
                 flight = flights.pop(key, None) or FlightMonitor(self.monitor, key, self.false_alarm)
                 flights[key] = flight  # the latest is the last
                 while len(flights) > OPEN_FLIGHTS:
-                    yield from self._finished(flights.pop(next(iter(flights))))
-                report = flight.add(chunk.select(rows), self._left_out(key).stuck)
+                    yield from self._finish_flight(flights.pop(next(iter(flights))))
+                report = flight.add(chunk.select(rows), self._excluded_data(key).stuck)
                 self.counts.update(
                     outside=report.outside,
                     incomplete=report.incomplete,
                     failed=report.failed,
                     repeating=report.repeated,
                 )
-                self.elsewhere.update(report.elsewhere)
+                self.extrapolation.update(report.extrapolation)
                 yield report
         for flight in flights.values():
-            yield from self._finished(flight)
+            yield from self._finish_flight(flight)
 
-    def _left_out(self, key: Key) -> ExcludedData:
+    def _excluded_data(self, key: Key) -> LeftOut:
         """What was left out of the file of a flight."""
         of_file = [left for left in self.intake.excluded if left.file == key[0]]
         return (of_file or self.intake.excluded)[-1]
 
-    def _finished(self, flight: FlightMonitor) -> Iterator[BlockReport]:
+    def _finish_flight(self, flight: FlightMonitor) -> Iterator[BlockReport]:
         """The end of a flight. What was rejected is counted where it is reported: files come in turn, each with one
         engine."""
         report = flight.finish()
-        left = self._left_out(flight.key)
+        left = self._excluded_data(flight.key)
         left.gross = left.gross + flight.gross
         if report is not None:
             yield report

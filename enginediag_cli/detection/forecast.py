@@ -46,7 +46,7 @@ FEWEST_TOLD = 1e-12
 
 
 @dataclass(frozen=True)
-class Course:
+class MarginCourse:
     """Consumption y (n,) after t (n,) flights, negative where nothing can have begun, of errors with covariance `noise`
     (n, n); steps (n, e): 1 after each maintenance event; now: flights so far. offset, step: standard deviations of c
     and r beforehand, in the unit of y."""
@@ -66,7 +66,7 @@ class Population:
     time to the limit is as likely as ten times that. none: probability that nothing grows."""
 
     mean: float
-    spread: float
+    log_spread: float
     weights: np.ndarray
     none: float = NO_GROWTH
 
@@ -74,26 +74,26 @@ class Population:
     def log_prior(self) -> np.ndarray:
         """log P (T, K) over the grid; with `none` it sums to 1."""
         x = np.log(TAU)
-        log = np.zeros(len(TAU)) if np.isinf(self.spread) else -0.5 * ((x - self.mean) / self.spread) ** 2
+        log = np.zeros(len(TAU)) if np.isinf(self.log_spread) else -0.5 * ((x - self.mean) / self.log_spread) ** 2
         log = log - np.logaddexp.reduce(log) + np.log1p(-self.none)
         return np.asarray(log[:, None] + np.log(self.weights))
 
 
-def unknown() -> Population:
+def unknown_population() -> Population:
     """A population of which nothing is known."""
     curved = (1 - STRAIGHT) / (len(KAPPA) - 1)
     return Population(0.0, np.inf, np.where(KAPPA == 0.0, STRAIGHT, curved))
 
 
 @dataclass(frozen=True)
-class Fitted:
+class FittedLaws:
     """What a course says of each law: log likelihood (T, K), and the consumption now: `base` (T, K), that of offset and
     steps together, its variance, and `grown` (T, K); the same without growth."""
 
     log: np.ndarray
     base: np.ndarray
     variance: float
-    grown: np.ndarray
+    growth_now: np.ndarray
     log_none: float
     base_none: float
     reference: float
@@ -106,7 +106,7 @@ def growth(x: np.ndarray, kappa: np.ndarray) -> np.ndarray:
     return np.asarray(np.where(kappa == 0.0, x, np.expm1(np.minimum(k * x, 700.0)) / np.expm1(k)))
 
 
-def fitted(course: Course, reference: float) -> Fitted:
+def fit_laws(course: MarginCourse, reference: float) -> FittedLaws:
     """The laws on the grid against a course; reference: L₀."""
     n = len(course.t)
     X = np.column_stack([np.ones(n), course.steps])
@@ -127,7 +127,7 @@ def fitted(course: Course, reference: float) -> Fitted:
     shape = (len(TAU), len(KAPPA))
     now = reference * growth(course.now / TAU[:, None], KAPPA)
     none = -0.5 * float(course.y @ W @ course.y)
-    return Fitted(
+    return FittedLaws(
         log.reshape(shape),
         (left @ after).reshape(shape),
         float(ones @ covariance @ ones),
@@ -139,9 +139,9 @@ def fitted(course: Course, reference: float) -> Fitted:
     )
 
 
-def learnt(courses: Sequence[Fitted], without: int | None = None) -> Population:
+def learn_population(courses: Sequence[FittedLaws], without: int | None = None) -> Population:
     """The population that these engines come from, without one of them if wanted; `unknown` for fewer than three."""
-    population, mine = unknown(), [f for k, f in enumerate(courses) if k != without]
+    population, mine = unknown_population(), [f for k, f in enumerate(courses) if k != without]
     if len(mine) < 3:
         return population
     x = np.log(TAU)
@@ -184,14 +184,14 @@ class Forecast:
         return float(self.times @ self.weights / self.weights.sum()) if self.weights.sum() > 0 else float("inf")
 
 
-def forecast(fit: Fitted, population: Population, limit: float, deviation: float = 0.0) -> Forecast:
+def forecast(fit: FittedLaws, population: Population, limit: float, deviation: float = 0.0) -> Forecast:
     """When the limit ~ N(limit, deviation²) is passed, given that it has not been."""
     from scipy.special import ndtri
 
     w, none = _posterior(fit, population)
     tau, kappa = np.broadcast_to(TAU[:, None], w.shape), np.broadcast_to(KAPPA, w.shape)
     # a law that has no weight may be out of all numbers by now
-    slope, now = np.where(w > 0, _slope(fit, tau, kappa), 0.0), np.where(w > 0, fit.base + fit.grown, 0.0)
+    slope, now = np.where(w > 0, _slope(fit, tau, kappa), 0.0), np.where(w > 0, fit.base + fit.growth_now, 0.0)
     level = float(np.sum(w * now) + none * fit.base_none)
     rate = float(np.sum(w * slope))
     second = float(np.sum(w * (now - level) ** 2) + none * (fit.base_none - level) ** 2)
@@ -200,7 +200,7 @@ def forecast(fit: Fitted, population: Population, limit: float, deviation: float
     w, tau, kappa, base = w[some], tau[some], kappa[some], fit.base[some]
     spread = np.sqrt(fit.variance + deviation**2)
     gap = limit - base[:, None] + spread * ndtri((np.arange(NODES) + 0.5) / NODES)
-    times = passage(gap / fit.reference, tau[:, None], kappa[:, None]) - fit.now
+    times = first_passage(gap / fit.reference, tau[:, None], kappa[:, None]) - fit.now
     each = np.broadcast_to(w[:, None] / NODES, times.shape)
     ahead = times > 0
     nodes = limit - fit.base_none + spread * ndtri((np.arange(NODES) + 0.5) / NODES)
@@ -214,7 +214,7 @@ def forecast(fit: Fitted, population: Population, limit: float, deviation: float
     )
 
 
-def _posterior(fit: Fitted, population: Population) -> tuple[np.ndarray, float]:
+def _posterior(fit: FittedLaws, population: Population) -> tuple[np.ndarray, float]:
     """Weights (T, K) of the laws, and of no growth."""
     log, none = fit.log + population.log_prior, fit.log_none + np.log(population.none)
     top = max(float(log.max()), none)
@@ -223,14 +223,14 @@ def _posterior(fit: Fitted, population: Population) -> tuple[np.ndarray, float]:
     return w / total, still / total
 
 
-def passage(gap: np.ndarray, tau: np.ndarray, kappa: np.ndarray) -> np.ndarray:
+def first_passage(gap: np.ndarray, tau: np.ndarray, kappa: np.ndarray) -> np.ndarray:
     """Flights after which growth reaches `gap`, in units of its reference; negative gaps were passed before."""
     k = np.where(kappa == 0.0, 1.0, kappa)
     curved = np.log(np.maximum(1 + gap * np.expm1(k), 1e-300)) / k
     return np.asarray(tau * np.where(kappa == 0.0, gap, curved))
 
 
-def _slope(fit: Fitted, tau: np.ndarray, kappa: np.ndarray) -> np.ndarray:
+def _slope(fit: FittedLaws, tau: np.ndarray, kappa: np.ndarray) -> np.ndarray:
     """Growth per flight, now."""
     k = np.where(kappa == 0.0, 1.0, kappa)
     curved = k * np.exp(np.minimum(k * fit.now / tau, 700.0)) / np.expm1(k)

@@ -79,7 +79,7 @@ class Segment:
         return Segment(self.first, later.last, n, self.begin, clock, self.s + later.s, self.F + later.F)
 
 
-def append(past: list[Segment], new: Segment) -> list[Segment]:
+def append_segment(past: list[Segment], new: Segment) -> list[Segment]:
     """`past` with `new` behind it; where there are more than RECENT pieces of a length, the oldest two are joined."""
     kept, length = [*past, new], 1
     while True:
@@ -92,7 +92,7 @@ def append(past: list[Segment], new: Segment) -> list[Segment]:
 
 
 @dataclass(frozen=True)
-class Tails:
+class OnsetSums:
     """Sums from each of J possible onsets to now. With law g(t): s = Σ g s_i (J, d), F = Σ g² F_i (J, d, d) and
     cross = Σ g F_i (J, d, d), the product of what changes with what stays. total_s (d,), total_F (d, d): of all."""
 
@@ -106,19 +106,21 @@ class Tails:
 LAWS = ("step", "ramp")
 
 
-def tails(past: list[Segment], law: str = "step") -> Tails:
+def onset_sums(past: list[Segment], law: str = "step") -> OnsetSums:
     """Sums for an onset at the beginning of each piece; a ramp grows from 0 there to 1 now."""
     s, F = np.stack([piece.s for piece in past]), np.stack([piece.F for piece in past])
     total_s, total_F = s.sum(axis=0), F.sum(axis=0)
     if law == "step":
         from_here = np.cumsum(F[::-1], axis=0)[::-1]
-        return Tails(np.cumsum(s[::-1], axis=0)[::-1], from_here, from_here, total_s, total_F)
+        return OnsetSums(np.cumsum(s[::-1], axis=0)[::-1], from_here, from_here, total_s, total_F)
     begin, clock = np.array([piece.begin for piece in past]), np.array([piece.clock for piece in past])
     since = np.maximum(clock[None, :] - begin[:, None], 0.0)  # (J, pieces)
     g = np.where(np.arange(len(past))[None, :] >= np.arange(len(past))[:, None], since, 0.0)
     g = g / np.maximum(g.max(axis=1, keepdims=True), 1e-300)  # at 1 now, unless the clock runs backwards
     flat = F.reshape(len(past), -1)
-    return Tails(g @ s, (g**2 @ flat).reshape(-1, *F.shape[1:]), (g @ flat).reshape(-1, *F.shape[1:]), total_s, total_F)
+    return OnsetSums(
+        g @ s, (g**2 @ flat).reshape(-1, *F.shape[1:]), (g @ flat).reshape(-1, *F.shape[1:]), total_s, total_F
+    )
 
 
 FROM_THE_START = 0.5
@@ -130,19 +132,19 @@ SCALES = (1.0, 0.25)
 
 
 @dataclass(frozen=True)
-class Effect:
+class ChangeEquations:
     """Normal equations of the changes, nuisance eliminated, for J onsets: score r (J, c), information S (J, c, c)."""
 
     r: np.ndarray
     S: np.ndarray
 
 
-def effect(found: Tails, nuisance: int) -> Effect:
+def eliminate_nuisance(found: OnsetSums, nuisance: int) -> ChangeEquations:
     """r = s_δ − F_δw (I + F_ww)⁻¹ s_w,   S = F_δδ − F_δw (I + F_ww)⁻¹ F_wδ."""
     k = nuisance
     r, S = found.s[:, k:], found.F[:, k:, k:]
     if k == 0:
-        return Effect(r, S)
+        return ChangeEquations(r, S)
     F_wd = found.cross[:, :k, k:]
     inner = np.eye(k) + found.total_F[:k, :k]
     J, _, c = F_wd.shape
@@ -150,16 +152,16 @@ def effect(found: Tails, nuisance: int) -> Effect:
     solved = np.linalg.solve(inner, right)
     solved_F = solved[:, 1:].reshape(k, J, c).transpose(1, 0, 2)
     back = F_wd.transpose(0, 2, 1)
-    return Effect(r - back @ solved[:, 0], S - back @ solved_F)
+    return ChangeEquations(r - back @ solved[:, 0], S - back @ solved_F)
 
 
-def log_single(found: Effect, scale: float = 1.0) -> np.ndarray:
+def log_single(found: ChangeEquations, scale: float = 1.0) -> np.ndarray:
     """log likelihood ratios (J, c) of a change of one parameter alone, of `scale` prior standard deviations."""
     information = scale**2 * np.maximum(np.einsum("jcc->jc", found.S), 0.0)
     return np.asarray(-0.5 * np.log1p(information) + 0.5 * scale**2 * found.r**2 / (1 + information))
 
 
-def log_full(found: Effect, count: int) -> np.ndarray:
+def log_full(found: ChangeEquations, count: int) -> np.ndarray:
     """log likelihood ratios (J,) of a change of the first `count` parameters together."""
     r, S = found.r[:, :count], found.S[:, :count, :count]
     L = np.linalg.cholesky(np.eye(count) + (S + S.transpose(0, 2, 1)) / 2)
@@ -173,7 +175,7 @@ def log_mean_exp(x: np.ndarray, axis: int = -1) -> np.ndarray:
     return np.asarray(np.log(np.mean(np.exp(x - top), axis=axis)) + np.squeeze(top, axis=axis))
 
 
-def log_ratio(found: Effect, coordinates: Coordinates) -> np.ndarray:
+def log_ratio(found: ChangeEquations, coordinates: Coordinates) -> np.ndarray:
     """log L_j (J,): a third each for all health parameters together, one of them alone, one sensor alone."""
     a = len(coordinates.health)
     parts = [log_full(found, a)] if a else []
@@ -203,7 +205,7 @@ class EProcess:
     past: list[Segment] = field(default_factory=list)
     open: list[Segment] = field(default_factory=list)
     log_e: float = 0.0
-    alone: str = ""
+    decisive_cause: str = ""
     alarm_block: int | None = None
 
     @property
@@ -228,8 +230,8 @@ class EProcess:
         rests on one such cause alone. The smallest of several E is no larger than any, so that the bound holds.
         """
         for segment in closed:
-            self.past = append(self.past, segment)
-        self.open, self.alone = list(open_blocks), ""
+            self.past = append_segment(self.past, segment)
+        self.open, self.decisive_cause = list(open_blocks), ""
         limit = -np.log(self.false_alarm)
         self.log_e = self._log_e(self.open)
         if self.alarm_block is None and self.log_e >= limit:
@@ -238,14 +240,14 @@ class EProcess:
             if self.log_e >= limit:
                 self.alarm_block = self.pieces[-1].last - 1
             else:
-                self.alone = min(without, key=lambda cause: without[cause])
+                self.decisive_cause = min(without, key=lambda cause: without[cause])
 
     def _log_e(self, open_blocks: Sequence[Segment]) -> float:
         """log E_n with these for the open blocks."""
         pieces = [*self.past, *open_blocks]
         if not pieces:
             return 0.0
-        found = effect(tails(pieces), self.coordinates.nuisance)
+        found = eliminate_nuisance(onset_sums(pieces), self.coordinates.nuisance)
         weights = onset_weight(np.array([piece.first for piece in pieces]))
         # onsets that have been forgotten count as ratio 0, those to come as ratio 1
         to_come = (1 - FROM_THE_START) * HORIZON / (pieces[-1].last + HORIZON - 1)
@@ -264,7 +266,7 @@ class Innovations:
         """One that goes on from here by itself."""
         return replace(self, _last=dict(self._last))
 
-    def of(self, e: np.ndarray, J: np.ndarray, lags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def compute(self, e: np.ndarray, J: np.ndarray, lags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """z (N, m) and G (N, m, p) of the next records, zero where a sensor is missing.
 
         e (N, m) in sensor units, NaN where missing; J (N, m, p); lags (N,) in records since the record before,

@@ -31,9 +31,9 @@ from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.files import Window
 from enginediag_cli.residuals.instruments import FaultInFlights, InstrumentFault, faults_in_flights
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.reduced import effects_of_inputs
+from enginediag_cli.residuals.reduced import input_error_effects
 from enginediag_cli.residuals.statistics import LocalStatistics
-from enginediag_cli.residuals.windows import WindowStatistics, joined
+from enginediag_cli.residuals.windows import WindowStatistics, join_bookkeeping
 
 TOLD = 1e-6
 """Share of the information of the best told direction below which a direction is not told at all."""
@@ -68,7 +68,7 @@ class Readings:
     def __len__(self) -> int:
         return len(self.z)
 
-    def joined(self, most: int) -> Readings:
+    def merge_epochs(self, most: int) -> Readings:
         """The same series in `most` epochs at most, none of which reaches over one of the longest times without any:
         what changed in such a time would be half in its epoch."""
         n = len(self)
@@ -131,7 +131,7 @@ class EpochStatistics:
         return found
 
 
-def readings_of(
+def build_readings(
     statistics: Sequence[LocalStatistics | EpochStatistics],
     described: Sequence[Parameter],
     clock: np.ndarray,
@@ -157,7 +157,7 @@ def readings_of(
     if not told:
         if not np.all(np.isfinite(first.F)):
             raise ValueError("no sensor is read in half of the flights or more")
-        directions = _directions(np.stack([x.F[np.ix_(at, at)] for x in statistics]) * D * D[:, None])
+        directions = _determined_directions(np.stack([x.F[np.ix_(at, at)] for x in statistics]) * D * D[:, None])
     seen = D[:, None] * directions
     FJ = np.empty((len(statistics), directions.shape[1], len(at)))  # not (n, p, p), and nothing of its size beside it
     for x, of_epoch in zip(statistics, FJ, strict=True):
@@ -189,12 +189,12 @@ def readings_of(
         np.asarray(clock, float)[kept],
         np.ones(n),
         np.flatnonzero(kept),
-        _weather(conditions[kept]) if conditions is not None else np.zeros((n, 0)),
+        _condition_functions(conditions[kept]) if conditions is not None else np.zeros((n, 0)),
     )
-    return _with_inputs(found, [each.at(kept) for each in (read or {}).values()])
+    return _add_input_readings(found, [each.select(kept) for each in (read or {}).values()])
 
 
-def _directions(F: np.ndarray) -> np.ndarray:
+def _determined_directions(F: np.ndarray) -> np.ndarray:
     """Directions (p, r) of the parameters, as many as the epochs' information F (n, p, p) determines in nine of ten:
     among many parameters one direction that single epochs do not show would take these out of the series."""
     value, vector = np.linalg.eigh(F.sum(axis=0))
@@ -219,12 +219,12 @@ class InputReadings:
     values: np.ndarray
     errors: Mapping[str, np.ndarray]
 
-    def at(self, kept: np.ndarray) -> InputReadings:
+    def select(self, kept: np.ndarray) -> InputReadings:
         """In the epochs `kept` (n,) bool."""
         return InputReadings(self.values[kept], {name: added[kept] for name, added in self.errors.items()})
 
 
-def _with_inputs(readings: Readings, read: Sequence[InputReadings]) -> Readings:
+def _add_input_readings(readings: Readings, read: Sequence[InputReadings]) -> Readings:
     """The series with what the instruments of inputs `read`; one that reads the same all the time is none."""
     rows, effects = [], []
     for instrument in read:
@@ -254,7 +254,7 @@ def _with_inputs(readings: Readings, read: Sequence[InputReadings]) -> Readings:
     )
 
 
-def jump(values: np.ndarray) -> float:
+def level_step(values: np.ndarray) -> float:
     """By how much values (n,) differ before and after the epoch that parts them best into two levels, 0 where there is
     none of the sort: medians, which single epochs do not move."""
     n = len(values)
@@ -276,7 +276,7 @@ VARIES = 1e-6
 """Relative spread of a condition below which it is the same all the time."""
 
 
-def _weather(conditions: np.ndarray) -> np.ndarray:
+def _condition_functions(conditions: np.ndarray) -> np.ndarray:
     """Conditions (n, c) themselves, their squares and products, as far as there are epochs for them, of mean 0 and
     variance 1."""
     n = len(conditions)
@@ -305,7 +305,7 @@ class FlightChange:
     standard_error: np.ndarray
 
 
-def flight_change(statistics: LocalStatistics) -> FlightChange:
+def estimate_flight_change(statistics: LocalStatistics) -> FlightChange:
     """Changes in the flight(s) that the statistics stand for."""
     D = statistics.prior_sigma
     F, s = _effective(statistics)
@@ -335,19 +335,19 @@ hundred thousand without. What a machine of 1 GB has to spare."""
 
 
 @dataclass(frozen=True)
-class Stretch:
+class FlightWindow:
     """One flight, or one window of a recording without flights; kept: its statistics, or so much of them as readings
     take."""
 
     window: WindowStatistics
-    kept: LocalStatistics | EpochStatistics
+    stored: LocalStatistics | EpochStatistics
 
     @property
     def statistics(self) -> LocalStatistics:
         """All of them. Raises ValueError where they were not kept."""
-        if not isinstance(self.kept, LocalStatistics):
+        if not isinstance(self.stored, LocalStatistics):
             raise ValueError("of this series the readings alone are kept")
-        return self.kept
+        return self.stored
 
 
 @dataclass(frozen=True)
@@ -357,10 +357,10 @@ class Series:
     steered: inputs that set the power, which an engine's state does not leave alone; errors: of inputs, by name;
     monitor: None where statistics came without one."""
 
-    stretches: Mapping[str, Sequence[Stretch]]
-    known: Mapping[str, Parameter]
-    lost: int
-    steered: Collection[str] = ()
+    stretches: Mapping[str, Sequence[FlightWindow]]
+    parameters: Mapping[str, Parameter]
+    skipped_windows: int
+    power_inputs: Collection[str] = ()
     errors: Mapping[str, InputError] = field(default_factory=dict)
     monitor: Monitor | None = None
     instruments: Mapping[str, tuple[FaultInFlights, ...]] = field(default_factory=dict)
@@ -373,11 +373,11 @@ class Series:
     def readings(self, engine: str) -> Readings:
         """The series of an engine. Raises DataError when its flights have statistics of different parameters."""
         mine = self.stretches[engine]
-        present = set(mine[0].kept.parameters)
-        described = [p for name, p in self.known.items() if name in present]
+        present = set(mine[0].stored.parameters)
+        described = [p for name, p in self.parameters.items() if name in present]
         try:
-            return readings_of(
-                [x.kept for x in mine],
+            return build_readings(
+                [x.stored for x in mine],
                 described,
                 _clock(mine),
                 self._conditions(mine),
@@ -388,7 +388,7 @@ class Series:
             name = f"engine {engine}: " if engine else ""
             raise DataError(f"{name}{error}") from None
 
-    def _read(self, mine: Sequence[Stretch]) -> dict[str, InputReadings]:
+    def _read(self, mine: Sequence[FlightWindow]) -> dict[str, InputReadings]:
         """What the instruments of inputs read, by column; the logarithm of it where their usual error, the first,
         multiplies."""
         found: dict[str, InputReadings] = {}
@@ -405,7 +405,7 @@ class Series:
                 found[column] = InputReadings(np.log(values) if log else values, added)
         return found
 
-    def _effects(self, mine: Sequence[Stretch]) -> dict[str, dict[str, np.ndarray]]:
+    def _effects(self, mine: Sequence[FlightWindow]) -> dict[str, dict[str, np.ndarray]]:
         """What errors of the inputs that set the power do to the readings, at the mean conditions of each stretch,
         where such an input has stepped: it moves the engine on its maps by more than they are straight for."""
         inputs = mine[0].window.conditions
@@ -413,26 +413,26 @@ class Series:
             return {}
         values = {c: np.array([x.window.conditions[c] for x in mine]) for c in inputs}
         sizes = {}
-        for name in self.governed:
+        for name in self.power_errors:
             error = self.errors[name]
             level = values[error.column]
-            step = jump(level)
+            step = level_step(level)
             sizes[name] = step / float(np.median(level)) if error.multiplies else step
-        return effects_of_inputs(self.monitor, values, sizes) if any(sizes.values()) else {}
+        return input_error_effects(self.monitor, values, sizes) if any(sizes.values()) else {}
 
     @property
-    def governed(self) -> list[str]:
+    def power_errors(self) -> list[str]:
         """Errors of the inputs that set the power."""
-        return [name for name, error in self.errors.items() if error.column in self.steered]
+        return [name for name, error in self.errors.items() if error.column in self.power_inputs]
 
-    def _conditions(self, mine: Sequence[Stretch]) -> np.ndarray | None:
-        columns = [c for c in mine[0].window.conditions if c not in self.steered]
+    def _conditions(self, mine: Sequence[FlightWindow]) -> np.ndarray | None:
+        columns = [c for c in mine[0].window.conditions if c not in self.power_inputs]
         if not columns or any(c not in x.window.conditions for x in mine for c in columns):
             return None
         return np.array([[x.window.conditions[c] for c in columns] for x in mine])
 
 
-def _clock(stretches: Sequence[Stretch]) -> np.ndarray:
+def _clock(stretches: Sequence[FlightWindow]) -> np.ndarray:
     """When each stretch was: seconds or lines within one recording, else its number: flights have no common clock."""
     windows = [x.window for x in stretches]
     if len({(w.source, w.flight) for w in windows}) == 1:
@@ -444,7 +444,7 @@ def _clock(stretches: Sequence[Stretch]) -> np.ndarray:
     return np.arange(len(windows), dtype=float)
 
 
-class Windows(Protocol):
+class WindowSource(Protocol):
     """Windows of several recordings, in order: of files (`JudgedFiles`), or of a store. As these have them."""
 
     @property
@@ -456,11 +456,11 @@ class Windows(Protocol):
     def windows(self) -> Iterator[Window]: ...
 
 
-def series_of(files: Windows, law: Law = "whole") -> Series:
+def build_series(files: WindowSource, law: Law = "whole") -> Series:
     """Raises DataError when windows of a flight have different parameters, and for more flights than memory should take
     (`MOST_BYTES`). law: how much is kept of the law of each statistic, which is nine tenths of what it holds: all of
     it; its covariance V, which sums need; or nothing, where `readings` alone will be asked of the series."""
-    found: dict[str, list[Stretch]] = {}
+    found: dict[str, list[FlightWindow]] = {}
     flights: dict[str, int] = {}
     shown: dict[str, list[tuple[int, str, InstrumentFault]]] = {}
     before: dict[str, tuple[str, str]] = {}
@@ -480,22 +480,22 @@ def series_of(files: Windows, law: Law = "whole") -> Series:
             continue
         known.update(its_own)
         mine = found.setdefault(window.engine, [])
-        kept = _with_law(window.statistics, law, mine[0].kept if mine else None)
+        kept = _trim_statistics(window.statistics, law, mine[0].stored if mine else None)
         window = replace(window, statistics=None, weights=None)
         key = (window.engine, window.source, window.flight)
         if not window.flight or key not in place or not files.summed:
             place[key] = len(mine)
-            mine.append(Stretch(window, kept))
+            mine.append(FlightWindow(window, kept))
             size += _bytes(kept)
             if size > MOST_BYTES:
-                raise DataError(_too_many(found))
+                raise DataError(_memory_message(found))
             continue
         one = mine[place[key]]
         try:
-            both = _sum(one.kept, kept)
+            both = _add_windows(one.stored, kept)
         except ValueError as error:
             raise DataError(f"{window.source}: flight {window.flight}: {error}") from None
-        mine[place[key]] = Stretch(joined([one.window, window]), both)
+        mine[place[key]] = FlightWindow(join_bookkeeping([one.window, window]), both)
     wrong = {name: faults_in_flights(faults, flights[name]) for name, faults in shown.items()}
     if files.monitor is None:
         return Series(found, known, lost, instruments=wrong)
@@ -504,7 +504,7 @@ def series_of(files: Windows, law: Law = "whole") -> Series:
     return Series(found, known, lost, steered, getattr(engine, "errors", {}), files.monitor, wrong)
 
 
-def _with_law(
+def _trim_statistics(
     statistics: LocalStatistics, law: Law, first: LocalStatistics | EpochStatistics | None
 ) -> LocalStatistics | EpochStatistics:
     """So much of the law as is asked for; what is the same as in the `first` flight of the series is its own."""
@@ -522,7 +522,7 @@ def _with_law(
     return EpochStatistics.from_statistics(statistics, biases)
 
 
-def _sum(
+def _add_windows(
     one: LocalStatistics | EpochStatistics, other: LocalStatistics | EpochStatistics
 ) -> LocalStatistics | EpochStatistics:
     """Of two windows of one series. Raises ValueError for different parameters."""
@@ -539,7 +539,7 @@ def _bytes(kept: LocalStatistics | EpochStatistics) -> float:
     return sum(part.nbytes for part in parts if part is not None)
 
 
-def _too_many(found: Mapping[str, Sequence[Stretch]]) -> str:
+def _memory_message(found: Mapping[str, Sequence[FlightWindow]]) -> str:
     """That a series holds more than memory may take, and what to do."""
     flights = sum(map(len, found.values()))
     whole = all(x.window.flight for mine in found.values() for x in mine[:1])

@@ -48,7 +48,7 @@ from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.gross_gate import input_effects
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import window_statistics
-from enginediag_cli.residuals.score import Score, chdtrc, chdtri, fdtrc, fdtri, fisher_score, noncentrality_of
+from enginediag_cli.residuals.score import Score, chdtrc, chdtri, fdtrc, fdtri, fisher_score, noncentrality_for_power
 from enginediag_cli.residuals.statistics import LocalStatistics, range_space
 from enginediag_cli.residuals.windows import WindowPlan, WindowStatistics
 
@@ -93,7 +93,7 @@ def noise_correction(rank: int, doubt: tuple[float, float, float]) -> tuple[floa
     return nu / (mean * (nu - 2)), nu
 
 
-def numerator(rank: int, doubt: tuple[float, float, float]) -> float:
+def effective_rank(rank: int, doubt: tuple[float, float, float]) -> float:
     """r' = 2r²/(2r + Q): degrees of freedom with which the law of the noise makes the statistic scatter.
 
     It is kept within a factor of 4 of r: what is so far from Gaussian two moments do not describe.
@@ -104,7 +104,7 @@ def numerator(rank: int, doubt: tuple[float, float, float]) -> float:
 def p_value(statistic: float, score: Score) -> float:
     """Probability of a larger statistic when nothing has changed."""
     scale, nu = noise_correction(score.rank, score.doubt)
-    r = numerator(score.rank, score.doubt)
+    r = effective_rank(score.rank, score.doubt)
     if not np.isfinite(nu):
         return float(chdtrc(r, statistic * r / score.rank))
     return float(fdtrc(r, nu, scale * statistic / score.rank))
@@ -116,7 +116,7 @@ def critical_value(score: Score, false_alarm: float) -> float:
     if score.rank == 0:
         return limit
     scale, nu = noise_correction(score.rank, score.doubt)
-    r = numerator(score.rank, score.doubt)
+    r = effective_rank(score.rank, score.doubt)
     if not np.isfinite(nu):
         return float(score.rank / r * chdtri(r, false_alarm))
     return float(score.rank / scale * fdtri(r, nu, 1 - false_alarm))
@@ -191,7 +191,7 @@ NOTHING_REQUIRED = RequiredPower((("*", np.inf),))
 
 
 @dataclass(frozen=True)
-class Unseen:
+class UndetectableComponent:
     """A component of which the window shows nothing small enough: `parameter`, the one that comes nearest, would have
     to change by `size` where `limit` must show, both in its unit."""
 
@@ -212,7 +212,7 @@ def minimum_change(
         raise ValueError("`power` must lie between `false_alarm` and 1")
     if score.rank == 0:
         return np.full(len(score.parameters), np.inf)
-    needed = noncentrality_of(score.rank, limit or critical_value(score, false_alarm), power)
+    needed = noncentrality_for_power(score.rank, limit or critical_value(score, false_alarm), power)
     known = np.diag(score.information)
     scaled = known * score.prior_sigma**2
     seen = scaled > 1e-9 * max(float(np.max(np.diag(score.scaled()[1]), initial=0.0)), 1e-300)
@@ -220,7 +220,7 @@ def minimum_change(
         return np.where(seen, np.sqrt(needed / np.where(seen, known, 1.0)), np.inf)
 
 
-def must_show(
+def required_changes(
     described: Sequence[Parameter], prior_sigma: np.ndarray, chosen: Sequence[tuple[str, float]] = ()
 ) -> np.ndarray:
     """Change (p,) of each parameter that must show, in its unit; inf where none must, as of instruments.
@@ -237,20 +237,20 @@ def must_show(
     return found
 
 
-def unseen_components(score: Score, sizes: np.ndarray, limits: np.ndarray) -> list[Unseen]:
+def undetectable_components(score: Score, sizes: np.ndarray, limits: np.ndarray) -> list[UndetectableComponent]:
     """Components of which no parameter shows a change of its limit (p,), the worst first; sizes (p,): the smallest
     changes that show. A component without a limit is not asked for."""
-    nearest: dict[str, Unseen] = {}
+    nearest: dict[str, UndetectableComponent] = {}
     for p, size, limit in zip(score.described, sizes, limits, strict=True):
         if not np.isfinite(limit):
             continue
         known = nearest.get(p.component)
         if known is None or size / limit < known.size / known.limit:
-            nearest[p.component] = Unseen(p, float(size), float(limit))
+            nearest[p.component] = UndetectableComponent(p, float(size), float(limit))
     return sorted((u for u in nearest.values() if u.size > u.limit), key=lambda u: -u.size / u.limit)
 
 
-def size_with_unit(parameter: Parameter, size: float) -> str:
+def format_size(parameter: Parameter, size: float) -> str:
     """A change as people read it: in per cent of a scale factor, else in the parameter's unit."""
     return f"{100.0 * size:.2g} %" if not parameter.shown_unit else f"{size:.3g} {parameter.shown_unit}"
 
@@ -288,13 +288,13 @@ class Verdict:
     detectable: np.ndarray | None = None
 
     @property
-    def with_instruments(self) -> str:
+    def including_instruments(self) -> str:
         """The verdict where instruments count, too: one that is stuck or scatters is a fault whatever the test says of
         the rest."""
         return FAULT if self.window.instruments and self.verdict == HEALTHY else self.verdict
 
 
-def unknown_noise(score: Score) -> bool:
+def is_noise_unknown(score: Score) -> bool:
     """Whether the noise rests on so few independent readings that no threshold keeps its false-alarm rate."""
     return score.rank > 0 and score.doubt[1] > HARDLY_KNOWN * score.rank
 
@@ -316,48 +316,48 @@ def judge(
     if statistics is None:
         return Verdict(window, NO_VERDICT, window.reason)
     if window.silent:
-        window = window.without(())
+        window = window.drop_parameters(())
         statistics = window.statistics
         assert statistics is not None
     if window.sensors_of and window.sensors < LEAST_SENSORS:
-        return Verdict(window, NO_VERDICT, too_few(window.sensors, window.sensors_of))
+        return Verdict(window, NO_VERDICT, few_sensors_reason(window.sensors, window.sensors_of))
     score = fisher_score(statistics)
     test = glr_test(score, false_alarm)
     if test.alarm is None or statistics.dof <= 0:
         return Verdict(window, NO_VERDICT, "these operating points excite none of the monitored parameters")
-    if unknown_noise(score):
+    if is_noise_unknown(score):
         return Verdict(window, NO_VERDICT, NOISE_UNKNOWN)
     fit = lack_of_fit(statistics)
-    if lifeless(fit):
-        return Verdict(window, NO_VERDICT, too_still(fit))
+    if is_lifeless(fit):
+        return Verdict(window, NO_VERDICT, low_scatter_reason(fit))
     power = max(required.power, 0.5 * (1.0 + false_alarm))  # no test has less power than its false alarms
     sizes = minimum_change(score, false_alarm=false_alarm, power=power, limit=test.threshold)
     found = Verdict(window, FAULT, "", test, fit, score, sizes)
     if test.alarm:
         channel = "" if monitor is None or window.checked else _decisive_channel(window, monitor, false_alarm)
-        return replace(found, verdict=NO_VERDICT, reason=one_channel_decides(channel)) if channel else found
-    if window.disagreement is not None and window.doubtful:
-        reason = f"the recording is likelier wrong than the engine: {window.disagreement.description}"
+        return replace(found, verdict=NO_VERDICT, reason=one_channel_reason(channel)) if channel else found
+    if window.disagreement is not None and window.is_doubtful:
+        reason = f"the recording is likelier wrong than the engine: {window.disagreement.what}"
         return replace(found, verdict=NO_VERDICT, reason=reason)
     if window.extrapolated > MOSTLY * statistics.n:
-        return replace(found, verdict=NO_VERDICT, reason=nothing_seen(window.extrapolated, statistics.n))
-    limits = must_show(score.described, score.prior_sigma, required.changes)
-    unseen = unseen_components(score, sizes, limits)
+        return replace(found, verdict=NO_VERDICT, reason=extrapolation_reason(window.extrapolated, statistics.n))
+    limits = required_changes(score.described, score.prior_sigma, required.changes)
+    unseen = undetectable_components(score, sizes, limits)
     if unseen:
-        return replace(found, verdict=NO_VERDICT, reason=too_few_records(unseen[0]))
+        return replace(found, verdict=NO_VERDICT, reason=few_records_reason(unseen[0]))
     return replace(found, verdict=HEALTHY)
 
 
-def too_few_records(unseen: Unseen) -> str:
+def few_records_reason(unseen: UndetectableComponent) -> str:
     """Why nothing is told by a window that would have shown no change of a component that matters."""
     p = unseen.parameter
     if not np.isfinite(unseen.size):
         return f"too few records: no change of {p.words or p.name} would show"
-    size, limit = (size_with_unit(p, x) for x in (unseen.size, unseen.limit))
+    size, limit = (format_size(p, x) for x in (unseen.size, unseen.limit))
     return f"too few records: a change of {p.words or p.name} would show from {size} on, and {limit} must"
 
 
-def nothing_seen(extrapolated: int, judged: int) -> str:
+def extrapolation_reason(extrapolated: int, judged: int) -> str:
     """Why nothing is told where no alarm is raised beyond what training covered."""
     return (
         f"{extrapolated} of {judged} records outside the operating points identified, and nothing is seen within "
@@ -365,12 +365,12 @@ def nothing_seen(extrapolated: int, judged: int) -> str:
     )
 
 
-def too_few(sensors: int, sensors_of: int) -> str:
+def few_sensors_reason(sensors: int, sensors_of: int) -> str:
     """Why nothing is told by so few sensors."""
     return f"{sensors} of {sensors_of} sensors gave readings, and {LEAST_SENSORS} are the least"
 
 
-def one_channel_decides(channel: str) -> str:
+def one_channel_reason(channel: str) -> str:
     """Why nothing is told where a change rests on one channel, and has lasted no longer than a gross error."""
     return f"one channel decides: without {channel} there is no alarm, and so few records may be gross errors of it"
 
@@ -378,7 +378,7 @@ def one_channel_decides(channel: str) -> str:
 def _decisive_channel(window: WindowStatistics, monitor: Monitor, false_alarm: float) -> str:
     """The sensor without whose readings, or the input with whose likeliest error taken out, there is no alarm; of
     several the one without which the window looks healthiest."""
-    channels, variants = zip(*_without_each(window, monitor), strict=True)
+    channels, variants = zip(*_leave_one_channel_out(window, monitor), strict=True)
     n = len(next(iter(variants[0].values())))
     columns = {c: np.concatenate([v[c] for v in variants]) for c in variants[0]}
     flights = [str(k) for k in range(len(channels)) for _ in range(n)]
@@ -393,10 +393,10 @@ def _decisive_channel(window: WindowStatistics, monitor: Monitor, false_alarm: f
     return likeliest
 
 
-def _without_each(window: WindowStatistics, monitor: Monitor) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
+def _leave_one_channel_out(window: WindowStatistics, monitor: Monitor) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
     """Each channel, and the records of a window, column → (n,), without it: t = Sᵀz/SᵀS of an input whose error moves
     the readings by S standard deviations."""
-    inputs, y, sigma = dict(window.flown), window.read, monitor.noise.sigma
+    inputs, y, sigma = dict(window.sample_inputs), window.sample_readings, monitor.noise.sigma
     assert y is not None
     every = {**inputs, **{c: y[:, j] for j, c in enumerate(monitor.sensors)}}
     for c in monitor.sensors:
@@ -412,12 +412,12 @@ def _without_each(window: WindowStatistics, monitor: Monitor) -> Iterator[tuple[
         yield c, {**every, c: inputs[c] + t[:, i]}
 
 
-def too_still(fit: LackOfFit) -> str:
+def low_scatter_reason(fit: LackOfFit) -> str:
     """Why nothing is told by readings without life."""
     return f"the readings scatter impossibly little (fit {fit.ratio:.1g}): they repeat, or were not measured"
 
 
-def lifeless(fit: LackOfFit) -> bool:
+def is_lifeless(fit: LackOfFit) -> bool:
     """Whether the readings scatter less than any that were measured can: a recorder that repeats itself."""
     tiny = fit.dof > 0 and fit.consistent and fit.ratio < LEAST_FIT
     return tiny and 1.0 - chdtrc(fit.dof, fit.statistic) < LEAST_FIT_CHANCE

@@ -67,12 +67,12 @@ class Wander:
     inverse: np.ndarray
     c: np.ndarray
     log: float
-    beside: float
+    log_without_events: float
     slow: bool
     inputs: int = 0
 
 
-def structure(clock: np.ndarray, z: np.ndarray, least: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def structure_functions(clock: np.ndarray, z: np.ndarray, least: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Distances (h,) and half the mean square of differences (h, m, m) of the readings z (n, m). least (m, m):
     covariance of their noise, which counts as m + 2 differences."""
     n = len(z)
@@ -133,7 +133,7 @@ def _shares(S: np.ndarray, least: np.ndarray, own: np.ndarray) -> np.ndarray:
     return np.where(tell, np.exp(np.minimum(mean, 0.0)), 1.0)
 
 
-class Scatter:
+class ScatterLaws:
     """The laws of scatter of one series. An input wanders by itself, by all distances and whatever the weather: what
     the readings follow of it is the weather's already; few events show in it, so that its law is read once for all
     others."""
@@ -142,37 +142,37 @@ class Scatter:
         self.readings = readings
         self._inputs: dict[tuple[int, bytes], Wander] = {}
 
-    def without(self, known: np.ndarray, laws: Sequence[bool]) -> list[Wander]:
+    def estimate(self, known: np.ndarray, laws: Sequence[bool]) -> list[Wander]:
         """The laws with the events `known` (n, m) taken out of the readings: by all distances (True), and by that of
         neighbours alone (False)."""
         from scipy.linalg import block_diag
 
         readings = self.readings
         m = readings.z.shape[1] - readings.inputs
-        own = _wandering(_rows(readings, slice(0, m), readings.weather), known[:, :m], laws)
-        inputs = [self._of_input(k, known[:, k : k + 1]) for k in range(m, m + readings.inputs)]
+        own = _wander_laws(_select_readings(readings, slice(0, m), readings.weather), known[:, :m], laws)
+        inputs = [self._input_law(k, known[:, k : k + 1]) for k in range(m, m + readings.inputs)]
         return [
             Wander(
                 block_diag(*(part.W for part in parts)),
                 np.concatenate([part.inverse for part in parts]),
                 np.concatenate([part.c for part in parts]),
                 sum(part.log for part in parts),
-                sum(part.beside for part in parts),
+                sum(part.log_without_events for part in parts),
                 slow,
                 readings.inputs,
             )
             for slow, parts in ((slow, [law, *inputs]) for slow, law in zip(laws, own, strict=True))
         ]
 
-    def _of_input(self, k: int, known: np.ndarray) -> Wander:
+    def _input_law(self, k: int, known: np.ndarray) -> Wander:
         key = (k, known.tobytes())
         if key not in self._inputs:
             none = np.zeros((len(self.readings), 0))
-            [self._inputs[key]] = _wandering(_rows(self.readings, slice(k, k + 1), none), known, [True])
+            [self._inputs[key]] = _wander_laws(_select_readings(self.readings, slice(k, k + 1), none), known, [True])
         return self._inputs[key]
 
 
-def _rows(readings: Readings, rows: slice, weather: np.ndarray) -> Readings:
+def _select_readings(readings: Readings, rows: slice, weather: np.ndarray) -> Readings:
     """Some of the readings, with the conditions that they follow."""
     return replace(
         readings,
@@ -184,13 +184,13 @@ def _rows(readings: Readings, rows: slice, weather: np.ndarray) -> Readings:
     )
 
 
-def _wandering(readings: Readings, known: np.ndarray, laws: Sequence[bool]) -> list[Wander]:
-    beside = _without_weather(readings.z - known, readings.weather)
-    distances, C = structure(readings.clock, beside, readings.noise)
-    return [_law(readings, known, distances, C, slow) for slow in laws]
+def _wander_laws(readings: Readings, known: np.ndarray, laws: Sequence[bool]) -> list[Wander]:
+    beside = _remove_weather(readings.z - known, readings.weather)
+    distances, C = structure_functions(readings.clock, beside, readings.noise)
+    return [_scatter_law(readings, known, distances, C, slow) for slow in laws]
 
 
-def _law(readings: Readings, known: np.ndarray, distances: np.ndarray, C: np.ndarray, slow: bool) -> Wander:
+def _scatter_law(readings: Readings, known: np.ndarray, distances: np.ndarray, C: np.ndarray, slow: bool) -> Wander:
     """One law of scatter from the structure functions C (h, m, m)."""
     from scipy.linalg import eigh
     from scipy.special import chdtri
@@ -208,7 +208,7 @@ def _law(readings: Readings, known: np.ndarray, distances: np.ndarray, C: np.nda
     inverse, logs = _inverse(K + common)
     c = np.einsum("kij,jk->ki", inverse, free)
     own = np.einsum("kii->ki", inverse)
-    more = _locally(np.sum(c**2 / own, axis=0) / chdtri(m, 0.5)) if slow else np.ones(n)
+    more = _local_inflation(np.sum(c**2 / own, axis=0) / chdtri(m, 0.5)) if slow else np.ones(n)
     K = K * np.sqrt(more[:, None] * more) + common
     if np.any(more > 1):
         inverse, logs = _inverse(K)
@@ -228,7 +228,7 @@ def _law(readings: Readings, known: np.ndarray, distances: np.ndarray, C: np.nda
     return Wander(W, inverse, c, log - 0.5 * float(np.sum(c * z.T)), left, slow)
 
 
-def _locally(squares: np.ndarray) -> np.ndarray:
+def _local_inflation(squares: np.ndarray) -> np.ndarray:
     """By how much the variance of an epoch (n,) is larger than by the law of the series, from squares of what is left
     of it, of median 1: an engine that is run in another way for a while wanders more in that time. Single epochs have
     no say, a law that is too wide somewhere stands."""
@@ -274,7 +274,7 @@ def _running_median(z: np.ndarray) -> np.ndarray:
     return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, 5, axis=0), axis=-1))
 
 
-def _without_weather(z: np.ndarray, weather: np.ndarray) -> np.ndarray:
+def _remove_weather(z: np.ndarray, weather: np.ndarray) -> np.ndarray:
     """What level and conditions leave of the readings (n, m)."""
     X = np.concatenate([np.ones((len(z), 1)), weather], axis=1)
     H = X.T @ X + np.diag([0.0, *np.ones(weather.shape[1])])
@@ -303,7 +303,7 @@ class Courses:
         return self.g[(self.onset == self.onset[k]) & (self.growing == self.growing[k])]
 
 
-def courses(clock: np.ndarray, earliest: int = 0) -> Courses:
+def candidate_courses(clock: np.ndarray, earliest: int = 0) -> Courses:
     """Steps at every epoch after the first `earliest`, and growths over two epochs at least, for one over a single
     epoch would be a step."""
     n = len(clock)
@@ -320,7 +320,7 @@ def courses(clock: np.ndarray, earliest: int = 0) -> Courses:
 
 
 @dataclass(frozen=True)
-class Table:
+class ScoreTable:
     """Scores b (L, k, p + 1) and information S (L, k, P), of those pairs of parameters that `at` (p + 1, p + 1) has a
     place for, of every course in every mode of one law of scatter. The last parameter is a change of that mode alone by
     one; effect (k, n, p + 1)."""
@@ -329,22 +329,22 @@ class Table:
     effect: np.ndarray
     b: np.ndarray
     S: np.ndarray
-    at: np.ndarray
+    places: np.ndarray
 
     @property
     def pairs(self) -> tuple[np.ndarray, np.ndarray]:
         """First and second parameter (P,) of each pair."""
-        return pairs_of(self.at)
+        return parameter_pairs(self.places)
 
 
-def pairs_of(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def parameter_pairs(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """First and second parameter (P,) of each pair, in their order."""
     i, j = np.nonzero(np.triu(at >= 0))
     order = np.argsort(at[i, j])
     return i[order], j[order]
 
 
-def places(together: np.ndarray) -> np.ndarray:
+def pair_places(together: np.ndarray) -> np.ndarray:
     """Place (p + 1, p + 1) of every pair of parameters that is needed, and of a change of a mode alone; −1 for the
     others. together (p, p) bool."""
     p = len(together)
@@ -355,11 +355,11 @@ def places(together: np.ndarray) -> np.ndarray:
     return at
 
 
-def table(readings: Readings, wander: Wander, among: Courses, at: np.ndarray) -> Table:
+def score_table(readings: Readings, wander: Wander, among: Courses, at: np.ndarray) -> ScoreTable:
     """at: places of the pairs of parameters of which the information is needed."""
     effect = np.einsum("amp,mk->kap", readings.J, wander.W)
     effect = np.concatenate([effect, np.ones((*effect.shape[:2], 1))], axis=2)
-    first, second = pairs_of(at)
+    first, second = parameter_pairs(at)
     L, m, n = len(among.g), len(effect), effect.shape[1]
     b, S = np.empty((L, m, effect.shape[2])), np.zeros((L, m, len(first)))
     steps = ~among.growing
@@ -367,7 +367,7 @@ def table(readings: Readings, wander: Wander, among: Courses, at: np.ndarray) ->
     one, of = np.triu(np.ones((n, n))), np.arange(len(first))
     for k in range(m):
         A, inverse = effect[k], wander.inverse[k]
-        b[:, k] = along(A * wander.c[k][:, None], among)
+        b[:, k] = course_sums(A * wander.c[k][:, None], among)
         told = of[A[:, first].any(axis=0) & A[:, second].any(axis=0)]
         i, j = first[told], second[told]
         # sum over i, j ≥ τ of one parameter with another: what τ adds is its row and its column from τ on
@@ -381,10 +381,10 @@ def table(readings: Readings, wander: Wander, among: Courses, at: np.ndarray) ->
             held = np.matmul(inverse, moved)
             both = np.einsum("lnq,lnq->lq", moved[:, :, i], held[:, :, j])
             S[np.flatnonzero(~steps)[:, None], k, told] = both
-    return Table(wander, effect, b, S, at)
+    return ScoreTable(wander, effect, b, S, at)
 
 
-def along(values: np.ndarray, among: Courses) -> np.ndarray:
+def course_sums(values: np.ndarray, among: Courses) -> np.ndarray:
     """Σ_i g(i) values(i) (L, …) of every course, values (n, …)."""
     found = np.empty((len(among.g), *values.shape[1:]))
     steps = ~among.growing

@@ -75,7 +75,7 @@ FINER = 0.5
 Judgement; as large as the others they answer as rightly, and cost a little power."""
 CURVES = FINER_DEGREE + POSITION_DEGREE + 2
 """Functions of one map quantity of one machine."""
-BEYOND = [SPEED_DEGREE + POSITION_DEGREE, SPEED_DEGREE + POSITION_DEGREE + 1]
+EDGE_CURVES = [SPEED_DEGREE + POSITION_DEGREE, SPEED_DEGREE + POSITION_DEGREE + 1]
 """Which of them begin where training ends."""
 FREEDOMS = 1 + SPEED_DEGREE + POSITION_DEGREE
 """Operating points at which a map quantity may have any errors at all: its constant and the curves within the range but
@@ -110,19 +110,19 @@ class MapCurves:
     reach: tuple[float, float]
     line: tuple[float, ...]
 
-    def at(self, coordinates: np.ndarray) -> np.ndarray:
+    def evaluate(self, coordinates: np.ndarray) -> np.ndarray:
         """Values (N, CURVES) at coordinates (N, 2); 0 where one is missing."""
         x = (coordinates[:, 0] - self.centre[0]) / self.reach[0]
         u = (coordinates[:, 1] - self.centre[1]) / self.reach[1]
         x = np.clip(np.nan_to_num(x), -END, END)
         r = np.clip(np.nan_to_num(u - np.polynomial.polynomial.polyval(x, self.line)), -END, END)
-        along = _within(x, FINER_DEGREE)
+        along = _legendre_curves(x, FINER_DEGREE)
         smooth, finer = along[:, :SPEED_DEGREE], FINER * along[:, SPEED_DEGREE:]
-        parts = (smooth, _within(r, POSITION_DEGREE), _beyond(x), _beyond(r), finer)
+        parts = (smooth, _legendre_curves(r, POSITION_DEGREE), _edge_curve(x), _edge_curve(r), finer)
         there = np.isfinite(coordinates).all(axis=1)
         return np.where(there[:, None], np.column_stack(parts), 0.0)
 
-    def as_mapping(self) -> dict[str, list[float]]:
+    def to_mapping(self) -> dict[str, list[float]]:
         """The numbers as plain values."""
         return {"centre": list(self.centre), "reach": list(self.reach), "line": list(self.line)}
 
@@ -155,12 +155,12 @@ def learn_curves(machine: str, coordinates: np.ndarray) -> MapCurves | None:
     )
 
 
-def _within(x: np.ndarray, degree: int) -> np.ndarray:
+def _legendre_curves(x: np.ndarray, degree: int) -> np.ndarray:
     values = legendre.legvander(np.clip(x, -1.0, 1.0), degree)[:, 1:]
     return np.asarray(values * np.sqrt(2 * np.arange(1, degree + 1) + 1))
 
 
-def _beyond(x: np.ndarray) -> np.ndarray:
+def _edge_curve(x: np.ndarray) -> np.ndarray:
     return EDGE * (x - np.clip(x, -1.0, 1.0))
 
 
@@ -210,7 +210,7 @@ class Machine:
         return f"{self.name}.{quantity}"
 
 
-def machines_of(engine: Any) -> tuple[Machine, ...]:
+def turbomachines(engine: Any) -> tuple[Machine, ...]:
     """Turbomachines of an engine in the order of its gas path; none for a model without components."""
     network = getattr(engine, "network", None)
     if network is None:
@@ -228,7 +228,7 @@ def machines_of(engine: Any) -> tuple[Machine, ...]:
     return tuple(found)
 
 
-def columns_of(machines: Iterable[Machine]) -> tuple[str, ...]:
+def machine_columns(machines: Iterable[Machine]) -> tuple[str, ...]:
     """Model columns that the coordinates of all of them are made from, each once."""
     return tuple(dict.fromkeys(c for m in machines for c in m.columns))
 
@@ -237,10 +237,10 @@ def map_coordinates(
     engine: Any, inputs: Mapping[str, np.ndarray], parameters: Mapping[str, float]
 ) -> dict[str, np.ndarray]:
     """Coordinates (N, 2) of every machine of an engine by its name, NaN where there is no prediction."""
-    machines = machines_of(engine)
+    machines = turbomachines(engine)
     if not machines:
         return {}
-    columns = columns_of(machines)
+    columns = machine_columns(machines)
     p = engine.predict(inputs, parameters, sensors=(), also=columns)
     values = dict(zip(columns, np.where(p.ok[:, None], p.also, np.nan).T, strict=True))
     return {m.name: m.coordinates(values) for m in machines}
@@ -261,7 +261,7 @@ class OperatingPoints:
     def __len__(self) -> int:
         return len(self.low)
 
-    def of(self, inputs: Mapping[str, Any]) -> np.ndarray:
+    def assign(self, inputs: Mapping[str, Any]) -> np.ndarray:
         """Number of the point at which each record is, (N,) int, k where it is at none."""
         u = np.column_stack(np.broadcast_arrays(*(np.atleast_1d(np.asarray(inputs[c], float)) for c in self.inputs)))
         middle, half = (self.low + self.high) / 2, (self.high - self.low) / 2
@@ -292,7 +292,7 @@ class PointErrorModel(WrappedModel):
         p = self._predict_inner(asked, wrt=along)
         if len(along) == len(wrt) and not any(amounts.values()):
             return p
-        at, y = self.points.of(asked.inputs), p.y.copy()
+        at, y = self.points.assign(asked.inputs), p.y.copy()
         at = np.broadcast_to(at, len(y))
         table = np.zeros((len(self.points) + 1, y.shape[1]))
         J = np.zeros((*y.shape, len(wrt)))
@@ -309,7 +309,7 @@ class PointErrorModel(WrappedModel):
         return replace(p, y=y + table[at], jacobian=J, wrt=wrt)
 
 
-def sized(model: PointErrorModel, sizes: Mapping[str, float]) -> PointErrorModel:
+def resize_point_errors(model: PointErrorModel, sizes: Mapping[str, float]) -> PointErrorModel:
     """The same with other sizes."""
     return PointErrorModel(model.model, model.points, sizes)
 
@@ -331,7 +331,7 @@ class ModelledPrediction(Prediction):
 
 
 @dataclass(frozen=True)
-class _Group:
+class _MapErrorGroup:
     """The amounts of one map quantity: what they multiply, and their names."""
 
     machine: Machine
@@ -344,10 +344,10 @@ class MapErrorModel(WrappedModel):
     """`model` with amounts of map error among its parameters; `sizes`: target → standard deviation of each amount."""
 
     def __init__(self, model: Any, curves: Sequence[MapCurves], sizes: Mapping[str, float]):
-        known = {m.name: m for m in machines_of(model)}
+        known = {m.name: m for m in turbomachines(model)}
         self.curves, self.sizes = tuple(curves), dict(sizes)
         self._groups = [
-            _Group(known[c.machine], c, target, tuple(map_error_name(target, j + 1) for j in range(CURVES)))
+            _MapErrorGroup(known[c.machine], c, target, tuple(map_error_name(target, j + 1) for j in range(CURVES)))
             for c in curves
             for target in (known[c.machine].parameter(q) for q in QUANTITIES)
             if target in sizes and target in model.parameters
@@ -355,7 +355,7 @@ class MapErrorModel(WrappedModel):
         amounts = [(n, self._parameter(model, g, n, j)) for g in self._groups for j, n in enumerate(g.names)]
         super().__init__(model, dict(amounts))
 
-    def _parameter(self, model: Any, g: _Group, name: str, j: int) -> Parameter:
+    def _parameter(self, model: Any, g: _MapErrorGroup, name: str, j: int) -> Parameter:
         p = model.parameters[g.target]
         words = f"error {j + 1} of the map of {p.words}"
         size = self.sizes[g.target]
@@ -379,22 +379,22 @@ class MapErrorModel(WrappedModel):
             return self._predict_inner(asked)
         inputs = asked.inputs
         columns = tuple(self.model.sensors) if asked.sensors is None else tuple(asked.sensors)
-        taken = self._taken(columns)
+        taken = self._frozen_names(columns)
         plain = {c: v for c, v in inputs.items() if c not in taken}
-        brought = self.brought(inputs, columns)
+        brought = self.has_frozen_columns(inputs, columns)
         options = dict(asked.options)
         if brought:
             frozen = {name: inputs[name] for name in taken}
         else:
-            frozen, x = self._frozen(plain, columns)
+            frozen, x = self._compute_frozen(plain, columns)
             if x is not None:  # the machines run near to where they do without errors
                 options.setdefault("start", x)
-        p = self._predict_inner(asked, inputs=plain, sensors=columns, wrt=along, options=options)
-        return _with_errors(p, self._groups, amounts, asked.wrt, frozen)
+        p = self._ask(asked, inputs=plain, sensors=columns, wrt=along, options=options)
+        return _add_map_errors(p, self._groups, amounts, asked.wrt, frozen)
 
-    def brought(self, inputs: Mapping[str, Any], sensors: Sequence[str]) -> bool:
+    def has_frozen_columns(self, inputs: Mapping[str, Any], sensors: Sequence[str]) -> bool:
         """Whether records bring along how errors of the maps act on these sensors."""
-        return self._taken(sensors).keys() <= inputs.keys()
+        return self._frozen_names(sensors).keys() <= inputs.keys()
 
     @property
     def amounts(self) -> tuple[str, ...]:
@@ -426,7 +426,7 @@ class MapErrorModel(WrappedModel):
         """What `effects` are products of: sensitivities (N, m, G) of the sensors to each of G map quantities, and the
         values (N, G, CURVES) of its curves, from frozen columns."""
         n = len(next(iter(frozen.values())))
-        curves = _curves_at(self._groups, frozen, n)
+        curves = _evaluate_curves(self._groups, frozen, n)
         of_maps = np.empty((n, len(sensors), len(self._groups)))
         for i, g in enumerate(self._groups):
             for s, sensor in enumerate(sensors):
@@ -444,31 +444,31 @@ class MapErrorModel(WrappedModel):
             steps[:, i] = curves[:, i] @ own
         return np.asarray(of_maps @ steps)
 
-    def _taken(self, sensors: Sequence[str]) -> dict[str, None]:
+    def _frozen_names(self, sensors: Sequence[str]) -> dict[str, None]:
         """Names of the frozen columns, in their order."""
         return dict.fromkeys(name for g in self._groups for name in _frozen_columns(g, sensors))
 
     def excitation(self, frozen: Mapping[str, np.ndarray]) -> dict[str, float]:
         """Root mean square over the records of the curve of each amount, from frozen columns (N,)."""
-        curves = _curves_at(self._groups, frozen, len(next(iter(frozen.values()), ())))
+        curves = _evaluate_curves(self._groups, frozen, len(next(iter(frozen.values()), ())))
         rms = {machine: np.sqrt(np.mean(values**2, axis=0)).tolist() for machine, values in curves.items()}
         return {name: size for g in self._groups for name, size in zip(g.names, rms[g.machine.name], strict=True)}
 
     def coordinates(self, frozen: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Map coordinates (N, 2) of each machine, from frozen columns."""
-        return _coordinates_at(self._groups, frozen, len(next(iter(frozen.values()), ())))
+        return _frozen_coordinates(self._groups, frozen, len(next(iter(frozen.values()), ())))
 
     def frozen(self, inputs: Mapping[str, Any], sensors: Sequence[str], **options: Any) -> dict[str, np.ndarray]:
         """Frozen columns (N,) by name of all map errors at these records, 0 where there is no prediction; options: of
         the model's prediction."""
-        taken = self._taken(sensors)
-        return self._frozen({c: v for c, v in inputs.items() if c not in taken}, sensors, **options)[0]
+        taken = self._frozen_names(sensors)
+        return self._compute_frozen({c: v for c, v in inputs.items() if c not in taken}, sensors, **options)[0]
 
-    def _frozen(
+    def _compute_frozen(
         self, plain: Mapping[str, Any], sensors: Sequence[str], **options: Any
     ) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
         """`frozen` of inputs without any, and the engine's unknowns there, where it tells them."""
-        also = columns_of(g.machine for g in self._groups)
+        also = machine_columns(g.machine for g in self._groups)
         p = self.model.predict(plain, {}, sensors=tuple(sensors), wrt=self.targets, also=also, **options)
         values = dict(zip(also, p.also.T, strict=True))
         found: dict[str, np.ndarray] = {}
@@ -484,7 +484,7 @@ def _effect(target: str, sensor: str) -> str:
     return f"{target} on {sensor}"
 
 
-def _frozen_columns(g: _Group, sensors: Sequence[str]) -> tuple[str, ...]:
+def _frozen_columns(g: _MapErrorGroup, sensors: Sequence[str]) -> tuple[str, ...]:
     return (*g.machine.coordinate_columns, *(_effect(g.target, c) for c in sensors))
 
 
@@ -494,13 +494,17 @@ def _columns(at: list[int]) -> slice | list[int]:
     return slice(at[0], at[0] + len(at)) if together else at
 
 
-def _curves_at(groups: Sequence[_Group], frozen: Mapping[str, np.ndarray], n: int) -> dict[str, np.ndarray]:
+def _evaluate_curves(
+    groups: Sequence[_MapErrorGroup], frozen: Mapping[str, np.ndarray], n: int
+) -> dict[str, np.ndarray]:
     """Machine → values (n, CURVES) of its curves at the frozen coordinates."""
     curves = {g.machine.name: g.curves for g in groups}
-    return {name: curves[name].at(at) for name, at in _coordinates_at(groups, frozen, n).items()}
+    return {name: curves[name].evaluate(at) for name, at in _frozen_coordinates(groups, frozen, n).items()}
 
 
-def _coordinates_at(groups: Sequence[_Group], frozen: Mapping[str, np.ndarray], n: int) -> dict[str, np.ndarray]:
+def _frozen_coordinates(
+    groups: Sequence[_MapErrorGroup], frozen: Mapping[str, np.ndarray], n: int
+) -> dict[str, np.ndarray]:
     """Machine → its frozen coordinates (n, 2)."""
     return {
         machine.name: np.column_stack([np.broadcast_to(frozen[c], (n,)) for c in machine.coordinate_columns])
@@ -508,9 +512,9 @@ def _coordinates_at(groups: Sequence[_Group], frozen: Mapping[str, np.ndarray], 
     }
 
 
-def _with_errors(
+def _add_map_errors(
     p: Prediction,
-    active: Sequence[_Group],
+    active: Sequence[_MapErrorGroup],
     amounts: Mapping[str, np.ndarray],
     wrt: tuple[str, ...],
     frozen: Mapping[str, np.ndarray],
@@ -522,7 +526,7 @@ def _with_errors(
     where = {name: i for i, name in enumerate(wrt)}
     shared = [name for name in wrt if name in position]
     J[:, :, _columns([where[n] for n in shared])] = p.jacobian[:, :, _columns([position[n] for n in shared])]
-    curves = _curves_at(active, frozen, n)
+    curves = _evaluate_curves(active, frozen, n)
     for g in active:
         phi = curves[g.machine.name]
         effect = np.column_stack([np.broadcast_to(frozen[_effect(g.target, c)], (n,)) for c in p.columns])
@@ -534,7 +538,7 @@ def _with_errors(
     return ModelledPrediction(**{**kept, "y": y, "jacobian": J, "wrt": wrt}, frozen=frozen)
 
 
-def map_accuracy_of(engine: Any) -> float:
+def stated_map_accuracy(engine: Any) -> float:
     """Relative accuracy of the component maps as the engine file states it; its default where it does not, and 0 for a
     model without an engine file."""
     declared = getattr(engine, "declared", None)
@@ -558,7 +562,7 @@ class ErrorModel:
     points: OperatingPoints | None = None
     misses: Mapping[str, float] = field(default_factory=dict)
 
-    def of(self, engine: Any) -> MapErrorModel:
+    def wrap(self, engine: Any) -> MapErrorModel:
         """The engine with amounts of map error, and what it misses at points, among its parameters."""
         inner = engine if self.points is None else PointErrorModel(engine, self.points, self.misses)
         return MapErrorModel(inner, self.curves, self.sizes)

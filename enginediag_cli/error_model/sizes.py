@@ -43,7 +43,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.error_model.maps import QUANTITIES, ErrorModel, columns_of, machines_of
+from enginediag_cli.error_model.maps import QUANTITIES, ErrorModel, machine_columns, turbomachines
 
 SPREAD = 1.0
 """Standard deviation of the logarithm of a size about what is stated: two thirds lie within a factor e."""
@@ -157,7 +157,7 @@ SETTLED = 0.01
 """Share of the largest variance to which it is then known: a standard deviation to half a per cent."""
 
 
-SLOPES_COMMON = 0.5
+COMMON_SLOPE_SHARE = 0.5
 """Share of the variance of a wrong slope that all operating points of a window have in common. Judgement: points may
 lie side by side or at the ends of the map. With all of it in common, what single conditions show differently is told
 as a second change; with none, the error averages out that a generic map has everywhere. Of 240 simulated engines of
@@ -170,22 +170,22 @@ class MapSlopes:
     unit of each of the a monitored parameters moves the machine on its map; `sigma` (k,): of ∂ln q/∂ξ."""
 
     position: np.ndarray
-    moved: np.ndarray
+    displacement: np.ndarray
     sigma: np.ndarray
 
-    def of(self, kept: Sequence[int]) -> MapSlopes | None:
+    def select(self, kept: Sequence[int]) -> MapSlopes | None:
         """The same for those of the monitored parameters that are kept; None where none of them is a map's."""
         place = {i: k for k, i in enumerate(kept)}
         rows = [r for r, i in enumerate(self.position) if int(i) in place]
         if not rows:
             return None
         position = np.array([place[int(self.position[r])] for r in rows])
-        return MapSlopes(position, self.moved[rows][:, :, list(kept)], self.sigma[rows])
+        return MapSlopes(position, self.displacement[rows][:, :, list(kept)], self.sigma[rows])
 
     def variance(self, change: np.ndarray) -> np.ndarray:
         """Variance (a,) that a change (a,) of the monitored parameters adds to each of them."""
         added = np.zeros(len(change))
-        distance = np.sum((self.moved @ change) ** 2, axis=1)
+        distance = np.sum((self.displacement @ change) ** 2, axis=1)
         added[self.position] = self.sigma**2 * distance
         return added
 
@@ -219,8 +219,8 @@ def map_slopes(
 ) -> MapSlopes | None:
     """Slopes at operating points `inputs` (n,) and parameters `theta`; None where no monitored parameter is a map's."""
     share = min(found.stated / GENERIC, 1.0)
-    machines = machines_of(engine)
-    wanted = columns_of(machines)
+    machines = turbomachines(engine)
+    wanted = machine_columns(machines)
     known = [
         (m, q, monitored.index(m.parameter(q)))
         for m in machines

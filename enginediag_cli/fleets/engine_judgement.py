@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import stdtr
 
-from enginediag_cli.detection.e_values import EPath, e_path, onset_law
+from enginediag_cli.detection.e_values import EPath, e_path, onset_posterior
 from enginediag_cli.detection.series import FEWEST, Series
 from enginediag_cli.fleets.findings import (
     CHANGED,
@@ -71,9 +71,9 @@ def isolate_history(
         columns = centred / centred.std(axis=0)
         readings = replace(readings, weather=np.concatenate([readings.weather, columns], axis=1))
     options = TrendOptions(
-        healthy=history.baseline, sensors=settings.sensors, generic=settings.generic, governed=series.governed
+        healthy=history.baseline, sensors=settings.sensors, generic=settings.generic, governed=series.power_errors
     )
-    return judge_series(readings.joined(OF_A_FLEET), series.known, options)
+    return judge_series(readings.merge_epochs(OF_A_FLEET), series.parameters, options)
 
 
 def apply_diagnosis(
@@ -199,8 +199,8 @@ def judge_engine(
     used = margin_consumption(flights, found.course, margin_scale(series) if scale is None else scale, settings)
     since = (0, 0, 0)
     if settings.onsets and (verdict == CHANGED or stands_out or chance >= SUSPECTED):
-        since = _onset_interval(onset_law(flights.rows(), suspects, flights.baseline), flights)
-    health = _health_rows(found, chance, since, current)
+        since = _since(onset_posterior(flights.rows(), suspects, flights.baseline), flights)
+    health = _health(found, chance, since, current)
     best, low, high = since if verdict == CHANGED or stands_out else (0, 0, 0)
     if story is not None:
         health = apply_diagnosis(health, story, current)

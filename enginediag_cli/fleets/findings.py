@@ -11,7 +11,7 @@ from math import nan
 
 import numpy as np
 
-from enginediag_cli.detection.series import Stretch
+from enginediag_cli.detection.series import FlightWindow
 from enginediag_cli.residuals.instruments import FaultInFlights
 
 KINDS = ("wash", "overhaul", "exchange")
@@ -37,7 +37,7 @@ class EngineHistory:
 
     serial: str
     build: str
-    stretches: Sequence[Stretch]
+    stretches: Sequence[FlightWindow]
     baseline: int
     events: Sequence[MaintenanceEvent] = ()
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from enginediag_cli.detection.e_values import Rows, Suspects
+from enginediag_cli.detection.e_values import FlightReadings, SuspectDirections
 from enginediag_cli.detection.series import Readings, Series
 from enginediag_cli.engine.wrapped import WrappedModel
 from enginediag_cli.fleets.findings import EngineHistory, MaintenanceEvent
@@ -51,12 +51,12 @@ class EngineFlights:
         """Positions of the parameters that are of no instrument."""
         return np.array([i for i, p in enumerate(self.described) if not p.of_instrument], int)
 
-    def rows(self) -> Rows:
+    def rows(self) -> FlightReadings:
         """As the e-value reads them: what maintenance may have moved is a condition like any other."""
         conditions = np.concatenate([self.readings.weather, np.sqrt(RENEWED) * self.steps], axis=1)
-        return Rows(self.z, conditions, self.weight)
+        return FlightReadings(self.z, conditions, self.weight)
 
-    def suspects(self, instruments: bool) -> tuple[Suspects, list[tuple[int, ...]]]:
+    def suspects(self, instruments: bool) -> tuple[SuspectDirections, list[tuple[int, ...]]]:
         """Directions of unit changes, on the average over the flights, and the positions of the parameters that change
         in each: every parameter by one prior standard deviation, and every two of a component together, the same way
         and opposite ways. Components and instruments have half of the weight each."""
@@ -80,7 +80,7 @@ class EngineFlights:
             members += [m for _, m in own]
             weights += [1 / (alike * len(own))] * len(own)
         w = np.array(weights)
-        return Suspects(np.array(directions).reshape(-1, len(J)), w / w.sum()), members
+        return SuspectDirections(np.array(directions).reshape(-1, len(J)), w / w.sum()), members
 
     def scatter(self) -> np.ndarray:
         """Covariance (m, m) of what readings differ by from one flight to the next, with that of their noise as a prior
@@ -110,9 +110,9 @@ def engine_flights(history: EngineHistory, series: Series) -> EngineFlights:
     mine = replace(series, stretches={history.serial: history.stretches})
     readings = mine.readings(history.serial)
     m = readings.z.shape[1] - readings.inputs
-    described = tuple(series.known[name] for name in readings.parameters)
-    events, steps = _event_steps(history, readings)
-    return EngineFlights(
+    described = tuple(series.parameters[name] for name in readings.parameters)
+    events, steps = _steps(history, readings)
+    return Flights(
         readings,
         readings.z[:, :m],
         readings.J[:, :m],
@@ -128,7 +128,7 @@ def engine_flights(history: EngineHistory, series: Series) -> EngineFlights:
 
 def _flight_weights(history: EngineHistory, readings: Readings) -> np.ndarray:
     """Square root of how much each flight tells of what a usual one does, 1 at most: by its records."""
-    records = np.array([max(history.stretches[k].kept.n, 1) for k in readings.first], float)
+    records = np.array([max(history.stretches[k].stored.n, 1) for k in readings.first], float)
     return np.asarray(np.minimum(1.0, np.sqrt(records / np.median(records))))
 
 

@@ -35,7 +35,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from enginediag_cli.config.hints import near
-from enginediag_cli.detection.series import Series, Stretch, Windows, series_of
+from enginediag_cli.detection.series import FlightWindow, Series, WindowSource, build_series
 from enginediag_cli.errors import DataError
 from enginediag_cli.fleets.engine_judgement import changes_at_events, judge_engine
 from enginediag_cli.fleets.findings import EngineFinding, EngineHistory, FleetSettings, HealthChange, MaintenanceEvent
@@ -250,13 +250,13 @@ def maintenance_effects(
             raise DataError(f"--event: {error}") from None
 
 
-def mean_conditions(stretches: Sequence[Stretch]) -> Mapping[str, float]:
+def conditions_of(stretches: Sequence[FlightWindow]) -> Mapping[str, float]:
     """Mean of each input over the stretches that have it."""
     columns = {c for x in stretches for c in x.window.conditions}
     return {c: float(np.mean([x.window.conditions[c] for x in stretches if c in x.window.conditions])) for c in columns}
 
 
-def _flight_number(stretches: Sequence[Stretch], event: str, engine: str) -> int:
+def _number(stretches: Sequence[FlightWindow], event: str, engine: str) -> int:
     """Number, from 1, of the flight that has this label, alone or behind its file, or else this number."""
     labels = [x.window.flight for x in stretches]
     full = [f"{x.window.source}:{x.window.flight}" for x in stretches]
@@ -349,14 +349,14 @@ class SeriesMargins:
     learnt_K: tuple[float, float] | None = None
 
 
-def assess_margins(files: Windows, monitor: Monitor, question: MarginSettings) -> SeriesMargins:
+def margins_of(files: WindowSource, monitor: Monitor, question: MarginQuestion) -> Margins:
     """What a fleet of the engines of these files finds of each, and what maintenance brought.
 
     files: windows of a series, made by `for_comparison(monitor)`; monitor: says what a change does to the temperature.
     Raises DataError for a limit of what is no temperature of burnt gas, for events of nobody, for engines taken off
     that do not tell a limit, and when flights of an engine have statistics of different parameters.
     """
-    series = replace(series_of(files, "none"), monitor=monitor)
+    series = replace(build_series(files, "none"), monitor=monitor)
     events, others = events_by_engine(question.events, series.stretches, question.events_file)
     settings = FleetSettings(
         sensors=question.sensors,

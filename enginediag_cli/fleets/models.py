@@ -74,8 +74,8 @@ def identify_common(fleet: Fleet, build: Build, recordings: Sequence[FleetRecord
     from enginediag_cli.engine.load import EngineDescription
     from enginediag_cli.identification.identify import identify
     from enginediag_cli.identification.nominal_file import write_nominal
-    from enginediag_cli.identification.probes import without_probes, wrong_probes
-    from enginediag_cli.identification.problem import without_repeats
+    from enginediag_cli.identification.probes import drop_probes, wrong_probes
+    from enginediag_cli.identification.problem import drop_repeats
     from enginediag_cli.physics.engine_file import load_engine
     from enginediag_cli.residuals.monitor import monitor_from_nominal
     from enginediag_cli.residuals.reduced import is_smooth
@@ -88,10 +88,10 @@ def identify_common(fleet: Fleet, build: Build, recordings: Sequence[FleetRecord
     training = [recording for life in early for recording in life.training()]
     if not training:
         raise NoVerdictError(f"build {build.name}: its recordings hold no record to identify a model from")
-    training, _ = without_repeats(training, (*engine.inputs, *engine.sensors))
+    training, _ = drop_repeats(training, (*engine.inputs, *engine.sensors))
     wrong = wrong_probes(engine, training)
-    left = tuple(w.columns[0] for w in wrong if w.told_apart and w.columns[0] in engine.sensors)
-    training = without_probes(training, left)
+    left = tuple(w.columns[0] for w in wrong if w.is_unique and w.columns[0] in engine.sensors)
+    training = drop_probes(training, left)
     result = identify(engine, training, map_accuracy=fleet.identify["model_error"])
     if not result.converged or result.bounds:
         why = result.reason if not result.converged else "parameters end at their bounds; identify says more"

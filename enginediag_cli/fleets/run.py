@@ -41,8 +41,8 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
-from enginediag_cli.detection.e_values import listed
-from enginediag_cli.detection.series import Series, series_of
+from enginediag_cli.detection.e_values import flag_engines
+from enginediag_cli.detection.series import Series, build_series
 from enginediag_cli.errors import DataError, EngineDiagError, NoVerdictError
 from enginediag_cli.fleets.engine_judgement import judge_engine
 from enginediag_cli.fleets.findings import (
@@ -77,7 +77,7 @@ from enginediag_cli.progress import each
 from enginediag_cli.residuals.files import Window
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.statistics import LocalStatistics
-from enginediag_cli.residuals.windows import Elsewhere
+from enginediag_cli.residuals.windows import Extrapolation
 
 FEWEST_ENGINES = 5
 """Engines of which it is said what they have in common, at least."""
@@ -205,7 +205,7 @@ def judge_fleet(
 ) -> FleetFinding:
     """The fleet of these engines. known: what the parameters are, as a series knows them."""
     judged = [f for f in findings if f.verdict != NO_VERDICT or np.isfinite(f.log10_e)]
-    chosen = listed(np.array([f.log10_e for f in judged]) * np.log(10), settings.false_discovery)
+    chosen = flag_engines(np.array([f.log10_e for f in judged]) * np.log(10), settings.false_discovery)
     found = {f.serial for f, of_them in zip(judged, chosen.tolist(), strict=True) if of_them}
     told = add_forecasts([_mark_discovery(f) if f.serial in found else f for f in findings], settings)
     ranked = sorted(told, key=lambda f: -np.nan_to_num(f.severity.value, nan=-np.inf))
@@ -313,7 +313,7 @@ class EngineOutcome:
 
     finding: EngineFinding
     total: LocalStatistics | None
-    outside_training: Counter[Elsewhere] = field(default_factory=Counter)
+    elsewhere: Counter[Extrapolation] = field(default_factory=Counter)
 
 
 @dataclass
@@ -322,7 +322,7 @@ class _StoredWindows:
 
     task: EngineTask
     monitor: Monitor
-    outside_training: Counter[Elsewhere] = field(default_factory=Counter)
+    elsewhere: Counter[Extrapolation] = field(default_factory=Counter)
     reasons: Counter[str] = field(default_factory=Counter)
 
     @property
@@ -334,7 +334,7 @@ class _StoredWindows:
             with CondensedReader(piece.file) as reader:
                 for part in piece.parts:
                     for window in reader.windows(part, piece.name, self.task.serial, self.monitor.meaning):
-                        self.outside_training.update(window.elsewhere)
+                        self.elsewhere.update(window.extrapolation)
                         self.reasons.update([window.reason] if window.statistics is None else [])
                         yield window, self.monitor.meaning
 
@@ -350,8 +350,8 @@ def judge_task(task: EngineTask) -> EngineOutcome:
 
 def _judge_windows(task: EngineTask) -> EngineOutcome:
     monitor = whole_monitor(task.nominal, task.fingerprint)
-    stored = _StoredWindows(task, monitor)
-    series = series_of(stored, "covariance")
+    stored = _Stored(task, monitor)
+    series = build_series(stored, "covariance")
     stretches, instruments = series.stretches.get(task.serial, []), series.instruments.get(task.serial, ())
     if not stretches:
         nothing = replace(_no_statistics(task, stored, series), instruments=instruments)
@@ -373,7 +373,7 @@ def _margin_scale(nominal: str, fingerprint: str) -> MarginScale:
 def _no_statistics(task: EngineTask, stored: _StoredWindows, series: Series) -> EngineFinding:
     most = stored.reasons.most_common(1)
     reason = f"no window has statistics: {most[0][0]}" if most else "no record"
-    return replace(EngineFinding(task.serial, task.build, 0, 0, NO_VERDICT, reason), flights=series.lost)
+    return replace(EngineFinding(task.serial, task.build, 0, 0, NO_VERDICT, reason), flights=series.skipped_windows)
 
 
 BATCH_BYTES = 500_000
@@ -402,8 +402,8 @@ class FleetRun:
     finding: FleetFinding
     left_out: Sequence[tuple[str, str]] = ()
     sums: Mapping[str, LocalStatistics] = field(default_factory=dict)
-    unknown_engines: Sequence[str] = ()
-    outside_training: Counter[Elsewhere] = field(default_factory=Counter)
+    unknown: Sequence[str] = ()
+    elsewhere: Counter[Extrapolation] = field(default_factory=Counter)
     consumed_limit_K: tuple[float, float] | None = None
 
     @property
@@ -557,14 +557,14 @@ def run_fleet(fleet: Fleet, recordings: Sequence[FleetRecording], store: FleetSt
 
 def _judge_all(
     tasks: Sequence[EngineTask], runner: Runner
-) -> tuple[list[EngineFinding], dict[str, LocalStatistics], Counter[Elsewhere]]:
+) -> tuple[list[EngineFinding], dict[str, LocalStatistics], Counter[Extrapolation]]:
     """Findings in the order of the tasks, the sum of all statistics of each build, and where records lie that training
     did not cover."""
     found: dict[int, EngineFinding] = {}
-    elsewhere: Counter[Elsewhere] = Counter()
-    place = {number: k for mine in _numbers_by_build(tasks).values() for k, number in enumerate(mine)}
-    trees = {build: TreeSum[LocalStatistics](len(mine)) for build, mine in _numbers_by_build(tasks).items()}
-    for number, judged in each(runner.run(judge_task, tasks), "engines judged", len(tasks)):
+    elsewhere: Counter[Extrapolation] = Counter()
+    place = {number: k for mine in _by_build(tasks).values() for k, number in enumerate(mine)}
+    trees = {build: TreeSum[LocalStatistics](len(mine)) for build, mine in _by_build(tasks).items()}
+    for number, judged in each(runner.run(judge, tasks), "engines judged", len(tasks)):
         found[number] = judged.finding
         trees[tasks[number].build].add(place[number], judged.total)
         elsewhere.update(judged.outside_training)

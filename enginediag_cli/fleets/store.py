@@ -47,11 +47,11 @@ from enginediag_cli.recordings.table import MissingColumn, ReadingCounts, Record
 from enginediag_cli.recordings.write import open_binary_output
 from enginediag_cli.residuals.gross_gate import GrossErrorGate
 from enginediag_cli.residuals.instruments import InstrumentFault
-from enginediag_cli.residuals.monitor import Monitor, agreement_with
+from enginediag_cli.residuals.monitor import Monitor, recording_agreement
 from enginediag_cli.residuals.pipeline import window_statistics
-from enginediag_cli.residuals.reduced import for_comparison, monitored_as_read, of_series
+from enginediag_cli.residuals.reduced import comparison_monitor, keep_monitored, monitor_for_series
 from enginediag_cli.residuals.statistics import LocalStatistics
-from enginediag_cli.residuals.windows import Elsewhere, WindowPlan, WindowStatistics
+from enginediag_cli.residuals.windows import Extrapolation, WindowPlan, WindowStatistics
 
 FORMAT = 3
 """Of these files; others are made anew."""
@@ -104,9 +104,9 @@ class CondensedWriter:
         for name in ("reason", "notes", "silent"):
             texts[name] = {str(k): getattr(w, name) for k, w in enumerate(windows) if getattr(w, name)}
         texts["elsewhere"] = {
-            str(k): [[e.column, e.judged, n] for e, n in w.elsewhere.items()]
+            str(k): [[e.column, e.judged, n] for e, n in w.extrapolation.items()]
             for k, w in enumerate(windows)
-            if w.elsewhere
+            if w.extrapolation
         }
         texts["instruments"] = {
             str(k): [asdict(fault) for fault in w.instruments] for k, w in enumerate(windows) if w.instruments
@@ -264,7 +264,7 @@ def _window(
         sensors=int(sensors),
         sensors_of=int(sensors_of),
         silent=tuple(texts["silent"].get(key, ())),
-        elsewhere=Counter({Elsewhere(c, j): m for c, j, m in texts["elsewhere"].get(key, ())}),
+        extrapolation=Counter({Extrapolation(c, j): m for c, j, m in texts["elsewhere"].get(key, ())}),
         conditions={c: v for c, v in flown if np.isfinite(v)},
         instruments=tuple(InstrumentFault(**fault) for fault in texts["instruments"].get(key, ())),
     )
@@ -438,10 +438,10 @@ def _condense_together(
     making: CondensingSettings, store: FleetStore, todo: dict[str, str]
 ) -> dict[str, CondenseOutcome]:
     monitor = series_monitor(making.nominal, making.fingerprint)
-    wanted = required_columns(monitor.engine, monitor.sensors)
-    source = RecordingSource(tuple(todo), making.recorder or None, accept_mismatch=making.accept_mismatch)
-    intake = RecordingLoader(source, wanted, fleet=True, agreement=agreement_with(monitor))
-    found: dict[str, CondenseOutcome] = {}
+    wanted = columns_of(monitor.engine, monitor.sensors)
+    source = Source(tuple(todo), making.recorder or None, accept_mismatch=making.accept_mismatch)
+    intake = Intake(source, wanted, fleet=True, agreement=recording_agreement(monitor))
+    found: dict[str, Outcome] = {}
     with ExitStack() as stack:
         keeping = {
             p: _RecordingWriter(p, making.key(s), s, stack.enter_context(store.writing(making.key(s))))
@@ -453,13 +453,13 @@ def _condense_together(
             gate.clean(_chunks(intake)),
             making.plan,
             linearise=making.linearise,
-            condense=partial(monitored_as_read, monitor),
+            condense=partial(keep_monitored, monitor),
         )
         for window in windows:
             mine = (left for left in intake.excluded if left.file == window.source)
             masked = [run for left in mine if left.engine in ("", window.engine) for run in left.stuck]
-            keeping[window.source].take(gate.judged(window, masked))
-        gate.report(intake.excluded)
+            keeping[window.source].take(gate.annotate(window, masked))
+        gate.report(intake.left_out)
         for path, kept in keeping.items():
             left_out = tuple(left for left in intake.excluded if left.file == path)
             found[path] = CondenseOutcome(path, kept.close(left_out), fresh=True)
@@ -470,16 +470,16 @@ def _condense_together(
 def series_monitor(nominal: str, fingerprint: str) -> Monitor:
     """What windows of a series are held against: every instrument is suspected, nominal is not. One per worker and
     nominal file; fingerprint: what that file held when the work was planned."""
-    return for_comparison(whole_monitor(nominal, fingerprint))
+    return comparison_monitor(whole_monitor(nominal, fingerprint))
 
 
 @lru_cache(maxsize=4)
 def whole_monitor(nominal: str, fingerprint: str) -> Monitor:
     """The monitor of a series with what is uncertain about nominal, as `trend` opens it."""
     from enginediag_cli.intake.selection import open_baseline
-    from enginediag_cli.residuals.monitor import monitor_of
+    from enginediag_cli.residuals.monitor import build_monitor
 
-    return of_series(monitor_of(open_baseline(nominal), sensors=True))
+    return monitor_for_series(build_monitor(open_baseline(nominal), sensors=True))
 
 
 def _chunks(intake: RecordingLoader) -> Iterator[Recording]:

@@ -46,8 +46,14 @@ import numpy as np
 
 from enginediag_cli.identification.gauss_newton import Fit
 from enginediag_cli.identification.noise import NEIGHBOURS, correlated_sum, correlations, inflation
-from enginediag_cli.identification.normal_equations import SUMMED_RECORDS, Block, accumulate, blocks, eliminate
-from enginediag_cli.identification.problem import Problem
+from enginediag_cli.identification.normal_equations import (
+    SUMMED_RECORDS,
+    PredictionBlock,
+    accumulate,
+    blocks,
+    eliminate,
+)
+from enginediag_cli.identification.problem import IdentificationProblem
 
 SAMPLE = 1500
 """Records of which some in this many, in whole stretches, tell what a fit takes out of the noise until the last one. It
@@ -65,12 +71,12 @@ class Uncertainty:
     information: np.ndarray  # (p, p) what the data alone say, the inverse of their covariance where it exists
     from_data: np.ndarray  # (p,) 1 − posterior variance / prior variance, not below 0
     sensor_dof: np.ndarray  # (m,) readings of each sensor that the fit has used up
-    lost: np.ndarray  # (2, m) variances by which Σ e² and Σ e_k e_k−1 of each sensor are too small
+    absorbed: np.ndarray  # (2, m) variances by which Σ e² and Σ e_k e_k−1 of each sensor are too small
     widths: np.ndarray | None = None  # (p,)
 
 
 @dataclass(frozen=True)
-class _Sums:
+class _SensorSums:
     """Sums over the records of each sensor, with J̃ the sensitivities and f_k = Σ_l C_kl J̃_l; where a trace is all that
     is asked for it is taken record by record, which costs one product of matrices less."""
 
@@ -84,7 +90,7 @@ class _Sums:
 
 
 def uncertainty(
-    problem: Problem, fit: Fit, rho: np.ndarray, used: np.ndarray | None = None, *, sampled: bool = False
+    problem: IdentificationProblem, fit: Fit, rho: np.ndarray, used: np.ndarray | None = None, *, sampled: bool = False
 ) -> Uncertainty:
     """Posterior and data-only covariance at the fit for lag-1 correlations `rho` (m,), each in (−1, 1).
 
@@ -102,7 +108,7 @@ def uncertainty(
     bread = np.isfinite(scaled) * a / (problem.sigma**2 * problem.inflation)
     p, R, q = len(fit.x), *fit.z.shape
     H_xx, H_xz, H_zz = np.zeros((p, p)), np.zeros((R, p, q)), np.zeros((R, q, q))
-    at = fit.equations.at
+    at = fit.equations.prediction
     for block in blocks(problem, fit.x, fit.z, at=at, records=SUMMED_RECORDS):
         w = bread[block.rows]
         part = accumulate(problem, block, w, np.zeros_like(w))
@@ -144,7 +150,7 @@ def uncertainty(
     )
 
 
-def _without_offsets(problem: Problem, block: Block, gain: np.ndarray) -> np.ndarray:
+def _eliminate_offsets(problem: IdentificationProblem, block: PredictionBlock, gain: np.ndarray) -> np.ndarray:
     """J̃ (n, m, p), the sensitivities of a block after elimination of the offsets by their gain (R, p, q); overwrites
     those of the block."""
     J, q = block.jacobian, len(problem.offsets)
@@ -158,7 +164,9 @@ def _without_offsets(problem: Problem, block: Block, gain: np.ndarray) -> np.nda
     return J
 
 
-def _offset_use(problem: Problem, block: Block, w: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+def _offset_use(
+    problem: IdentificationProblem, block: PredictionBlock, w: np.ndarray, covariance: np.ndarray
+) -> np.ndarray:
     """Readings of each sensor (m,) of a block that the offsets use up, of `covariance` (R, q, q) with all else held."""
     G = np.nan_to_num(block.offset_columns(problem))
     return np.asarray(np.einsum("nm,nmq,nmq->m", w, G, G @ covariance[problem.recording[block.rows]]))
@@ -172,14 +180,14 @@ def _column_mean(values: np.ndarray, valid: np.ndarray, default: float) -> np.nd
 
 
 def _sums(
-    problem: Problem,
+    problem: IdentificationProblem,
     fit: Fit,
     bread: np.ndarray,
     offsets: tuple[np.ndarray, np.ndarray],
     noise: tuple[np.ndarray, np.ndarray],
     inverse: np.ndarray,
     sampled: bool,
-) -> _Sums:
+) -> _SensorSums:
     """Sums over all records, or as told by a sample of them; offsets: their gain (R, p, q) and covariance (R, q, q);
     noise: correlation (m,) and weight of each sensor in the meat (m,); inverse (p, p): S⁻¹, which the traces are taken
     with."""
@@ -187,7 +195,7 @@ def _sums(
     plain, lagged, meat = np.zeros((m, p, p)), np.zeros((m, p, p)), np.zeros((p, p))
     trace, smooth, smooth_lagged, offset_use = (np.zeros(m) for _ in range(4))
     gap, (gain, of_offsets), (rho, scale) = problem.gap, offsets, noise
-    at, N = fit.equations.at, len(problem.recording)
+    at, N = fit.equations.prediction, len(problem.recording)
     every = max(N // SAMPLE, 1) if sampled and at is not None else 1
     taken = 0
     for block in blocks(problem, fit.x, fit.z, at=at, records=SUMMED_RECORDS if every > 1 else None, every=every):
@@ -195,7 +203,7 @@ def _sums(
         w = bread[block.rows]
         if of_offsets.shape[1]:
             offset_use += _offset_use(problem, block, w, of_offsets)
-        J = _without_offsets(problem, block, gain)
+        J = _eliminate_offsets(problem, block, gain)
         steps = gap[block.rows].copy()
         steps[0] = np.inf  # what lies in the block before is forgotten: one record in thousands
         r, near = correlations(steps, rho), steps[1:] <= NEIGHBOURS
@@ -211,7 +219,7 @@ def _sums(
             plain[s] += g.T @ g
             lagged[s] += (g[1:] * near[:, None]).T @ g[:-1]
     sums = (plain, lagged, meat, trace, smooth, smooth_lagged, offset_use)
-    return _Sums(*(part * (N / taken) for part in sums)) if every > 1 else _Sums(*sums)
+    return _SensorSums(*(part * (N / taken) for part in sums)) if every > 1 else _SensorSums(*sums)
 
 
 THRESHOLD = 0.1
@@ -258,7 +266,7 @@ def unidentified_combinations(
     if space.shape[1] == 0:
         return ()
     basis = reduced_echelon(space)
-    found = [_named(basis[:, j], covariance, prior_sigma, names) for j in range(basis.shape[1])]
+    found = [_name_combination(basis[:, j], covariance, prior_sigma, names) for j in range(basis.shape[1])]
     return tuple(sorted(found, key=lambda c: (c.from_data, c.parameters)))
 
 
@@ -271,7 +279,9 @@ def reduced_echelon(space: np.ndarray) -> np.ndarray:
     return np.asarray(space @ np.linalg.inv(space[order[: space.shape[1]]]))
 
 
-def _named(direction: np.ndarray, covariance: np.ndarray, prior_sigma: np.ndarray, names: Sequence[str]) -> Combination:
+def _name_combination(
+    direction: np.ndarray, covariance: np.ndarray, prior_sigma: np.ndarray, names: Sequence[str]
+) -> Combination:
     size = np.abs(direction)
     order = [int(i) for i in np.argsort(-size, kind="stable") if size[i] >= NAMED * size.max()]
     w = np.zeros_like(direction)
@@ -289,7 +299,7 @@ ROUNDS = 4
 
 
 @dataclass(frozen=True)
-class AtBound:
+class ActiveBound:
     """A parameter that the records push against a bound, in its own unit."""
 
     name: str
@@ -300,7 +310,7 @@ class AtBound:
         return f"{self.name} at its {'upper' if self.upper else 'lower'} bound {self.value:g}"
 
 
-def given_back(problem: Problem, fit: Fit, found: Uncertainty) -> Problem | None:
+def fix_weak_parameters(problem: IdentificationProblem, fit: Fit, found: Uncertainty) -> IdentificationProblem | None:
     """The problem with those parameters at a bound that the records hardly determine held at what was assumed; None
     where there are none."""
     weak = fit.at_bound & (found.from_data < DETERMINED)
@@ -310,8 +320,8 @@ def given_back(problem: Problem, fit: Fit, found: Uncertainty) -> Problem | None
     return replace(problem, lower=lower, upper=upper)
 
 
-def at_bounds(problem: Problem, fit: Fit) -> tuple[AtBound, ...]:
+def active_bounds(problem: IdentificationProblem, fit: Fit) -> tuple[ActiveBound, ...]:
     """What the fit left at a bound."""
     values = problem.physical(fit.x)
     held = [(i, values[problem.names[i]]) for i in np.flatnonzero(fit.at_bound)]
-    return tuple(AtBound(problem.names[i], v, bool(v >= problem.upper[i])) for i, v in held)
+    return tuple(ActiveBound(problem.names[i], v, bool(v >= problem.upper[i])) for i, v in held)

@@ -48,14 +48,14 @@ import numpy as np
 from enginediag_cli.identification.normal_equations import (
     Arrow,
     NormalEquations,
-    directions,
+    derivative_names,
     eliminate,
     near_equations,
     normal_equations,
     offset_step,
     predict_records,
 )
-from enginediag_cli.identification.problem import Problem
+from enginediag_cli.identification.problem import IdentificationProblem
 from enginediag_cli.progress import each
 
 PIECES = 24
@@ -69,7 +69,7 @@ Any λ gives an upper bound of the distance, so that ending early is on the safe
 
 
 @dataclass(frozen=True)
-class Piece:
+class BundlePiece:
     """A point that was tried: parameters (p,), gradient there (p,) and misfit, offsets at their best."""
 
     x: np.ndarray
@@ -77,13 +77,13 @@ class Piece:
     cost: float
 
 
-class Kinks:
+class GradientBundle:
     """Gradients of the points tried near where the search stands; the newest last."""
 
     def __init__(self) -> None:
-        self.pieces: list[Piece] = []
+        self.pieces: list[BundlePiece] = []
 
-    def add(self, piece: Piece) -> None:
+    def add(self, piece: BundlePiece) -> None:
         """Remember a point that was tried."""
         self.pieces = [*self.pieces[1 - PIECES :], piece]
 
@@ -91,7 +91,7 @@ class Kinks:
         """Forget all points, because records were lost or found and misfits no longer compare."""
         self.pieces = []
 
-    def about(self, here: Piece, S: np.ndarray, free: np.ndarray) -> Pieces:
+    def pieces_near(self, here: BundlePiece, S: np.ndarray, free: np.ndarray) -> PiecewiseMisfit:
         """The misfit about `here` as pieces; S (p, p) is the curvature, `free` (p,) not held at a bound."""
         moved, errors = [here.gradient], [0.0]
         for piece in self.pieces:
@@ -107,11 +107,11 @@ class Kinks:
         inner = np.zeros((len(G), len(G)))
         if free.any():
             inner = G[:, free] @ np.linalg.solve(S[np.ix_(free, free)], G[:, free].T)
-        return Pieces(S, G, np.array(errors), inner)
+        return PiecewiseMisfit(S, G, np.array(errors), inner)
 
 
 @dataclass(frozen=True)
-class Pieces:
+class PiecewiseMisfit:
     """The misfit near one point as the largest of n quadratics of the same curvature."""
 
     S: np.ndarray  # (p, p)
@@ -121,7 +121,7 @@ class Pieces:
 
     def combined(self, boldness: float = 1.0) -> tuple[np.ndarray, float]:
         """g_λ (p,) for a step of `boldness` (0 to 1) times the full one, and twice the fall of a full step."""
-        weights = smallest(boldness * self.inner, self.errors)
+        weights = minimise_dual(boldness * self.inner, self.errors)
         return weights @ self.gradients, float(weights @ self.inner @ weights + 2 * weights @ self.errors)
 
     def fall(self, dx: np.ndarray) -> float:
@@ -129,7 +129,7 @@ class Pieces:
         return float(-np.max(self.gradients @ dx - self.errors) - 0.5 * dx @ self.S @ dx)
 
 
-def smallest(M: np.ndarray, e: np.ndarray) -> np.ndarray:
+def minimise_dual(M: np.ndarray, e: np.ndarray) -> np.ndarray:
     """Weights λ ≥ 0, Σ λ = 1, (n,), that make ½ λᵀMλ + λᵀe small, by exchanges between the pair that gains most."""
     weights = np.zeros(len(e))
     weights[0] = 1.0
@@ -182,10 +182,10 @@ FEW_READINGS = 10_000
 """Readings up to which derivatives cost little more than the readings themselves, and are taken at each point."""
 
 
-def ways(problem: Problem) -> tuple[Derivatives, Derivatives]:
+def derivative_modes(problem: IdentificationProblem) -> tuple[Derivatives, Derivatives]:
     """Where a fit of so many records takes its derivatives: one that another one follows, and the last."""
     readings = problem.measured.size
-    if readings <= FEW_READINGS or readings * len(directions(problem)) > KEPT_NUMBERS:
+    if readings <= FEW_READINGS or readings * len(derivative_names(problem)) > KEPT_NUMBERS:
         return Derivatives.EACH, Derivatives.EACH
     return Derivatives.LENT, Derivatives.KEPT
 
@@ -198,17 +198,17 @@ class Step:
     change: tuple[np.ndarray, np.ndarray]  # of x and z
     gain: float
     promised: float
-    lost: bool
+    lost_records: bool
     accepted: bool
-    corrected: bool = False
+    is_corrected: bool = False
 
 
-def tried(
-    problem: Problem,
+def try_step(
+    problem: IdentificationProblem,
     now: NormalEquations,
     point: tuple[np.ndarray, np.ndarray],
     change: tuple[np.ndarray, np.ndarray],
-    here: tuple[Pieces, float],
+    here: tuple[PiecewiseMisfit, float],
     each_point: bool,
 ) -> Step:
     """A step from a point (x, z), with derivatives at its end or those at hand."""
@@ -216,15 +216,15 @@ def tried(
     end = x + dx, z + dz
     trial = normal_equations(problem, *end) if each_point else near_equations(problem, *end, now)
     promised = here[0].fall(dx) + 0.5 * here[1]
-    gain = gain_of(now, trial, x, z, dx, dz)
-    floor = NEGLIGIBLE * max(total(now, x, z), 1.0)
+    gain = actual_gain(now, trial, x, z, dx, dz)
+    floor = NEGLIGIBLE * max(total_cost(now, x, z), 1.0)
     lost = lost_records(now, trial)
     enough = gain > ENOUGH * promised or abs(gain) + promised < floor
     return Step(trial, change, gain, promised, lost, bool(not lost and promised > 0 and enough))
 
 
-def corrected(
-    problem: Problem,
+def correct_step(
+    problem: IdentificationProblem,
     now: NormalEquations,
     point: tuple[np.ndarray, np.ndarray],
     step: Step,
@@ -234,7 +234,7 @@ def corrected(
     (x, z), (dx, dz), found = point, step.change, step
     for _ in range(CORRECTIONS):
         there = x + dx, z + dz
-        arrow = reduced(found.trial, *there)
+        arrow = eliminate_offsets(found.trial, *there)
         held = ((there[0] <= box[0]) & (arrow.g > 0)) | ((there[0] >= box[1]) & (arrow.g < 0))
         low, high = np.maximum(box[0], there[0] - FARTHEST), np.minimum(box[1], there[0] + FARTHEST)
         more = projected_step(arrow.S, arrow.g, held, there[0], low, high)
@@ -245,10 +245,10 @@ def corrected(
         dz = dz + offset_step(found.trial, there[1], more)
         dx = dx + more
         trial = near_equations(problem, x + dx, z + dz, now)
-        gain = gain_of(now, trial, x, z, dx, dz)
+        gain = actual_gain(now, trial, x, z, dx, dz)
         if lost_records(now, trial) or gain <= found.gain:
             return step
-        found = replace(found, trial=trial, change=(dx, dz), gain=gain, corrected=True)
+        found = replace(found, trial=trial, change=(dx, dz), gain=gain, is_corrected=True)
         if step.promised > 0 and gain > ENOUGH * step.promised:
             return replace(found, accepted=True)
     return step
@@ -259,29 +259,31 @@ def lost_records(now: NormalEquations, trial: NormalEquations) -> bool:
     return int(np.sum(now.ok & ~trial.ok)) > max(1, LOST_FRACTION * now.ok.sum())
 
 
-def exact(n: NormalEquations) -> bool:
+def has_exact_gradient(n: NormalEquations) -> bool:
     """Whether the gradient is that of the misfit here."""
-    return n.at is None or n.at.taken
+    return n.prediction is None or n.prediction.exact
 
 
-def served(problem: Problem, x: np.ndarray, z: np.ndarray, step: Step, from_exact: bool) -> NormalEquations:
+def equations_after_step(
+    problem: IdentificationProblem, x: np.ndarray, z: np.ndarray, step: Step, from_exact: bool
+) -> NormalEquations:
     """Where a step has led, (x, z): with new derivatives where it brought less than it promised, with the weights that
     readings have now where it brought more. from_exact: whether it began with derivatives of its own point, which a
     short one has then not left."""
     short = from_exact and 2.0 * step.promised < STALL**2
-    if step.corrected or (step.gain < FAITHFUL * step.promised and not short):
-        return taken_at(problem, x, z)
+    if step.is_corrected or (step.gain < FAITHFUL * step.promised and not short):
+        return fresh_equations(problem, x, z)
     if FAITHFUL * step.gain > step.promised:
-        return normal_equations(problem, x, z, step.trial.at)
+        return normal_equations(problem, x, z, step.trial.prediction)
     return step.trial
 
 
-def taken_at(problem: Problem, x: np.ndarray, z: np.ndarray) -> NormalEquations:
+def fresh_equations(problem: IdentificationProblem, x: np.ndarray, z: np.ndarray) -> NormalEquations:
     """With derivatives that are taken here and kept."""
     return normal_equations(problem, x, z, predict_records(problem, x, z))
 
 
-def reduced(n: NormalEquations, x: np.ndarray, z: np.ndarray) -> Arrow:
+def eliminate_offsets(n: NormalEquations, x: np.ndarray, z: np.ndarray) -> Arrow:
     return eliminate(n.H_xx, n.H_xz, n.H_zz, n.g_x, n.g_z, x, z)
 
 
@@ -308,11 +310,11 @@ def offset_squared(n: NormalEquations, z: np.ndarray) -> float:
     return float(np.sum(g * np.linalg.solve(n.H_zz + np.eye(z.shape[1]), g[:, :, None])[:, :, 0]))
 
 
-def total(n: NormalEquations, x: np.ndarray, z: np.ndarray) -> float:
+def total_cost(n: NormalEquations, x: np.ndarray, z: np.ndarray) -> float:
     return float(n.record_cost[n.ok].sum() + 0.5 * x @ x + 0.5 * np.sum(z**2))
 
 
-def gain_of(
+def actual_gain(
     now: NormalEquations, trial: NormalEquations, x: np.ndarray, z: np.ndarray, dx: np.ndarray, dz: np.ndarray
 ) -> float:
     """Actual fall of the cost, on the records that both points have: a record that fails must not pass for one that
@@ -376,23 +378,23 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class _Here:
+class _SearchState:
     """Where the search stands: the misfit around it, what is held at bounds, and the distance to the optimum."""
 
-    pieces: Pieces
+    pieces: PiecewiseMisfit
     gradient: np.ndarray  # (p,) at the point itself
-    held: np.ndarray
+    at_bound: np.ndarray
     offsets: float  # what the offsets alone add to the square of the distance
     decrement: float
 
     def step(self, boldness: float, x: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """The step (p,), as bold as asked (0 to 1)."""
         gradient, _ = self.pieces.combined(boldness)
-        return projected_step(self.pieces.S / boldness, gradient, self.held, x, low, high)
+        return projected_step(self.pieces.S / boldness, gradient, self.at_bound, x, low, high)
 
 
 def solve(
-    problem: Problem,
+    problem: IdentificationProblem,
     start: tuple[np.ndarray, np.ndarray] | None = None,
     *,
     max_iterations: int = 40,
@@ -415,85 +417,89 @@ def solve(
     x, z = (np.zeros(p), np.zeros(shape)) if start is None else (start[0].copy(), start[1].copy())
     inside, each_point = np.clip(x, low, high), derivatives is Derivatives.EACH
     if begin is None or not np.array_equal(inside, x):
-        begin = normal_equations(problem, inside, z) if each_point else taken_at(problem, inside, z)
+        begin = normal_equations(problem, inside, z) if each_point else fresh_equations(problem, inside, z)
     x, now = inside, begin
     del begin
     if not now.ok.any():
         return Fit(x, z, now, np.zeros(p, bool), False, "no record converged at the starting point", ())
-    kinks, boldness, rejected, walls, walled = Kinks(), 1.0, 0, 0, False
-    now, here = _confirmed(problem, now, (x, z), (low, high), kinks, derivatives, tolerance)
-    history = [Iteration(total(now, x, z), here.decrement, int((~now.ok).sum()), boldness, True)]
+    kinks, boldness, rejected, walls, walled = GradientBundle(), 1.0, 0, 0, False
+    now, here = _confirm_convergence(problem, now, (x, z), (low, high), kinks, derivatives, tolerance)
+    history = [Iteration(total_cost(now, x, z), here.decrement, int((~now.ok).sum()), boldness, True)]
     for _ in each(range(max_iterations), "iterations of the fit"):
         if here.decrement < tolerance or rejected >= MAX_REJECTED or walled:
             break
-        if len(history) > LOOKED and 2.0 * total(now, x, z) - HOPE * here.decrement**2 > hopeless:
+        if len(history) > LOOKED and 2.0 * total_cost(now, x, z) - HOPE * here.decrement**2 > hopeless:
             break
         dx = here.step(boldness, x, np.maximum(low, x - FARTHEST), np.minimum(high, x + FARTHEST))
         dz = offset_step(now, z, dx)
-        step = tried(problem, now, (x, z), (dx, dz), (here.pieces, here.offsets), each_point)
-        if not step.accepted and not exact(now):
+        step = try_step(problem, now, (x, z), (dx, dz), (here.pieces, here.offsets), each_point)
+        if not step.accepted and not has_exact_gradient(now):
             # no judgement of the step: the derivatives may be what misleads
-            now = taken_at(problem, x, z)
-            here = _stand(now, x, z, (low, high), kinks)
-            history.append(Iteration(total(now, x, z), here.decrement, int((~now.ok).sum()), boldness, False))
+            now = fresh_equations(problem, x, z)
+            here = _search_state(now, x, z, (low, high), kinks)
+            history.append(Iteration(total_cost(now, x, z), here.decrement, int((~now.ok).sum()), boldness, False))
             continue
-        if not step.accepted and not step.lost and not each_point:
-            step = corrected(problem, now, (x, z), step, (low, high))
+        if not step.accepted and not step.lost_records and not each_point:
+            step = correct_step(problem, now, (x, z), step, (low, high))
         trial, (dx, dz) = step.trial, step.change
         near = each_point or dx @ here.pieces.S @ dx <= NEAR**2
         if not each_point and step.accepted:
-            trial = served(problem, np.clip(x + dx, low, high), z + dz, step, exact(now))
+            trial = equations_after_step(problem, np.clip(x + dx, low, high), z + dz, step, has_exact_gradient(now))
         elif not each_point and near:
             trial = normal_equations(problem, x + dx, z + dz)
         if not np.array_equal(now.ok, trial.ok):
             kinks.clear()
-        elif step.accepted and exact(now):
-            kinks.add(Piece(x, here.gradient, total(now, x, z)))
+        elif step.accepted and has_exact_gradient(now):
+            kinks.add(BundlePiece(x, here.gradient, total_cost(now, x, z)))
         elif near and not step.accepted:
-            kinks.add(Piece(x + dx, reduced(trial, x + dx, z + dz).g, total(trial, x + dx, z + dz)))
+            kinks.add(
+                BundlePiece(x + dx, eliminate_offsets(trial, x + dx, z + dz).g, total_cost(trial, x + dx, z + dz))
+            )
         if step.accepted:
             x, z, now = np.clip(x + dx, low, high), z + dz, trial
             rejected = 0
             boldness = min(1.0, boldness * (BOLDER if step.gain > 0.5 * step.promised else 1.0))
         else:
-            rejected, walls, walled = rejected + 1, walls + step.lost, step.lost and boldness < CREEPING
-            boldness *= SHORTENED if step.lost else SHORTER
-        now, here = _confirmed(problem, now, (x, z), (low, high), kinks, derivatives, tolerance)
-        history.append(Iteration(total(now, x, z), here.decrement, int((~trial.ok).sum()), boldness, step.accepted))
-    end = Fit(x, z, now, here.held & (low < high), False, "", tuple(history))
-    return _ended(end, tolerance, rejected if rejected >= MAX_REJECTED or walled else 0, walls)
+            rejected, walls, walled = rejected + 1, walls + step.lost_records, step.lost_records and boldness < CREEPING
+            boldness *= SHORTENED if step.lost_records else SHORTER
+        now, here = _confirm_convergence(problem, now, (x, z), (low, high), kinks, derivatives, tolerance)
+        history.append(
+            Iteration(total_cost(now, x, z), here.decrement, int((~trial.ok).sum()), boldness, step.accepted)
+        )
+    end = Fit(x, z, now, here.at_bound & (low < high), False, "", tuple(history))
+    return _conclude(end, tolerance, rejected if rejected >= MAX_REJECTED or walled else 0, walls)
 
 
-def resumed(
-    problem: Problem, start: tuple[np.ndarray, np.ndarray], fit: Fit | None, *, taken: bool = False
+def resume_equations(
+    problem: IdentificationProblem, start: tuple[np.ndarray, np.ndarray], fit: Fit | None, *, taken: bool = False
 ) -> NormalEquations | None:
     """Equations of a problem at the place where a fit of the same records to other noise and sizes has ended, (x, z) in
     the problem's own units, by derivatives that were kept; None where none were, and where they are not those of that
     very place although they are to be `taken` there."""
-    at = None if fit is None else fit.equations.at
-    if at is None or not at.fits(problem) or (taken and not at.taken):
+    at = None if fit is None else fit.equations.prediction
+    if at is None or not at.matches(problem) or (taken and not at.exact):
         return None
     return normal_equations(problem, *start, at)
 
 
-def _confirmed(
-    problem: Problem,
+def _confirm_convergence(
+    problem: IdentificationProblem,
     now: NormalEquations,
     point: tuple[np.ndarray, np.ndarray],
     box: tuple[np.ndarray, np.ndarray],
-    kinks: Kinks,
+    kinks: GradientBundle,
     derivatives: Derivatives,
     tolerance: float,
-) -> tuple[NormalEquations, _Here]:
+) -> tuple[NormalEquations, _SearchState]:
     """Where the search stands; with derivatives of this point where it would be over and they are asked for."""
-    here = _stand(now, *point, box, kinks)
-    if derivatives is Derivatives.KEPT and not exact(now) and here.decrement < tolerance:
-        now = taken_at(problem, *point)
-        here = _stand(now, *point, box, kinks)
+    here = _search_state(now, *point, box, kinks)
+    if derivatives is Derivatives.KEPT and not has_exact_gradient(now) and here.decrement < tolerance:
+        now = fresh_equations(problem, *point)
+        here = _search_state(now, *point, box, kinks)
     return now, here
 
 
-def _ended(fit: Fit, tolerance: float, in_vain: int, walls: int) -> Fit:
+def _conclude(fit: Fit, tolerance: float, in_vain: int, walls: int) -> Fit:
     """The fit with its verdict: converged or not, and why. `in_vain`: rejected steps in a row after which nothing was
     expected of another; 0 where the search ended otherwise."""
     distance = f"{fit.decrement:.1e} standard errors"
@@ -506,21 +512,21 @@ def _ended(fit: Fit, tolerance: float, in_vain: int, walls: int) -> Fit:
         reason = f"{in_vain} steps in a row did not lower the misfit, {distance} from the optimum"
     else:
         reason = f"after {fit.steps} iterations the optimum is {distance} away"
-    return replace(fit, reason=reason + _walls(walls))
+    return replace(fit, reason=reason + _describe_lost_records(walls))
 
 
-def _walls(count: int) -> str:
+def _describe_lost_records(count: int) -> str:
     """What stood in the way, when steps were refused because records stopped converging."""
     return f"; {count} steps lost too many converged records" if count else ""
 
 
-def _stand(
-    now: NormalEquations, x: np.ndarray, z: np.ndarray, box: tuple[np.ndarray, np.ndarray], kinks: Kinks
-) -> _Here:
+def _search_state(
+    now: NormalEquations, x: np.ndarray, z: np.ndarray, box: tuple[np.ndarray, np.ndarray], kinks: GradientBundle
+) -> _SearchState:
     """What is known at one point."""
-    arrow = reduced(now, x, z)
+    arrow = eliminate_offsets(now, x, z)
     held = ((x <= box[0]) & (arrow.g > 0)) | ((x >= box[1]) & (arrow.g < 0))
-    pieces = kinks.about(Piece(x, arrow.g, total(now, x, z)), arrow.S, ~held)
+    pieces = kinks.pieces_near(BundlePiece(x, arrow.g, total_cost(now, x, z)), arrow.S, ~held)
     # z moves with x: what is left of its own gradient is part of the distance to the optimum
     offsets = offset_squared(now, z)
-    return _Here(pieces, arrow.g, held, offsets, float(np.sqrt(pieces.combined()[1] + offsets)))
+    return _SearchState(pieces, arrow.g, held, offsets, float(np.sqrt(pieces.combined()[1] + offsets)))

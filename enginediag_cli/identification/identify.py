@@ -26,37 +26,37 @@ from enginediag_cli.error_model.maps import (
     ErrorModel,
     MapErrorModel,
     PointErrorModel,
-    map_accuracy_of,
+    stated_map_accuracy,
 )
 from enginediag_cli.identification.covariance import (
-    AtBound,
+    ActiveBound,
     Combination,
     Uncertainty,
-    at_bounds,
+    active_bounds,
     unidentified_combinations,
 )
-from enginediag_cli.identification.gauss_newton import Fit, solve, ways
-from enginediag_cli.identification.instruments import LaggingReading, lagged, lagging_readings, together, with_offsets
-from enginediag_cli.identification.map_error import MapErrorSize, map_error_sizes, with_range_of
-from enginediag_cli.identification.noise import NoiseEstimate, noise_on_unseen
+from enginediag_cli.identification.gauss_newton import Fit, derivative_modes, solve
+from enginediag_cli.identification.instruments import SensorLag, add_offsets, find_sensor_lags, lag_error, sum_lags
+from enginediag_cli.identification.map_error import MapErrorSize, map_error_sizes, restrict_map_range
+from enginediag_cli.identification.noise import NoiseEstimate, cross_validated_noise
 from enginediag_cli.identification.nominal import (
     Envelope,
     Estimate,
     Nominal,
     SensorNoise,
     SensorQuality,
+    add_regimes,
+    estimate_status,
     learn_envelope,
-    on_unseen,
+    predict_held_out,
     sensor_quality,
-    status_of,
-    with_regimes,
 )
 from enginediag_cli.identification.normal_equations import NormalEquations, normal_equations
-from enginediag_cli.identification.passes import Attempt, GivenUp, best_attempt
+from enginediag_cli.identification.passes import Attempt, Simplification, best_attempt
 from enginediag_cli.identification.problem import (
+    IdentificationProblem,
     IdentificationSettings,
     Model,
-    Problem,
     TrainingRecording,
     build_problem,
     settings_from_mapping,
@@ -97,7 +97,9 @@ def block_folds(recording: np.ndarray, block: int) -> np.ndarray:
     return number % min(FOLDS, int(number[-1]) + 1)
 
 
-def cross_validate(problem: Problem, fit: Fit, block: int, max_iterations: int = MAX_ITERATIONS) -> CrossValidation:
+def cross_validate(
+    problem: IdentificationProblem, fit: Fit, block: int, max_iterations: int = MAX_ITERATIONS
+) -> CrossValidation:
     """Refit without each fold, starting from the full fit, and predict the fold.
 
     Offsets of a recording come from its remaining records, or stay at zero when none remain. Errors of the maps begin
@@ -115,7 +117,7 @@ def cross_validate(problem: Problem, fit: Fit, block: int, max_iterations: int =
         """What is predicted (n, m) of the records of a fold, None where the fit to the others did not converge."""
         out = fold_of == folds[k]
         # left out are the readings, not the records: their derivatives are those of the full fit, where these were kept
-        rest = with_range_of(problem, ~out & fit.equations.ok)
+        rest = restrict_map_range(problem, ~out & fit.equations.ok)
         without = replace(rest, measured=np.where(out[:, None], np.nan, problem.measured))
         with preserve_memory(problem.model):  # folds know nothing of each other, whoever fits them
             part = solve(
@@ -123,8 +125,8 @@ def cross_validate(problem: Problem, fit: Fit, block: int, max_iterations: int =
                 (fit.x, fit.z),
                 max_iterations=max_iterations,
                 tolerance=TOLERANCE,
-                derivatives=ways(problem)[0],
-                begin=_without(rest, fit, out),
+                derivatives=derivative_modes(problem)[0],
+                begin=_equations_without(rest, fit, out),
             )
         return part.equations.predicted[out] if part.converged else None
 
@@ -137,14 +139,14 @@ def cross_validate(problem: Problem, fit: Fit, block: int, max_iterations: int =
     return CrossValidation(predicted, len(folds), failed)
 
 
-def _without(problem: Problem, fit: Fit, out: np.ndarray) -> NormalEquations | None:
+def _equations_without(problem: IdentificationProblem, fit: Fit, out: np.ndarray) -> NormalEquations | None:
     """Equations at the fit of all records but those `out` (N,), where the fit has kept its derivatives. `problem`: with
     the readings of these, too, and with the errors of maps that a fit without them has."""
     whole = fit.equations
-    if whole.at is None:
+    if whole.prediction is None:
         return None
-    at = whole.at.with_curves(problem, fit.x)
-    if at is not whole.at:  # of other curves all sums are others
+    at = whole.prediction.replace_curves(problem, fit.x)
+    if at is not whole.prediction:  # of other curves all sums are others
         whole = normal_equations(problem, fit.x, fit.z, at)
     part = normal_equations(problem.select(out), fit.x, fit.z, at.select(out))
     sums = {f: getattr(whole, f) - getattr(part, f) for f in ("H_xx", "H_xz", "H_zz", "g_x", "g_z")}
@@ -178,7 +180,7 @@ class Identification:
 
     converged: bool
     reason: str
-    problem: Problem
+    problem: IdentificationProblem
     fit: Fit
     noise: NoiseEstimate
     monitoring_noise: NoiseEstimate
@@ -193,18 +195,18 @@ class Identification:
     records: Mapping[str, int]
     noise_passes: int
     map_errors: tuple[MapErrorSize, ...] = ()
-    given_up: tuple[GivenUp, ...] = ()
-    lagging: tuple[LaggingReading, ...] = ()
+    simplifications: tuple[Simplification, ...] = ()
+    sensor_lags: tuple[SensorLag, ...] = ()
 
     @property
-    def far_off(self) -> tuple[Estimate, ...]:
+    def implausible_estimates(self) -> tuple[Estimate, ...]:
         """Estimates so many standard deviations of their priors from what was expected that no engine of the kind is
         there; amounts of map error, whose sizes are estimated with them, aside."""
         own = (e for e in self.estimates if e.family not in (FAMILY, POINT_FAMILY))
         return tuple(e for e in own if abs(e.value - e.prior_mean) >= FAR_OFF * e.prior_sigma)
 
     @property
-    def unexplained(self) -> tuple[tuple[str, float], ...]:
+    def unexplained_sensors(self) -> tuple[tuple[str, float], ...]:
         """Sensors that the fit misses by far more than their noise as stated, with the ratio."""
         found = []
         for sensor, sigma in zip(self.problem.sensors, self.noise.sigma, strict=True):
@@ -214,9 +216,9 @@ class Identification:
         return tuple(found)
 
     @property
-    def bounds(self) -> tuple[AtBound, ...]:
+    def bounds(self) -> tuple[ActiveBound, ...]:
         """Parameters that the records push against a bound: a sign that the model lacks something."""
-        return at_bounds(self.problem, self.fit)
+        return active_bounds(self.problem, self.fit)
 
     def nominal(self, engine_path: str, engine_sha256: str, provenance: Mapping[str, str]) -> Nominal:
         """What later stages read, as one value. Raises ValueError for a fit that did not converge."""
@@ -253,14 +255,14 @@ class Identification:
             records=self.records,
             provenance=provenance,
             error_model=self._error_model(),
-            lagging=self.lagging,
+            sensor_lags=self.sensor_lags,
         )
 
     def _error_model(self) -> ErrorModel | None:
         model = self.problem.model
         if not isinstance(model, MapErrorModel):
             return None
-        sizes, inner = {m.target: m.found for m in self.map_errors}, model.model
+        sizes, inner = {m.target: m.estimated for m in self.map_errors}, model.model
         if not isinstance(inner, PointErrorModel):
             return ErrorModel(self.map_errors[0].stated, model.curves, sizes)
         return ErrorModel(self.map_errors[0].stated, model.curves, sizes, inner.points, inner.sizes)
@@ -286,12 +288,12 @@ def identify(
     """
     if settings is None:
         settings = settings_from_mapping(getattr(engine, "declared", {}).get("identification"))
-    problem = build_problem(warm_start(engine), with_regimes(engine, recordings), settings)
-    stated = map_accuracy_of(engine) if map_accuracy is None else map_accuracy
-    problem = with_offsets(problem, recordings) if offsets else problem
+    problem = build_problem(warm(engine), add_regimes(engine, recordings), settings)
+    stated = stated_map_accuracy(engine) if map_accuracy is None else map_accuracy
+    problem = add_offsets(problem, recordings) if offsets else problem
     attempt, behind = _fit_without_lags(problem, settings, stated)
     passes = attempt.passes
-    problem, fit, noise, found = passes.problem, passes.fit, passes.noise, passes.found
+    problem, fit, noise, found = passes.problem, passes.fit, passes.noise, passes.uncertainty
     converged, reason = passes.converged, passes.reason
     failed = float(np.mean(fit.failed))
     if failed > MAX_FAILED:
@@ -301,14 +303,14 @@ def identify(
         cv = cross_validate(problem, fit, settings.cross_validation_block, settings.max_iterations)
     later = noise
     if settings.monitoring_noise == "cross_validation" and np.isfinite(cv.predicted).any():
-        later = noise_on_unseen(problem.measured - cv.predicted, problem.gap, noise.sigma)
+        later = cross_validated_noise(problem.measured - cv.predicted, problem.gap, noise.sigma)
     in_sample, cross_validated = (
         sensor_quality(problem.sensors, problem.measured - predicted, predicted, noise.sigma, problem.regimes)
         for predicted in (fit.equations.predicted, cv.predicted)
     )
     held_quality: tuple[SensorQuality, ...] = ()
     if converged and held_out:
-        other, predicted = on_unseen(problem, fit, held_out, replace(settings, sensors=problem.sensors))
+        other, predicted = predict_held_out(problem, fit, held_out, replace(settings, sensors=problem.sensors))
         sigma = noise.sigma[[problem.sensors.index(s) for s in other.sensors]]
         held_quality = sensor_quality(other.sensors, other.measured - predicted, predicted, sigma, other.regimes)
     ok = fit.equations.ok if fit.equations.ok.any() else slice(None)
@@ -321,7 +323,7 @@ def identify(
         later,
         found,
         _estimates(problem, fit, found),
-        _left_open(problem, found),
+        _open_combinations(problem, found),
         in_sample,
         cv,
         cross_validated,
@@ -330,28 +332,28 @@ def identify(
         _record_counts(problem, fit),
         passes.number,
         map_error_sizes(problem, stated),
-        attempt.given_up,
+        attempt.simplifications,
         behind,
     )
 
 
 def _fit_without_lags(
-    problem: Problem, settings: IdentificationSettings, accuracy: float
-) -> tuple[Attempt, tuple[LaggingReading, ...]]:
+    problem: IdentificationProblem, settings: IdentificationSettings, accuracy: float
+) -> tuple[Attempt, tuple[SensorLag, ...]]:
     """The best fit of readings from which is subtracted what they lag by, and what that is."""
-    attempt, behind = best_attempt(problem, settings, accuracy), tuple[LaggingReading, ...]()
+    attempt, behind = best_attempt(problem, settings, accuracy), tuple[SensorLag, ...]()
     for _ in range(FREED):
         passes = attempt.passes
-        more = lagging_readings(passes.problem, passes.fit) if passes.converged else ()
+        more = find_sensor_lags(passes.problem, passes.fit) if passes.converged else ()
         if not more:
             break
-        behind = together(behind, more)
-        freed = replace(problem, measured=problem.measured - lagged(passes.problem, passes.fit, behind))
+        behind = sum_lags(behind, more)
+        freed = replace(problem, measured=problem.measured - lag_error(passes.problem, passes.fit, behind))
         attempt = best_attempt(freed, settings, accuracy)
     return attempt, behind
 
 
-def _left_open(problem: Problem, found: Uncertainty) -> tuple[Combination, ...]:
+def _open_combinations(problem: IdentificationProblem, found: Uncertainty) -> tuple[Combination, ...]:
     """Combinations of parameters that the records leave open; amounts of map error are no parameters of the engine."""
     own = np.array([p.family not in (FAMILY, POINT_FAMILY) for p in problem.parameters])
     covariance = found.covariance[np.ix_(own, own)]
@@ -364,7 +366,7 @@ def _left_open(problem: Problem, found: Uncertainty) -> tuple[Combination, ...]:
     return unidentified_combinations(information, covariance, problem.prior_sigma[own], names)
 
 
-def _estimates(problem: Problem, fit: Fit, found: Uncertainty) -> tuple[Estimate, ...]:
+def _estimates(problem: IdentificationProblem, fit: Fit, found: Uncertainty) -> tuple[Estimate, ...]:
     values = problem.physical(fit.x)
     errors = np.sqrt(np.diag(found.covariance)) * problem.prior_sigma
     prior_sigma = problem.prior_sigma * (1.0 if found.widths is None else found.widths)
@@ -378,13 +380,13 @@ def _estimates(problem: Problem, fit: Fit, found: Uncertainty) -> tuple[Estimate
             float(problem.prior_mean[i]),
             float(prior_sigma[i]),
             float(found.from_data[i]),
-            status_of(float(found.from_data[i]), bool(fit.at_bound[i])),
+            estimate_status(float(found.from_data[i]), bool(fit.at_bound[i])),
         )
         for i, q in enumerate(problem.parameters)
     )
 
 
-def _record_counts(problem: Problem, fit: Fit) -> dict[str, int]:
+def _record_counts(problem: IdentificationProblem, fit: Fit) -> dict[str, int]:
     """Records that were used, and those that were not, by the reason; of failures the engine's own words."""
     status = fit.equations.status
     counts = {"used": int(np.sum(status <= 1)), OUTSIDE_MAPS: int(np.sum(status == 1)), **problem.dropped}

@@ -53,7 +53,7 @@ from enginediag_cli.engine.tape import MOMENT, Tapes
 from enginediag_cli.engine.wrapped import LAGS_S, LagModel
 from enginediag_cli.identification.gauss_newton import Fit
 from enginediag_cli.identification.normal_equations import NormalEquations
-from enginediag_cli.identification.problem import OffsetPrior, Problem, TrainingRecording
+from enginediag_cli.identification.problem import IdentificationProblem, OffsetPrior, TrainingRecording
 
 COMMON, OWN = 1.0, 1.0
 """Standard deviations of the logarithms: two thirds of the engines, and of the instruments of one, lie within a factor
@@ -124,7 +124,7 @@ def likeliest_offsets(data: ArrowData, present: np.ndarray, usual: np.ndarray, f
     return t
 
 
-def spread_of_sizes(data: ArrowData, free: np.ndarray) -> np.ndarray:
+def size_spreads(data: ArrowData, free: np.ndarray) -> np.ndarray:
     """Standard deviations (q,) of ln s about the likeliest sizes, in whose units `data` are; 0 where not `free`."""
     q, at = len(free), np.flatnonzero(free)
     found = np.zeros(q)
@@ -163,7 +163,7 @@ NEGLIGIBLE = 0.1
 """Information of all recordings about an offset of the present size below which its size does not matter."""
 
 
-def with_offsets(problem: Problem, recordings: Sequence[TrainingRecording]) -> Problem:
+def add_offsets(problem: IdentificationProblem, recordings: Sequence[TrainingRecording]) -> IdentificationProblem:
     """The problem with offsets of all instruments whose offsets are not stated, of usual sizes; as it is where there
     are too few recordings, where they are of several engines, or for a model without an engine file."""
     several = {r.engine for r in recordings}
@@ -171,12 +171,12 @@ def with_offsets(problem: Problem, recordings: Sequence[TrainingRecording]) -> P
     if used < LEAST or len(several) > 1 or not hasattr(problem.model, "declared"):
         return problem
     stated = {o.sensor for o in problem.offsets}
-    added = [o for o in _usual(problem, used) if o.sensor not in stated]
+    added = [o for o in _usual_offsets(problem, used) if o.sensor not in stated]
     offsets = sorted((*problem.offsets, *added), key=lambda o: o.sensor not in problem.sensors)  # of inputs last
     return replace(problem, offsets=tuple(offsets))
 
 
-def _usual(problem: Problem, used: int) -> Iterator[OffsetPrior]:
+def _usual_offsets(problem: IdentificationProblem, used: int) -> Iterator[OffsetPrior]:
     engine: Any = problem.model  # which has an engine file
     for s, column in enumerate(problem.sensors):
         size = float(np.nanmedian(np.abs(problem.measured[:, s])))
@@ -191,15 +191,20 @@ def _usual(problem: Problem, used: int) -> Iterator[OffsetPrior]:
             yield OffsetPrior(column, kind, USUAL_INPUT * error.parameter.prior_sigma, used)
 
 
-def resized_offsets(
-    problem: Problem, usual: Sequence[OffsetPrior], n: NormalEquations, x: np.ndarray, z: np.ndarray, share: float
-) -> tuple[Problem, np.ndarray, float]:
+def resize_offsets(
+    problem: IdentificationProblem,
+    usual: Sequence[OffsetPrior],
+    n: NormalEquations,
+    x: np.ndarray,
+    z: np.ndarray,
+    share: float,
+) -> tuple[IdentificationProblem, np.ndarray, float]:
     """The problem with the likeliest sizes of its estimated offsets, z (R, q) in their units, and the largest relative
     change of one that matters. usual: the offsets at first; share: by which share of the way to the likeliest."""
     free = np.array([o.recordings > 0 for o in problem.offsets], bool)
     if not free.any():
         return problem, z, 0.0
-    data = _data(n, x, z)
+    data = _arrow_data(n, x, z)
     present = np.array([o.prior_sigma for o in problem.offsets])
     factors = likeliest_offsets(data, present, np.array([o.prior_sigma for o in usual]), free) ** share
     offsets = tuple(
@@ -210,25 +215,27 @@ def resized_offsets(
     return replace(problem, offsets=offsets), z / factors, change
 
 
-def with_spreads(problem: Problem, n: NormalEquations, x: np.ndarray, z: np.ndarray) -> Problem:
+def add_size_spreads(
+    problem: IdentificationProblem, n: NormalEquations, x: np.ndarray, z: np.ndarray
+) -> IdentificationProblem:
     """The problem, at its likeliest sizes, with how far each estimated one may be from them."""
     free = np.array([o.recordings > 0 for o in problem.offsets], bool)
     if not free.any():
         return problem
-    spreads = spread_of_sizes(_data(n, x, z), free)
+    spreads = size_spreads(_arrow_data(n, x, z), free)
     return replace(
         problem, offsets=tuple(replace(o, spread=float(v)) for o, v in zip(problem.offsets, spreads, strict=True))
     )
 
 
-def _data(n: NormalEquations, x: np.ndarray, z: np.ndarray) -> ArrowData:
+def _arrow_data(n: NormalEquations, x: np.ndarray, z: np.ndarray) -> ArrowData:
     """Information and pull about parameters x and offsets z (R, q) by the equations at that point."""
     b_x = n.H_xx @ x + np.einsum("rpq,rq->p", n.H_xz, z) - n.g_x
     b_z = np.einsum("rpq,p->rq", n.H_xz, x) + np.einsum("rqk,rk->rq", n.H_zz, z) - n.g_z
     return ArrowData(n.H_xx, n.H_xz, n.H_zz, b_x, b_z)
 
 
-def first_offsets(problem: Problem, predicted: np.ndarray) -> np.ndarray:
+def initial_offsets(problem: IdentificationProblem, predicted: np.ndarray) -> np.ndarray:
     """Offsets (R, q) in prior standard deviations by the medians of each recording; `predicted` (N, m) without them.
 
     Of a sensor with a bias and a scale the first has it all; offsets of inputs, and those whose size is yet to be
@@ -254,7 +261,7 @@ def first_offsets(problem: Problem, predicted: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class LaggingReading:
+class SensorLag:
     """`amounts` (T,): of each deviation of a lag of the command with a time constant of `lags_s` (T,) from the command
     itself, in the column's unit per unit of the command; `spread` (T,): standard deviation of the amounts from stretch
     to stretch. `moved`, `left`: RMS of the residuals without and with that, in the column's unit, where the engine
@@ -286,20 +293,20 @@ RIDGE = 1e-9
 """Of the mean diagonal, added to it: a lag that no record shows has an amount of 0."""
 
 
-def lagging_readings(problem: Problem, fit: Fit) -> tuple[LaggingReading, ...]:
+def find_sensor_lags(problem: IdentificationProblem, fit: Fit) -> tuple[SensorLag, ...]:
     """What the readings lag by, all of them or none; `fit` is of readings as they stand in the problem."""
     moment, tapes = problem.inputs.get(MOMENT), getattr(problem.model, "tapes", None)
     if moment is None or tapes is None:
         return ()
-    stretch = stretches(tapes, moment)
+    stretch = number_stretches(tapes, moment)
     if stretch.max(initial=-1) + 1 < LEAST_STRETCHES:
         return ()
-    D = deviations(problem, fit)
+    D = lag_deviations(problem, fit)
     known = stretch >= 0
     size = np.sqrt(np.mean(D[known] ** 2, axis=0)) / problem.sigma[:, None]  # (m, T), in standard deviations
     if not (size > 0.0).any():
         return ()
-    found = _together(_Rows.of(problem, fit, D / np.where(size > 0.0, size, np.inf), stretch))
+    found = _fit_lags(_StretchSums.from_fit(problem, fit, D / np.where(size > 0.0, size, np.inf), stretch))
     if found is None:
         return ()
     amounts, spread = (np.where(size > 0.0, x / np.where(size > 0.0, size, 1.0), 0.0) for x in found)
@@ -309,22 +316,22 @@ def lagging_readings(problem: Problem, fit: Fit) -> tuple[LaggingReading, ...]:
         moving = known & np.isfinite(e) & (np.abs(D[:, i]).max(axis=1) > size[i].max() * problem.sigma[i] / 2)
         both = (e[moving], (e - D[:, i] @ amounts[i])[moving])
         rms = [float(np.sqrt(np.mean(x**2))) if x.size else 0.0 for x in both]
-        readings.append(LaggingReading(sensor, LAGS_S, tuple(amounts[i].tolist()), tuple(spread[i].tolist()), *rms))
+        readings.append(SensorLag(sensor, LAGS_S, tuple(amounts[i].tolist()), tuple(spread[i].tolist()), *rms))
     return tuple(readings)
 
 
-def deviations(problem: Problem, fit: Fit) -> np.ndarray:
+def lag_deviations(problem: IdentificationProblem, fit: Fit) -> np.ndarray:
     """By how much lags of each reading are behind it, (N, m, T)."""
     at = LagModel(problem.model, problem.physical(fit.x))
     return at.deviations(problem.inputs, problem.sensors, len(problem.measured))
 
 
-def lagged(problem: Problem, fit: Fit, readings: tuple[LaggingReading, ...]) -> np.ndarray:
+def lag_error(problem: IdentificationProblem, fit: Fit, readings: tuple[SensorLag, ...]) -> np.ndarray:
     """By how much the readings of the problem (N, m) are behind."""
-    return np.einsum("nmt,mt->nm", deviations(problem, fit), np.array([r.amounts for r in readings]))
+    return np.einsum("nmt,mt->nm", lag_deviations(problem, fit), np.array([r.amounts for r in readings]))
 
 
-def together(first: tuple[LaggingReading, ...], more: tuple[LaggingReading, ...]) -> tuple[LaggingReading, ...]:
+def sum_lags(first: tuple[SensorLag, ...], more: tuple[SensorLag, ...]) -> tuple[SensorLag, ...]:
     """What readings lag by, in all, where `more` was found of readings that were freed of the `first`."""
     if not first:
         return more
@@ -334,7 +341,7 @@ def together(first: tuple[LaggingReading, ...], more: tuple[LaggingReading, ...]
     )
 
 
-def stretches(tapes: Tapes, moment: np.ndarray) -> np.ndarray:
+def number_stretches(tapes: Tapes, moment: np.ndarray) -> np.ndarray:
     """Number of the stretch of each record (N,), −1 on tapes that do not show how an engine moves, too coarse
     ones or gated."""
     number, place = tapes.locate(moment)
@@ -355,18 +362,18 @@ def stretches(tapes: Tapes, moment: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class _Rows:
+class _StretchSums:
     """Whitened residuals and columns of one stretch after the other, as sums: of the p parameters and the m·T amounts,
     `products` (K, q, q), `along` (K, q), `squares` (K,)."""
 
     products: np.ndarray
-    along: np.ndarray
+    gradient: np.ndarray
     squares: np.ndarray
     parameters: int
     sensors: int
 
     @staticmethod
-    def of(problem: Problem, fit: Fit, D: np.ndarray, stretch: np.ndarray) -> _Rows:
+    def from_fit(problem: IdentificationProblem, fit: Fit, D: np.ndarray, stretch: np.ndarray) -> _StretchSums:
         p, (_, m, T) = len(problem.parameters), D.shape
         found = problem.model.predict(
             problem.inputs, problem.physical(fit.x), sensors=problem.sensors, wrt=problem.names
@@ -386,22 +393,22 @@ class _Rows:
                 products[k][np.ix_(at, at)] += X.T @ X
                 along[k, at] += X.T @ z
                 squares[k] += z @ z
-        return _Rows(products, along, squares, p, m)
+        return _StretchSums(products, along, squares, p, m)
 
 
-def _together(rows: _Rows) -> tuple[np.ndarray, np.ndarray] | None:
+def _fit_lags(rows: _StretchSums) -> tuple[np.ndarray, np.ndarray] | None:
     """Amounts (m, T) and their standard deviations between stretches (m, T), fitted with the parameters; None where
     they do not foretell stretches that are left out better than the parameters alone."""
-    K, q = rows.along.shape
+    K, q = rows.gradient.shape
     p = rows.parameters
     held = np.diag(np.append(np.ones(p), np.full(q - p, RIDGE * np.trace(rows.products.sum(axis=0)) / q)))
-    G, b = rows.products.sum(axis=0) + held, rows.along.sum(axis=0)
-    without = np.linalg.solve(G - rows.products, (b - rows.along)[:, :, None])[:, :, 0]
+    G, b = rows.products.sum(axis=0) + held, rows.gradient.sum(axis=0)
+    without = np.linalg.solve(G - rows.products, (b - rows.gradient)[:, :, None])[:, :, 0]
     plain = np.zeros((K, q))
-    plain[:, :p] = np.linalg.solve((G - rows.products)[:, :p, :p], (b - rows.along)[:, :p, None])[:, :, 0]
+    plain[:, :p] = np.linalg.solve((G - rows.products)[:, :p, :p], (b - rows.gradient)[:, :p, None])[:, :, 0]
 
     def left(x: np.ndarray) -> np.ndarray:
-        return np.asarray(np.einsum("kq,kqr,kr->k", x, rows.products, x) - 2 * np.einsum("kq,kq->k", x, rows.along))
+        return np.asarray(np.einsum("kq,kqr,kr->k", x, rows.products, x) - 2 * np.einsum("kq,kq->k", x, rows.gradient))
 
     gain = left(plain) - left(without)
     gain = np.sign(gain) * np.sqrt(np.abs(gain))  # a slam more or less must not decide

@@ -31,7 +31,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.error_model.maps import (
-    BEYOND,
+    EDGE_CURVES,
     FAMILY,
     POINT_FAMILY,
     QUANTITIES,
@@ -39,14 +39,14 @@ from enginediag_cli.error_model.maps import (
     OperatingPoints,
     PointErrorModel,
     learn_curves,
-    machines_of,
     map_coordinates,
-    sized,
+    resize_point_errors,
+    turbomachines,
 )
 from enginediag_cli.error_model.sizes import LARGEST, expected_factors, likeliest_factors
 from enginediag_cli.identification.nominal import MARGIN_RANGE, MINIMUM_SPREAD, RELATIVE_SPREAD
 from enginediag_cli.identification.normal_equations import NormalEquations, eliminate, predict
-from enginediag_cli.identification.problem import Model, Problem
+from enginediag_cli.identification.problem import IdentificationProblem, Model
 
 CELL = 0.1
 """Side of a cell, as a share of the range of what is predicted: the error of a generic map changes over about that."""
@@ -66,17 +66,17 @@ LEAST_LEFT = 0.25
 """Share of the cells of which the fit has left the error at least: where it used up more, the rest says too little."""
 
 
-def follows_no_clock(gap: np.ndarray) -> bool:
+def is_without_clock(gap: np.ndarray) -> bool:
     """Whether the records (N,) of every recording merely follow each other, as snapshots do."""
     return bool(np.all(gap[np.isfinite(gap)] == 1.0))
 
 
-def cells_of(predicted: np.ndarray) -> np.ndarray:
+def assign_cells(predicted: np.ndarray) -> np.ndarray:
     """Cell of each record, (N,) int from 0, by the predicted readings (N, m), NaN where there is none."""
-    return np.unique(Cells(predicted).places(predicted), axis=0, return_inverse=True)[1].reshape(-1)
+    return np.unique(OperatingPointCells(predicted).places(predicted), axis=0, return_inverse=True)[1].reshape(-1)
 
 
-class Cells:
+class OperatingPointCells:
     """Cells of operating points, laid by the predicted readings (N, m) of some records, NaN where there is none.
 
     Inputs have no common scale (an hour of weather, a metre of altitude): what they do to the readings has. A direction
@@ -109,7 +109,7 @@ class Cells:
         return np.asarray(np.nan_to_num(predicted / self._size, nan=1.0))
 
 
-def lack_of_fit(
+def misfit_inflation(
     predicted: np.ndarray, residual: np.ndarray, sigma: np.ndarray, correlated: np.ndarray, used: np.ndarray
 ) -> np.ndarray:
     """κ (m,), at least 1, from predictions and residuals (N, m), NaN where missing, of readings of noise `sigma` (m,).
@@ -117,7 +117,7 @@ def lack_of_fit(
     `correlated` (m,): readings per independent one by the correlation in time, which also makes records of one cell
     alike; `used` (m,): readings of each sensor that the fit has used up.
     """
-    cell = cells_of(predicted)
+    cell = assign_cells(predicted)
     there = np.isfinite(residual)
     e = np.where(there, residual, 0.0)
     count = int(cell.max()) + 1
@@ -142,13 +142,13 @@ LEAST_MISS, LARGEST_MISS = 0.1, 30.0
 noise, more is no longer a model of this engine."""
 
 
-def with_point_errors(problem: Problem, accuracy: float) -> Problem:
+def add_point_errors(problem: IdentificationProblem, accuracy: float) -> IdentificationProblem:
     """The problem with what the model misses at operating points among its parameters, or as it is: where the maps are
     right (accuracy 0), records follow a clock, or are not at a few points with many records each.
 
     At a single point what is missed is what the parameters themselves say.
     """
-    if accuracy <= 0.0 or not follows_no_clock(problem.gap):
+    if accuracy <= 0.0 or not is_without_clock(problem.gap):
         return problem
     points = _points(problem)
     if points is None:
@@ -156,15 +156,15 @@ def with_point_errors(problem: Problem, accuracy: float) -> Problem:
     # at first as large as the noise
     sizes = dict(zip(problem.sensors, (float(s) for s in problem.sigma), strict=True))
     model = PointErrorModel(problem.model, points, sizes)
-    return problem.with_errors(model, POINT_FAMILY)
+    return problem.add_error_parameters(model, POINT_FAMILY)
 
 
-def usual_misses(model: Model, missed: Mapping[str, tuple[str, ...]]) -> np.ndarray:
+def expected_misses(model: Model, missed: Mapping[str, tuple[str, ...]]) -> np.ndarray:
     """Sizes that are expected before the data, of the columns in `missed`: the noise that the engine file states."""
     return np.array([model.sensors[s].noise_sigma for s in missed], float)
 
 
-def _points(problem: Problem) -> OperatingPoints | None:
+def _points(problem: IdentificationProblem) -> OperatingPoints | None:
     """The operating points at which the records are; None where these are one or many, few records are at one, or one
     runs into the next: parts of a range are no points, and curves describe what is missed along it."""
     zeros = np.zeros(len(problem.parameters)), np.zeros((len(problem.labels), len(problem.offsets)))
@@ -172,7 +172,7 @@ def _points(problem: Problem) -> OperatingPoints | None:
     there = status <= 1
     if not there.any():
         return None
-    cell = cells_of(predicted[there])
+    cell = assign_cells(predicted[there])
     count = np.bincount(cell)
     if not 1 < len(count) <= MOST_POINTS or count.min() < LEAST_WORTH:
         return None
@@ -204,15 +204,15 @@ class MapErrorSize:
 
     target: str
     stated: float
-    found: float
+    estimated: float
 
 
-def with_map_error(problem: Problem, accuracy: float) -> Problem:
+def add_map_errors(problem: IdentificationProblem, accuracy: float) -> IdentificationProblem:
     """The problem with amounts of map error among its parameters, of standard deviation `accuracy`.
 
     Nothing changes where the accuracy is 0, or the model has no maps, or computes no record at the prior mean.
     """
-    machines = machines_of(problem.model)
+    machines = turbomachines(problem.model)
     if accuracy <= 0.0 or not machines:
         return problem
     at = map_coordinates(problem.model, problem.inputs, problem.physical(np.zeros(len(problem.parameters))))
@@ -223,11 +223,11 @@ def with_map_error(problem: Problem, accuracy: float) -> Problem:
         m.parameter(q): accuracy for m in machines for q in QUANTITIES if m.parameter(q) in problem.model.parameters
     }
     model = MapErrorModel(problem.model, curves, sizes)
-    extended = problem.with_errors(model, FAMILY)
+    extended = problem.add_error_parameters(model, FAMILY)
     return replace(extended, inputs={**problem.inputs, **model.frozen(problem.inputs, problem.sensors)})
 
 
-def with_range_of(problem: Problem, records: np.ndarray) -> Problem:
+def restrict_map_range(problem: IdentificationProblem, records: np.ndarray) -> IdentificationProblem:
     """The problem with errors of maps that know no other range than that of some of its records (N,) bool, as if it had
     been built of these alone."""
     model = problem.model
@@ -238,7 +238,7 @@ def with_range_of(problem: Problem, records: np.ndarray) -> Problem:
     return replace(problem, model=MapErrorModel(model.model, learnt, model.sizes))
 
 
-def map_error_sizes(problem: Problem, stated: float) -> tuple[MapErrorSize, ...]:
+def map_error_sizes(problem: IdentificationProblem, stated: float) -> tuple[MapErrorSize, ...]:
     """Sizes of the map errors as the problem has them."""
     if not isinstance(problem.model, MapErrorModel):
         return ()
@@ -246,9 +246,14 @@ def map_error_sizes(problem: Problem, stated: float) -> tuple[MapErrorSize, ...]
     return tuple(MapErrorSize(t, stated, float(sigma[names[0]])) for t, names in problem.model.groups.items())
 
 
-def resized(
-    problem: Problem, equations: NormalEquations, x: np.ndarray, z: np.ndarray, stated: float, damping: float = 1.0
-) -> tuple[Problem, np.ndarray, float]:
+def resize_errors(
+    problem: IdentificationProblem,
+    equations: NormalEquations,
+    x: np.ndarray,
+    z: np.ndarray,
+    stated: float,
+    damping: float = 1.0,
+) -> tuple[IdentificationProblem, np.ndarray, float]:
     """The problem with the likeliest sizes of map errors, and of what is missed at operating points, x (p,) in its
     units, and the largest relative change. damping: by which share of the way to them."""
     if not isinstance(problem.model, MapErrorModel):
@@ -256,9 +261,9 @@ def resized(
     maps, inner = problem.model.groups, problem.model.model
     missed = inner.groups if isinstance(inner, PointErrorModel) else {}
     groups = {**maps, **missed}
-    group, present = _grouped(problem, groups)
-    information, pull = _telling(problem, *_of_data(equations, x, z))
-    usual = np.append(np.full(len(maps), stated), usual_misses(problem.model.model, missed))
+    group, present = _error_groups(problem, groups)
+    information, pull = _excited_information(problem, *_data_information(equations, x, z))
+    usual = np.append(np.full(len(maps), stated), expected_misses(problem.model.model, missed))
     between = tuple(
         np.repeat(limits, [len(maps), len(missed)]) for limits in ((1.0, LEAST_MISS), (LARGEST, LARGEST_MISS))
     )
@@ -268,7 +273,7 @@ def resized(
     sigma = problem.prior_sigma * scale
     sizes = dict(zip(groups, present * factors, strict=True))
     if missed:
-        inner = sized(inner, {s: sizes[s] for s in missed})
+        inner = resize_point_errors(inner, {s: sizes[s] for s in missed})
     model = MapErrorModel(inner, problem.model.curves, {target: sizes[target] for target in maps})
     parameters = tuple(
         model.parameters[p.name] if p.family in (FAMILY, POINT_FAMILY) else p for p in problem.parameters
@@ -279,8 +284,8 @@ def resized(
     return replace(problem, model=model, parameters=parameters, prior_sigma=sigma), x / scale, change
 
 
-def widths_beyond(
-    problem: Problem, equations: NormalEquations, x: np.ndarray, z: np.ndarray, stated: float
+def edge_widths(
+    problem: IdentificationProblem, equations: NormalEquations, x: np.ndarray, z: np.ndarray, stated: float
 ) -> np.ndarray:
     """By which factor the errors of maps beyond what training covered are less certain than their likeliest size makes
     them, (p,); 1 for everything else. The estimates stay: it is no reason to believe in larger ones."""
@@ -288,16 +293,18 @@ def widths_beyond(
     if not isinstance(problem.model, MapErrorModel):
         return widths
     groups = problem.model.groups
-    group, present = _grouped(problem, groups)
-    information, pull = _telling(problem, *_of_data(equations, x, z))
+    group, present = _error_groups(problem, groups)
+    information, pull = _excited_information(problem, *_data_information(equations, x, z))
     factors = expected_factors(information, pull, group, present, np.full(len(groups), stated))
-    beyond = {names[j] for names in groups.values() for j in BEYOND}
+    beyond = {names[j] for names in groups.values() for j in EDGE_CURVES}
     edge = np.array([n in beyond for n in problem.names])
     widths[edge] = np.maximum(factors, 1.0)[group[edge]]
     return widths
 
 
-def _grouped(problem: Problem, groups: Mapping[str, tuple[str, ...]]) -> tuple[np.ndarray, np.ndarray]:
+def _error_groups(
+    problem: IdentificationProblem, groups: Mapping[str, tuple[str, ...]]
+) -> tuple[np.ndarray, np.ndarray]:
     """Number of the group of each parameter (p,), −1 for those of none, and the present size of each group (G,)."""
     position = {n: i for i, n in enumerate(problem.names)}
     group = np.full(len(problem.names), -1)
@@ -309,14 +316,16 @@ def _grouped(problem: Problem, groups: Mapping[str, tuple[str, ...]]) -> tuple[n
     return group, present
 
 
-def _of_data(n: NormalEquations, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _data_information(n: NormalEquations, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Information (p, p) and pull (p,) of the records alone, offsets eliminated."""
     arrow = eliminate(n.H_xx, n.H_xz, n.H_zz, n.g_x, n.g_z, x, z)
     information = arrow.S - np.eye(len(x))
     return information, information @ x - (arrow.g - x)
 
 
-def _telling(problem: Problem, information: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _excited_information(
+    problem: IdentificationProblem, information: np.ndarray, pull: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Information (p, p) and pull (p,) without what is said by amounts whose curves training hardly excites."""
     assert isinstance(problem.model, MapErrorModel)
     hardly = {n for n, excited in problem.model.excitation(problem.inputs).items() if excited < EXCITED}

@@ -54,7 +54,7 @@ FADED = 1e-9
 """Correlation below which records no longer know of each other."""
 
 
-def position(columns: Mapping[str, np.ndarray], inputs: Sequence[str], n: int) -> np.ndarray:
+def record_positions(columns: Mapping[str, np.ndarray], inputs: Sequence[str], n: int) -> np.ndarray:
     """Steps since the first of n records of one recording, (n,), not decreasing."""
     time = columns.get(TIME)
     counted = np.arange(n, dtype=float)
@@ -76,7 +76,7 @@ def position(columns: Mapping[str, np.ndarray], inputs: Sequence[str], n: int) -
     return np.concatenate([[0.0], np.cumsum(np.maximum(steps, NEAREST))])
 
 
-def gaps(position: np.ndarray, recording: np.ndarray) -> np.ndarray:
+def record_gaps(position: np.ndarray, recording: np.ndarray) -> np.ndarray:
     """Steps since the record before, (N,), infinite at the beginning of a recording; both arguments (N,)."""
     gap = np.diff(position, prepend=0.0)
     gap[np.diff(recording, prepend=-1) != 0] = np.inf
@@ -216,7 +216,7 @@ def estimate_noise(residual: np.ndarray, gap: np.ndarray, lost: np.ndarray, floo
     unbiased = np.clip(own * (1 + 2 / n1), -MAX_RHO, MAX_RHO)
     # the sums that the fit left are blown up by n/(n − lost), and their scatter with them
     chance = np.maximum(1 - unbiased**2, 0.0) / n1 * (n0 / (n0 - np.maximum(lost[0], 0.0))) ** 2
-    rho, rho_error, rho_common = _shrunk(unbiased, n1, chance, known)
+    rho, rho_error, rho_common = _shrink(unbiased, n1, chance, known)
     innovations = 1 - rho**2
     sigma = scale * np.sqrt(n0 / (n0 - lost[0]) * (1 + rho**2 - 2 * rho * own) / innovations)
     degrees = n0 - np.where(known, ((1 + rho**2) * lost[0] - 2 * rho * lost[1]) / innovations, lost[0])
@@ -252,7 +252,7 @@ def gross_readings(residual: np.ndarray, recording: np.ndarray) -> np.ndarray:
             for part in np.array_split(own, len(own) // STRETCH + 1):
                 away[part] = residual[part] - _running_median(residual[part])
     with np.errstate(invalid="ignore"):
-        found = [np.abs(x) > GROSS * 1.4826 * _middle(np.abs(x[long])) for x in (residual, away)]
+        found = [np.abs(x) > GROSS * 1.4826 * _nan_median(np.abs(x[long])) for x in (residual, away)]
     gross = found[0] & found[1] & long[:, None]
     there = np.isfinite(residual)
     gross &= gross.sum(axis=0) <= NOISE_MOSTLY * there.sum(axis=0)
@@ -263,10 +263,10 @@ def gross_readings(residual: np.ndarray, recording: np.ndarray) -> np.ndarray:
 def _running_median(x: np.ndarray) -> np.ndarray:
     """Median (n, m) of AROUND values about each of x (n, m), fewer at the ends, NaN left out."""
     padded = np.pad(x, ((AROUND // 2, AROUND // 2), (0, 0)), constant_values=np.nan)
-    return _middle(np.lib.stride_tricks.sliding_window_view(padded, AROUND, axis=0), axis=-1)
+    return _nan_median(np.lib.stride_tricks.sliding_window_view(padded, AROUND, axis=0), axis=-1)
 
 
-def _middle(x: np.ndarray, axis: int = 0) -> np.ndarray:
+def _nan_median(x: np.ndarray, axis: int = 0) -> np.ndarray:
     """Median along an axis, NaN left out; NaN where nothing is left."""
     if not x.shape[axis]:
         return np.full(np.delete(x.shape, axis), np.nan)
@@ -276,7 +276,7 @@ def _middle(x: np.ndarray, axis: int = 0) -> np.ndarray:
     return np.asarray(np.where(n > 0, 0.5 * (ends[0] + ends[1]), np.nan).squeeze(axis))
 
 
-def _shrunk(
+def _shrink(
     rho: np.ndarray, n: np.ndarray, chance: np.ndarray, known: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Correlations (m,) drawn towards their mean as far as their scatter is no more than chance, and standard errors:
@@ -344,7 +344,7 @@ def huber_scale(e: np.ndarray) -> np.ndarray:
     return out
 
 
-def starting_noise(residual: np.ndarray, gap: np.ndarray, floor: np.ndarray) -> NoiseEstimate:
+def initial_noise(residual: np.ndarray, gap: np.ndarray, floor: np.ndarray) -> NoiseEstimate:
     """Noise as it looks before a fit: scatter of (N, m) about the median of each recording.
 
     It holds the whole error of the model, which changes slowly along a recording, so that its correlation is
@@ -402,7 +402,7 @@ def quantisation_sigma(measured: np.ndarray) -> np.ndarray:
     return out
 
 
-def noise_on_unseen(residual: np.ndarray, gap: np.ndarray, floor: np.ndarray) -> NoiseEstimate:
+def cross_validated_noise(residual: np.ndarray, gap: np.ndarray, floor: np.ndarray) -> NoiseEstimate:
     """Noise from residuals (N, m), NaN where missing, of records predicted by a fit without them;
     `gap` (N,) as for `estimate_noise`.
 

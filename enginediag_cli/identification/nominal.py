@@ -29,13 +29,13 @@ from enginediag_cli.engine.load import EngineDescription
 from enginediag_cli.error_model.maps import FAMILY, POINT_FAMILY, ErrorModel
 from enginediag_cli.identification.covariance import Combination
 from enginediag_cli.identification.gauss_newton import Fit
-from enginediag_cli.identification.instruments import LaggingReading
+from enginediag_cli.identification.instruments import SensorLag
 from enginediag_cli.identification.normal_equations import predict
 from enginediag_cli.identification.problem import (
+    IdentificationProblem,
     IdentificationSettings,
     Model,
     OffsetPrior,
-    Problem,
     TrainingRecording,
     build_problem,
 )
@@ -118,13 +118,13 @@ def assign_regimes(recordings: Sequence[Mapping[str, np.ndarray]], inputs: Seque
     A `phase` column is used as it is; else altitude_m against time_s; where a recording has neither, all
     recordings are cut at the pooled terciles of the first input that is not ambient; `all` without one.
     """
-    labels = [_by_flight(columns) for columns in recordings]
+    labels = [_flight_regimes(columns) for columns in recordings]
     flown = [label for label in labels if label is not None]
     if len(flown) == len(recordings):
         return flown
     for name in inputs:
         if all(name in columns for columns in recordings) and not _is_ambient(name):
-            return _by_power([np.asarray(columns[name], float) for columns in recordings], name)
+            return _power_regimes([np.asarray(columns[name], float) for columns in recordings], name)
     return [np.full(len(next(iter(columns.values()))), "all") for columns in recordings]
 
 
@@ -132,7 +132,7 @@ def _is_ambient(name: str) -> bool:
     return split_column(name)[0] in AMBIENT
 
 
-def _by_flight(columns: Mapping[str, np.ndarray]) -> np.ndarray | None:
+def _flight_regimes(columns: Mapping[str, np.ndarray]) -> np.ndarray | None:
     if "phase" in columns:
         return np.asarray(columns["phase"]).astype(str)
     if "altitude_m" not in columns or "time_s" not in columns:
@@ -148,7 +148,7 @@ def _by_flight(columns: Mapping[str, np.ndarray]) -> np.ndarray | None:
     return label
 
 
-def _by_power(values: Sequence[np.ndarray], name: str) -> list[np.ndarray]:
+def _power_regimes(values: Sequence[np.ndarray], name: str) -> list[np.ndarray]:
     pooled = np.concatenate(values)
     pooled = pooled[np.isfinite(pooled)]
     if not len(pooled) or np.ptp(pooled) <= SMALLEST_BAND * abs(np.median(pooled)):
@@ -158,12 +158,12 @@ def _by_power(values: Sequence[np.ndarray], name: str) -> list[np.ndarray]:
     return [np.where(v <= low, words[0], np.where(v <= high, words[1], words[2])) for v in values]
 
 
-def on_unseen(
-    problem: Problem, fit: Fit, held_out: Sequence[TrainingRecording], settings: IdentificationSettings
-) -> tuple[Problem, np.ndarray]:
+def predict_held_out(
+    problem: IdentificationProblem, fit: Fit, held_out: Sequence[TrainingRecording], settings: IdentificationSettings
+) -> tuple[IdentificationProblem, np.ndarray]:
     """The problem of the held-out recordings, and its readings as predicted (N, m) at the fit of another one. Offsets
     of a recording are those of the fitted one of its label, else zero."""
-    other = build_problem(problem.model, with_regimes(problem.model, held_out), settings)
+    other = build_problem(problem.model, add_regimes(problem.model, held_out), settings)
     other = replace(
         other,
         parameters=problem.parameters,
@@ -182,7 +182,7 @@ def on_unseen(
     return other, predicted
 
 
-def with_regimes(engine: Model, recordings: Sequence[TrainingRecording]) -> list[TrainingRecording]:
+def add_regimes(engine: Model, recordings: Sequence[TrainingRecording]) -> list[TrainingRecording]:
     """The recordings with a regime for each record; regimes that are given stay."""
     recordings = [TrainingRecording(*r) for r in recordings]
     found = assign_regimes([r.columns for r in recordings], engine.inputs) if recordings else []
@@ -244,7 +244,7 @@ class Envelope:
         """True for operating points that training did not cover, (N,); a missing input counts as outside."""
         return ~(self.distance(inputs) <= self.threshold)
 
-    def within_reach(self, inputs: Mapping[str, np.ndarray], distance: np.ndarray) -> np.ndarray:
+    def reachable(self, inputs: Mapping[str, np.ndarray], distance: np.ndarray) -> np.ndarray:
         """True where a model of errors that widens by itself may answer, (N,): operating points at `distance` (N,)."""
         u = self._scaled(inputs) * self.scale
         over = np.maximum(u - self.high, self.low - u)
@@ -422,7 +422,7 @@ class Nominal:
     smooth: bool | None = None
     error_model: ErrorModel | None = None
     description: EngineDescription | None = None
-    lagging: tuple[LaggingReading, ...] = ()
+    sensor_lags: tuple[SensorLag, ...] = ()
 
     @property
     def engine_instance(self) -> str:
@@ -455,7 +455,7 @@ class Nominal:
         return {n.sensor: n.rho1 for n in self.noise}
 
 
-def status_of(from_data: float, at_bound: bool) -> str:
+def estimate_status(from_data: float, at_bound: bool) -> str:
     """Status of an estimate from the share that the data contributed."""
     if at_bound:
         return "at bound"

@@ -28,7 +28,7 @@ from enginediag_cli.engine.load import EngineDescription
 from enginediag_cli.engine.wrapped import MonitoredModel
 from enginediag_cli.error_model.maps import FAMILY
 from enginediag_cli.errors import ConfigError, Mark, Problem
-from enginediag_cli.identification.nominal import Nominal, status_of
+from enginediag_cli.identification.nominal import Nominal, estimate_status
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
@@ -42,7 +42,7 @@ ROUNDING = 1e-6
 """Relative error that rounding may leave in a covariance: eigenvalues and diagonals are off by no more."""
 
 
-def checksum_of(text: str) -> str:
+def compute_checksum(text: str) -> str:
     """Checksum of a nominal file: of its lines but comments, empty ones and the one that holds the checksum."""
     digest = hashlib.sha256()
     for line in text.splitlines():
@@ -55,7 +55,7 @@ def checksum_of(text: str) -> str:
 def checksum_problems(checked: Checked, text: str) -> Iterator[Problem]:
     """Whether the file is as `identify` wrote it; a file without a checksum is (its reader is to say so)."""
     stated = checked.values[CHECKSUM]
-    if stated and stated != checksum_of(text):
+    if stated and stated != compute_checksum(text):
         yield checked.problem(
             (CHECKSUM,),
             "the checksum does not fit: the file was edited after identify wrote it",
@@ -159,7 +159,7 @@ def check_nominal_fits(nominal: Nominal, engine: MonitoredModel, path: str | Pat
     """ConfigError, with every place in the nominal file, unless the engine has what the nominal names: its
     parameters, and their values within the engine's bounds, its sensors and its inputs."""
     wrong: list[tuple[tuple[str | int, ...], str, str]] = []
-    model = nominal.error_model.of(engine) if nominal.error_model else None
+    model = nominal.error_model.wrap(engine) if nominal.error_model else None
     parameters = (model or engine).parameters
     lacking = set(model.amounts if model else ()) - {e.name for e in nominal.estimates}
     if lacking:
@@ -168,21 +168,21 @@ def check_nominal_fits(nominal: Nominal, engine: MonitoredModel, path: str | Pat
     for e in nominal.estimates:
         known = parameters.get(e.name)
         if known is None:
-            wrong.append((("estimates", e.name), _absent(engine, "parameter", e.name), near(e.name, parameters)))
+            wrong.append((("estimates", e.name), _missing_name(engine, "parameter", e.name), near(e.name, parameters)))
         elif not known.lower <= e.value <= known.upper:
             bounds = f"{known.lower:g} to {known.upper:g}"
             wrong.append((("estimates", e.name, "value"), f"{e.name} cannot be {e.value:g}", f"it lies in {bounds}"))
     for column in nominal.sensors:
         if column not in engine.sensors:
-            wrong.append((("noise", column), _absent(engine, "sensor", column), near(column, engine.sensors)))
+            wrong.append((("noise", column), _missing_name(engine, "sensor", column), near(column, engine.sensors)))
     inputs = (*engine.inputs, *engine.optional_inputs)
     for k, column in enumerate(nominal.inputs):
         if column not in inputs:
-            wrong.append((("inputs", k), _absent(engine, "input", column), near(column, inputs)))
+            wrong.append((("inputs", k), _missing_name(engine, "input", column), near(column, inputs)))
     for column in nominal.envelope.inputs:
         if column not in inputs and column not in nominal.inputs:
             place = ("envelope", "inputs", column)
-            wrong.append((place, _absent(engine, "input", column), near(column, inputs)))
+            wrong.append((place, _missing_name(engine, "input", column), near(column, inputs)))
     if not wrong:
         return
     from enginediag_cli.config.document import load_document
@@ -191,11 +191,11 @@ def check_nominal_fits(nominal: Nominal, engine: MonitoredModel, path: str | Pat
     raise ConfigError([Problem(places.key_mark(where), what, hint) for where, what, hint in wrong])
 
 
-def _absent(engine: MonitoredModel, what: str, name: str) -> str:
+def _missing_name(engine: MonitoredModel, what: str, name: str) -> str:
     return f"the engine {engine.name} has no {what} {name!r}: this nominal is of another engine, or of this one before"
 
 
-def other_instance(nominal: Nominal, instance: str) -> tuple[str, str] | None:
+def instance_conflict(nominal: Nominal, instance: str) -> tuple[str, str] | None:
     """(instance identified, instance of the recordings) when both are named and differ: engines of one type differ
     before anything goes wrong, so what is then found may be the difference between them. None otherwise."""
     identified = nominal.engine_instance
@@ -206,7 +206,7 @@ SECTION = "engine_description"
 """Key of the nominal file."""
 
 
-def described_engine(
+def build_described_engine(
     described: EngineDescription, nominal_path: str | Path, power_setting: str | None = None
 ) -> Engine:
     """The engine of a description; `power_setting` replaces its own. Raises ConfigError at places in the nominal
@@ -216,10 +216,10 @@ def described_engine(
     try:
         return load_engine(described, power_setting)
     except ConfigError as error:
-        raise ConfigError([_moved(p, described, nominal_path) for p in error.problems]) from error
+        raise ConfigError([_relocate(p, described, nominal_path) for p in error.problems]) from error
 
 
-def changed_beside(described: EngineDescription, nominal_path: str | Path) -> str:
+def changed_engine_file(described: EngineDescription, nominal_path: str | Path) -> str:
     """The engine file that was identified where it is there and says something else now, or its maps do; else ''. A
     file that is gone, cannot be read or is none of an engine is nobody's concern: it is not needed."""
     try:
@@ -229,7 +229,7 @@ def changed_beside(described: EngineDescription, nominal_path: str | Path) -> st
         return ""
 
 
-def _moved(problem: Problem, described: EngineDescription, nominal_path: str | Path) -> Problem:
+def _relocate(problem: Problem, described: EngineDescription, nominal_path: str | Path) -> Problem:
     """The problem at its line of the nominal file, in which every line of a text is a line."""
     from enginediag_cli.config.document import load_document
     from enginediag_cli.config.validate import Checked
@@ -257,7 +257,7 @@ NONE = 1e-4
 regular."""
 
 
-def with_accuracy(nominal: Nominal, accuracy: float) -> Nominal:
+def set_map_accuracy(nominal: Nominal, accuracy: float) -> Nominal:
     """The nominal state with maps of this relative accuracy; as it is where it knows of no map error."""
     found = nominal.error_model
     if found is None:
@@ -284,7 +284,7 @@ def with_accuracy(nominal: Nominal, accuracy: float) -> Nominal:
         )
         for e, v, s, f in zip(estimates, values, errors, factor, strict=True)
     )
-    changed = tuple(replace(e, status=status_of(e.from_data, e.status == "at bound")) for e in changed)
+    changed = tuple(replace(e, status=estimate_status(e.from_data, e.status == "at bound")) for e in changed)
     sizes = dict.fromkeys(found.sizes, accuracy)
     return replace(
         nominal,

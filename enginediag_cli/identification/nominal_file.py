@@ -27,13 +27,13 @@ from enginediag_cli.engine.load import EngineDescription
 from enginediag_cli.error_model.maps import ErrorModel, MapCurves, OperatingPoints
 from enginediag_cli.errors import ConfigError, Mark, NoVerdictError, Problem
 from enginediag_cli.identification.covariance import Combination
-from enginediag_cli.identification.instruments import LaggingReading
+from enginediag_cli.identification.instruments import SensorLag
 from enginediag_cli.identification.noise import SIGMA_FROM
 from enginediag_cli.identification.nominal import STATUSES, Envelope, Estimate, Nominal, SensorNoise, SensorQuality
 from enginediag_cli.identification.nominal_checks import (
     CHECKSUM,
-    checksum_of,
     checksum_problems,
+    compute_checksum,
     symmetric,
     value_problems,
 )
@@ -220,12 +220,12 @@ LINE = 100
 """Characters of a line: no editor folds it."""
 
 
-def packed(numbers: np.ndarray) -> str:
+def pack_numbers(numbers: np.ndarray) -> str:
     """The text of numbers (n,)."""
     return "\n".join(textwrap.wrap(base64.b64encode(np.asarray(numbers, "<f8").tobytes()).decode(), LINE)) + "\n"
 
 
-def unpacked(text: str) -> np.ndarray:
+def unpack_numbers(text: str) -> np.ndarray:
     """The numbers (n,) of a text. Raises ValueError for what `packed` did not make, and for what is not finite."""
     try:
         raw = base64.b64decode("".join(text.split()), validate=True)
@@ -281,7 +281,7 @@ def read_nominal(path: str | Path) -> Nominal:
         sealed=bool(v[CHECKSUM]),
         smooth={"yes": True, "no": False}.get(v["smooth"]),
         error_model=_error_model(v["error_model"]),
-        lagging=tuple(_lagging(x) for x in v["lagging"]),
+        sensor_lags=tuple(_lagging(x) for x in v["lagging"]),
         description=_description(v["engine_description"], Path(path).parent / v["engine"]),
     )
 
@@ -289,17 +289,17 @@ def read_nominal(path: str | Path) -> Nominal:
 def _refuse_impossible(checked: Checked, text: str) -> None:
     """Raises ConfigError for values that cannot be, and for a text that is not as it was written."""
     if checked.values["covariance_packed"]:
-        checked.values["covariance"] = _unpacked(checked)
+        checked.values["covariance"] = _unpack_covariance(checked)
     problems = [*checksum_problems(checked, text), *value_problems(checked)]
     if problems:
         raise ConfigError(problems)
 
 
-def _unpacked(checked: Checked) -> list[float]:
+def _unpack_covariance(checked: Checked) -> list[float]:
     if checked.values["covariance"]:
         raise ConfigError([checked.problem(("covariance",), "covariance is given twice, as numbers and packed")])
     try:
-        return [float(x) for x in unpacked(checked.values["covariance_packed"])]
+        return [float(x) for x in unpack_numbers(checked.values["covariance_packed"])]
     except ValueError as error:
         message = f"covariance_packed cannot be read: {error}"
         raise ConfigError([checked.problem(("covariance_packed",), message, "run identify again")]) from error
@@ -341,9 +341,9 @@ def format_nominal(nominal: Nominal) -> str:
 
     Dumper.add_representer(str, text)
     body = yaml.dump(
-        _as_values(nominal), Dumper=Dumper, sort_keys=False, allow_unicode=True, width=110, default_flow_style=None
+        _to_values(nominal), Dumper=Dumper, sort_keys=False, allow_unicode=True, width=110, default_flow_style=None
     )
-    return f"{HEADER}{body}{CHECKSUM}: {checksum_of(body)}\n"
+    return f"{HEADER}{body}{CHECKSUM}: {compute_checksum(body)}\n"
 
 
 def write_nominal(nominal: Nominal, path: str | Path) -> None:
@@ -400,10 +400,10 @@ def fingerprint(nominal: Nominal) -> str:
     import hashlib
     import json
 
-    return hashlib.sha256(json.dumps(_as_values(nominal)).encode()).hexdigest()[:16]
+    return hashlib.sha256(json.dumps(_to_values(nominal)).encode()).hexdigest()[:16]
 
 
-def _as_values(n: Nominal) -> dict[str, Any]:
+def _to_values(n: Nominal) -> dict[str, Any]:
     e = n.envelope
     return {
         "kind": "nominal",
@@ -421,7 +421,7 @@ def _as_values(n: Nominal) -> dict[str, Any]:
         "unidentified": [_fields(c, COMBINATION) for c in n.unidentified],
         "offsets": [_fields(o, OFFSET) for o in n.offsets],
         "recording_offsets": [{"label": k, "values": dict(v)} for k, v in n.recording_offsets.items()],
-        **({"lagging": [_fields(x, LAGGING) for x in n.lagging]} if n.lagging else {}),
+        **({"lagging": [_fields(x, LAGGING) for x in n.sensor_lags]} if n.sensor_lags else {}),
         "noise_correlation": _triangle(n.noise_correlation),
         **_covariance_values(n.covariance),
         **({} if n.error_model is None else {"error_model": _error_values(n.error_model)}),
@@ -445,7 +445,7 @@ def _error_values(found: ErrorModel) -> dict[str, Any]:
     return {
         "stated": float(found.stated),
         "sizes": {target: float(size) for target, size in found.sizes.items()},
-        "machines": {c.machine: c.as_mapping() for c in found.curves},
+        "machines": {c.machine: c.to_mapping() for c in found.curves},
         **({} if found.points is None else _point_values(found.points, found.misses)),
     }
 
@@ -465,9 +465,9 @@ def _description_values(described: EngineDescription) -> dict[str, Any]:
     return {"text": described.text, "tables": dict(described.tables)}
 
 
-def _lagging(v: Mapping[str, Any]) -> LaggingReading:
+def _lagging(v: Mapping[str, Any]) -> SensorLag:
     lags, amounts, spread = (tuple(map(float, v[name])) for name in ("lags_s", "amounts", "spread"))
-    return LaggingReading(v["sensor"], lags, amounts, spread, v["moved"], v["left"])
+    return SensorLag(v["sensor"], lags, amounts, spread, v["moved"], v["left"])
 
 
 def _fields(item: Any, section: Section) -> dict[str, Any]:
@@ -485,7 +485,7 @@ def _plain(value: Any) -> Any:
 def _covariance_values(matrix: np.ndarray) -> dict[str, Any]:
     if len(matrix) <= LISTED:
         return {"covariance": _triangle(matrix)}
-    return {"covariance_packed": packed(matrix[np.tril_indices(len(matrix))])}
+    return {"covariance_packed": pack_numbers(matrix[np.tril_indices(len(matrix))])}
 
 
 def _triangle(matrix: np.ndarray) -> list[float]:

@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.error_model.maps import MapErrorModel
-from enginediag_cli.identification.problem import Problem
+from enginediag_cli.identification.problem import IdentificationProblem
 
 SUMMED_RECORDS = 512
 """Records of which products are summed at once where the predictions are there: few enough that their sensitivities
@@ -34,7 +34,7 @@ stay in the processor's cache between the products, enough that each product is 
 
 
 @dataclass(frozen=True)
-class Answer:
+class ModelAnswer:
     """What the model says of n records: readings (n, m), status (n,) and derivatives (n, m, k)."""
 
     y: np.ndarray
@@ -55,7 +55,7 @@ class Tangent:
     own: np.ndarray
     of_maps: np.ndarray
     curves: np.ndarray
-    known: np.ndarray  # (N,) bool
+    valid: np.ndarray  # (N,) bool
 
     @property
     def amounts(self) -> int:
@@ -71,23 +71,25 @@ class Predicted:
     y: np.ndarray
     status: np.ndarray
     tangent: Tangent
-    taken: bool
+    exact: bool
 
-    def fits(self, problem: Problem) -> bool:
+    def matches(self, problem: IdentificationProblem) -> bool:
         """Whether the derivatives are those that this problem asks for."""
         t = self.tangent
-        return t.names == directions(problem) and t.amounts == amounts_of(problem) and self._records(problem)
+        return (
+            t.names == derivative_names(problem) and t.amounts == count_map_errors(problem) and self._records(problem)
+        )
 
-    def _records(self, problem: Problem) -> bool:
+    def _records(self, problem: IdentificationProblem) -> bool:
         return len(self.y) == len(problem.recording)
 
     def select(self, keep: np.ndarray) -> Predicted:
         """The same of the records where `keep` (N,) is true."""
         t = self.tangent
-        tangent = Tangent(t.names, t.own[keep], t.of_maps[keep], t.curves[keep], t.known[keep])
-        return Predicted(self.y[keep], self.status[keep], tangent, self.taken)
+        tangent = Tangent(t.names, t.own[keep], t.of_maps[keep], t.curves[keep], t.valid[keep])
+        return Predicted(self.y[keep], self.status[keep], tangent, self.exact)
 
-    def with_curves(self, problem: Problem, x: np.ndarray) -> Predicted:
+    def replace_curves(self, problem: IdentificationProblem, x: np.ndarray) -> Predicted:
         """The same at x (p,) where errors of maps follow the curves of another problem, which readings follow linearly;
         itself where there are none."""
         t, model = self.tangent, problem.model
@@ -97,9 +99,9 @@ class Predicted:
         amounts = (problem.prior_sigma * x + problem.prior_mean)[-t.amounts :].reshape(t.curves.shape[1:])
         moved = np.einsum("ngc,gc->ng", curves - t.curves, amounts)
         y = self.y + np.matmul(t.of_maps, moved[:, :, None])[:, :, 0]
-        return Predicted(y, self.status, replace(t, curves=curves), self.taken)
+        return Predicted(y, self.status, replace(t, curves=curves), self.exact)
 
-    def by_parameters(self, problem: Problem, rows: slice) -> np.ndarray:
+    def parameter_jacobian(self, problem: IdentificationProblem, rows: slice) -> np.ndarray:
         """Derivatives (n, m, p) by all parameters that are sought; a new array."""
         t = self.tangent
         own = len(problem.names) - t.amounts
@@ -111,11 +113,11 @@ class Predicted:
             np.multiply(t.of_maps[rows, :, :, None], t.curves[rows, None], out=amounts)
         return J
 
-    def by_inputs(self, problem: Problem, rows: slice) -> np.ndarray:
+    def input_jacobian(self, problem: IdentificationProblem, rows: slice) -> np.ndarray:
         """Derivatives (n, m, a) by the inputs that have offsets."""
         return self.tangent.own[rows, :, len(problem.names) - self.tangent.amounts :].astype(float)
 
-    def pulled(self, problem: Problem, pull: np.ndarray) -> np.ndarray:
+    def pull_gradient(self, problem: IdentificationProblem, pull: np.ndarray) -> np.ndarray:
         """Σ pull ∂y/∂θ over all records and sensors, (p,), for pull (N, m)."""
         t = self.tangent
         own = np.zeros(t.own.shape[2])
@@ -127,26 +129,28 @@ class Predicted:
         return np.concatenate([own[: len(problem.names) - t.amounts], amounts])
 
 
-def amounts_of(problem: Problem) -> int:
+def count_map_errors(problem: IdentificationProblem) -> int:
     """How many of the parameters, the last ones, are amounts of map error whose effects the records bring along."""
     model = problem.model
     if not isinstance(model, MapErrorModel) or problem.names[-len(model.amounts) :] != model.amounts:
         return 0
-    return len(model.amounts) if model.brought(problem.inputs, problem.sensors) else 0
+    return len(model.amounts) if model.has_frozen_columns(problem.inputs, problem.sensors) else 0
 
 
-def shifted_inputs(problem: Problem) -> tuple[str, ...]:
+def offset_inputs(problem: IdentificationProblem) -> tuple[str, ...]:
     """Inputs that have offsets."""
     outputs = len(problem.offsets) - problem.input_offsets
     return tuple(dict.fromkeys(o.sensor for o in problem.offsets[outputs:]))
 
 
-def directions(problem: Problem) -> tuple[str, ...]:
+def derivative_names(problem: IdentificationProblem) -> tuple[str, ...]:
     """What the model is asked for derivatives by."""
-    return (*problem.names[: len(problem.names) - amounts_of(problem)], *shifted_inputs(problem))
+    return (*problem.names[: len(problem.names) - count_map_errors(problem)], *offset_inputs(problem))
 
 
-def ask(problem: Problem, x: np.ndarray, z: np.ndarray, wrt: tuple[str, ...]) -> Iterator[Answer]:
+def query_model(
+    problem: IdentificationProblem, x: np.ndarray, z: np.ndarray, wrt: tuple[str, ...]
+) -> Iterator[ModelAnswer]:
     """What the model says at (x, z), `CHUNK_RECORDS` at a time."""
     theta, N, outputs = problem.physical(x), len(problem.recording), len(problem.offsets) - problem.input_offsets
     for start in range(0, N, CHUNK_RECORDS):
@@ -163,37 +167,39 @@ def ask(problem: Problem, x: np.ndarray, z: np.ndarray, wrt: tuple[str, ...]) ->
         known = np.isfinite(derivatives.sum(axis=(1, 2)))
         status = np.where(known, p.status, np.maximum(p.status, 2)).astype(np.int8)
         y[status > 1] = np.nan
-        yield Answer(y, status, derivatives)
+        yield ModelAnswer(y, status, derivatives)
 
 
-def predict_records(problem: Problem, x: np.ndarray, z: np.ndarray, near: Predicted | None = None) -> Predicted:
+def predict_records(
+    problem: IdentificationProblem, x: np.ndarray, z: np.ndarray, near: Predicted | None = None
+) -> Predicted:
     """Readings at (x, z), to be kept: with derivatives that are taken there, or with those of a point near by."""
-    wrt = directions(problem)
+    wrt = derivative_names(problem)
     N, m = problem.measured.shape
     y, status = np.empty((N, m)), np.empty(N, np.int8)
     tangent = _empty(problem, wrt) if near is None else near.tangent
     first = 0
-    for part in ask(problem, x, z, wrt if near is None else ()):
+    for part in query_model(problem, x, z, wrt if near is None else ()):
         rows = slice(first, first + len(part.y))
         first = rows.stop
         y[rows], status[rows] = part.y, part.status
         if near is None:
-            tangent.known[rows] = part.status <= 1
+            tangent.valid[rows] = part.status <= 1
             tangent.own[rows] = part.derivatives
             tangent.own[rows][part.status > 1] = 0.0
     if near is None:
-        tangent.of_maps[~tangent.known] = 0.0
+        tangent.of_maps[~tangent.valid] = 0.0
     else:
-        unknown = ~tangent.known
+        unknown = ~tangent.valid
         y[unknown], status[unknown] = np.nan, np.maximum(status[unknown], 2)
     return Predicted(y, status, tangent, near is None)
 
 
-def _empty(problem: Problem, wrt: tuple[str, ...]) -> Tangent:
+def _empty(problem: IdentificationProblem, wrt: tuple[str, ...]) -> Tangent:
     """Derivatives of which only those by amounts of map error are there."""
     N, m = problem.measured.shape
     of_maps, curves = np.empty((N, m, 0)), np.empty((N, 0, 0))
-    if amounts_of(problem):
+    if count_map_errors(problem):
         assert isinstance(problem.model, MapErrorModel)
         of_maps, curves = problem.model.factors(problem.inputs, problem.sensors)
     return Tangent(wrt, np.empty((N, m, len(wrt)), np.float32), of_maps, curves, np.ones(N, bool))
@@ -204,7 +210,7 @@ CHUNK_RECORDS = 1024
 
 
 @dataclass(frozen=True)
-class Block:
+class PredictionBlock:
     """Predictions of a run of consecutive records, scaled to prior standard deviations."""
 
     rows: slice
@@ -214,7 +220,7 @@ class Block:
     status: np.ndarray  # (n,) int8, as the engine gives it
     input_jacobian: np.ndarray  # (n, m, i) ∂y/∂z of the offsets of inputs, which come last
 
-    def offset_columns(self, problem: Problem) -> np.ndarray:
+    def offset_columns(self, problem: IdentificationProblem) -> np.ndarray:
         """∂y/∂z (n, m, q) of all offsets of each record's recording, 0 where the model gave none."""
         n, outputs = len(self.predicted), self.offset_jacobian.shape[1]
         found = np.zeros((n, len(problem.sensors), outputs + self.input_jacobian.shape[2]))
@@ -237,7 +243,7 @@ class NormalEquations:
     H_zz: np.ndarray
     g_x: np.ndarray  # (p,) gradient of the cost
     g_z: np.ndarray  # (R, q)
-    at: Predicted | None = None  # what they were made of, where that was kept
+    prediction: Predicted | None = None  # what they were made of, where that was kept
 
     @property
     def ok(self) -> np.ndarray:
@@ -255,7 +261,7 @@ class Arrow:
 
 
 def blocks(
-    problem: Problem,
+    problem: IdentificationProblem,
     x: np.ndarray,
     z: np.ndarray,
     *,
@@ -263,7 +269,7 @@ def blocks(
     at: Predicted | None = None,
     records: int | None = None,
     every: int = 1,
-) -> Iterator[Block]:
+) -> Iterator[PredictionBlock]:
     """Predictions and their derivatives, a bounded number of records at a time; `at`: what is predicted at (x, z),
     where that is known, which is then dealt out `records` at a time, one block of `every` so many."""
     first, p = 0, len(problem.names) if sensitivities else 0
@@ -271,11 +277,11 @@ def blocks(
         N, size = len(problem.recording), records or CHUNK_RECORDS
         for first in range(0, N, size * every):
             rows = slice(first, min(first + size, N))
-            J, along = at.by_parameters(problem, rows), at.by_inputs(problem, rows)
+            J, along = at.parameter_jacobian(problem, rows), at.input_jacobian(problem, rows)
             yield _block(problem, z, rows, (at.y[rows], at.status[rows], J, along))
         return
-    wrt = (*problem.names, *shifted_inputs(problem)) if sensitivities else ()
-    for part in ask(problem, x, z, wrt):
+    wrt = (*problem.names, *offset_inputs(problem)) if sensitivities else ()
+    for part in query_model(problem, x, z, wrt):
         rows = slice(first, first + len(part.y))
         first = rows.stop
         D = np.where((part.status <= 1)[:, None, None], part.derivatives, 0.0)
@@ -283,13 +289,16 @@ def blocks(
 
 
 def _block(
-    problem: Problem, z: np.ndarray, rows: slice, found: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-) -> Block:
+    problem: IdentificationProblem,
+    z: np.ndarray,
+    rows: slice,
+    found: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+) -> PredictionBlock:
     """Readings (n, m), status (n,) and derivatives by parameters, which may be overwritten, and by inputs, with offsets
     and in prior standard deviations."""
     y, status, J, along = found
     outputs, p = len(problem.offsets) - problem.input_offsets, J.shape[2]
-    of_inputs, inputs = problem.offsets[outputs:], shifted_inputs(problem)
+    of_inputs, inputs = problem.offsets[outputs:], offset_inputs(problem)
     column = {s: i for i, s in enumerate(problem.sensors)}
     offset_J = np.empty((len(y), outputs))
     input_J = np.zeros((*y.shape, len(of_inputs)))
@@ -308,16 +317,18 @@ def _block(
             offset_J[:, j] = o.prior_sigma * y[:, s]
     J *= factor[:, :, None] * problem.prior_sigma[:p]
     input_J *= factor[:, :, None]
-    return Block(rows, y * factor + shift, J, offset_J, status, input_J)
+    return PredictionBlock(rows, y * factor + shift, J, offset_J, status, input_J)
 
 
-def predict(problem: Problem, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def predict(problem: IdentificationProblem, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Predicted readings with offsets (N, m), NaN where the model gave none, and status (N,)."""
     parts = list(blocks(problem, x, z, sensitivities=False))
     return np.concatenate([b.predicted for b in parts]), np.concatenate([b.status for b in parts])
 
 
-def normal_equations(problem: Problem, x: np.ndarray, z: np.ndarray, at: Predicted | None = None) -> NormalEquations:
+def normal_equations(
+    problem: IdentificationProblem, x: np.ndarray, z: np.ndarray, at: Predicted | None = None
+) -> NormalEquations:
     """Robust cost, its gradient and its reweighted Gauss–Newton matrix at (x, z); `at`: what is predicted there."""
     N, p, (R, q) = len(problem.recording), len(x), z.shape
     predicted, status = np.empty((N, len(problem.sensors))), np.empty(N, np.int8)
@@ -325,7 +336,7 @@ def normal_equations(problem: Problem, x: np.ndarray, z: np.ndarray, at: Predict
     H_xx, g_x = np.zeros((p, p)), np.zeros(p)
     H_xz, H_zz, g_z = np.zeros((R, p, q)), np.zeros((R, q, q)), np.zeros((R, q))
     for b in blocks(problem, x, z, at=at, records=SUMMED_RECORDS):
-        cost[b.rows], w, pull = _pull(problem, problem.measured[b.rows] - b.predicted)
+        cost[b.rows], w, pull = _robust_pull(problem, problem.measured[b.rows] - b.predicted)
         parts = accumulate(problem, b, w, pull)
         here = parts.recordings
         H_xx += parts.H_xx
@@ -337,21 +348,23 @@ def normal_equations(problem: Problem, x: np.ndarray, z: np.ndarray, at: Predict
     return NormalEquations(predicted, problem.measured - predicted, status, cost, H_xx, H_xz, H_zz, g_x, g_z, at)
 
 
-def near_equations(problem: Problem, x: np.ndarray, z: np.ndarray, near: NormalEquations) -> NormalEquations:
+def near_equations(
+    problem: IdentificationProblem, x: np.ndarray, z: np.ndarray, near: NormalEquations
+) -> NormalEquations:
     """Cost at (x, z), its gradient with the derivatives of a point near by, and the matrix of that point. `near` must
     have kept what it was made of."""
-    assert near.at is not None
-    at = predict_records(problem, x, z, near.at)
+    assert near.prediction is not None
+    at = predict_records(problem, x, z, near.prediction)
     outputs = len(problem.offsets) - problem.input_offsets
     nothing = np.empty((*at.y.shape, 0))
-    b = _block(problem, z, slice(None), (at.y, at.status, nothing, at.by_inputs(problem, slice(None))))
+    b = _block(problem, z, slice(None), (at.y, at.status, nothing, at.input_jacobian(problem, slice(None))))
     residual = problem.measured - b.predicted
-    cost, _, pull = _pull(problem, residual)
+    cost, _, pull = _robust_pull(problem, residual)
     factor = np.ones_like(pull)
     for j, o in enumerate(problem.offsets[:outputs]):
         if o.kind == "scale":
             factor[:, problem.sensors.index(o.sensor)] += o.prior_sigma * z[problem.recording, j]
-    g_x = -at.pulled(problem, pull * factor) * problem.prior_sigma
+    g_x = -at.pull_gradient(problem, pull * factor) * problem.prior_sigma
     g_z = np.zeros_like(z)
     columns = [problem.sensors.index(o.sensor) for o in problem.offsets[:outputs]]
     G = np.where((at.status <= 1)[:, None], b.offset_jacobian, 0.0) * pull[:, columns]
@@ -359,11 +372,18 @@ def near_equations(problem: Problem, x: np.ndarray, z: np.ndarray, near: NormalE
     for j, column in enumerate(np.concatenate([G, of_inputs], axis=1).T):
         g_z[:, j] = -np.bincount(problem.recording, column, len(z))
     return replace(
-        near, predicted=b.predicted, residual=residual, status=at.status, record_cost=cost, g_x=g_x, g_z=g_z, at=at
+        near,
+        predicted=b.predicted,
+        residual=residual,
+        status=at.status,
+        record_cost=cost,
+        g_x=g_x,
+        g_z=g_z,
+        prediction=at,
     )
 
 
-def _pull(problem: Problem, e: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _robust_pull(problem: IdentificationProblem, e: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Cost of each record (n,), weights and pull of each reading (n, m) from residuals (n, m), NaN where missing."""
     scaled = np.nan_to_num(e / problem.sigma)  # a missing reading has no residual and no weight
     there = np.isfinite(e)
@@ -373,7 +393,7 @@ def _pull(problem: Problem, e: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
 
 
 @dataclass(frozen=True)
-class Sums:
+class BlockSums:
     """Weighted sums over the records of a block, of which those of offsets are of its r recordings alone, `recordings`:
     H_xx (p, p), H_xz (r, p, q), H_zz (r, q, q), g_x (p,), g_z (r, q)."""
 
@@ -385,7 +405,7 @@ class Sums:
     g_z: np.ndarray
 
 
-def accumulate(problem: Problem, block: Block, w: np.ndarray, pull: np.ndarray) -> Sums:
+def accumulate(problem: IdentificationProblem, block: PredictionBlock, w: np.ndarray, pull: np.ndarray) -> BlockSums:
     """Weighted sums of H and of Jᵀ pull for x and z; `w` and `pull` are (n, m), 0 where missing."""
     n, m, p = block.jacobian.shape
     q = len(problem.offsets)
@@ -395,7 +415,7 @@ def accumulate(problem: Problem, block: Block, w: np.ndarray, pull: np.ndarray) 
     g_x = pull.reshape(-1) @ flat
     recordings, starts = np.unique(problem.recording[block.rows], return_index=True)  # records of one stand together
     r = len(recordings)
-    found = Sums(recordings, H_xx, np.zeros((r, p, q)), np.zeros((r, q, q)), g_x, np.zeros((r, q)))
+    found = BlockSums(recordings, H_xx, np.zeros((r, p, q)), np.zeros((r, q, q)), g_x, np.zeros((r, q)))
     if not q:
         return found
     columns = block.offset_columns(problem)  # (n, m, q)

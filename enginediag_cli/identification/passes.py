@@ -21,31 +21,43 @@ from functools import partial
 
 import numpy as np
 
-from enginediag_cli.error_model.maps import FREEDOMS, machines_of
+from enginediag_cli.error_model.maps import FREEDOMS, turbomachines
 from enginediag_cli.error_model.sizes import GENERIC
-from enginediag_cli.identification.covariance import ROUNDS, Uncertainty, at_bounds, given_back, uncertainty
-from enginediag_cli.identification.gauss_newton import Fit, exact, resumed, solve, ways
+from enginediag_cli.identification.covariance import (
+    ROUNDS,
+    Uncertainty,
+    active_bounds,
+    fix_weak_parameters,
+    uncertainty,
+)
+from enginediag_cli.identification.gauss_newton import (
+    Fit,
+    derivative_modes,
+    has_exact_gradient,
+    resume_equations,
+    solve,
+)
 from enginediag_cli.identification.instruments import SETTLED as OFFSETS_SETTLED
-from enginediag_cli.identification.instruments import first_offsets, resized_offsets, with_spreads
+from enginediag_cli.identification.instruments import add_size_spreads, initial_offsets, resize_offsets
 from enginediag_cli.identification.map_error import SETTLED as SIZES_SETTLED
 from enginediag_cli.identification.map_error import (
-    cells_of,
-    follows_no_clock,
-    lack_of_fit,
-    resized,
-    widths_beyond,
-    with_map_error,
-    with_point_errors,
+    add_map_errors,
+    add_point_errors,
+    assign_cells,
+    edge_widths,
+    is_without_clock,
+    misfit_inflation,
+    resize_errors,
 )
 from enginediag_cli.identification.noise import (
     NoiseEstimate,
     estimate_noise,
     gross_readings,
+    initial_noise,
     quantisation_sigma,
-    starting_noise,
 )
 from enginediag_cli.identification.normal_equations import normal_equations, predict
-from enginediag_cli.identification.problem import IdentificationSettings, OffsetPrior, Problem
+from enginediag_cli.identification.problem import IdentificationProblem, IdentificationSettings, OffsetPrior
 from enginediag_cli.progress import each
 
 NOISE_PASSES = 20
@@ -83,28 +95,28 @@ class Passes:
     """Where the passes ended: the problem with the noise and sizes found, its fit, and how many passes that took.
     settled: whether noise and sizes had stopped changing; steps: that the search took in all passes."""
 
-    problem: Problem
+    problem: IdentificationProblem
     fit: Fit
     noise: NoiseEstimate
-    found: Uncertainty
+    uncertainty: Uncertainty
     number: int
-    settled: bool
+    noise_converged: bool
     steps: int = 0
 
     @property
     def reason(self) -> str:
         """Why it did not converge, else how near the optimum is."""
-        if self.fit.converged and not self.settled:
+        if self.fit.converged and not self.noise_converged:
             return f"the noise estimate still changed after {self.number} passes and {self.steps} steps of the search"
         return self.fit.reason
 
     @property
     def converged(self) -> bool:
         """Whether fit and noise have come to rest."""
-        return self.fit.converged and self.settled
+        return self.fit.converged and self.noise_converged
 
 
-def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: float) -> Passes:
+def fit_and_noise(problem: IdentificationProblem, settings: IdentificationSettings, accuracy: float) -> Passes:
     """Fit and noise in turn; `accuracy`: of the maps as stated, a share. All passes together take no more steps than
     the settings allow."""
     stated, estimated, usual = problem.sigma, settings.noise == "estimate", problem.offsets
@@ -113,16 +125,16 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
     # as correlated as it looks, too: a first fit that took every record at its word would chase the error of
     # the model far from what is plausible, where the search is slow
     described = predict(problem, *zeros)[0]
-    start = (zeros[0], first_offsets(problem, described))
+    start = (zeros[0], initial_offsets(problem, described))
     predicted, _ = predict(problem, *start)
     residual = problem.measured - predicted
-    noise = starting_noise(residual, problem.gap, stated)
-    problem = problem.with_noise(noise.sigma if estimated else stated, np.ones(len(stated)))
-    problem = problem.with_noise(
+    noise = initial_noise(residual, problem.gap, stated)
+    problem = problem.replace_noise(noise.sigma if estimated else stated, np.ones(len(stated)))
+    problem = problem.replace_noise(
         problem.sigma, *_tempering(problem, noise, described, predicted, np.zeros(len(stated)))
     )
     rho = noise.rho1
-    lent, kept = ways(problem)
+    lent, kept = derivative_modes(problem)
     fit: Fit | None = None
     as_read, gross = problem.measured, np.zeros(problem.measured.shape, bool)
     steps, settled = 0, False
@@ -133,7 +145,7 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
             max_iterations=settings.max_iterations - steps,
             tolerance=PASS_TOLERANCE,
             derivatives=lent if number == 1 else kept,
-            begin=resumed(problem, start, fit),
+            begin=resume_equations(problem, start, fit),
         )
         steps += fit.steps
         # noise, sizes and fit feed back on each other; ever shorter steps end a swing between two states
@@ -141,13 +153,13 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
         if number <= GROSS_PASSES and problem.loss.robust:
             gross = gross_readings((as_read - fit.equations.predicted) / problem.sigma, problem.recording)
             problem = replace(problem, measured=np.where(gross, np.nan, as_read))
-            fit = replace(fit, equations=normal_equations(problem, fit.x, fit.z, fit.equations.at))
+            fit = replace(fit, equations=normal_equations(problem, fit.x, fit.z, fit.equations.prediction))
         if problem.offsets and number == 1:
             # offsets take the more of noise the longer it remembers: from above that would confirm itself, up to ρ = 1
             plain = estimate_noise(fit.equations.residual, problem.gap, np.zeros(len(rho)), floor)
             rho = np.minimum(rho, plain.rho1)
         found = uncertainty(problem, fit, rho, noise.used, sampled=True)
-        noise = estimate_noise(fit.equations.residual, problem.gap, found.lost, floor)
+        noise = estimate_noise(fit.equations.residual, problem.gap, found.absorbed, floor)
         rho = rho + damping * (noise.rho1 - rho)
         if not fit.converged and not fit.decrement < LOST_PASS:
             return Passes(problem, fit, noise, found, number, False, steps)
@@ -157,43 +169,51 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
         # what creeps on when the passes are over is known as well as noise ever is
         settled = largest < (NOISE_SETTLED if number < NOISE_PASSES else NOISE_KNOWN)
         share = 1.0 / max(number - UNDAMPED_PASSES + 1, 1)
-        next_problem, start, sizes_settled = _resized(problem, fit, noise, usual, accuracy, share)
-        problem = _damped_noise(next_problem, problem, (sigma, *tempered), damping)
+        next_problem, start, sizes_settled = _resize(problem, fit, noise, usual, accuracy, share)
+        problem = _damp_noise(next_problem, problem, (sigma, *tempered), damping)
         settled = settled and sizes_settled
         if settled or steps >= settings.max_iterations:
             break
     assert fit is not None
-    problem, fit, found, more = _final_fit(problem, start, fit, noise, settings.after(steps))
-    widths = widths_beyond(problem, fit.equations, fit.x, fit.z, accuracy)
+    problem, fit, found, more = _final_fit(problem, start, fit, noise, settings.reduce_iterations(steps))
+    widths = edge_widths(problem, fit.equations, fit.x, fit.z, accuracy)
     if np.any(widths > 1.0):
         wide = replace(problem, prior_sigma=problem.prior_sigma * widths)
         other = uncertainty(wide, replace(fit, x=fit.x / widths), noise.rho1, noise.used)
         covariance = other.covariance * widths * widths[:, None]
         found = replace(found, covariance=covariance, from_data=other.from_data, widths=widths)
-    problem = with_spreads(problem, fit.equations, fit.x, fit.z)
+    problem = add_size_spreads(problem, fit.equations, fit.x, fit.z)
     outliers = noise.outliers + gross.sum(axis=0)
     noise = replace(noise, outliers=outliers, sigma=problem.sigma, sigma_from="fit" if estimated else "stated")
     return Passes(problem, fit, noise, found, number, settled, steps + more)
 
 
-def _noise_change(problem: Problem, sigma: np.ndarray, inflation: np.ndarray) -> float:
+def _noise_change(problem: IdentificationProblem, sigma: np.ndarray, inflation: np.ndarray) -> float:
     """Largest relative change of the effective noise σ√κ from that of the problem."""
     change = np.log(sigma**2 * inflation) - np.log(problem.sigma**2 * problem.inflation)
     return float(np.max(np.abs(change))) / 2
 
 
-def _damped_noise(
-    problem: Problem, before: Problem, noise: tuple[np.ndarray, np.ndarray, np.ndarray], damping: float
-) -> Problem:
+def _damp_noise(
+    problem: IdentificationProblem,
+    before: IdentificationProblem,
+    noise: tuple[np.ndarray, np.ndarray, np.ndarray],
+    damping: float,
+) -> IdentificationProblem:
     """The problem with σ, κ and its shared part moved from those of `before` by a share of the way to `noise`."""
     assert before.shared is not None
     old = (before.sigma, before.inflation, before.shared)
-    return problem.with_noise(*(a * (b / a) ** damping for a, b in zip(old, noise, strict=True)))
+    return problem.replace_noise(*(a * (b / a) ** damping for a, b in zip(old, noise, strict=True)))
 
 
-def _resized(
-    problem: Problem, fit: Fit, noise: NoiseEstimate, usual: tuple[OffsetPrior, ...], accuracy: float, share: float
-) -> tuple[Problem, tuple[np.ndarray, np.ndarray], bool]:
+def _resize(
+    problem: IdentificationProblem,
+    fit: Fit,
+    noise: NoiseEstimate,
+    usual: tuple[OffsetPrior, ...],
+    accuracy: float,
+    share: float,
+) -> tuple[IdentificationProblem, tuple[np.ndarray, np.ndarray], bool]:
     """The problem with other sizes of map errors and offsets, the place of the fit in their units, and whether the
     sizes have stopped changing.
 
@@ -201,41 +221,41 @@ def _resized(
     counts is the average of what all passes say of them.
     """
     equations = fit.equations
-    if np.any(noise.inflation > problem.inflation) or not exact(equations):
+    if np.any(noise.inflation > problem.inflation) or not has_exact_gradient(equations):
         # the fit may believe correlated readings more than they deserve (MAX_TEMPERING), sizes must not
         inflation = np.maximum(noise.inflation, problem.inflation)
-        cautious = problem.with_noise(problem.sigma, inflation, problem.shared)
-        equations = normal_equations(cautious, fit.x, fit.z, equations.at)
-    problem, x, grown = resized(problem, equations, fit.x, fit.z, accuracy, share)
-    problem, z, offsets_grown = resized_offsets(problem, usual, equations, fit.x, fit.z, share)
+        cautious = problem.replace_noise(problem.sigma, inflation, problem.shared)
+        equations = normal_equations(cautious, fit.x, fit.z, equations.prediction)
+    problem, x, grown = resize_errors(problem, equations, fit.x, fit.z, accuracy, share)
+    problem, z, offsets_grown = resize_offsets(problem, usual, equations, fit.x, fit.z, share)
     return problem, (x, z), grown < SIZES_SETTLED and offsets_grown < OFFSETS_SETTLED
 
 
 def _final_fit(
-    problem: Problem,
+    problem: IdentificationProblem,
     start: tuple[np.ndarray, np.ndarray],
     last: Fit,
     noise: NoiseEstimate,
     settings: IdentificationSettings,
-) -> tuple[Problem, Fit, Uncertainty, int]:
+) -> tuple[IdentificationProblem, Fit, Uncertainty, int]:
     """The fit from where the last one has ended, with parameters that it leaves at a bound but hardly determines held
     at what was assumed; its covariance, and how many steps that took."""
-    search = partial(solve, tolerance=FINAL_TOLERANCE, derivatives=ways(problem)[1])
-    begin, steps = resumed(problem, start, last, taken=True), 0
+    search = partial(solve, tolerance=FINAL_TOLERANCE, derivatives=derivative_modes(problem)[1])
+    begin, steps = resume_equations(problem, start, last, taken=True), 0
     for turn in range(ROUNDS + 1):
-        fit = search(problem, start, max_iterations=settings.after(steps).max_iterations, begin=begin)
+        fit = search(problem, start, max_iterations=settings.reduce_iterations(steps).max_iterations, begin=begin)
         steps += fit.steps
         found = uncertainty(problem, fit, noise.rho1, noise.used)
-        freed = given_back(problem, fit, found)
+        freed = fix_weak_parameters(problem, fit, found)
         if freed is None or not fit.converged or turn == ROUNDS:
             break
         problem, start = freed, (fit.x, fit.z)
-        begin = resumed(problem, start, fit)
+        begin = resume_equations(problem, start, fit)
     return problem, fit, found, steps
 
 
 def _tempering(
-    problem: Problem, noise: NoiseEstimate, described: np.ndarray, predicted: np.ndarray, used: np.ndarray
+    problem: IdentificationProblem, noise: NoiseEstimate, described: np.ndarray, predicted: np.ndarray, used: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """κ of each sensor as the fit uses it, (m,), and the part of it for an error of the model that records share.
 
@@ -243,15 +263,15 @@ def _tempering(
     of the fit have the offsets of recordings in them: engines of a fleet would pass for operating points.
     """
     timely = np.minimum(noise.inflation, MAX_TEMPERING)
-    if not follows_no_clock(problem.gap):
+    if not is_without_clock(problem.gap):
         return timely, np.ones_like(timely)
     at = np.where(np.isfinite(described), described, predicted)
-    misfit = lack_of_fit(at, problem.measured - predicted, problem.sigma, noise.inflation, used)
+    misfit = misfit_inflation(at, problem.measured - predicted, problem.sigma, noise.inflation, used)
     kappa = np.maximum(timely, misfit)
     return kappa, kappa / timely
 
 
-class GivenUp(Enum):
+class Simplification(Enum):
     """What was not estimated, and why."""
 
     SHAPES_AT_FEW_POINTS = "shapes of maps, at so few operating points"
@@ -265,70 +285,70 @@ class Attempt:
     """A fit with its noise, and what was given up for it."""
 
     passes: Passes
-    given_up: tuple[GivenUp, ...] = ()
+    simplifications: tuple[Simplification, ...] = ()
 
     @property
-    def bent(self) -> bool:
+    def has_shape_at_bound(self) -> bool:
         """Whether the shape of a map is at a bound, where no machine is."""
         problem = self.passes.problem
-        return any(b.name in shapes_of(problem) for b in at_bounds(problem, self.passes.fit))
+        return any(b.name in map_shape_names(problem) for b in active_bounds(problem, self.passes.fit))
 
 
-def best_attempt(problem: Problem, settings: IdentificationSettings, accuracy: float) -> Attempt:
+def best_attempt(problem: IdentificationProblem, settings: IdentificationSettings, accuracy: float) -> Attempt:
     """The first attempt that converges with no shape at a bound, else the first that converges, else the first of all.
     accuracy: of the maps as stated, a share. All attempts together take no more steps than the settings allow: a file
     of another engine would keep each of them busy to its end."""
     tried: list[Attempt] = []
     for attempt in _attempts(problem, settings, accuracy):
-        if attempt.passes.converged and not attempt.bent:
+        if attempt.passes.converged and not attempt.has_shape_at_bound:
             return attempt
         tried.append(attempt)
     return next((attempt for attempt in tried if attempt.passes.converged), tried[0])
 
 
-def _attempts(problem: Problem, settings: IdentificationSettings, accuracy: float) -> Iterator[Attempt]:
-    pointed = with_point_errors(problem, accuracy)
-    whole = with_map_error(pointed, accuracy)
+def _attempts(problem: IdentificationProblem, settings: IdentificationSettings, accuracy: float) -> Iterator[Attempt]:
+    pointed = add_point_errors(problem, accuracy)
+    whole = add_map_errors(pointed, accuracy)
     if whole is problem:
         yield Attempt(fit_and_noise(problem, settings, accuracy))
         return
-    plain = without_shapes(pointed)
+    plain = drop_map_shapes(pointed)
     shaped = plain is not pointed
     if shaped and accuracy >= GENERIC and operating_points(problem) <= FREEDOMS:
         attempt = Attempt(
-            fit_and_noise(with_map_error(plain, accuracy), settings, accuracy), (GivenUp.SHAPES_AT_FEW_POINTS,)
+            fit_and_noise(add_map_errors(plain, accuracy), settings, accuracy), (Simplification.SHAPES_AT_FEW_POINTS,)
         )
         yield attempt
     else:
         attempt = Attempt(fit_and_noise(whole, settings, accuracy))
         yield attempt
-        settings = settings.after(attempt.passes.steps)
+        settings = settings.reduce_iterations(attempt.passes.steps)
         if shaped and settings.max_iterations > 0:
-            why = GivenUp.SHAPES_AT_BOUND if attempt.passes.converged else GivenUp.SHAPES
-            attempt = Attempt(fit_and_noise(with_map_error(plain, accuracy), settings, accuracy), (why,))
+            why = Simplification.SHAPES_AT_BOUND if attempt.passes.converged else Simplification.SHAPES
+            attempt = Attempt(fit_and_noise(add_map_errors(plain, accuracy), settings, accuracy), (why,))
             yield attempt
-    settings = settings.after(attempt.passes.steps)
+    settings = settings.reduce_iterations(attempt.passes.steps)
     trusted = fit_and_noise(problem, settings, 0.0) if settings.max_iterations > 0 else None
     if trusted is not None and trusted.converged:
-        yield Attempt(considered(trusted, accuracy), (GivenUp.SIZES,))
+        yield Attempt(consider_map_errors(trusted, accuracy), (Simplification.SIZES,))
 
 
-def operating_points(problem: Problem) -> int:
+def operating_points(problem: IdentificationProblem) -> int:
     """How many operating points the records are at, as far as the readings tell them apart."""
     zeros = np.zeros(len(problem.parameters)), np.zeros((len(problem.labels), len(problem.offsets)))
     predicted, status = predict(problem, *zeros)
     there = status <= 1
-    return len(np.unique(cells_of(predicted[there]))) if there.any() else 0
+    return len(np.unique(assign_cells(predicted[there]))) if there.any() else 0
 
 
-def shapes_of(problem: Problem) -> set[str]:
+def map_shape_names(problem: IdentificationProblem) -> set[str]:
     """Names of the parameters that say of which shape a map of the engine is."""
-    return {name for m in machines_of(problem.model) for name in m.shapes}
+    return {name for m in turbomachines(problem.model) for name in m.shapes}
 
 
-def without_shapes(problem: Problem) -> Problem:
+def drop_map_shapes(problem: IdentificationProblem) -> IdentificationProblem:
     """The problem with map shapes as the engine file states them; those with a mean of their own remain."""
-    shapes = shapes_of(problem)
+    shapes = map_shape_names(problem)
     own = np.array([p.nominal for p in problem.parameters]) != problem.prior_mean
     kept = np.array([p.name not in shapes for p in problem.parameters]) | own
     if kept.all() or not kept.any():
@@ -343,7 +363,7 @@ def without_shapes(problem: Problem) -> Problem:
     )
 
 
-def considered(passes: Passes, accuracy: float) -> Passes:
+def consider_map_errors(passes: Passes, accuracy: float) -> Passes:
     """The same fit with amounts of map error a ~ N(0, 1) beside the parameters x, none of which were sought.
 
     An estimator that leaves a at 0 is off by G a + e, with G = S⁻¹ H_xa the part that the parameters take over:
@@ -352,7 +372,7 @@ def considered(passes: Passes, accuracy: float) -> Passes:
 
     Source: S. F. Schmidt, Advances in Control Systems 3 (1966) 293–340, "considered" parameters.
     """
-    problem = with_map_error(passes.problem, accuracy)
+    problem = add_map_errors(passes.problem, accuracy)
     p, k = len(passes.problem.parameters), len(problem.parameters) - len(passes.problem.parameters)
     x = np.append(passes.fit.x, np.zeros(k))
     fit = replace(
@@ -364,8 +384,8 @@ def considered(passes: Passes, accuracy: float) -> Passes:
     found = uncertainty(problem, fit, passes.noise.rho1, passes.noise.used)
     S = found.information[:p, :p] + np.eye(p)
     taken = np.linalg.solve(S, found.information[:p, p:])
-    own = passes.found.covariance + taken @ taken.T
+    own = passes.uncertainty.covariance + taken @ taken.T
     covariance = np.block([[own, -taken], [-taken.T, np.eye(k)]])
     from_data = np.clip(1 - np.diag(covariance), 0, 1)
     found = replace(found, covariance=covariance, from_data=from_data)
-    return replace(passes, problem=problem, fit=fit, found=found)
+    return replace(passes, problem=problem, fit=fit, uncertainty=found)

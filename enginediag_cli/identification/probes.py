@@ -70,7 +70,7 @@ class Balance:
     scale: Callable[[Readings], np.ndarray] | None = None
 
 
-def recorded_at(engine: Engine, what: str, station: str) -> str | None:
+def station_sensor(engine: Engine, what: str, station: str) -> str | None:
     """The sensor that reads the total temperature (what "T") or pressure ("P") of a station and nothing else."""
     column = f"{what}{station}_{'K' if what == 'T' else 'Pa'}"
     for name, sensor in engine.sensors.items():
@@ -89,7 +89,7 @@ def balances(engine: Engine, columns: frozenset[str], model: Readings) -> list[B
     return [*found, *rises]
 
 
-def needed_of_model(engine: Engine) -> tuple[str, ...]:
+def model_columns_needed(engine: Engine) -> tuple[str, ...]:
     """Model columns that the balances take from the engine before any fit: ambient, inlet, fuel–air ratios."""
     stations = [s for c in engine.network.components for s in (c.values.get("from"), c.values.get("to")) if s]
     inlets = [c.values["to"] for c in engine.network.components if isinstance(c, Inlet)]
@@ -109,7 +109,7 @@ def _shafts(engine: Engine, columns: frozenset[str], model: Readings) -> Iterato
         if not _one_stream(engine, cold, hot, (Duct, Bleed, Burner)):
             continue
         T2 = _probe_or_inlet(engine, compressor.values["from"], columns, model)
-        T3, T4, T5 = (recorded_at(engine, "T", s) for s in (cold, hot, turbine.values["to"]))
+        T3, T4, T5 = (station_sensor(engine, "T", s) for s in (cold, hot, turbine.values["to"]))
         if T2 is None or T3 is None or T4 is None or T5 is None:
             continue
         yield _shaft(engine, (T2, T3, T4, T5), model[f"FAR{hot}"], (name, float(shaft["mechanical_efficiency"])))
@@ -139,7 +139,7 @@ def _ducts(engine: Engine) -> Iterator[Balance]:
     for c in engine.network.components:
         if not isinstance(c, (Duct, Bleed)) or c.values.get("receives"):
             continue
-        one, other = (recorded_at(engine, "T", c.values[key]) for key in ("from", "to"))
+        one, other = (station_sensor(engine, "T", c.values[key]) for key in ("from", "to"))
         if one and other:
             yield _duct(c.name, one, other)
 
@@ -159,9 +159,9 @@ def _burners(engine: Engine, columns: frozenset[str], model: Readings) -> Iterat
     burner, nozzle = burners[0], nozzles[0]
     if nozzle.actuators() or not nozzle.converges:  # its area, or what flows through it, is not known
         return
-    T3, T4 = (recorded_at(engine, "T", burner.values[key]) for key in ("from", "to"))
+    T3, T4 = (station_sensor(engine, "T", burner.values[key]) for key in ("from", "to"))
     throat_at = nozzle.values["from"]
-    T7, P7 = recorded_at(engine, "T", throat_at), recorded_at(engine, "P", throat_at)
+    T7, P7 = station_sensor(engine, "T", throat_at), station_sensor(engine, "P", throat_at)
     if T3 is None or T4 is None or T7 is None or P7 is None:
         return
     if not _one_stream(engine, burner.values["to"], throat_at, (Duct, Bleed, Turbine)):
@@ -193,7 +193,7 @@ def _rises(engine: Engine, columns: frozenset[str], model: Readings) -> Iterator
             continue
         station, behind = c.values["from"], c.values["to"]
         T2, P2 = (_probe_or_inlet(engine, station, columns, model, what) for what in ("T", "P"))
-        T3, P3 = (recorded_at(engine, what, behind) for what in ("T", "P"))
+        T3, P3 = (station_sensor(engine, what, behind) for what in ("T", "P"))
         if T2 is None or P2 is None or T3 is None or P3 is None:
             continue
         yield _rise(engine, c, (T3, P3), (T2, P2))
@@ -235,7 +235,7 @@ def _probe_or_inlet(
 ) -> str | np.ndarray | None:
     """What says the temperature (what "T") or pressure ("P") at the entry of a compressor: its probe, or the air that
     comes through an inlet."""
-    probe = recorded_at(engine, what, station)
+    probe = station_sensor(engine, what, station)
     if probe in columns:
         return probe
     return model.get(f"{what}{station}_{'K' if what == 'T' else 'Pa'}")
@@ -285,10 +285,10 @@ class WrongProbe:
     expected: float
     records: int
     balances: tuple[str, ...]
-    mended: float
+    explained_share: float
 
     @property
-    def told_apart(self) -> bool:
+    def is_unique(self) -> bool:
         """Whether the balances say which probe it is."""
         return len(self.columns) == 1
 
@@ -300,38 +300,40 @@ def wrong_probes(engine: Any, recordings: Sequence[TrainingRecording]) -> tuple[
         return ()
     columns = frozenset.intersection(*(frozenset(r.columns) for r in recordings)) if recordings else frozenset()
     known = frozenset(c for c in (*engine.sensors, FUEL) if c in columns)
-    if not balances(engine, known, _blank(engine)):
+    if not balances(engine, known, _missing_columns(engine)):
         return ()
-    readings, model = _asked(engine, recordings, known)
+    readings, model = _sample_readings(engine, recordings, known)
     if len(model["P0_Pa"]) < FEWEST:
         return ()
-    return _judge(balances(engine, known, model), readings, {c: _accuracy(engine, c, readings) for c in known})
+    return _find_wrong_probes(
+        balances(engine, known, model), readings, {c: _accuracy(engine, c, readings) for c in known}
+    )
 
 
-def without_probes(recordings: Sequence[TrainingRecording], columns: Sequence[str]) -> list[TrainingRecording]:
+def drop_probes(recordings: Sequence[TrainingRecording], columns: Sequence[str]) -> list[TrainingRecording]:
     """The recordings without these columns."""
     return [r._replace(columns={c: v for c, v in r.columns.items() if c not in columns}) for r in recordings]
 
 
-def _asked(
+def _sample_readings(
     engine: Engine, recordings: Sequence[TrainingRecording], known: frozenset[str]
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Readings, and what the model says of stations without a probe, of some records that have all of them."""
     inputs = [c for c in (*engine.inputs, *engine.optional_inputs) if all(c in r.columns for r in recordings)]
     wanted = sorted({*known, *inputs})
     stacked = {c: np.concatenate([np.asarray(r.columns[c], float) for r in recordings]) for c in wanted}
-    taken = {c for b in balances(engine, known, _blank(engine)) for c in b.probes}
+    taken = {c for b in balances(engine, known, _missing_columns(engine)) for c in b.probes}
     whole = np.flatnonzero(np.all([np.isfinite(stacked[c]) for c in {*taken, *inputs}], axis=0))
     some = whole[np.unique(np.linspace(0, len(whole) - 1, min(RECORDS, len(whole))).round().astype(int))]
     stacked = {c: v[some] for c, v in stacked.items()}
-    needed = needed_of_model(engine)
+    needed = model_columns_needed(engine)
     found = engine.predict({c: stacked[c] for c in inputs}, sensors=(), also=needed)
     good = found.ok & np.isfinite(found.also).all(axis=1)
     return {c: stacked[c][good] for c in known}, {c: found.also[good, j] for j, c in enumerate(needed)}
 
 
-def _blank(engine: Engine) -> dict[str, np.ndarray]:
-    return {c: np.full(1, np.nan) for c in needed_of_model(engine)}
+def _missing_columns(engine: Engine) -> dict[str, np.ndarray]:
+    return {c: np.full(1, np.nan) for c in model_columns_needed(engine)}
 
 
 def _accuracy(engine: Engine, column: str, readings: Mapping[str, np.ndarray]) -> float:
@@ -339,7 +341,7 @@ def _accuracy(engine: Engine, column: str, readings: Mapping[str, np.ndarray]) -
     return sensor.noise_sigma if sensor else FUEL_SHARE * float(np.median(readings[column]))
 
 
-def _judge(
+def _find_wrong_probes(
     given: Sequence[Balance], readings: Mapping[str, np.ndarray], sigma: Mapping[str, float]
 ) -> tuple[WrongProbe, ...]:
     """One probe after the other, each with those before it left out."""
@@ -370,7 +372,7 @@ def _judge(
         best = max(left, key=lambda p: gain[p], default=None)
         if best is None or not gain[best] > MENDED * before:
             return tuple(found)
-        error, sd = _error(r, G[:, :, out], G[:, :, best], R, scale)
+        error, sd = _probe_error(r, G[:, :, out], G[:, :, best], R, scale)
         if not float(np.sqrt(np.mean((error / sd) ** 2))) > GROSS:
             return tuple(found)
         alike = sorted((p for p in left if gain[p] >= AS_GOOD * gain[best]), key=lambda p: -gain[p])
@@ -421,7 +423,7 @@ def _misfit(r: np.ndarray, free: np.ndarray, R: np.ndarray, scale: np.ndarray) -
     return float(np.mean(np.einsum("kj,kji,ki->k", e, W, e)))
 
 
-def _error(
+def _probe_error(
     r: np.ndarray, free: np.ndarray, g: np.ndarray, R: np.ndarray, scale: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """What the other probes say that one is off by, (N,), and the standard deviation of that, its own included."""

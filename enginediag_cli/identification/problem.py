@@ -48,7 +48,7 @@ from enginediag_cli.engine.declaration import IDENTIFICATION, LOSSES
 from enginediag_cli.engine.tape import MOMENT, PAST
 from enginediag_cli.engine.wrapped import Model
 from enginediag_cli.errors import DataError
-from enginediag_cli.identification.noise import gaps, position
+from enginediag_cli.identification.noise import record_gaps, record_positions
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.units import split_column
@@ -119,7 +119,7 @@ class IdentificationSettings:
     cross_validation_block: int = 0
     max_iterations: int = 75
 
-    def after(self, steps: int) -> IdentificationSettings:
+    def reduce_iterations(self, steps: int) -> IdentificationSettings:
         """What is left when so many steps have been taken."""
         return replace(self, max_iterations=max(self.max_iterations - steps, 0))
 
@@ -172,7 +172,7 @@ class TrainingRecording(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Problem:
+class IdentificationProblem:
     """N records of m sensors from R recordings, p parameters and q offsets per recording."""
 
     model: Model
@@ -208,14 +208,14 @@ class Problem:
     @property
     def gap(self) -> np.ndarray:
         """Steps since the record before, (N,), infinite at the beginning of a recording."""
-        return gaps(self.position, self.recording)
+        return record_gaps(self.position, self.recording)
 
     def physical(self, x: np.ndarray) -> dict[str, float]:
         """Parameter values in their own units from x in prior standard deviations, (p,)."""
         theta = np.clip(self.prior_mean + self.prior_sigma * x, self.lower, self.upper)
         return {p.name: float(v) for p, v in zip(self.parameters, theta, strict=True)}
 
-    def select(self, keep: np.ndarray) -> Problem:
+    def select(self, keep: np.ndarray) -> IdentificationProblem:
         """The same problem with the records where `keep` (N,) is true."""
         inputs = {c: v[keep] for c, v in self.inputs.items()}
         return replace(
@@ -227,11 +227,13 @@ class Problem:
             regimes=self.regimes[keep],
         )
 
-    def with_noise(self, sigma: np.ndarray, inflation: np.ndarray, shared: np.ndarray | None = None) -> Problem:
+    def replace_noise(
+        self, sigma: np.ndarray, inflation: np.ndarray, shared: np.ndarray | None = None
+    ) -> IdentificationProblem:
         """The same problem with other noise, all (m,)."""
         return replace(self, sigma=sigma, inflation=inflation, shared=shared)
 
-    def with_errors(self, model: Model, family: str) -> Problem:
+    def add_error_parameters(self, model: Model, family: str) -> IdentificationProblem:
         """The same problem for a model that wraps this one's, with its parameters of `family`, about 0, among those
         that are sought."""
         added = tuple(p for p in model.parameters.values() if p.family == family)
@@ -247,7 +249,9 @@ class Problem:
         )
 
 
-def build_problem(model: Model, recordings: Sequence[TrainingRecording], settings: IdentificationSettings) -> Problem:
+def build_problem(
+    model: Model, recordings: Sequence[TrainingRecording], settings: IdentificationSettings
+) -> IdentificationProblem:
     """Stack recordings and choose parameters, sensors and offsets.
 
     Records that lack an input or every reading are left out and counted in `dropped`. Raises DataError for
@@ -268,7 +272,7 @@ def build_problem(model: Model, recordings: Sequence[TrainingRecording], setting
         lacking = [s for s, v in zip(sensors, noise, strict=True) if not v > 0]
         raise DataError(f"no noise sigma is known for {', '.join(lacking)}; give it under `noise_sigma:`")
     stacked = _stack(model, recordings, sensors)
-    return Problem(
+    return IdentificationProblem(
         model,
         parameters,
         means,
@@ -338,7 +342,7 @@ def _recorded_sensors(
     return recorded
 
 
-def _nothing(values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _no_controls(values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Of a model without controls every record tells."""
     return {}
 
@@ -381,7 +385,7 @@ def _stack(model: Model, recordings: Sequence[TrainingRecording], sensors: tuple
         for c in values:
             dropped[f"no {c}"] += int(np.sum(keep & ~np.isfinite(values[c])))
             keep &= np.isfinite(values[c])
-        for control, unclear in getattr(model, "undecided", _nothing)(values).items():
+        for control, unclear in getattr(model, "undecided", _no_controls)(values).items():
             dropped[f"whether {control} acts"] += int(np.sum(keep & unclear))
             keep &= ~unclear
         y = np.column_stack([np.asarray(item.columns.get(s, np.full(n, np.nan)), float) for s in sensors])
@@ -393,7 +397,7 @@ def _stack(model: Model, recordings: Sequence[TrainingRecording], sensors: tuple
             inputs[c].append(values[c][keep])
         measured.append(y[keep])
         recording.append(np.full(int(keep.sum()), index))
-        positions.append(position(item.columns, model.inputs, n)[keep])
+        positions.append(record_positions(item.columns, model.inputs, n)[keep])
         labels = np.full(n, "all") if item.regimes is None else np.asarray(item.regimes).astype(str)
         regimes.append(labels[keep])
     if not sum(map(len, measured)):
@@ -446,7 +450,7 @@ def _keys(recording: Recording) -> list[tuple[str, ...]]:
 
 def first_records(recordings: Sequence[TrainingRecording], n: int) -> list[TrainingRecording]:
     """At most the first n records of each recording: early life of each engine."""
-    return [part_of(r, slice(0, n)) for r in recordings]
+    return [select_records(r, slice(0, n)) for r in recordings]
 
 
 def hold_out_end(
@@ -458,13 +462,13 @@ def hold_out_end(
         n = len(next(iter(r.columns.values())))
         cut = n - round(fraction * n)
         if cut > 0:
-            train.append(part_of(r, slice(0, cut)))
+            train.append(select_records(r, slice(0, cut)))
         if cut < n:
-            test.append(part_of(r, slice(cut, n)))
+            test.append(select_records(r, slice(cut, n)))
     return train, test
 
 
-def part_of(r: TrainingRecording, rows: slice | np.ndarray) -> TrainingRecording:
+def select_records(r: TrainingRecording, rows: slice | np.ndarray) -> TrainingRecording:
     """Some of the records."""
     regimes = None if r.regimes is None else r.regimes[rows]
     return r._replace(columns={c: v[rows] for c, v in r.columns.items()}, regimes=regimes)
@@ -481,12 +485,12 @@ class Repeat:
     """`records` of the recording `label` stand in the earlier recording `of`, too; `whole`: all of them do."""
 
     label: str
-    of: str
+    original: str
     records: int
     whole: bool
 
 
-def without_repeats(
+def drop_repeats(
     recordings: Sequence[TrainingRecording], columns: Sequence[str]
 ) -> tuple[list[TrainingRecording], tuple[Repeat, ...]]:
     """The recordings with every record once, in their order, and what was left out; a recording of which nothing is
@@ -514,7 +518,7 @@ def without_repeats(
         if not again.any():
             kept.append(recording)
         elif not again.all():
-            kept.append(part_of(recording, ~again))
+            kept.append(select_records(recording, ~again))
     return kept, tuple(found)
 
 

@@ -452,7 +452,7 @@ def check_against_nominal(engine: Engine, nominal: Nominal) -> AgreementCheck | 
     """With an engine in its nominal state, as `agreement_with_engine`."""
     if not hasattr(engine, "network"):
         return None
-    model = engine if nominal.error_model is None else nominal.error_model.of(engine)
+    model = engine if nominal.error_model is None else nominal.error_model.wrap(engine)
     values = {n: v for n, v in nominal.theta0.items() if n in model.parameters}
     sigma = np.array(list(nominal.sigma.values()))
     return AgreementCheck(nominal_reference(model, values, nominal.sensors, sigma), model)

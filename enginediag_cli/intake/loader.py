@@ -19,11 +19,11 @@ import numpy as np
 
 from enginediag_cli.engine.tape import MOMENT, NO_MOMENT
 from enginediag_cli.errors import DataError, EngineDiagError, NoVerdictError
-from enginediag_cli.identification.problem import TrainingRecording, part_of, training_recordings
-from enginediag_cli.intake.agreement import SAMPLED, AgreementCheck, MismatchError, RecordingMismatch
-from enginediag_cli.intake.selection import STDIN, RecordingSource, RequiredColumns, refuse_duplicates
-from enginediag_cli.recordings.masking import LiveMasker, MaskingRules, RecordMasker
-from enginediag_cli.recordings.read import open_table, read
+from enginediag_cli.identification.problem import TrainingRecording, select_records, training_recordings
+from enginediag_cli.intake.agreement import SAMPLED, Agreement, Disagreement, MismatchError
+from enginediag_cli.intake.selection import STDIN, Source, Wanted, refuse_repeated
+from enginediag_cli.recordings.masking import Judged, LiveMasker, Masker
+from enginediag_cli.recordings.read import read, table_file
 from enginediag_cli.recordings.repeated import StuckRun
 from enginediag_cli.recordings.source import GrowingFile, needs_whole_file
 from enginediag_cli.recordings.table import (
@@ -525,8 +525,8 @@ class Thinning:
                 if len(rows) == n:
                     found.append(flight)
                 elif len(rows):
-                    found.append(replace(flight, recording=part_of(flight.recording, rows)))
-            kept = sum(f.records for f in found)
+                    found.append(replace(flight, recording=select_records(flight.recording, rows)))
+            kept = sum(len(next(iter(f.recording.columns.values()))) for f in found)
             if not self.most or kept <= self.most:
                 return found
             self.halved += 1

@@ -147,9 +147,9 @@ class NominalBaseline:
 
     def other_instance(self, wanted: str) -> tuple[str, str] | None:
         """(engine identified, engine of the recordings) where both are named and differ."""
-        from enginediag_cli.identification.nominal_checks import other_instance
+        from enginediag_cli.identification.nominal_checks import instance_conflict
 
-        return other_instance(self.nominal, wanted)
+        return instance_conflict(self.nominal, wanted)
 
 
 def open_baseline(
@@ -161,7 +161,11 @@ def open_baseline(
     identified unless a changed one is accepted; accepted, the file named is used, too. Raises ConfigError for files
     that do not fit each other.
     """
-    from enginediag_cli.identification.nominal_checks import changed_beside, check_nominal_fits, described_engine
+    from enginediag_cli.identification.nominal_checks import (
+        build_described_engine,
+        changed_engine_file,
+        check_nominal_fits,
+    )
     from enginediag_cli.identification.nominal_file import engine_file, read_nominal, refuse_changed_engine
     from enginediag_cli.physics.engine_file import load_engine
 
@@ -173,8 +177,8 @@ def open_baseline(
         changed = refuse_changed_engine(nominal, path, accept=accept_changed_engine, nominal_path=nominal_path)
         build = partial(load_engine, path)
     else:
-        left_aside = changed_beside(described, nominal_path)
-        build = partial(described_engine, described, nominal_path)
+        left_aside = changed_engine_file(described, nominal_path)
+        build = partial(build_described_engine, described, nominal_path)
     engine = build()
     other = [c for c in nominal.inputs if c not in engine.inputs]
     if len(other) == 1:

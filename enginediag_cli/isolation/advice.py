@@ -26,7 +26,7 @@ from enginediag_cli.planning.separation import BEYOND, Outlook, Separation, Sugg
 from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.score import Score
-from enginediag_cli.residuals.statistics import root_of, whiten
+from enginediag_cli.residuals.statistics import covariance_root, whiten
 
 ODDS = 20.0
 """Odds to one from which explanations count as separated: those of a 95 % test."""
@@ -186,7 +186,7 @@ def _separations(
 
 def _root(uncertainty: np.ndarray) -> np.ndarray:
     spread = np.sqrt(np.diag(uncertainty))
-    return root_of(uncertainty, np.where(spread > 0, spread, 1.0))
+    return covariance_root(uncertainty, np.where(spread > 0, spread, 1.0))
 
 
 def _least_separation(separations: Sequence[Separation], n: float) -> float:

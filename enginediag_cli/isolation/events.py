@@ -21,8 +21,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from enginediag_cli.detection.wander import Courses, Table, along
-from enginediag_cli.isolation.prior import SERIES_PRIOR, SetPrior
+from enginediag_cli.detection.wander import Courses, ScoreTable, course_sums
+from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.isolation.slab_mixture import piecewise_normal_moments
 from enginediag_cli.parameters import Parameter
 
@@ -246,7 +246,7 @@ class EventSearch:
     doubt (G,): share to which the effect of each group is known; tails: scatter has longer tails than the normal
     law."""
 
-    tables: tuple[Table, ...]
+    tables: tuple[ScoreTable, ...]
     courses: Courses
     suspects: SuspectGroups
     slabs: tuple[float, ...]
@@ -287,7 +287,7 @@ class EventSearch:
         """Sizes of a group beside other events, for each scatter."""
         return [self._cached_sizes(t, others, group) for t in self.tables]
 
-    def mix_growth_laws(self, t: Table, others: Sequence[EventModel], event: EventModel) -> EventModel | None:
+    def grown(self, t: ScoreTable, others: Sequence[Chosen], event: Chosen) -> Chosen | None:
         """A growing event with as much of each law with its onset as the series has by one scatter: wear that is slow
         at first and fast at last is none of them. None for a step."""
         if not self.courses.growing[event.course]:
@@ -310,21 +310,21 @@ class EventSearch:
             found[own] = 0.0
         return np.asarray(found * event.course_values(self.courses))
 
-    def _cached_sizes(self, t: Table, others: Sequence[EventModel], group: int) -> SizePosterior:
+    def _sizes(self, t: ScoreTable, others: Sequence[Chosen], group: int) -> Sizes:
         """Of one group beside other events, computed once."""
         key = (id(t), tuple(others), group, self.tails)
         if key not in self._cache:
             self._cache[key] = self.sizes(*self._cached_table(t, others)[:2], group, t)
         return cast(SizePosterior, self._cache[key])
 
-    def _cached_table(self, t: Table, others: Sequence[EventModel]) -> tuple[np.ndarray, np.ndarray, float]:
+    def _given(self, t: ScoreTable, others: Sequence[Chosen]) -> tuple[np.ndarray, np.ndarray, float]:
         """Scores, information and log likelihood of a scatter with other events, whatever their size; once."""
         key = (id(t), tuple(others))
         if key not in self._cache:
             self._cache[key] = self._marginalise_events(t, others) if others else (t.b, t.S, t.wander.log)
         return cast(tuple[np.ndarray, np.ndarray, float], self._cache[key])
 
-    def _marginalise_events(self, t: Table, others: Sequence[EventModel]) -> tuple[np.ndarray, np.ndarray, float]:
+    def _beside(self, t: ScoreTable, others: Sequence[Chosen]) -> tuple[np.ndarray, np.ndarray, float]:
         first, second = t.pairs
         count = len(t.wander.inverse)
         own = np.arange(count) >= count - t.wander.inputs
@@ -337,7 +337,7 @@ class EventSearch:
         root = np.linalg.inv(np.linalg.cholesky(H))
         b, S = t.b.copy(), t.S.copy()
         for k in np.flatnonzero(X.any(axis=(1, 2))):
-            cross = along(t.effect[k][:, :, None] * KX[k][:, None, :], self.courses)
+            cross = course_sums(t.effect[k][:, :, None] * KX[k][:, None, :], self.courses)
             b[:, k] -= cross @ solved[k]
             white = cross @ root[k].T
             S[:, k] -= np.einsum("lpr,lpr->lp", white[:, first], white[:, second])
@@ -353,7 +353,7 @@ class EventSearch:
             found[own] = 0.0
         return np.asarray(found)
 
-    def sizes(self, b: np.ndarray, S: np.ndarray, k: int, t: Table) -> SizePosterior:
+    def sizes(self, b: np.ndarray, S: np.ndarray, k: int, t: ScoreTable) -> Sizes:
         """Of one group with each course, by scores and information in the places of a table: two passes, the first of
         which finds how large its doubt is.
 
@@ -365,7 +365,7 @@ class EventSearch:
         of the same size at the same epoch would cost: weather and governor change it, too.
         """
         group, wander = np.array(self.suspects.groups[k]), t.wander
-        own, at = b.shape[1] - wander.inputs, t.at[np.ix_(group, group)]
+        own, at = b.shape[1] - wander.inputs, t.places[np.ix_(group, group)]
         read, reads = b[:, own:, group].sum(axis=1), S[:, own:, at].sum(axis=1)
         if not self.suspects.shown[k]:
             read, reads = np.zeros_like(read), np.zeros_like(reads)
@@ -390,7 +390,7 @@ class EventSearch:
         if self.tails and wander.slow:
             taken = np.maximum(2 * _log_likelihood_gain(summed, told, mean) + 2 * off, 0.0)
             # a course that leaves a jump to scatter pays for that jump as no event at all does
-            alone = np.sum(b[:, :, -1] ** 2 / np.maximum(S[:, :, t.at[-1, -1]], TINY), axis=1)
+            alone = np.sum(b[:, :, -1] ** 2 / np.maximum(S[:, :, t.places[-1, -1]], TINY), axis=1)
             whole = float(np.max(np.maximum(alone, taken)))
             fallen = np.log1p(whole / FREEDOM) - np.log1p((whole - taken) / FREEDOM)
             log += np.minimum(0.5 * (FREEDOM + b.shape[1]) * fallen, 0.5 * taken) - 0.5 * taken

@@ -40,10 +40,10 @@ from enginediag_cli.isolation.posterior import SetPosterior, reweight, set_poste
 from enginediag_cli.isolation.prior import InstrumentForms, SetPrior
 from enginediag_cli.isolation.slab_mixture import log_bound_factors
 from enginediag_cli.log_weights import log_mean
-from enginediag_cli.residuals.instruments import weighed
+from enginediag_cli.residuals.instruments import apply_weights
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.score import Score
-from enginediag_cli.residuals.statistics import root_of, whiten
+from enginediag_cli.residuals.statistics import covariance_root, whiten
 
 MAX_POINTS = 20_000
 """Records times sets computed in one call of the engine."""
@@ -97,7 +97,7 @@ class WindowModel:
     ):
         self.monitor = monitor
         self.p = p = len(monitor.monitored)
-        root, one = root_of(monitor.uncertainty, monitor.prior_sigma), np.eye(y.shape[1])
+        root, one = covariance_root(monitor.uncertainty, monitor.prior_sigma), np.eye(y.shape[1])
         parts = []
         for first in range(0, max(len(y), 1), TOGETHER):
             rows = slice(first, first + TOGETHER)
@@ -111,7 +111,7 @@ class WindowModel:
             weight = None if weights is None else weights[rows][ok]
             e = y[rows][ok] - predicted
             columns = np.concatenate([J, np.tile(one, (len(J), 1, 1))], 2) * np.isfinite(e)[:, :, None]
-            z, G = whiten(weighed(weight, e), weighed(weight, columns), monitor.noise)
+            z, G = whiten(apply_weights(weight, e), apply_weights(weight, columns), monitor.noise)
             parts.append(
                 (
                     {column: np.asarray(values)[ok] for column, values in known.items()},

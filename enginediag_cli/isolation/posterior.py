@@ -49,8 +49,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from enginediag_cli.detection.verdict import must_show
-from enginediag_cli.isolation.prior import InstrumentForms, SetPrior, are_sensors
+from enginediag_cli.detection.verdict import required_changes
+from enginediag_cli.isolation.prior import Instruments, SetPrior, are_sensors
 from enginediag_cli.isolation.results import ParameterChange
 from enginediag_cli.isolation.slab_mixture import log_leading_factors, log_normal_mass, slab_gaussians, wear_signs
 from enginediag_cli.isolation.subsets import MAX_SETS, enumerate_sets, enumeration_masks, size_limit
@@ -332,7 +332,7 @@ def _leading_sets(posterior: SetPosterior) -> tuple[np.ndarray, np.ndarray]:
 
 def least_relevant_change(described: Sequence[Parameter], prior_sigma: np.ndarray) -> np.ndarray:
     """Change (p,) below which a further parameter does not matter, in its unit; 0 of instruments."""
-    return np.where(are_sensors(described), 0.0, MATTERS * must_show(described, prior_sigma))
+    return np.where(are_sensors(described), 0.0, MATTERS * required_changes(described, prior_sigma))
 
 
 def absorb_small_changes(

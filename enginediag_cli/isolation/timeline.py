@@ -25,9 +25,18 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from enginediag_cli.detection.series import FEWEST, Readings, Series, Stretch
+from enginediag_cli.detection.series import FEWEST, FlightWindow, Readings, Series
 from enginediag_cli.detection.verdict import glr_test
-from enginediag_cli.detection.wander import DETERIORATION, STEP, Courses, Scatter, Wander, courses, places, table
+from enginediag_cli.detection.wander import (
+    DETERIORATION,
+    STEP,
+    Courses,
+    ScatterLaws,
+    Wander,
+    candidate_courses,
+    pair_places,
+    score_table,
+)
 from enginediag_cli.isolation.events import (
     HALF,
     SIZE,
@@ -102,16 +111,14 @@ class SeriesSearch:
     kinds: np.ndarray
     slabs: tuple[float, ...]
     doubt: np.ndarray
-    pair_positions: np.ndarray
-    _scatter: Scatter = field(init=False, repr=False, compare=False)
-    _scatter_cache: dict[tuple[EventModel, ...], list[Wander]] = field(default_factory=dict, repr=False, compare=False)
-    _evaluated: dict[tuple[EventModel, ...], EventSet] = field(default_factory=dict, repr=False, compare=False)
-    _first_evaluated: dict[tuple[tuple[int, int, bool], ...], EventSet] = field(
-        default_factory=dict, repr=False, compare=False
-    )
+    at: np.ndarray
+    _scatter: ScatterLaws = field(init=False, repr=False, compare=False)
+    _latest: dict[tuple[Chosen, ...], list[Wander]] = field(default_factory=dict, repr=False, compare=False)
+    _looked: dict[tuple[Chosen, ...], Look] = field(default_factory=dict, repr=False, compare=False)
+    _glanced: dict[tuple[tuple[int, int, bool], ...], Look] = field(default_factory=dict, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_scatter", Scatter(self.readings))
+        object.__setattr__(self, "_scatter", ScatterLaws(self.readings))
 
     def find_events(self) -> tuple[EventSet, EventSearch, bool]:
         """The events that make the series likeliest, the posterior beside them, and whether the search settled."""
@@ -149,15 +156,15 @@ class SeriesSearch:
                 float(self.suspects.log_odds[e.group] + self.kinds[e.group, e.course]) - SIZE * e.parameter_count
                 for e in chosen
             )
-            log = float(np.logaddexp.reduce([wander.beside for wander in left])) + prior
-            self._evaluated[key] = EventSet(tuple(chosen), log)
-        return self._evaluated[key]
+            log = float(np.logaddexp.reduce([wander.log_without_events for wander in left])) + prior
+            self._looked[key] = Look(tuple(chosen), log)
+        return self._looked[key]
 
     def residual_scatter(self, chosen: Sequence[EventModel]) -> list[Wander]:
         """The laws of the scatter that these events leave; those of a few looks are remembered."""
         key = tuple(chosen)
-        if key not in self._scatter_cache:
-            left = self._scatter.without(event_effect(self.readings, self.suspects, self.courses, chosen), LAWS)
+        if key not in self._latest:
+            left = self._scatter.estimate(effect(self.readings, self.suspects, self.among, chosen), LAWS)
             size = sum(law.inverse.nbytes for law in left)
             while self._scatter_cache and (len(self._scatter_cache) + 1) * size > KEPT_BYTES:
                 del self._scatter_cache[next(iter(self._scatter_cache))]
@@ -166,11 +173,8 @@ class SeriesSearch:
 
     def next_event(self, at: EventSet) -> EventSearch:
         """The posterior over one more event by the scatter of a look."""
-        tables = tuple(
-            table(self.readings, wander, self.courses, self.pair_positions)
-            for wander in self.residual_scatter(at.chosen)
-        )
-        return EventSearch(tables, self.courses, self.suspects, self.slabs, self.kinds, self.doubt)
+        tables = tuple(score_table(self.readings, wander, self.among, self.at) for wander in self.scatter(at.chosen))
+        return Search(tables, self.among, self.suspects, self.slabs, self.kinds, self.doubt)
 
     def _first_evaluation(self, chosen: Sequence[EventModel]) -> EventSet:
         """The first look at events of these suspects and courses, whatever their sizes were then: on the way sizes only
@@ -194,8 +198,8 @@ class SeriesSearch:
         *others, event = look.chosen
         owner = self.suspects.owner[event.group]
         for _ in range(READ_AGAIN):
-            law = max(self.residual_scatter(look.chosen), key=lambda wander: wander.beside)
-            trials = [self.evaluate([*others, again]) for again in self._suspect_candidates(law, others, owner)]
+            law = max(self.scatter(look.chosen), key=lambda wander: wander.log_without_events)
+            trials = [self.look([*others, again]) for again in self._again(law, others, owner)]
             better = max(trials, key=lambda trial: trial.log)
             if better.log <= look.log + SETTLED:
                 break
@@ -206,12 +210,12 @@ class SeriesSearch:
         """The likeliest event of one suspect by one law of scatter, of one law of growth and of several."""
         mine = self.suspects.members(owner)
         members = {i for k in mine for i in self.suspects.groups[k]}
-        inside = np.array([i in members for i in range(len(self.pair_positions) - 1)])
-        t = table(
-            self.readings, law, self.courses, places((self.pair_positions[:-1, :-1] >= 0) & inside & inside[:, None])
+        inside = np.array([i in members for i in range(len(self.at) - 1)])
+        t = score_table(
+            self.readings, law, self.among, pair_places((self.at[:-1, :-1] >= 0) & inside & inside[:, None])
         )
-        search = EventSearch((t,), self.courses, self.suspects, self.slabs, self.kinds, self.doubt)
-        log = np.stack([search.group_sizes(others, k)[0].log for k in mine])
+        search = Search((t,), self.among, self.suspects, self.slabs, self.kinds, self.doubt)
+        log = np.stack([search.told(others, k)[0].log for k in mine])
         log += self.suspects.log_odds[mine, None] + self.kinds[mine]
         place, course = (int(i) for i in np.unravel_index(int(np.argmax(log)), log.shape))
         found = EventModel(mine[place], course, tuple(search.group_sizes(others, mine[place])[0].mean[course].tolist()))
@@ -336,12 +340,12 @@ def judge_series(
         raise ValueError("a trend needs at least three flights")
     options = options or TrendOptions()
     described = tuple(meanings(meaning, readings.parameters).values())
-    suspects = suspect_groups(described, options.prior, options.sensors, options.governed)
-    among = courses(readings.clock, int(np.searchsorted(readings.first, options.healthy)))
+    suspects = suspects_of(described, options.prior, options.sensors, options.governed)
+    among = candidate_courses(readings.clock, int(np.searchsorted(readings.first, options.healthy)))
     together = np.zeros((len(described),) * 2, bool)
     for group in suspects.groups:
         together[np.ix_(group, group)] = True
-    at = places(together)
+    at = pair_places(together)
     of_sensors = [all(described[i].of_sensor for i in group) for group in suspects.groups]
     doubt = np.where(suspects.instrument, INPUTS, GENERIC if options.generic else KNOWN)
     doubt[of_sensors] = 0.0
@@ -551,11 +555,11 @@ GROSS = 1e-4
 """Chance of one flight among all of a healthy series to count as one that differs from nominal for certain."""
 
 
-def departing_flights(stretches: Sequence[Stretch]) -> tuple[int, ...]:
+def departures(stretches: Sequence[FlightWindow]) -> tuple[int, ...]:
     """Numbers, from 1, of the flights that differ from nominal for certain, each by itself."""
     found = []
     for number, stretch in enumerate(stretches, start=1):
-        score = fisher_score(stretch.statistics.without(stretch.window.silent))
+        score = fisher_score(stretch.statistics.drop_parameters(stretch.window.silent))
         if glr_test(score, GROSS / len(stretches)).alarm:
             found.append(number)
     return tuple(found)
@@ -572,10 +576,13 @@ def diagnose_engines(
 
     def judged(k: int) -> SeriesDiagnosis:
         options = TrendOptions(
-            healthy=series.healthy(engines[k], reference), sensors=sensors, generic=generic, governed=series.governed
+            healthy=series.healthy(engines[k], reference),
+            sensors=sensors,
+            generic=generic,
+            governed=series.power_errors,
         )
-        story = judge_series(series.readings(engines[k]).joined(most), series.known, options)
-        return replace(story, departures=departing_flights(series.stretches[engines[k]])) if against_nominal else story
+        story = judge_series(series.readings(engines[k]).merge_epochs(most), series.parameters, options)
+        return replace(story, departures=departures(series.stretches[engines[k]])) if against_nominal else story
 
     stories = zip(engines, parallel_imap(judged, len(engines)), strict=True)
     return each(stories, "engines judged", len(engines))

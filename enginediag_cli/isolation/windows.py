@@ -48,9 +48,9 @@ from enginediag_cli.parallel import parallel_map, pieces_in_flight
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.planning.flights import conditions_grid
 from enginediag_cli.planning.separation import Suggestion, best_of_each_kind
-from enginediag_cli.residuals.files import JudgedFiles, Window
+from enginediag_cli.residuals.files import Window, WindowReader
 from enginediag_cli.residuals.instruments import InstrumentFault
-from enginediag_cli.residuals.long_windows import KeptRecords
+from enginediag_cli.residuals.long_windows import RecordHistory
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.score import Score, fisher_score
 from enginediag_cli.residuals.statistics import LocalStatistics
@@ -214,11 +214,11 @@ class WindowIsolation:
         conclusion.
     """
 
-    files: JudgedFiles
+    files: WindowReader
     options: DiagnosisOptions
     false_alarm: float
-    to_components: bool = False
-    kept_records: KeptRecords | None = None
+    by_component: bool = False
+    kept: RecordHistory | None = None
     advise: bool = False
     extra: Mapping[str, float] = field(default_factory=dict)
     wants_sensitivity: Callable[[int, bool], bool] = lambda number, named: False
@@ -231,18 +231,18 @@ class WindowIsolation:
             for column in self.extra:
                 if column not in columns:
                     raise DataError(f"{engine.name} has no column {column!r} for a sensor; {near(column, columns)}")
-        self.files.brief = True
-        if self.kept_records is not None:
-            self.files.passing = self.kept_records.passing
+        self.files.skip_doubtful = True
+        if self.kept is not None:
+            self.files.on_chunk = self.kept.record
             self.files.solutions = True
 
     def windows(self) -> Iterator[IsolatedWindow]:
         """All windows in turn. Raises DataError, NoVerdictError."""
         numbered = enumerate(self.files.windows(), start=1)
         while some := list(islice(numbered, pieces_in_flight())):
-            yield from parallel_map(partial(self._isolate_numbered, some), len(some))
-            if self.kept_records is not None:
-                self.kept_records.let_go(some[-1][1][0])
+            yield from parallel_map(partial(self._answered, some), len(some))
+            if self.kept is not None:
+                self.kept.discard_before(some[-1][1][0])
 
     def _isolate_numbered(self, some: Sequence[tuple[int, Window]], k: int) -> IsolatedWindow:
         number, (window, known) = some[k]
@@ -269,12 +269,12 @@ class WindowIsolation:
         window = judged
         # whether anything changed is asked of the usual forms of instruments' errors: a drift shows as a bias
         drifts = tuple(p.name for p in known.values() if p.of_instrument and p.quantity == DRIFT)
-        verdict = judge(window.without(drifts), self.false_alarm)
+        verdict = judge(window.drop_parameters(drifts), self.false_alarm)
         if verdict.score is None or window.statistics is None:
-            return IsolatedWindow(verdict, known, to_components=self.to_components)
-        shown = visible_drifts(window.without(()).statistics, drifts) if drifts else set[str]()
-        window, verdict, score = _score_suspects(window, verdict, [name for name in drifts if name not in shown])
-        if self.to_components:
+            return IsolatedWindow(verdict, known, by_component=self.by_component)
+        shown = drifts_shown(window.drop_parameters(()).statistics, drifts) if drifts else set[str]()
+        window, verdict, score = _with_suspects(window, verdict, [name for name in drifts if name not in shown])
+        if self.by_component:
             components = isolate_components(
                 score, self.options.isolation, verdict.window.statistics, window.disagreement
             )
@@ -282,15 +282,17 @@ class WindowIsolation:
         diagnosis, records = self._diagnose(judged, verdict, score)
         wrong = {known[n].component for n, p in diagnosis.result.inclusion.items() if p > 1 - SEPARATED and n in known}
         more = {name for name in drifts if known[name].component in wrong}
-        if not more <= shown and not window.doubtful:  # which form it is, is open
-            window, verdict, score = _score_suspects(
+        if not more <= shown and not window.is_doubtful:  # which form it is, is open
+            window, verdict, score = _with_suspects(
                 judged, verdict, [name for name in drifts if name not in shown | more]
             )
             diagnosis, records = self._diagnose(judged, verdict, score)
         diagnosis = self._add_separating_sensors(diagnosis, window, records)
         advice = None
         if self.advise and self.files.monitor is not None:
-            advice = self._advice(self.files.monitor.without(window.silent), diagnosis, records() if records else None)
+            advice = self._advice(
+                self.files.monitor.drop_parameters(window.silent), diagnosis, records() if records else None
+            )
         return IsolatedWindow(verdict, known, diagnosis, advice=advice)
 
     def _diagnose(
@@ -313,11 +315,9 @@ class WindowIsolation:
         inputs = _operating_conditions(monitor, model)
         if not inputs:
             return diagnosis
-        monitor = monitor.without(window.silent)
-        told = found.add_separating_sensors(
-            find_separating_sensors(monitor, diagnosis.score, found, inputs, window.statistics.n)
-        )
-        return replace(diagnosis, result=replace(diagnosis.result, ambiguity=told))
+        monitor = monitor.drop_parameters(window.silent)
+        told = found.told_by(telling_sensors(monitor, diagnosis.score, found, inputs, window.statistics.n))
+        return replace(diagnosis, result=replace(diagnosis.result, one_of=told))
 
     def _advice(self, monitor: Monitor, diagnosis: Diagnosis, model: WindowModel | None) -> NextRecording | None:
         result = diagnosis.result
@@ -360,8 +360,8 @@ def visible_drifts(statistics: LocalStatistics | None, drifts: Sequence[str]) ->
 def _score_suspects(
     window: WindowStatistics, verdict: Verdict, dropped: Sequence[str]
 ) -> tuple[WindowStatistics, Verdict, Score]:
-    """The window and its verdict without the `dropped` suspects, and the score for isolation."""
-    every, window = window.statistics, window.without(dropped)
+    """The window and the verdict of its test with all suspects but some, and the score that tells what changed."""
+    every, window = window.statistics, window.drop_parameters(dropped)
     assert every is not None and window.statistics is not None
     # a test asks whether anything changed, these questions by what: wrong slopes of the maps matter to them alone. What
     # they do to parameters that are no suspects is part of what they do to the readings
@@ -387,13 +387,13 @@ class _WindowRecords:
     every: its statistics with all suspects, those that have been dropped, too."""
 
     def __init__(
-        self, monitor: Monitor | None, kept: KeptRecords, window: WindowStatistics, every: LocalStatistics | None
+        self, monitor: Monitor | None, kept: RecordHistory, window: WindowStatistics, every: LocalStatistics | None
     ):
         self._monitor, self._kept, self._window, self._every = monitor, kept, window, every
-        kept.let_go(window)
+        kept.discard_before(window)
 
     def __call__(self) -> WindowModel | None:
-        found = self._kept.of(self._window)
+        found = self._kept.recall(self._window)
         if found is None or self._monitor is None:
             return None
         inputs, y = found
@@ -403,7 +403,7 @@ class _WindowRecords:
         weights = self._window.weights
         if weights is not None and len(weights) != len(y):
             return None
-        monitor = _add_slope_errors(self._monitor, self._every).without(self._window.silent)
+        monitor = _doubting(self._monitor, self._every).drop_parameters(self._window.silent)
         return WindowModel(monitor, inputs, y, start, weights)
 
 

@@ -40,17 +40,17 @@ from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.detection.verdict import FAULT, HEALTHY, NO_VERDICT
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.instruments import runs
+from enginediag_cli.residuals.instruments import label_runs
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.pipeline import place
+from enginediag_cli.residuals.pipeline import piece_bookkeeping
 from enginediag_cli.residuals.windows import (
     JudgedInputs,
     Key,
     WindowPlan,
     WindowStatistics,
-    cut,
-    joined,
-    nothing_judged,
+    cut_windows,
+    describe_excluded,
+    join_bookkeeping,
 )
 
 PARAMETERS, SENSORS, NOTHING = "parameters", "sensors", "none"
@@ -331,8 +331,8 @@ def recorded_windows(monitor: Monitor, recordings: Iterable[Recording], plan: Wi
 
     Raises DataError as `cut` does.
     """
-    for complete in cut(monitor, recordings, plan, _pieces):
-        yield from map(_join_pieces, complete)
+    for complete in cut_windows(monitor, recordings, plan, _pieces):
+        yield from map(_whole, complete)
 
 
 def training_windows(monitor: Monitor, recordings: Iterable[Recording], plan: WindowPlan) -> RecordWindows:
@@ -340,7 +340,7 @@ def training_windows(monitor: Monitor, recordings: Iterable[Recording], plan: Wi
     found = list(recorded_windows(monitor, recordings, plan))
     usable = [window for window in found if window.judged]
     if not usable:
-        why = f": {nothing_judged(joined([w.place for w in found]))}" if found else ""
+        why = f": {describe_excluded(join_bookkeeping([w.place for w in found]))}" if found else ""
         raise DataError(f"the healthy recordings hold nothing to learn from{why}")
     return pad_windows([(window.inputs, window.y) for window in usable])
 
@@ -369,7 +369,7 @@ def _judge_batch(fitted: FittedMethod, batch: Sequence[RecordedWindow], false_al
     number = 0
     for window in batch:
         if verdicts is None or not window.judged:
-            yield WindowVerdict(window, NO_VERDICT, nothing_judged(window.place))
+            yield WindowVerdict(window, NO_VERDICT, describe_excluded(window.place))
             continue
         reason = verdicts.no_verdict_reason(number)
         verdict = NO_VERDICT if reason else FAULT if verdicts.alarm[number] else HEALTHY
@@ -383,11 +383,11 @@ def _pieces(
     """The records of each block of one group in one chunk."""
     y = np.where(taken.judged[:, None], taken.y, np.nan)
     apart = np.where(np.isfinite(lags), np.minimum(lags, FARTHEST), FARTHEST).astype(int)
-    for i, k in runs(blocks):
+    for i, k in label_runs(blocks):
         rows = slice(i, k)
         steps = np.cumsum(apart[rows]) - 1  # empty records before the first stand for a jump from the block before
-        inputs = {c: _space_records(v[rows], steps) for c, v in taken.inputs.items()}
-        yield int(blocks[i]), RecordedWindow(place(part, taken, key, rows), inputs, _space_records(y[rows], steps))
+        inputs = {c: _spread(v[rows], steps) for c, v in taken.inputs.items()}
+        yield int(blocks[i]), RecordedWindow(piece_bookkeeping(part, taken, key, rows), inputs, _spread(y[rows], steps))
 
 
 def _space_records(values: np.ndarray, steps: np.ndarray) -> np.ndarray:
@@ -401,8 +401,10 @@ def _join_pieces(pieces: Sequence[RecordedWindow]) -> RecordedWindow:
     """A window from its pieces, without the empty records before its first."""
     inputs = {c: np.concatenate([piece.inputs[c] for piece in pieces]) for c in pieces[0].inputs}
     y = np.concatenate([piece.y for piece in pieces])
-    begun = slice(_first_record(inputs, y), None)
-    return RecordedWindow(joined([piece.place for piece in pieces]), {c: v[begun] for c, v in inputs.items()}, y[begun])
+    begun = slice(_first(inputs, y), None)
+    return RecordedWindow(
+        join_bookkeeping([piece.place for piece in pieces]), {c: v[begun] for c, v in inputs.items()}, y[begun]
+    )
 
 
 def _first_record(inputs: Mapping[str, np.ndarray], y: np.ndarray) -> int:

@@ -51,7 +51,7 @@ from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import LINEARISE
 from enginediag_cli.residuals.relinearise import relinearise
 from enginediag_cli.residuals.score import Score, fisher_score
-from enginediag_cli.residuals.statistics import RANK_TOLERANCE, block_statistics, root_of, whiten
+from enginediag_cli.residuals.statistics import RANK_TOLERANCE, block_statistics, covariance_root, whiten
 
 SMALL_STEP = 0.02
 """Step of a parameter, in its prior standard deviations, over which the model is as good as linear: for the 2 % of
@@ -238,7 +238,7 @@ class WindowSums:
         """The sums of the first `keep` parameters, with the covariance C (p, p) counted as noise."""
         if np.any(C):
             spread = np.sqrt(np.diag(C))
-            L = root_of(C, np.where(spread > 0, spread, 1.0))
+            L = covariance_root(C, np.where(spread > 0, spread, 1.0))
             A = np.eye(L.shape[1]) + L.T @ self.F @ L
             Ls, LF = self.s @ L, L.T @ self.F
             inner = np.linalg.solve(A, np.concatenate([Ls[:, :, None], LF], axis=2))

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.config.fields import Field, Section
-from enginediag_cli.detection.verdict import NOISE_UNKNOWN, glr_test, threshold, unknown_noise
+from enginediag_cli.detection.verdict import NOISE_UNKNOWN, glr_test, is_noise_unknown, threshold
 from enginediag_cli.isolation.methods import NAMING, IsolationOptions, Named, single_minmax, single_sensitivities
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.methods.base import PARAMETERS, DetectionTest, Method, RecordWindows, Verdicts
@@ -140,7 +140,7 @@ class ScoreMethod(Method):
         scores, converged = evidence.scores(self.linearise)
         test = score_test(scores, false_alarm)
         likeliest, probability = np.zeros((len(scores), len(names)), bool), np.full(len(scores), np.nan)
-        doubtful = {w: NOISE_UNKNOWN for w, score in enumerate(scores) if unknown_noise(score)}
+        doubtful = {w: NOISE_UNKNOWN for w, score in enumerate(scores) if is_noise_unknown(score)}
         judged = converged & test.judged
         isolate = row.isolate or NAMING[self.method]
         prior = SetPrior(self.inclusion, self.worn, self.slabs, self.sensor)

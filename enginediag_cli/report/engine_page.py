@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from enginediag_cli.detection.verdict import size_with_unit
-from enginediag_cli.fleets.findings import IntervalEstimate
+from enginediag_cli.detection.verdict import format_size
+from enginediag_cli.fleets.findings import Estimate
 from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.report import result_files as kinds
 from enginediag_cli.report.evidence import EngineEvidence, ReportEvidence
@@ -222,7 +222,7 @@ def _power(window: Row, evidence: ReportEvidence) -> str:
             smallest[parameter.component] = (window.number(name), parameter)
     if not smallest:
         return ""
-    told = [f"{p.words or p.name} by {size_with_unit(p, size)}" for size, p in smallest.values()]
+    told = [f"{p.words or p.name} by {format_size(p, size)}" for size, p in smallest.values()]
     return f" The last would have shown a change of {listed(told, 'or')}."
 
 

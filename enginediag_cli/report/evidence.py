@@ -18,11 +18,10 @@ from enginediag_cli.intake.selection import RecordingSource, required_columns
 from enginediag_cli.parameters import Parameter, unspecified
 from enginediag_cli.progress import each, stage
 from enginediag_cli.report import result_files as kinds
-from enginediag_cli.report.plotting import RowOrigin
-from enginediag_cli.report.result_files import ResidualRecords, ResultFile, ResultKind, Row, residual_records
-from enginediag_cli.report.tables.recordings import excluded_lines, not_judged_lines, outside_envelope_lines
-from enginediag_cli.residuals.files import JudgedFiles, Judging, record_residuals
-from enginediag_cli.residuals.monitor import Monitor, agreement_with
+from enginediag_cli.report.plotting import Origin
+from enginediag_cli.report.result_files import Kind, Records, Result, Row, records_of
+from enginediag_cli.residuals.files import WindowReader, WindowSettings, record_residuals
+from enginediag_cli.residuals.monitor import Monitor, recording_agreement
 from enginediag_cli.residuals.windows import WindowStatistics
 
 
@@ -77,7 +76,7 @@ PLACE = ("source", "flight", "first_line", "last_line", "parameter", "components
 
 def collect_evidence(results: Sequence[ResultFile], known: Mapping[str, Parameter] | None = None) -> ReportEvidence:
     """Raises DataError for damaged statistics."""
-    from enginediag_cli.residuals.score import marginalised
+    from enginediag_cli.residuals.score import marginalise_nuisance
     from enginediag_cli.residuals.statistics_file import Ledger, read_statistics
 
     found = ReportEvidence(results, {}, dict(known or {}))
@@ -95,9 +94,9 @@ def collect_evidence(results: Sequence[ResultFile], known: Mapping[str, Paramete
                     found.known.setdefault(name, parameter)
                 mine = found.engines.setdefault(window.engine, EngineEvidence(window.engine))
                 if window.statistics is not None:
-                    window = replace(window, statistics=marginalised(window.statistics))
-                mine.windows.append((window, RowOrigin(result.name, str(first + number))))
-    for name, unit in _named_parameters(found):
+                    window = replace(window, statistics=marginalise_nuisance(window.statistics))
+                mine.windows.append((window, Origin(result.name, str(first + number))))
+    for name, unit in _named(found):
         found.known.setdefault(name, unspecified(name, unit))
     return found
 
@@ -141,7 +140,7 @@ class RecordingsQuestion:
     source: RecordingSource
     monitor: Monitor
     suspicious: Monitor
-    judging: Judging
+    judging: WindowSettings
     false_alarm: float
     margins: MarginSettings = field(default_factory=MarginSettings)
 
@@ -170,30 +169,30 @@ def judge_recordings(question: RecordingsQuestion, given: Sequence[ResultFile]) 
 
 def _detection_rows(question: RecordingsQuestion, left_out: list[str]) -> Iterator[Row]:
     from enginediag_cli.detection.verdict import judge
-    from enginediag_cli.report.tables.detection import DETECT, DETECTABLE
-    from enginediag_cli.residuals.reduced import Economy
+    from enginediag_cli.report.detection_rows import detection_row
+    from enginediag_cli.residuals.reduced import MonitorCache
 
     files = _judged_files(question, question.monitor)
     # whether anything has changed does not depend on what wrong slopes of maps would make of the change
-    files.economy = Economy(replace(question.monitor, slopes=None))
+    files.economy = MonitorCache(replace(question.monitor, slopes=None))
     for window, _ in each(files.windows(), "windows judged"):
         row = DETECT.row(judge(window, question.false_alarm, monitor=question.monitor), DETECTABLE)
         yield Row(row, _window_origin(window))
-    for left in files.intake.excluded:
-        left_out += excluded_lines(left)
-    left_out += [*not_judged_lines(files.counts), *outside_envelope_lines(files.elsewhere)]
+    for left in files.intake.left_out:
+        left_out += left_out_lines(left)
+    left_out += [*not_judged_lines(files.counts), *elsewhere_lines(files.extrapolation)]
 
 
 def _isolation_rows(question: RecordingsQuestion, windows: list[WindowStatistics]) -> Iterator[Row]:
     from enginediag_cli.isolation.diagnosis import DiagnosisOptions
     from enginediag_cli.isolation.methods import IsolationOptions
-    from enginediag_cli.isolation.windows import WindowIsolation
-    from enginediag_cli.report.tables.isolation import isolated_rows
-    from enginediag_cli.residuals.long_windows import KeptRecords
+    from enginediag_cli.isolation.windows import Isolating
+    from enginediag_cli.report.isolation_rows import isolated_rows
+    from enginediag_cli.residuals.long_windows import RecordHistory
 
     judging, kept = question.judging, None
     if not judging.reference and judging.linearise == "estimate":
-        kept = KeptRecords(question.suspicious, short_windows=not judging.plan.whole)
+        kept = RecordHistory(question.suspicious, short_windows=not judging.plan.is_whole_flight)
     nonlinear = "auto" if judging.linearise == "estimate" else "never"
     options = DiagnosisOptions(isolation=IsolationOptions(false_alarm=question.false_alarm), nonlinear=nonlinear)
     isolating = WindowIsolation(
@@ -206,14 +205,14 @@ def _isolation_rows(question: RecordingsQuestion, windows: list[WindowStatistics
 
 
 @stage("following the series")
-def _trend_rows(question: RecordingsQuestion) -> dict[kinds.ResultKind, list[Row]]:
-    from enginediag_cli.detection.series import series_of
-    from enginediag_cli.isolation.timeline import diagnose_engines
-    from enginediag_cli.report.tables.trend import flight_rows, trend_rows
-    from enginediag_cli.residuals.reduced import of_series
+def _series(question: Question) -> dict[kinds.Kind, list[Row]]:
+    from enginediag_cli.detection.series import build_series
+    from enginediag_cli.isolation.timeline import stories_of
+    from enginediag_cli.report.trend_rows import flight_rows, trend_rows
+    from enginediag_cli.residuals.reduced import monitor_for_series
 
-    series = series_of(_series_files(question, of_series(question.suspicious)))
-    told: dict[kinds.ResultKind, list[Row]] = {kinds.FLIGHTS: [], kinds.TREND: []}
+    series = build_series(_series_files(question, monitor_for_series(question.suspicious)))
+    told: dict[kinds.Kind, list[Row]] = {kinds.FLIGHTS: [], kinds.TREND: []}
     for row in flight_rows(series):
         window = series.stretches[row["engine"]][row["number"] - 1].window
         told[kinds.FLIGHTS].append(Row(row, _window_origin(window)))
@@ -225,13 +224,13 @@ def _trend_rows(question: RecordingsQuestion) -> dict[kinds.ResultKind, list[Row
 
 
 @stage("following the margin")
-def _margin_rows(question: RecordingsQuestion, left_out: list[str]) -> list[Row]:
-    from enginediag_cli.fleets.maintenance import assess_margins
-    from enginediag_cli.report.tables.margin import margin_rows, odd_events
-    from enginediag_cli.residuals.reduced import for_comparison, of_series
+def _margins(question: Question, left_out: list[str]) -> list[Row]:
+    from enginediag_cli.fleets.maintenance import margins_of
+    from enginediag_cli.report.trend_rows import margin_rows, odd_events
+    from enginediag_cli.residuals.reduced import comparison_monitor, monitor_for_series
 
-    monitor = of_series(question.suspicious)
-    margins = assess_margins(_series_files(question, for_comparison(monitor)), monitor, question.margins)
+    monitor = monitor_for_series(question.suspicious)
+    margins = margins_of(_series_files(question, comparison_monitor(monitor)), monitor, question.margins)
     left_out += odd_events(margins)
     told = []
     for row in margin_rows(margins):
@@ -281,20 +280,20 @@ ALTITUDE = "altitude_m"
 """The input of every engine that flies."""
 
 
-def _judged_files(question: RecordingsQuestion, monitor: Monitor) -> JudgedFiles:
-    return JudgedFiles(_intake(question, monitor), monitor, question.judging)
+def _files(question: Question, monitor: Monitor) -> WindowReader:
+    return WindowReader(_intake(question, monitor), monitor, question.judging)
 
 
-def _series_files(question: RecordingsQuestion, monitor: Monitor) -> JudgedFiles:
+def _series_files(question: Question, monitor: Monitor) -> WindowReader:
     """Windows that are compared with each other; a reference is of the series, not of a window."""
     plan = question.judging.plan
-    judging = replace(question.judging, plan=plan.of_series, reference=0)
-    return JudgedFiles(_intake(question, monitor), monitor, judging, summed=plan.whole, series=True)
+    judging = replace(question.judging, plan=plan.series_plan, reference=0)
+    return WindowReader(_intake(question, monitor), monitor, judging, summed=plan.is_whole_flight, series=True)
 
 
-def _intake(question: RecordingsQuestion, monitor: Monitor) -> RecordingLoader:
-    wanted = required_columns(monitor.engine, monitor.sensors)
-    return RecordingLoader(question.source, wanted, agreement=agreement_with(monitor), keep_going=True)
+def _intake(question: RecordingsQuestion, monitor: Monitor) -> Intake:
+    wanted = columns_of(monitor.engine, monitor.sensors)
+    return Intake(question.source, wanted, agreement=recording_agreement(monitor), keep_going=True)
 
 
 def _window_origin(window: Any) -> RowOrigin:

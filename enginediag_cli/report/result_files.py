@@ -431,12 +431,12 @@ def _unknown(name: str, columns: Sequence[str]) -> str:
 def known_parameters(results: Sequence[ResultFile]) -> dict[str, Parameter]:
     """By name, of every nominal file among the results. Raises ConfigError for a damaged one."""
     from enginediag_cli.intake.selection import open_baseline
-    from enginediag_cli.residuals.monitor import monitor_of
+    from enginediag_cli.residuals.monitor import build_monitor
 
     known: dict[str, Parameter] = {}
     for result in results:
         if result.kind is NOMINAL:
-            known.update(monitor_of(open_baseline(result.path), sensors=True).meaning)
+            known.update(build_monitor(open_baseline(result.path), sensors=True).meaning)
     return known
 
 

@@ -29,44 +29,44 @@ from enginediag_cli.errors import DataError, NoVerdictError
 from enginediag_cli.intake.loader import LoadedFile, RecordingLoader
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.recordings.table import Recording, concat
-from enginediag_cli.residuals.flat import DIGITS, MadeWith, is_flat, plan_cells
+from enginediag_cli.residuals.flat import DIGITS, StatisticsOrigin, is_flat, plan_cells
 from enginediag_cli.residuals.gross_gate import GrossErrorGate
 from enginediag_cli.residuals.monitor import Monitor, Offset
-from enginediag_cli.residuals.pipeline import condensed, window_statistics
-from enginediag_cli.residuals.reduced import Economy, monitored_as_read, reduced, with_lagging
-from enginediag_cli.residuals.score import as_read, marginalised
-from enginediag_cli.residuals.statistics import LocalStatistics, root_of
+from enginediag_cli.residuals.pipeline import condense_statistics, window_statistics
+from enginediag_cli.residuals.reduced import MonitorCache, add_sensor_lags, keep_monitored, reduce_monitor
+from enginediag_cli.residuals.score import drop_nuisance, marginalise_nuisance
+from enginediag_cli.residuals.statistics import LocalStatistics, covariance_root
 from enginediag_cli.residuals.statistics_file import (
     Ledger,
-    nuisance_of,
+    count_nuisance,
+    keep_nuisance,
     read_statistics,
     refuse_ignored_options,
-    unmarginalised,
 )
 from enginediag_cli.residuals.windows import (
     KEYS,
-    Elsewhere,
+    Extrapolation,
     FlightHours,
     Key,
     WindowPlan,
     WindowStatistics,
     check_inputs,
     group_rows,
-    judged_inputs,
-    not_read,
+    select_inputs,
+    unread_window,
 )
 
 PLAUSIBLE_SCALE = 0.01
 """Unit in which an added scale offset is measured; it only has to be of the right order."""
 
 
-def with_scale_offsets(monitor: Monitor, sigma: float = 0.0) -> Monitor:
+def add_scale_offsets(monitor: Monitor, sigma: float = 0.0) -> Monitor:
     """The monitor with a scale offset for every sensor; those added have standard deviation `sigma`."""
     have = {o.sensor for o in monitor.offsets if o.kind == "scale"}
     added = tuple(Offset(j, "scale") for j in range(len(monitor.sensors)) if j not in have)
     k = len(added)
     names = [f"offset.{monitor.sensors[o.sensor]}.scale" for o in added]
-    return monitor.with_nuisance(names, np.full(k, PLAUSIBLE_SCALE), sigma**2 * np.eye(k), added)
+    return monitor.add_nuisance(names, np.full(k, PLAUSIBLE_SCALE), sigma**2 * np.eye(k), added)
 
 
 OWN_SCALE = 0.01
@@ -78,13 +78,13 @@ plausible change: half a per cent of efficiency, by manufacture and initial wear
 
 
 @dataclass(frozen=True)
-class Reference:
+class EngineReference:
     """`shift` x̂ (p,) from nominal and its covariance `uncertainty` C₁ (p, p), in parameter units."""
 
     shift: np.ndarray
     uncertainty: np.ndarray
 
-    def taken_out_of(self, statistics: LocalStatistics) -> LocalStatistics:
+    def subtract_from(self, statistics: LocalStatistics) -> LocalStatistics:
         """The statistics of residuals from which J x̂ is subtracted."""
         moved = statistics.F @ self.shift
         return replace(
@@ -94,12 +94,12 @@ class Reference:
         )
 
 
-def learn_reference(statistics: LocalStatistics, uncertainty: np.ndarray) -> Reference:
+def learn_reference(statistics: LocalStatistics, uncertainty: np.ndarray) -> EngineReference:
     """Reference from the statistics of all p parameters over healthy records; C (p, p) may be singular."""
-    root = root_of(uncertainty, statistics.prior_sigma)
+    root = covariance_root(uncertainty, statistics.prior_sigma)
     inner = np.eye(root.shape[1]) + root.T @ statistics.F @ root
     gain = np.linalg.solve(inner, root.T)  # C₁ = root gain
-    return Reference(root @ (gain @ statistics.s), root @ gain)
+    return EngineReference(root @ (gain @ statistics.s), root @ gain)
 
 
 def windows_against_reference(
@@ -118,7 +118,7 @@ def windows_against_reference(
     without verdict.
     """
     if records:
-        monitor = _with_own_state(monitor)
+        monitor = _add_engine_variation(monitor)
     early = _EarlyRecords(monitor, records, linearise)
 
     def condense(window: WindowStatistics, statistics: LocalStatistics) -> WindowStatistics:
@@ -127,18 +127,18 @@ def windows_against_reference(
             reference = early.reference(window)
             if reference is None:
                 return replace(window, reason=f"the first {records} records of this engine give no reference")
-            statistics, uncertainty = reference.taken_out_of(statistics), reference.uncertainty
-        return replace(window, statistics=condensed(monitor, statistics, uncertainty))
+            statistics, uncertainty = reference.subtract_from(statistics), reference.uncertainty
+        return replace(window, statistics=condense_statistics(monitor, statistics, uncertainty))
 
-    later = early.set_aside(recordings) if records else recordings
+    later = early.withhold(recordings) if records else recordings
     later = last_records(later, last) if last else later
     yield from window_statistics(monitor, later, plan, linearise=linearise, condense=condense, apart=not records)
-    yield from early.without_later_records()
+    yield from early.windows_without_later_records()
 
 
-def _with_own_state(monitor: Monitor) -> Monitor:
+def _add_engine_variation(monitor: Monitor) -> Monitor:
     """The monitor with the uncertainty of how one engine differs from its type, which a reference will reduce."""
-    monitor = with_scale_offsets(monitor, OWN_SCALE)
+    monitor = add_scale_offsets(monitor, OWN_SCALE)
     spread = np.zeros(len(monitor.names))
     healthy = slice(len(monitor.monitored))
     spread[healthy] = OWN_HEALTH * monitor.prior_sigma[healthy]
@@ -150,15 +150,15 @@ class _EarlyRecords:
 
     def __init__(self, monitor: Monitor, n: int, linearise: str):
         self._monitor, self._n, self._linearise = monitor, n, linearise
-        self._learnt: dict[Key, Reference] = {}
+        self._learnt: dict[Key, EngineReference] = {}
         self._held: dict[Key, list[Recording]] = {}
         self._count: dict[Key, int] = {}
         self._continued: set[Key] = set()
 
-    def reference(self, window: WindowStatistics) -> Reference | None:
+    def reference(self, window: WindowStatistics) -> EngineReference | None:
         return self._learnt.get((window.source, window.flight, window.engine))
 
-    def set_aside(self, recordings: Iterable[Recording]) -> Iterator[Recording]:
+    def withhold(self, recordings: Iterable[Recording]) -> Iterator[Recording]:
         for recording in recordings:
             later = np.ones(len(recording), bool)
             for key, rows in group_rows(recording):
@@ -173,7 +173,7 @@ class _EarlyRecords:
             self._learn([key for key in self._held if self._count[key] == self._n])
             yield recording.select(later)
 
-    def without_later_records(self) -> Iterator[WindowStatistics]:
+    def windows_without_later_records(self) -> Iterator[WindowStatistics]:
         for key, count in self._count.items():
             if key not in self._continued:
                 reason = f"{count} records are not more than the {self._n} of the reference"
@@ -186,14 +186,14 @@ class _EarlyRecords:
             [concat(parts)] if parts else [],
             WindowPlan(),
             linearise=self._linearise,
-            condense=_everything,
+            condense=_keep_statistics,
         ):
             if window.statistics is not None:
                 key = (window.source, window.flight, window.engine)
                 self._learnt[key] = learn_reference(window.statistics, self._monitor.uncertainty)
 
 
-def _everything(window: WindowStatistics, statistics: LocalStatistics) -> WindowStatistics:
+def _keep_statistics(window: WindowStatistics, statistics: LocalStatistics) -> WindowStatistics:
     """Whatever early records show is how this engine is: nothing counts as noise."""
     return replace(window, statistics=statistics)
 
@@ -203,16 +203,16 @@ def last_records(recordings: Iterable[Recording], n: int) -> Iterator[Recording]
     held: dict[Key, Recording] = {}
     for recording in recordings:
         if held and next(iter(held))[0] != recording.source:
-            yield from _settled(held)
+            yield from _join_pending(held)
             held = {}
         for key, rows in group_rows(recording):
             part = recording.select(rows[-n:])
             both = concat([held[key], part]) if key in held else part
             held[key] = both.select(slice(max(len(both) - n, 0), None))
-    yield from _settled(held)
+    yield from _join_pending(held)
 
 
-def _settled(held: Mapping[Key, Recording]) -> Iterator[Recording]:
+def _join_pending(held: Mapping[Key, Recording]) -> Iterator[Recording]:
     if held:
         yield concat(list(held.values()))
 
@@ -222,7 +222,7 @@ Window = tuple[WindowStatistics, Mapping[str, Parameter]]
 
 
 @dataclass(frozen=True)
-class Judging:
+class WindowSettings:
     """How recordings become windows: the plan of windows; `linearise` as in `window_statistics`; reference and last:
     counts of records per flight and engine, 0 for none; `model_error`: accuracy of the maps by hand, None for what the
     nominal state says."""
@@ -245,35 +245,61 @@ class Judging:
 
 
 @dataclass
-class JudgedFiles:
-    """Windows of the files of an intake; monitor: None where all files hold statistics. `counts`: of records by what
-    became of them (`records`, `outside`, `incomplete`, `failed`), of `windows` and of those with `statistics`, as far
-    as they have been read; `elsewhere`: of records that training did not cover.
-    passing: sees the chunks of recordings on their way. summed: windows of a flight are added up. given: names of the
-    choices that the user made, which statistics would ignore. economy: chooses the form of the monitor for each file;
-    None: always the one for few records. series: windows are compared with each other, see `series_monitor`, which goes
-    without a reference. solutions: windows hold the engine's unknowns, too. additive: windows of recordings hold what
-    is uncertain beside the monitored parameters, so that they add, as long as no reference is taken out of them.
-    brief: no estimate is sought in recordings that are likelier wrong than the engine, which none explains.
-    drifts: what statistics hold of drifts of instruments is read, too, which are suspects of isolation alone.
-    `ledger`: what was read of statistics."""
+class WindowReader:
+    """Reads files and yields their windows, as statistics.
+
+    Parameters
+    ----------
+    intake : Intake
+        The files, with their recorder and masks.
+    monitor : Monitor or None
+        None where all files contain statistics.
+    judging : WindowSettings
+        How recordings are cut into windows.
+    on_chunk : callable
+        Is passed the chunks of a recording, and returns them.
+    summed : bool
+        Whether windows of a flight are added up.
+    user_options : mapping
+        Names of the choices that the user made; statistics would ignore them, and refuse.
+    counts, extrapolation : Counter
+        Records by what became of them, `windows` and those with `statistics`, so far; and records that training did
+        not cover.
+    economy : MonitorCache or None
+        Chooses the form of the monitor for each file; None: always the exact one.
+    series : bool
+        Windows are compared with each other (see `monitor_for_series`) and need no reference.
+    solutions : bool
+        Whether windows keep the engine's unknowns.
+    additive : bool
+        Windows of recordings keep their nuisance parameters, so that they add, unless a reference is subtracted.
+    skip_doubtful : bool
+        Recordings that are likelier wrong than the engine are linearised at nominal.
+    drifts : bool
+        Whether drifts of instruments are read from statistics; only isolation suspects them.
+
+    Attributes
+    ----------
+    ledger : Ledger
+        What was read of statistics.
+    """
 
     intake: RecordingLoader
     monitor: Monitor | None
-    judging: Judging = field(default_factory=Judging)
-    passing: Callable[[Iterable[Recording]], Iterable[Recording]] = iter
+    judging: WindowSettings = field(default_factory=WindowSettings)
+    on_chunk: Callable[[Iterable[Recording]], Iterable[Recording]] = iter
     summed: bool = False
-    given: Mapping[str, object] = field(default_factory=dict)
+    user_options: Mapping[str, object] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
-    elsewhere: Counter[Elsewhere] = field(default_factory=Counter)
-    economy: Economy | None = None
+    extrapolation: Counter[Extrapolation] = field(default_factory=Counter)
+    economy: MonitorCache | None = None
     series: bool = False
     solutions: bool = False
     additive: bool = False
-    brief: bool = False
+    skip_doubtful: bool = False
     drifts: bool = False
 
-    _few: Monitor | None = field(default=None, repr=False)
+    _reduced_monitor: Monitor | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         self.ledger = Ledger(self.monitor.nominal if self.monitor else "", summed=self.summed)
@@ -283,46 +309,46 @@ class JudgedFiles:
         for file in self.intake.files():
             try:
                 statistics = file.table is not None and is_flat(file.table.columns)
-                for window, known in self._flat(file) if statistics else self._condensed(file):
+                for window, known in self._read_statistics(file) if statistics else self._condense_recording(file):
                     self._count(window)
                     yield window if self.solutions else replace(window, solution=None), known
             except (DataError, NoVerdictError) as error:
                 self.intake.skip_file(file.name, error)
         for name, reason in self.intake.unread.items():
-            yield not_read(name, reason), {}
+            yield unread_window(name, reason), {}
 
-    def _condensed(self, file: LoadedFile) -> Iterator[Window]:
+    def _condense_recording(self, file: File) -> Iterator[Window]:
         monitor = self.monitor
         if monitor is None:
             raise DataError(f"{file.name}: a recording needs --nominal; only what residual has written does without")
         recordings: Iterable[Recording] = file.masked()
         if ELAPSED in monitor.engine.optional_inputs:
-            recordings = FlightHours().written(recordings)
+            recordings = FlightHours().add_to(recordings)
         if self.economy is not None:
-            monitor, recordings = self.economy.of(recordings)
+            monitor, recordings = self.economy.choose(recordings)
         else:
             monitor = self._reduced(monitor)
         gate = GrossErrorGate(monitor)
-        recordings = self.passing(gate.clean(recordings))
+        recordings = self.on_chunk(gate.clean(recordings))
         for window in self._windows(monitor, recordings, file.name):
             mine = [left for left in self.intake.excluded if left.file == file.name]
             masked = [run for left in mine if left.engine in ("", window.engine) for run in left.stuck]
             here = (window.source, window.flight, window.engine)
             found = next((one for one in self.intake.mismatches if one.concerns(*here)), None)
-            yield replace(gate.judged(window, masked), disagreement=found), monitor.meaning
-        gate.report(left for left in self.intake.excluded if left.file == file.name)
+            yield replace(gate.annotate(window, masked), disagreement=found), monitor.meaning
+        gate.report(left for left in self.intake.left_out if left.file == file.name)
 
     def _windows(self, monitor: Monitor, recordings: Iterable[Recording], name: str) -> Iterator[WindowStatistics]:
         judging, linearise = self.judging, self.judging.linearise
-        if self.brief:
+        if self.skip_doubtful:
             recordings = iter(recordings)
             first = list(islice(recordings, 1))  # as soon as records are read, they have been compared with the engine
             recordings = chain(first, recordings)
             if any(m.source == name and not m.flights and m.is_likely_wrong for m in self.intake.mismatches):
                 linearise = "nominal"
-        if self.series or self._adding:
+        if self.series or self._is_additive:
             later = last_records(recordings, judging.last) if judging.last else recordings
-            condense = unmarginalised(monitor) if self._adding else partial(monitored_as_read, monitor)
+            condense = keep_nuisance(monitor) if self._is_additive else partial(keep_monitored, monitor)
             yield from window_statistics(monitor, later, judging.plan, linearise=judging.linearise, condense=condense)
             return
         yield from windows_against_reference(
@@ -332,41 +358,41 @@ class JudgedFiles:
     @property
     def nuisance(self) -> int:
         """How many parameters are uncertain beside the monitored ones, where windows hold them."""
-        if self.monitor is None or not self._adding:
+        if self.monitor is None or not self._is_additive:
             return 0
-        return nuisance_of(self._reduced(self.monitor))
+        return count_nuisance(self._reduced(self.monitor))
 
     @property
-    def _adding(self) -> bool:
+    def _is_additive(self) -> bool:
         """Whether windows of recordings hold what is uncertain beside the monitored parameters."""
         return self.additive and not self.judging.reference
 
     def _reduced(self, monitor: Monitor) -> Monitor:
-        self._few = self._few or with_lagging(reduced(monitor))
-        return self._few
+        self._reduced_monitor = self._reduced_monitor or add_sensor_lags(reduce_monitor(monitor))
+        return self._reduced_monitor
 
-    def _flat(self, file: LoadedFile) -> Iterator[Window]:
+    def _read_statistics(self, file: File) -> Iterator[Window]:
         assert file.table is not None
-        refuse_ignored_options(self.given, file.table.name)
-        self.intake.add_provenance(file.table.provenance)
-        form = as_read if self.series else marginalised
+        refuse_ignored_options(self.user_options, file.table.name)
+        self.intake.inherit(file.table.provenance)
+        form = drop_nuisance if self.series else marginalise_nuisance
         for window, known in read_statistics(file.table.lines, file.table.name, self.ledger):
             drifting = {n for n, p in known.items() if p.of_instrument and p.quantity == DRIFT and not self.drifts}
             if window.statistics is not None:
-                window = replace(window, statistics=form(window.statistics).without(drifting))
+                window = replace(window, statistics=form(window.statistics).drop_parameters(drifting))
             yield window, {name: p for name, p in known.items() if name not in drifting}
 
     def _count(self, window: WindowStatistics) -> None:
         self.counts.update(window.counts)
-        self.elsewhere.update(window.elsewhere)
+        self.extrapolation.update(window.extrapolation)
 
 
-def made_with(files: JudgedFiles, monitor: Monitor) -> MadeWith:
+def describe_origin(files: WindowReader, monitor: Monitor) -> StatisticsOrigin:
     """How the statistics of these files are made."""
     from enginediag_cli.recordings.provenance import file_sha256
 
     judging, source = files.judging, files.intake.source
-    return MadeWith(
+    return StatisticsOrigin(
         monitor.nominal,
         **plan_cells(judging.plan),
         linearise=judging.linearise,
@@ -388,7 +414,7 @@ def record_residuals(monitor: Monitor, recording: Recording) -> Iterator[dict[st
     The state says why a record has no residual, or that it lies outside the operating points identified.
     """
     check_inputs(monitor, recording)
-    taken = judged_inputs(monitor, recording)
+    taken = select_inputs(monitor, recording)
     inputs, y, incomplete = taken.inputs, taken.y, taken.incomplete
     rows = np.flatnonzero(~incomplete)
     e = np.full(y.shape, np.nan)
@@ -399,7 +425,7 @@ def record_residuals(monitor: Monitor, recording: Recording) -> Iterator[dict[st
         state[rows] = [STATES[code] for code in np.asarray(prediction.status)]
         for i in np.flatnonzero(~ok):
             state[rows[i]] = prediction.reason(int(i)) or state[rows[i]]
-    state[taken.beyond & (state == "ok")] = "outside the operating points identified"
+    state[taken.uncovered & (state == "ok")] = "outside the operating points identified"
     sigmas = e / monitor.noise.sigma
     text = {c: recording.text[c] for c in KEYS if c in recording.text}
     time = recording.columns.get("time_s")

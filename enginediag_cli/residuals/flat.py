@@ -30,7 +30,7 @@ import numpy as np
 from enginediag_cli.errors import DataError
 from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.residuals.statistics import LocalStatistics, range_space
-from enginediag_cli.residuals.windows import Elsewhere, WindowPlan, WindowStatistics
+from enginediag_cli.residuals.windows import Extrapolation, WindowPlan, WindowStatistics
 from enginediag_cli.safe_text import UNSPEAKABLE
 
 TEXTS = ("source", "flight", "engine", "reason")
@@ -115,7 +115,7 @@ def flat_row(window: WindowStatistics) -> dict[str, Any]:
         return row
     row[SILENT] = list(window.silent)
     row.update(n=x.n, chi2=x.chi2, dof=x.dof, **dict(zip(DOUBT, x.doubt, strict=True)))
-    row[MEANING] = _written(meanings(x.meaning, x.monitored).values())
+    row[MEANING] = _write_parameters(meanings(x.meaning, x.monitored).values())
     row[CONDITIONS] = json.dumps(dict(window.conditions), ensure_ascii=False, separators=(",", ":"))
     row.update(_nuisance_cells(x))
     names = x.monitored
@@ -153,7 +153,7 @@ def read_flat(
 ) -> Iterator[tuple[WindowStatistics, dict[str, Parameter]]]:
     """Windows and what their parameters are, by name, from rows of texts. DataError names file, line, column."""
     for row, line in zip(rows, lines, strict=True):
-        cell = _Cells(row, f"{source}:{line}")
+        cell = _RowReader(row, f"{source}:{line}")
         names = tuple(c.removeprefix("s:") for c in row if c.startswith("s:"))
         statistics = None
         meaning: dict[str, Parameter] = {}
@@ -187,13 +187,13 @@ def read_flat(
                 meaning=meaning,
                 slopes=slopes if slopes.any() else None,
             )
-            statistics = cell.with_nuisance(statistics)
+            statistics = cell.read_nuisance(statistics)
             _check_physical(statistics, f"{source}:{line}")
         values: dict[str, Any] = {c: row.get(c, "") for c in TEXTS}
         values.update({c: cell.count(c) for c in COUNTS})
         _check_counts(values, statistics, f"{source}:{line}")
         judged_elsewhere = cell.count("extrapolated") if "extrapolated" in row else 0
-        values["elsewhere"] = Counter({Elsewhere("", True): judged_elsewhere} if judged_elsewhere else {})
+        values["elsewhere"] = Counter({Extrapolation("", True): judged_elsewhere} if judged_elsewhere else {})
         values[CONDITIONS] = cell.conditions()
         values[SILENT] = tuple(name for name in row.get(SILENT, "").split("; ") if name)
         values.update({c: cell.number(c) if row.get(c, "").strip() else float("nan") for c in TIMES})
@@ -202,7 +202,7 @@ def read_flat(
         yield WindowStatistics(**values, statistics=statistics), meaning
 
 
-def _written(parameters: Iterable[Parameter]) -> str:
+def _write_parameters(parameters: Iterable[Parameter]) -> str:
     return json.dumps([p.as_mapping() for p in parameters], ensure_ascii=False, separators=(",", ":"))
 
 
@@ -251,7 +251,7 @@ def _check_physical(x: LocalStatistics, place: str) -> None:
     for what, values in sizes.items():
         if not np.all(np.abs(values) < LARGEST_INFORMATION):
             i = int(np.argmax(~(np.abs(values) < LARGEST_INFORMATION)))
-            raise DataError(f"{place}:{_named(what, x.parameters, i)}: too large to be that of any records")
+            raise DataError(f"{place}:{_column_name(what, x.parameters, i)}: too large to be that of any records")
     for what, matrix in scaled.items():
         if np.any(np.diag(matrix) < 0):
             i = int(np.argmax(np.diag(matrix) < 0))
@@ -269,7 +269,7 @@ def _check_physical(x: LocalStatistics, place: str) -> None:
         raise DataError(f"{place}:{column}: must not be negative")
 
 
-def _named(what: str, parameters: Sequence[str], i: int) -> str:
+def _column_name(what: str, parameters: Sequence[str], i: int) -> str:
     """The column of the i-th entry of a vector or matrix."""
     if what == "s":
         return f"s:{parameters[i]}"
@@ -277,7 +277,7 @@ def _named(what: str, parameters: Sequence[str], i: int) -> str:
     return f"{what}:{parameters[a]}|{parameters[b]}"
 
 
-class _Cells:
+class _RowReader:
     """Numbers of one row, with a place to name when one is wrong."""
 
     def __init__(self, row: Mapping[str, str], place: str):
@@ -312,7 +312,7 @@ class _Cells:
             )
         return _meaning(text, names, f"{self._place}:{MEANING}")
 
-    def with_nuisance(self, x: LocalStatistics) -> LocalStatistics:
+    def read_nuisance(self, x: LocalStatistics) -> LocalStatistics:
         """The statistics of the monitored parameters x with those of what is uncertain beside them, where there is
         any."""
         described = self._row.get(NUISANCE, "").strip()
@@ -389,7 +389,7 @@ DIGITS = 16
 
 
 @dataclass(frozen=True)
-class MadeWith:
+class StatisticsOrigin:
     """How statistics were made. nominal: fingerprint of the nominal state and of its engine; reference and last:
     records, 0 for none; recorder: of its file."""
 
@@ -408,7 +408,7 @@ class MadeWith:
         """One column per choice."""
         return {f"{PREFIX}{f.name}": getattr(self, f.name) for f in fields(self)}
 
-    def differences(self, other: MadeWith) -> tuple[tuple[str, str, str], ...]:
+    def differences(self, other: StatisticsOrigin) -> tuple[tuple[str, str, str], ...]:
         """(what, here, there) of every choice in which the two differ."""
         pairs = ((f.name, getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
         return tuple((name, here, there) for name, here, there in pairs if here != there)
@@ -419,7 +419,7 @@ class MadeWith:
         return bool(self.step) and self.step != self.window
 
 
-MADE_COLUMNS = tuple(f"{PREFIX}{f.name}" for f in fields(MadeWith))
+ORIGIN_COLUMNS = tuple(f"{PREFIX}{f.name}" for f in fields(StatisticsOrigin))
 
 
 def plan_cells(plan: WindowPlan) -> dict[str, str]:
@@ -430,14 +430,14 @@ def plan_cells(plan: WindowPlan) -> dict[str, str]:
     return {"window": f"{plan.length:.10g}{unit}", "step": f"{plan.step:.10g}{unit}"}
 
 
-def made_with(row: Mapping[str, str]) -> MadeWith | None:
+def read_origin(row: Mapping[str, str]) -> StatisticsOrigin | None:
     """How a row says that it was made; None when it does not say."""
-    if not all(column in row for column in MADE_COLUMNS):
+    if not all(column in row for column in ORIGIN_COLUMNS):
         return None
-    return MadeWith(**{f.name: row[f"{PREFIX}{f.name}"] for f in fields(MadeWith)})
+    return StatisticsOrigin(**{f.name: row[f"{PREFIX}{f.name}"] for f in fields(StatisticsOrigin)})
 
 
-def sealed(row: Mapping[str, Any], made: MadeWith) -> dict[str, Any]:
+def add_checksum(row: Mapping[str, Any], made: StatisticsOrigin) -> dict[str, Any]:
     """The row with how it was made and the checksum of it all."""
     whole = {**row, **made.cells()}
     return {**whole, CHECKSUM: checksum(whole)}
@@ -450,13 +450,13 @@ def checksum(row: Mapping[str, Any], without: tuple[str, ...] = ()) -> str:
     """
     digest = hashlib.sha256()
     for column in sorted(row):
-        text = _canonical(row[column]) if column != CHECKSUM and column not in without else ""
+        text = _canonical_text(row[column]) if column != CHECKSUM and column not in without else ""
         if text:
             digest.update(f"{column}\0{text}\0".encode(errors=UNSPEAKABLE))
     return digest.hexdigest()[:DIGITS]
 
 
-def _canonical(value: Any) -> str:
+def _canonical_text(value: Any) -> str:
     if value is None:
         return ""
     if isinstance(value, (list, tuple)):

@@ -29,8 +29,8 @@ from functools import cached_property
 import numpy as np
 
 from enginediag_cli.engine.wrapped import MonitoredModel
-from enginediag_cli.intake.loader import EXCURSION, GrossCounts
-from enginediag_cli.residuals.instruments import NoiseModel, runs
+from enginediag_cli.intake.excluded import EXCURSION, GrossCounts
+from enginediag_cli.residuals.instruments import NoiseModel, label_runs
 from enginediag_cli.residuals.score import chdtri
 from enginediag_cli.residuals.windows import Timeline
 
@@ -86,7 +86,7 @@ UNKNOWN = -2
 
 
 @dataclass(frozen=True)
-class Stretch:
+class ResidualStretch:
     """Consecutive records of one engine: z (N, m), NaN where there is no reading; G (N, m, p), J/σ; level (N, m), what
     is predicted over σ; lags (N,) in steps since the record before, inf where unrelated; time (N,) in s, NaN where
     unknown; precision (p, p) of the prior of the parameters; noise of the m sensors.
@@ -124,8 +124,8 @@ class GrossErrors:
     records: np.ndarray
     blamed: np.ndarray
     dead: np.ndarray
-    spoilt: np.ndarray
-    settled: bool = True
+    mostly_gross: np.ndarray
+    converged: bool = True
 
 
 def running_median(x: np.ndarray, width: int = AROUND) -> np.ndarray:
@@ -138,7 +138,7 @@ def running_median(x: np.ndarray, width: int = AROUND) -> np.ndarray:
     return np.asarray(centre[np.clip(np.arange(n) - width // 2, 0, n - width)])
 
 
-def _median_of(x: np.ndarray) -> np.ndarray:
+def _column_medians(x: np.ndarray) -> np.ndarray:
     """Of each column of x (n, m), NaN where it is empty."""
     return np.array([np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else np.nan for c in x.T])
 
@@ -152,7 +152,7 @@ def deviations(r: np.ndarray) -> np.ndarray:
     return a
 
 
-def scatter(r: np.ndarray) -> np.ndarray:
+def robust_scatter(r: np.ndarray) -> np.ndarray:
     """max(1, 1.4826 MAD) (m,) of r (N, m): noise is never taken for smaller than it was identified; 1 of few."""
     S = np.ones(r.shape[1])
     for j in range(r.shape[1]):
@@ -162,29 +162,29 @@ def scatter(r: np.ndarray) -> np.ndarray:
     return S
 
 
-def _farthest(dof: np.ndarray) -> np.ndarray:
+def _chi2_limits(dof: np.ndarray) -> np.ndarray:
     """The values (N,) that χ² of dof (N,), at least 1, exceeds with the probability `INPUT_CHANCE`."""
     counts, which = np.unique(np.maximum(dof, 1), return_inverse=True)
     return np.array([chdtri(float(n), INPUT_CHANCE) for n in counts])[which]
 
 
-def suspected(z: np.ndarray, level: np.ndarray, noise: NoiseModel) -> bool:
+def may_have_gross_errors(z: np.ndarray, level: np.ndarray, noise: NoiseModel) -> bool:
     """Whether any reading of z (N, m), level (N, m) as in `Stretch`, or record, might be a gross error: of most short
     stretches none is, and nothing need be fitted."""
-    if _far(z, level).any():
+    if _impossible_readings(z, level).any():
         return True
     a = deviations(z)
     least = (1 - noise.rho**2) / np.sqrt(1 - noise.rho**4)  # v of neighbours one step away, the smallest there is
-    S = scatter(a) if len(a) >= 2 * AROUND else 1.0  # of few, two bursts may be all the scatter
+    S = robust_scatter(a) if len(a) >= 2 * AROUND else 1.0  # of few, two bursts may be all the scatter
     u = np.nan_to_num(np.abs(a / S)) / least
     # a fit may move a reading from its neighbours, by little within thirty records
     if bool((u > ALMOST * GROSS).any()):
         return True
     dof = np.isfinite(z).sum(axis=1)
-    return bool(np.any(np.sum(u**2, axis=1) > _farthest(dof)))
+    return bool(np.any(np.sum(u**2, axis=1) > _chi2_limits(dof)))
 
 
-def robust_residuals(stretch: Stretch) -> tuple[np.ndarray, np.ndarray, bool]:
+def robust_residuals(stretch: ResidualStretch) -> tuple[np.ndarray, np.ndarray, bool]:
     """r (N, m) of the robust fit, scatter S (m,), and whether the fit came to rest within its steps.
 
     Readings weigh 1/(S²(1+ρ)/(1−ρ)), as many that are correlated are worth, against the prior of the parameters, times
@@ -194,7 +194,7 @@ def robust_residuals(stretch: Stretch) -> tuple[np.ndarray, np.ndarray, bool]:
     """
     z, p, m = stretch.z, stretch.G.shape[2], stretch.z.shape[1]
     first = deviations(z)
-    S = scatter(first)
+    S = robust_scatter(first)
     weight = np.where(np.abs(first) < START * S, 1.0, 0.0)  # NaN: 0
     X = np.zeros((*z.shape, p + 2 * m))
     X[:, :, :p] = stretch.G
@@ -207,24 +207,26 @@ def robust_residuals(stretch: Stretch) -> tuple[np.ndarray, np.ndarray, bool]:
     X = np.where(stretch.present[:, :, None], X * unit, 0.0)
     prior = unit[:, None] * prior * unit
     readings = np.where(stretch.present, z, 0.0)
-    farthest = _farthest(stretch.present.sum(axis=1))
+    farthest = _chi2_limits(stretch.present.sum(axis=1))
     fit, settled = np.zeros_like(z), False
     for _ in range(STEPS):
         w = weight / (S**2 * stretch.noise.inflation)
         C = np.linalg.inv(prior + np.tensordot(X * w[:, :, None], X, axes=([0, 1], [0, 1])))
         before, fit = fit, X @ (C @ np.tensordot(X, w * readings, axes=([0, 1], [0, 1])))
         r = z - fit
-        S = scatter(r)
+        S = robust_scatter(r)
         settled = bool(np.all(np.abs(fit - before)[stretch.present] < SETTLED))
         if settled:
             break
-        x, chi2 = _from_others(np.where(stretch.present, r, 0.0), X @ C @ X.transpose(0, 2, 1), w, S)
+        x, chi2 = _leave_one_out_distance(np.where(stretch.present, r, 0.0), X @ C @ X.transpose(0, 2, 1), w, S)
         near = stretch.present & (chi2 <= farthest)[:, None]
         weight = np.where(near, np.maximum(1 - (x / TUKEY) ** 2, 0.0) ** 2, 0.0)
     return r, S, settled
 
 
-def _from_others(r: np.ndarray, V: np.ndarray, w: np.ndarray, S: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _leave_one_out_distance(
+    r: np.ndarray, V: np.ndarray, w: np.ndarray, S: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """How far readings are from the fit of all records but their own, |r′|/√(S² + V′) (N, m), and the χ² (N,) of each
     record, by residuals r (N, m), the fit's covariance V (N, m, m), weights w (N, m) in that fit and scatter S (m,):
 
@@ -237,7 +239,9 @@ def _from_others(r: np.ndarray, V: np.ndarray, w: np.ndarray, S: np.ndarray) -> 
     return np.abs(away) / np.sqrt(np.einsum("kjj->kj", covariance)), chi2
 
 
-def _predicted(x: np.ndarray, good: np.ndarray, clock: np.ndarray, rho: float) -> tuple[np.ndarray, np.ndarray]:
+def _predict_from_neighbours(
+    x: np.ndarray, good: np.ndarray, clock: np.ndarray, rho: float
+) -> tuple[np.ndarray, np.ndarray]:
     """x̂ and v (n,) of each of n readings x of a sensor from its nearest good (n,) neighbours, clock (n,) in steps."""
     n = len(x)
     at = np.arange(n)
@@ -261,7 +265,7 @@ def _judge_sensor(x: np.ndarray, a: np.ndarray, clock: np.ndarray, rho: float) -
     smaller of |u| and |a|/v."""
     gross = np.zeros(len(x), bool)
     for _ in range(PASSES):
-        expected, v = _predicted(x, ~gross, clock, rho)
+        expected, v = _predict_from_neighbours(x, ~gross, clock, rho)
         u, local = (x - expected) / v, a / v
         depart = np.where(u * local > 0, np.sign(u) * np.minimum(np.abs(u), np.abs(local)), 0.0)
         flagged = np.abs(depart) > GROSS
@@ -275,15 +279,15 @@ def _judge_sensor(x: np.ndarray, a: np.ndarray, clock: np.ndarray, rho: float) -
     return gross, depart
 
 
-def find_gross_errors(stretch: Stretch, *, events: bool = False) -> GrossErrors:
+def find_gross_errors(stretch: ResidualStretch, *, events: bool = False) -> GrossErrors:
     """The gross errors among consecutive records; `HALO` records on either side are context enough for any record.
     events: several sensors that depart together, for more than two records, are kept: what a model lacks does so."""
     N, m = stretch.z.shape
-    impossible, dead = _impossible(stretch)
+    impossible, dead = _find_impossible(stretch)
     readings, spoilt = np.zeros((N, m), bool), np.zeros(m, bool)
-    r, S, settled = robust_residuals(_without(stretch, impossible))
+    r, S, settled = robust_residuals(_remove_readings(stretch, impossible))
     a = deviations(r)
-    S_a, depart = scatter(a), np.zeros((N, m))
+    S_a, depart = robust_scatter(a), np.zeros((N, m))
     for j in range(m):
         rows = np.flatnonzero(np.isfinite(r[:, j]))
         if len(rows) < FEWEST:
@@ -292,47 +296,47 @@ def find_gross_errors(stretch: Stretch, *, events: bool = False) -> GrossErrors:
         readings[rows, j], depart[rows, j] = _judge_sensor(
             r[rows, j] / S[j], a[rows, j] / S_a[j], stretch.clock[rows], rho
         )
-    records, blamed = _wrong_inputs(stretch, depart, readings | impossible & ~dead)
+    records, blamed = _find_wrong_inputs(stretch, depart, readings | impossible & ~dead)
     if np.isinf(stretch.lags[1:]).any():  # of several flights one may be another engine state, not a wrong record
         readings[records], records = False, np.zeros(N, bool)
-    records = _short_runs(records, a, stretch.time, stretch.clock, r)
+    records = _keep_short_runs(records, a, stretch.time, stretch.clock, r)
     readings[records], own = False, np.where(records[:, None], np.nan, r)  # an input's doing is no sensor's run
     for j in range(m):
         rows = np.flatnonzero(np.isfinite(r[:, j]))
-        found = _short_runs(readings[rows, j], a[rows, j], stretch.time[rows], stretch.clock[rows], own[rows, j])
+        found = _keep_short_runs(readings[rows, j], a[rows, j], stretch.time[rows], stretch.clock[rows], own[rows, j])
         spoilt[j] = found.sum() > MOST * len(rows) > 0
         readings[rows, j] = found & ~spoilt[j]
     if events:
-        kept = _long_runs(records | (readings.sum(axis=1) > 1), EVENT)
+        kept = _keep_long_runs(records | (readings.sum(axis=1) > 1), EVENT)
         readings[kept], records[kept] = False, False
     blamed = np.where(records, blamed, -1)
     return GrossErrors((readings | impossible) & ~records[:, None], records, blamed, dead, spoilt, settled)
 
 
-def _impossible(stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:
+def _find_impossible(stretch: ResidualStretch) -> tuple[np.ndarray, np.ndarray]:
     """Readings (N, m) that are no readings of this engine, and sensors (m,) that give mostly such. Where most sensors
     would be, it is the recording or the model that is wrong, and nothing is said of sensors."""
-    far = _far(stretch.z, stretch.level)
+    far = _impossible_readings(stretch.z, stretch.level)
     dead = far.sum(axis=0) > MOST * np.maximum(stretch.present.sum(axis=0), 1)
     if dead.sum() > MOST * stretch.present.any(axis=0).sum():
         return np.zeros_like(far), np.zeros_like(dead)
     return far | (stretch.present & dead), dead  # a dead one may read right by chance, at idle for instance
 
 
-def _far(z: np.ndarray, level: np.ndarray) -> np.ndarray:
+def _impossible_readings(z: np.ndarray, level: np.ndarray) -> np.ndarray:
     """Readings (N, m) that are further from what is predicted than any fault moves them."""
     size = np.max(np.abs(level), axis=0, initial=0.0)
     return np.asarray(np.nan_to_num(np.abs(z)) > np.maximum(IMPOSSIBLE * size, DEAD_SIGMAS))
 
 
-def _without(stretch: Stretch, readings: np.ndarray) -> Stretch:
+def _remove_readings(stretch: ResidualStretch, readings: np.ndarray) -> ResidualStretch:
     """The stretch without some readings (N, m)."""
     if not readings.any():
         return stretch
     return replace(stretch, z=np.where(readings, np.nan, stretch.z))
 
 
-def _short_runs(
+def _keep_short_runs(
     flagged: np.ndarray, a: np.ndarray, time: np.ndarray, clock: np.ndarray, r: np.ndarray | None = None
 ) -> np.ndarray:
     """The flagged (n,) of consecutive records whose run is short, as a number and as a time (n,) in s. Of the run are
@@ -341,9 +345,9 @@ def _short_runs(
     apart by their clock (n,), lasts too long where time is unknown."""
     a, r = (x if x.ndim == 2 else x[:, None] for x in (a, a if r is None else r))
     kept = flagged.copy()
-    for first, stop in runs(flagged):
+    for first, stop in label_runs(flagged):
         if flagged[first]:
-            size, level = (np.nan_to_num(_median_of(x[first:stop])) for x in (a, r))
+            size, level = (np.nan_to_num(_column_medians(x[first:stop])) for x in (a, r))
             away = np.nan_to_num(r - (level - size)) * size
             back = away.sum(axis=1) <= 0.5 * np.sum(np.isfinite(r) * size**2, axis=1)
             before, after = np.flatnonzero(back[:first]), np.flatnonzero(back[stop:])
@@ -356,7 +360,7 @@ def _short_runs(
     return kept
 
 
-def brief_departures(t: np.ndarray, time: np.ndarray, clock: np.ndarray) -> np.ndarray:
+def find_brief_departures(t: np.ndarray, time: np.ndarray, clock: np.ndarray) -> np.ndarray:
     """Where t (n, q), what each of q channels is off by in standard deviations (NaN: no reading), may be a gross error
     of that channel: in runs that last no longer than those, or not yet."""
     brief = np.zeros(t.shape, bool)
@@ -364,26 +368,28 @@ def brief_departures(t: np.ndarray, time: np.ndarray, clock: np.ndarray) -> np.n
         rows = np.flatnonzero(np.isfinite(t[:, c]))
         far = np.abs(t[rows, c]) > GROSS
         if far.any():
-            brief[rows, c] = _short_runs(far, t[rows, c], time[rows], clock[rows])
+            brief[rows, c] = _keep_short_runs(far, t[rows, c], time[rows], clock[rows])
     return brief
 
 
-def _long_runs(flagged: np.ndarray, least: int) -> np.ndarray:
+def _keep_long_runs(flagged: np.ndarray, least: int) -> np.ndarray:
     """The flagged (n,) in runs of at least so many."""
     kept = flagged.copy()
-    for first, stop in runs(flagged):
+    for first, stop in label_runs(flagged):
         kept[first:stop] &= stop - first >= least
     return kept
 
 
-def _wrong_inputs(stretch: Stretch, depart: np.ndarray, gross: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _find_wrong_inputs(
+    stretch: ResidualStretch, depart: np.ndarray, gross: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Records (N,) that an error of an input spoils, or most of whose readings are gross (N, m), and the number of the
     input (N,), −1 for none: T = max_i (S_iᵀu)²/S_iᵀS_i, S_i the effect of input i over σ, u what departs (N, m)."""
     dof = stretch.present.sum(axis=1)
     blamed = np.full(len(dof), -1)
     total = np.sum(depart**2, axis=1)
     most = (dof > 2) & (gross.sum(axis=1) > MOST * dof)
-    rows = np.flatnonzero((dof > 1) & (total > _farthest(dof)) | most)
+    rows = np.flatnonzero((dof > 1) & (total > _chi2_limits(dof)) | most)
     if not rows.size:
         return np.zeros(len(dof), bool), blamed
     S = np.where(stretch.present[rows][:, :, None], np.nan_to_num(stretch.input_effects(rows)), 0.0)
@@ -398,11 +404,11 @@ def _wrong_inputs(stretch: Stretch, depart: np.ndarray, gross: np.ndarray) -> tu
     return blamed != -1, blamed
 
 
-def rejected_counts(
+def count_rejected(
     found: GrossErrors, line: np.ndarray, mine: np.ndarray, sensors: Sequence[str], inputs: Sequence[str]
 ) -> Iterator[tuple[int, GrossCounts]]:
     """What was rejected of each record in lines (n,) that is `mine` (n,) and has gross errors."""
-    excursions = _excursions(found, line)
+    excursions = _find_excursions(found, line)
     for k in np.flatnonzero(mine & (found.readings.any(axis=1) | found.records)).tolist():
         gone = [sensors[j] for j in np.flatnonzero(found.readings[k]).tolist()]
         wrong = [] if not found.records[k] else ["" if found.blamed[k] == UNKNOWN else inputs[found.blamed[k]]]
@@ -419,12 +425,12 @@ def rejected_counts(
         )
 
 
-def _excursions(found: GrossErrors, line: np.ndarray) -> dict[tuple[int, int], list[int]]:
+def _find_excursions(found: GrossErrors, line: np.ndarray) -> dict[tuple[int, int], list[int]]:
     """Record and sensor at which readings begin to be rejected in a row → first line, last line and how many they
     are, from `EXCURSION` on; line (n,) of the records."""
     excursions = {}
     for j in np.flatnonzero(found.readings.any(axis=0) & ~found.dead).tolist():
-        for first, stop in runs(found.readings[:, j]):
+        for first, stop in label_runs(found.readings[:, j]):
             if found.readings[first, j] and stop - first >= EXCURSION:
                 excursions[first, j] = [int(line[first]), int(line[stop - 1]), stop - first]
     return excursions
@@ -468,7 +474,7 @@ def gross_of_flight(
         J = np.nan_to_num(np.asarray(p.jacobian) / noise.sigma[:, None])
         z = np.where(np.asarray(p.ok)[:, None], y[at] - p.y, np.nan) / noise.sigma
         level = np.nan_to_num(np.asarray(p.y)) / noise.sigma
-        if not suspected(z, level, noise):
+        if not may_have_gross_errors(z, level, noise):
             counts = counts + GrossCounts(judged=int(np.sum((at >= start) & (at < start + BLOCK))))
             continue
         _, lags = Timeline().advance(len(at), time[at] if np.isfinite(time[at]).all() else None, False)
@@ -477,11 +483,11 @@ def gross_of_flight(
         def effects(rows: np.ndarray, J: np.ndarray = J[:, :, q:]) -> np.ndarray:
             return J[rows]
 
-        stretch = Stretch(z, J[:, :, :q], level, lags, time[at], precision, noise, effects)
+        stretch = ResidualStretch(z, J[:, :, :q], level, lags, time[at], precision, noise, effects)
         found = find_gross_errors(stretch, events=True)
         mine = (at >= start) & (at < start + BLOCK)
         gone[at[mine]] = (found.readings | found.records[:, None])[mine]
-        for _, some in rejected_counts(found, at, mine, sensors, read):
+        for _, some in count_rejected(found, at, mine, sensors, read):
             counts = counts + replace(some, lines={}, excursions={}, judged=0)
         counts = counts + GrossCounts(judged=int(mine.sum()))
     clean = {s: np.where(gone[:, j], np.nan, y[:, j]) for j, s in enumerate(sensors) if gone[:, j].any()}

@@ -30,28 +30,28 @@ from enginediag_cli.residuals.gross_errors import (
     LEAST,
     UNRELATED,
     GrossErrors,
-    Stretch,
+    ResidualStretch,
+    count_rejected,
     find_gross_errors,
-    rejected_counts,
-    suspected,
+    may_have_gross_errors,
 )
 from enginediag_cli.residuals.instruments import (
     SPAN,
     InstrumentFault,
-    stuck_faults,
-    stuck_inputs,
-    stuck_outputs,
-    weighed,
+    apply_weights,
+    find_stuck_faults,
+    find_stuck_inputs,
+    find_stuck_outputs,
 )
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.pipeline import scattering_instruments
+from enginediag_cli.residuals.pipeline import find_scattering_instruments
 from enginediag_cli.residuals.windows import (
     Key,
     NominalResiduals,
     Timeline,
     WindowStatistics,
     group_rows,
-    judged_inputs,
+    select_inputs,
 )
 
 NOTES = 10_000
@@ -59,7 +59,7 @@ NOTES = 10_000
 
 
 @dataclass(frozen=True)
-class _Held:
+class _PendingRecords:
     """Records that wait for what follows them, with residuals e (N, m) at nominal, what is predicted y (N, m), which
     are judged (N,), and the engine's unknowns x (nx, N) where it shows them."""
 
@@ -73,17 +73,17 @@ class _Held:
     def __len__(self) -> int:
         return len(self.recording)
 
-    def select(self, rows: slice) -> _Held:
+    def select(self, rows: slice) -> _PendingRecords:
         x = None if self.x is None else self.x[:, rows]
         inputs = {c: v[rows] for c, v in self.inputs.items()}
-        return _Held(self.recording.select(rows), inputs, self.e[rows], self.y[rows], self.judged[rows], x)
+        return _PendingRecords(self.recording.select(rows), inputs, self.e[rows], self.y[rows], self.judged[rows], x)
 
 
-def _joined(parts: Sequence[_Held]) -> _Held:
+def _join_pending(parts: Sequence[_PendingRecords]) -> _PendingRecords:
     if len(parts) == 1:
         return parts[0]
     x = [part.x for part in parts if part.x is not None]
-    return _Held(
+    return _PendingRecords(
         concat([part.recording for part in parts]),
         {c: np.concatenate([part.inputs[c] for part in parts]) for c in parts[0].inputs},
         np.concatenate([part.e for part in parts]),
@@ -104,13 +104,13 @@ class GrossErrorGate:
         self._total: dict[tuple[str, str], GrossCounts] = {}
         self._stuck: dict[tuple[str, str], list[StuckRun]] = {}
         self._alone: set[Key] = set()
-        self._waiting: list[_Held] = []
+        self._waiting: list[_PendingRecords] = []
         self._before = self._after = 0
 
     def clean(self, recordings: Iterable[Recording]) -> Iterator[Recording]:
         """The recordings (chunks of files in turn) as they are judged."""
         for chunk in recordings:
-            if self._waiting and not _alike(self._waiting[-1].recording, chunk):
+            if self._waiting and not _same_layout(self._waiting[-1].recording, chunk):
                 yield from self._end()
             self._waiting.append(self._predicted(chunk))
             self._after += len(chunk)
@@ -118,14 +118,14 @@ class GrossErrorGate:
                 yield self._judge(BLOCK)
         yield from self._end()
 
-    def judged(self, window: WindowStatistics, masked: Iterable[StuckRun] = ()) -> WindowStatistics:
+    def annotate(self, window: WindowStatistics, masked: Iterable[StuckRun] = ()) -> WindowStatistics:
         """The window with what was rejected of its records, and the instruments that are stuck in it; masked: the runs
         of readings that were stuck by themselves. Windows of a flight are asked for in turn: what lies before this one
         is forgotten."""
         key = (window.source, window.flight, window.engine)
         lines = (window.first_line, window.last_line)
         runs = [*masked, *self._stuck.get((window.source, window.engine), ())]
-        stuck = tuple(stuck_faults(runs, self.monitor.engine.inputs, lines, window.records))
+        stuck = tuple(find_stuck_faults(runs, self.monitor.engine.inputs, lines, window.records))
         window = replace(window, instruments=(*stuck, *window.instruments))
         wrong = {fault.instrument for fault in window.instruments}
         silent = [name for name, p in self.monitor.meaning.items() if p.of_instrument and p.component in wrong]
@@ -162,9 +162,9 @@ class GrossErrorGate:
                 yield self._judge(self._after)
             self._waiting, self._before, self._after = [], 0, 0
 
-    def _predicted(self, chunk: Recording) -> _Held:
+    def _predicted(self, chunk: Recording) -> _PendingRecords:
         monitor = self.monitor
-        taken = judged_inputs(monitor, chunk)
+        taken = select_inputs(monitor, chunk)
         e, level = np.full(taken.y.shape, np.nan), np.zeros(taken.y.shape)
         rows, x = np.flatnonzero(taken.judged), None
         if rows.size:
@@ -176,11 +176,11 @@ class GrossErrorGate:
             if found is not None:
                 x = np.zeros((len(found), len(chunk)))
                 x[:, rows] = found
-        return _Held(chunk, taken.inputs, e, level, taken.judged & np.isfinite(e).any(axis=1), x)
+        return _PendingRecords(chunk, taken.inputs, e, level, taken.judged & np.isfinite(e).any(axis=1), x)
 
     def _judge(self, size: int) -> Recording:
         """The next `size` records, judged; `_before` records stand before them in what waits."""
-        held = _joined(self._waiting)
+        held = _join_pending(self._waiting)
         context = held.select(slice(0, min(len(held), self._before + size + HALO)))
         block = slice(self._before, self._before + size)
         stretches = list(_stretches(self.monitor, context))
@@ -189,16 +189,19 @@ class GrossErrorGate:
                 self._add(key, GrossCounts(judged=n))
             if len(at) < FEWEST:
                 self._alone.update(keys)
-        context = self._moving(context, stretches, block)
-        clean = self._rejected(context, stretches, block)
+        context = self._remove_stuck(context, stretches, block)
+        clean = self._remove_gross(context, stretches, block)
         first = max(0, block.stop - HALO)
         self._waiting = [held.select(slice(first, None))]
         self._before, self._after = block.stop - first, self._after - size
         return clean
 
-    def _moving(
-        self, context: _Held, stretches: list[tuple[np.ndarray, list[Key], np.ndarray, np.ndarray]], block: slice
-    ) -> _Held:
+    def _remove_stuck(
+        self,
+        context: _PendingRecords,
+        stretches: list[tuple[np.ndarray, list[Key], np.ndarray, np.ndarray]],
+        block: slice,
+    ) -> _PendingRecords:
         """The records of the context without readings that are stuck, and none of records with a stuck input."""
         monitor, own = self.monitor, context.recording
         gone = np.zeros(context.e.shape, bool)
@@ -206,7 +209,7 @@ class GrossErrorGate:
             readings = np.column_stack([own.columns.get(c, np.full(len(own), np.nan))[at] for c in monitor.sensors])
             inputs = {c: v[at] for c, v in context.inputs.items()}
             recorded = [c for c in monitor.engine.inputs if c in own]
-            gone[at], masks = stuck_readings(monitor, inputs, recorded, readings, context.e[at], context.y[at])
+            gone[at], masks = find_stuck_readings(monitor, inputs, recorded, readings, context.e[at], context.y[at])
             for column, mask in masks.items():
                 source, _, engine = keys[0]
                 rows = np.sort(np.concatenate([rows for key, rows in group_rows(own) if key[2] == engine]))
@@ -221,14 +224,21 @@ class GrossErrorGate:
         columns = {c: np.where(gone[:, j], np.nan, own[c]) for j, c in enumerate(monitor.sensors) if c in own}
         return replace(context, recording=own.with_columns(columns), e=np.where(gone, np.nan, context.e))
 
-    def _rejected(
-        self, context: _Held, stretches: list[tuple[np.ndarray, list[Key], np.ndarray, np.ndarray]], block: slice
+    def _remove_gross(
+        self,
+        context: _PendingRecords,
+        stretches: list[tuple[np.ndarray, list[Key], np.ndarray, np.ndarray]],
+        block: slice,
     ) -> Recording:
         """The records of the block without what is gross in the stretches of the context."""
         monitor, own = self.monitor, context.recording.select(block)
         recorded = tuple(c for c in context.inputs if c in context.recording and c != ELAPSED)
         sigma = monitor.noise.sigma
-        suspects = [s for s in stretches if suspected(context.e[s[0]] / sigma, context.y[s[0]] / sigma, monitor.noise)]
+        suspects = [
+            s
+            for s in stretches
+            if may_have_gross_errors(context.e[s[0]] / sigma, context.y[s[0]] / sigma, monitor.noise)
+        ]
         if not suspects:
             return own
         rows = np.concatenate([s[0] for s in suspects])
@@ -238,7 +248,7 @@ class GrossErrorGate:
         records = np.zeros(len(context), bool)
         first = 0
         for at, keys, lags, time in suspects:
-            stretch = Stretch(
+            stretch = ResidualStretch(
                 context.e[at] / sigma,
                 np.nan_to_num(J[first : first + len(at)] / sigma[:, None]),
                 context.y[at] / sigma,
@@ -265,8 +275,8 @@ class GrossErrorGate:
     ) -> None:
         """Note what was rejected of those records of a stretch that are `mine` (n,)."""
         sensors = self.monitor.sensors
-        spoilt = [c for c, bad in zip(sensors, found.spoilt, strict=True) if bad]
-        for k, counts in rejected_counts(found, line, mine, sensors, inputs):
+        spoilt = [c for c, bad in zip(sensors, found.mostly_gross, strict=True) if bad]
+        for k, counts in count_rejected(found, line, mine, sensors, inputs):
             self._note(keys[k], int(line[k]), counts)
         last = {keys[k]: int(line[k]) for k in np.flatnonzero(mine)} if spoilt else {}
         for key, at in last.items():
@@ -285,7 +295,7 @@ class GrossErrorGate:
         self._total[place] = self._total.get(place, GrossCounts()) + counts
 
 
-def stuck_readings(
+def find_stuck_readings(
     monitor: Monitor,
     inputs: Mapping[str, np.ndarray],
     recorded: Sequence[str],
@@ -296,8 +306,8 @@ def stuck_readings(
     """Readings (n, m) of records in a row that are of no use, since they or an input are stuck, and which records (n,)
     each such column is stuck in. inputs: column → (n,), of which some are `recorded`; e, y (n, m): residuals and what
     is predicted."""
-    sigma, still = monitor.noise.sigma, _still(monitor)
-    gone = stuck_outputs(np.where(np.isfinite(e), readings, np.nan), y / sigma)
+    sigma, still = monitor.noise.sigma, _constant_inputs(monitor)
+    gone = find_stuck_outputs(np.where(np.isfinite(e), readings, np.nan), y / sigma)
     masks = {c: gone[:, j].copy() for j, c in enumerate(monitor.sensors) if gone[:, j].any()}
 
     def free(column: str, rows: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -307,7 +317,7 @@ def stuck_readings(
         return known / sigma, -np.asarray(found.jacobian)[:, :, 0] / sigma
 
     moving = {c: inputs[c] for c in recorded if c not in still}
-    for column, mask in stuck_inputs(np.where(gone, np.nan, e / sigma), moving, free).items():
+    for column, mask in find_stuck_inputs(np.where(gone, np.nan, e / sigma), moving, free).items():
         masks[column] = mask
         gone[mask] = True
     return gone, masks
@@ -322,12 +332,12 @@ def input_effects(
     return np.asarray(found.jacobian) / monitor.noise.sigma[:, None]
 
 
-def _alike(a: Recording, b: Recording) -> bool:
+def _same_layout(a: Recording, b: Recording) -> bool:
     """Whether chunks belong to one file and have the same columns."""
     return a.source == b.source and set(a.columns) == set(b.columns) and set(a.text) == set(b.text)
 
 
-def _still(monitor: Monitor) -> frozenset[str]:
+def _constant_inputs(monitor: Monitor) -> frozenset[str]:
     """Inputs that never moved in what the engine was identified on: a setting, which goes on standing still."""
     if monitor.envelope is None:
         return frozenset()
@@ -335,7 +345,9 @@ def _still(monitor: Monitor) -> frozenset[str]:
     return frozenset(c for c, s in zip(monitor.envelope.inputs, spread, strict=True) if not s > 0)
 
 
-def _stretches(monitor: Monitor, context: _Held) -> Iterator[tuple[np.ndarray, list[Key], np.ndarray, np.ndarray]]:
+def _stretches(
+    monitor: Monitor, context: _PendingRecords
+) -> Iterator[tuple[np.ndarray, list[Key], np.ndarray, np.ndarray]]:
     """Records that are judged together: their rows (n,), the flight of each, lags (n,) and times (n,) in s. A flight
     alone, or short flights of an engine one after the other."""
     short: dict[str, list[tuple[Key, np.ndarray, np.ndarray, np.ndarray]]] = {}
@@ -391,7 +403,7 @@ class LiveRecords:
         return LiveRecords(inputs, *(getattr(self, name)[rows] for name in _ARRAYS))
 
     @staticmethod
-    def joined(parts: Sequence[LiveRecords]) -> LiveRecords:
+    def join(parts: Sequence[LiveRecords]) -> LiveRecords:
         """Records one part after the other."""
         inputs = {c: np.concatenate([part.inputs[c] for part in parts]) for c in parts[0].inputs}
         return LiveRecords(inputs, *(np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS))
@@ -431,19 +443,19 @@ class LiveGate:
     def add(self, new: LiveRecords) -> CleanBlocks:
         """The blocks that were open, and this new one, the last."""
         blocks = [*self._open, new]
-        whole = known = LiveRecords.joined([*self._before, *blocks])
+        whole = known = LiveRecords.join([*self._before, *blocks])
         self._first_line, self._records = self._first_line or int(new.line[0]), self._records + len(new)
         masked = self._masked_runs(new)
-        gone = self._standing(whole, masked)
+        gone = self._find_stuck(whole, masked)
         if gone.any():
             known = replace(whole, e=np.where(gone, np.nan, whole.e))
-        found = self._found(known)
+        found = self._find_gross_errors(known)
         clean, counts = known, dict[int, GrossCounts]()
         if found is not None:
             every = np.ones(len(known), bool)
-            counts = dict(rejected_counts(found, known.line, every, self.monitor.sensors, self.recorded))
+            counts = dict(count_rejected(found, known.line, every, self.monitor.sensors, self.recorded))
             clean = replace(known, e=np.where(found.readings | found.records[:, None], np.nan, known.e))
-        clean = self._weighed(clean)
+        clean = self._weigh_scatter(clean)
         stops = np.cumsum([sum(map(len, self._before)), *map(len, blocks)]).tolist()
         rows = [range(*ends) for ends in pairwise(stops)]
         rejected = [
@@ -456,7 +468,7 @@ class LiveGate:
             self._before = [whole.select(slice(max(0, min(N - HISTORY, rows[closed].start)), rows[closed].start))]
         pieces = [clean.select(slice(r.start, r.stop)) for r in rows]
         lines = self._first_line, int(new.line[-1])
-        stuck = stuck_faults([*masked, *self._stuck], self.monitor.engine.inputs, lines, self._records)
+        stuck = find_stuck_faults([*masked, *self._stuck], self.monitor.engine.inputs, lines, self._records)
         return CleanBlocks(pieces[:closed], pieces[closed:], rejected, (*stuck, *self._noisy.values()))
 
     def _masked_runs(self, new: LiveRecords) -> list[StuckRun]:
@@ -469,12 +481,12 @@ class LiveGate:
         mine = [run for run in self.masked if run.column in known]
         return [run for run in mine if known[run.column] or not run.opens]
 
-    def _standing(self, known: LiveRecords, masked: Sequence[StuckRun]) -> np.ndarray:
+    def _find_stuck(self, known: LiveRecords, masked: Sequence[StuckRun]) -> np.ndarray:
         """Readings (n, m) of known records that are of no use, since they or an input are stuck; one that was goes on
         being so until it moves. masked: runs of which the first reading, which may have been good, is not."""
         monitor, line = self.monitor, known.line
         recorded = [c for c in monitor.engine.inputs if c in self.recorded]
-        gone, masks = stuck_readings(monitor, known.inputs, recorded, known.read, known.e, known.y)
+        gone, masks = find_stuck_readings(monitor, known.inputs, recorded, known.read, known.e, known.y)
         column = {**known.inputs, **{c: known.read[:, j] for j, c in enumerate(monitor.sensors)}}
         for run in self._stuck:
             same = column[run.column] == run.value
@@ -488,11 +500,11 @@ class LiveGate:
         for run in masked:
             gone[(line >= run.first_line) & (line <= run.last_line), monitor.sensors.index(run.column)] = True
         for name, mask in masks.items():
-            for run in list_stuck_runs(name, column[name], line, mask):
-                self._go_on(run, line)
+            for run in stuck_runs(name, column[name], line, mask):
+                self._extend_run(run, line)
         return gone
 
-    def _go_on(self, run: StuckRun, line: np.ndarray) -> None:
+    def _extend_run(self, run: StuckRun, line: np.ndarray) -> None:
         """Note a run of known records on these lines (n,), or that one that is noted goes on."""
         for k, old in enumerate(self._stuck):
             if (old.column, old.value) == (run.column, run.value) and old.overlaps(run.first_line, run.last_line):
@@ -502,7 +514,7 @@ class LiveGate:
                 return
         self._stuck.append(run)
 
-    def _weighed(self, known: LiveRecords) -> LiveRecords:
+    def _weigh_scatter(self, known: LiveRecords) -> LiveRecords:
         """The known records with readings that scatter weighed by that, as those of a window are; by the residuals at
         the change that fits them best, linear at nominal, held as the estimate of a window is."""
         monitor, p = self.monitor, len(self.monitor.names)
@@ -511,21 +523,25 @@ class LiveGate:
         A = np.einsum("kjp,kj,kjq->pq", G, weight, G, optimize=True) + monitor.precision
         change = np.linalg.solve(A, np.einsum("kjp,kj,kj->p", G, weight, z, optimize=True))
         nominal = NominalResiduals(known.inputs, known.read, known.y, G, np.ones(len(known), bool), None)
-        found, weights = scattering_instruments(monitor, nominal, known.e - G @ change, known.lags)
+        found, weights = find_scattering_instruments(monitor, nominal, known.e - G @ change, known.lags)
         self._noisy |= {fault.name: fault for fault in found}
-        return known if weights is None else replace(known, e=weighed(weights, known.e), J=weighed(weights, known.J))
+        return (
+            known
+            if weights is None
+            else replace(known, e=apply_weights(weights, known.e), J=apply_weights(weights, known.J))
+        )
 
-    def _found(self, known: LiveRecords) -> GrossErrors | None:
+    def _find_gross_errors(self, known: LiveRecords) -> GrossErrors | None:
         """The gross errors of known records, None where no reading is suspected."""
         monitor, p = self.monitor, len(self.monitor.names)
         sigma = monitor.noise.sigma
         z, level = known.e / sigma, known.y / sigma
-        if not suspected(z, level, monitor.noise):
+        if not may_have_gross_errors(z, level, monitor.noise):
             return None
         G = np.nan_to_num(known.J[:, :, :p] / sigma[:, None])
 
         def effects(rows: np.ndarray) -> np.ndarray:
             return input_effects(monitor, known.inputs, rows, self.recorded)
 
-        stretch = Stretch(z, G, level, known.lags, known.time, monitor.precision, monitor.noise, effects)
+        stretch = ResidualStretch(z, G, level, known.lags, known.time, monitor.precision, monitor.noise, effects)
         return find_gross_errors(stretch)

@@ -209,7 +209,7 @@ class InstrumentFault:
         return self.count >= self.records
 
 
-def stuck_faults(
+def find_stuck_faults(
     runs: Iterable[StuckRun], inputs: Collection[str], lines: tuple[int, int], records: int
 ) -> Iterator[InstrumentFault]:
     """The runs that lie in a window, from its first to its last line, of so many records; inputs: columns of the
@@ -261,24 +261,24 @@ def faults_in_flights(shown: Iterable[tuple[int, str, InstrumentFault]], of: int
     return tuple(sorted(found.values(), key=lambda x: -x.flights))
 
 
-def runs(labels: np.ndarray) -> list[tuple[int, int]]:
+def label_runs(labels: np.ndarray) -> list[tuple[int, int]]:
     """(start, stop) of stretches of equal neighbours in labels (n,)."""
     edges = [0, *(np.flatnonzero(np.diff(labels)) + 1).tolist(), len(labels)]
     return [(i, k) for i, k in pairwise(edges) if k > i]
 
 
-def identical(values: np.ndarray, least: int) -> list[tuple[int, int]]:
+def identical_runs(values: np.ndarray, least: int) -> list[tuple[int, int]]:
     """(first, stop) of runs of at least so many identical finite values (n,)."""
-    return [(first, stop) for first, stop in runs(values) if stop - first >= least and np.isfinite(values[first])]
+    return [(first, stop) for first, stop in label_runs(values) if stop - first >= least and np.isfinite(values[first])]
 
 
-def stuck_outputs(readings: np.ndarray, level: np.ndarray) -> np.ndarray:
+def find_stuck_outputs(readings: np.ndarray, level: np.ndarray) -> np.ndarray:
     """Readings (n, m) that repeat themselves while what is predicted, level (n, m) in standard deviations of noise,
     moves; readings of records that follow each other, NaN where there is none."""
     found = np.zeros(readings.shape, bool)
     for j in range(readings.shape[1]):
         rows = np.flatnonzero(np.isfinite(readings[:, j]))
-        for first, stop in identical(readings[rows, j], STUCK_RECORDS):
+        for first, stop in identical_runs(readings[rows, j], STUCK_RECORDS):
             run = rows[first:stop]
             # half of what moves evenly; a few records with a wrong input move nothing but themselves
             if np.subtract(*np.percentile(level[run, j], (75, 25))) > SPAN / 2:
@@ -291,21 +291,21 @@ Free = Callable[[str, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 (k, m) with respect to it."""
 
 
-def stuck_inputs(z: np.ndarray, inputs: Mapping[str, np.ndarray], free: Free) -> dict[str, np.ndarray]:
+def find_stuck_inputs(z: np.ndarray, inputs: Mapping[str, np.ndarray], free: Free) -> dict[str, np.ndarray]:
     """Of inputs, column -> (n,), the records (n,) in which they stand still although the residuals z (n, m), over σ,
     move as an error of theirs would make them."""
     found: dict[str, np.ndarray] = {}
     taken = np.zeros(len(z), bool)
     candidates = []
     for column, values in inputs.items():
-        for first, stop in identical(values, STUCK_RECORDS):
+        for first, stop in identical_runs(values, STUCK_RECORDS):
             rows = np.arange(first, stop)[np.isfinite(z[first:stop]).sum(axis=1) >= LEAST_READINGS]
             n = len(rows)
             if n < STUCK_RECORDS:
                 continue
-            moved, count = _moved(z[rows])
-            if moved - count > MOVED * n and _usually_moved(z[rows]) > MOVED:
-                left = _left_with_free(column, rows, values[rows], free)
+            moved, count = _moving_chi2(z[rows])
+            if moved - count > MOVED * n and _typical_moving_chi2(z[rows]) > MOVED:
+                left = _chi2_with_free_input(column, rows, values[rows], free)
                 explained = moved - left - n
                 if explained > max(EXPLAINED * (moved - count), MOVED * n):
                     candidates.append((left / count, column, first, stop))
@@ -316,14 +316,14 @@ def stuck_inputs(z: np.ndarray, inputs: Mapping[str, np.ndarray], free: Free) ->
     return found
 
 
-def _moved(z: np.ndarray) -> tuple[float, float]:
+def _moving_chi2(z: np.ndarray) -> tuple[float, float]:
     """Sum of squares of z (k, m) about the mean of each sensor, and its degrees of freedom."""
     present = np.isfinite(z)
     about = np.where(present, z - np.nanmean(np.where(present.any(axis=0), z, 0.0), axis=0), 0.0)
     return float(np.sum(about**2)), float(present.sum() - present.any(axis=0).sum())
 
 
-def _usually_moved(z: np.ndarray) -> float:
+def _typical_moving_chi2(z: np.ndarray) -> float:
     """Excess of χ² of z (k, m) about the median of each sensor that a quarter of the records reach: a few records with
     another wrong input move nothing but themselves."""
     present = np.isfinite(z)
@@ -331,7 +331,7 @@ def _usually_moved(z: np.ndarray) -> float:
     return float(np.percentile(np.sum(about**2, axis=1) - present.sum(axis=1), 75))
 
 
-def _left_with_free(column: str, rows: np.ndarray, read: np.ndarray, free: Free) -> float:
+def _chi2_with_free_input(column: str, rows: np.ndarray, read: np.ndarray, free: Free) -> float:
     """What is left of the moving residual, a sum of squares, with the input in each of the rows as the readings have
     it."""
     values, best = read.astype(float).copy(), np.inf
@@ -340,7 +340,7 @@ def _left_with_free(column: str, rows: np.ndarray, read: np.ndarray, free: Free)
         known = np.isfinite(z) & np.isfinite(slope)
         z, slope = np.where(known, z, np.nan), np.where(known, slope, 0.0)
         # one input cannot mend what all of the run has in common: a fault of the engine is no part of the question
-        best = min(best, _moved(z)[0])
+        best = min(best, _moving_chi2(z)[0])
         power = np.sum(slope**2, axis=1)
         step = -np.sum(slope * np.nan_to_num(z), axis=1) / np.where(power > 0, power, np.inf)
         largest = FARTHEST * np.maximum(np.abs(read), np.abs(values))
@@ -349,11 +349,11 @@ def _left_with_free(column: str, rows: np.ndarray, read: np.ndarray, free: Free)
 
 
 @dataclass(frozen=True)
-class Scatter:
+class ScatterEstimate:
     """The instrument number `of` scatters by a standard deviation `size` beyond what is stated, in its column's unit,
     with this probability against all others and none."""
 
-    of: int
+    instrument: int
     size: float
     probability: float
 
@@ -361,15 +361,15 @@ class Scatter:
 Effects = Callable[[], np.ndarray]
 
 
-def scattering(
+def find_scatter(
     e: np.ndarray, level: np.ndarray, noise: NoiseModel, lags: np.ndarray, effects: Effects, nominal: Effects
-) -> list[Scatter]:
+) -> list[ScatterEstimate]:
     """Instruments that scatter, the clearest first: e (n, m) residuals at the estimate of consecutive records and level
     (n, m) what is predicted, in the sensors' units; lags (n,) in steps. effects() -> (n, m, q): what a unit of each
     instrument does to the readings; nominal() -> (n − 1, m): variance of the differences of neighbours by what is
     uncertain about nominal, in the sensors' units squared; both are asked for only where some may scatter."""
     sd = noise.sigma * np.sqrt(2 * (1 - noise.rho ** np.maximum(lags[1:, None], 1.0)))
-    own = np.diff(_own_line_removed(e, level), axis=0)
+    own = np.diff(_remove_own_line(e, level), axis=0)
     if len(own) < LEAST_DIFFERENCES or not _might_scatter(own / sd):
         return []
     sd = np.sqrt(sd**2 + nominal())
@@ -380,19 +380,19 @@ def scattering(
     S = np.where(present[:, :, None], effects()[1:], 0.0) * (np.sqrt(2) / sd)[:, :, None]
     S = np.nan_to_num(S)
     d = np.where(present, d, 0.0)
-    found: list[Scatter] = []
+    found: list[ScatterEstimate] = []
     while len(found) <= MOST_AT_ONCE:
-        one = _clearest(d, S)
+        one = _strongest_scatter(d, S)
         if one is None:
             return found
         found.append(one)
-        inverse = _weigh(S[:, :, one.of], one.size)
+        inverse = _scatter_weight(S[:, :, one.instrument], one.size)
         d = np.einsum("kij,kj->ki", inverse, d)
         S = inverse @ S
     return []
 
 
-def _own_line_removed(e: np.ndarray, level: np.ndarray) -> np.ndarray:
+def _remove_own_line(e: np.ndarray, level: np.ndarray) -> np.ndarray:
     """e (n, m) without the bias and the scale error of each sensor that fit it best: forms that are no scatter."""
     found = e.copy()
     for j in range(e.shape[1]):
@@ -418,7 +418,7 @@ def _might_scatter(d: np.ndarray) -> bool:
     return bool(-np.log(np.log(LARGEST)) - stated + np.log(INSTRUMENT / FORMS) > 0.0)
 
 
-def _clearest(d: np.ndarray, S: np.ndarray) -> Scatter | None:
+def _strongest_scatter(d: np.ndarray, S: np.ndarray) -> ScatterEstimate | None:
     """The instrument whose scatter explains the differences d (n, m) best, S (n, m, q) its effect on them; None where
     none is likelier than not."""
     power = np.sum(S**2, axis=1)
@@ -432,7 +432,7 @@ def _clearest(d: np.ndarray, S: np.ndarray) -> Scatter | None:
             best.append((-np.inf, 0.0, 0.0))
             continue
         ratio = float(np.mean(q / P))
-        log, size = _likeliest(P, q)
+        log, size = _likeliest_variance(P, q)
         law = level_of_ratio(max(ratio, 1e-9), INDEPENDENT * n)
         odds = np.exp(min(law.log_anything - law.log_stated, 700.0)) * INSTRUMENT / FORMS if ratio > 1.0 else 0.0
         best.append((log, size, float(odds / (1 + odds))))
@@ -440,10 +440,10 @@ def _clearest(d: np.ndarray, S: np.ndarray) -> Scatter | None:
     i = int(np.argmax(logs))
     share = np.exp(logs - logs[i])
     probability = best[i][2] / float(share.sum())
-    return Scatter(i, best[i][1], probability) if probability > 0.5 else None
+    return ScatterEstimate(i, best[i][1], probability) if probability > 0.5 else None
 
 
-def _likeliest(P: np.ndarray, q: np.ndarray) -> tuple[float, float]:
+def _likeliest_variance(P: np.ndarray, q: np.ndarray) -> tuple[float, float]:
     """Largest log likelihood of an added variance τ² along directions of power P (n,), where q (n,) was seen, against
     none; and τ."""
     unit = 1.0 / float(np.mean(P))
@@ -458,26 +458,28 @@ def _likeliest(P: np.ndarray, q: np.ndarray) -> tuple[float, float]:
     return found
 
 
-def _weigh(S: np.ndarray, size: float) -> np.ndarray:
+def _scatter_weight(S: np.ndarray, size: float) -> np.ndarray:
     """(1 + τ²SSᵀ)^-½ (n, m, m) of S (n, m)."""
     P = np.sum(S**2, axis=1)
     share = np.where(P > 0, (1 - 1 / np.sqrt(1 + size**2 * P)) / np.where(P > 0, P, 1.0), 0.0)
     return np.asarray(np.eye(S.shape[1]) - share[:, None, None] * S[:, :, None] * S[:, None, :])
 
 
-def weights(present: np.ndarray, noise: NoiseModel, effects: np.ndarray, found: Sequence[Scatter]) -> np.ndarray:
+def scatter_weights(
+    present: np.ndarray, noise: NoiseModel, effects: np.ndarray, found: Sequence[ScatterEstimate]
+) -> np.ndarray:
     """What multiplies the readings of each record, and all that is predicted of them, so that they scatter as stated:
     (n, m, m) of n records in which readings are present (n, m); effects (n, m, q) as in `scattering`."""
     unit = noise.sigma * np.sqrt(noise.inflation)
     S = np.where(present[:, :, None], np.nan_to_num(effects), 0.0) / unit[:, None]
     whole = np.tile(np.eye(len(unit)), (len(present), 1, 1))
     for one in found:
-        step = _weigh(S[:, :, one.of], one.size)
+        step = _scatter_weight(S[:, :, one.instrument], one.size)
         whole, S = step @ whole, step @ S
     return np.asarray(unit[:, None] * whole / unit)
 
 
-def weighed(weight: np.ndarray | None, y: np.ndarray) -> np.ndarray:
+def apply_weights(weight: np.ndarray | None, y: np.ndarray) -> np.ndarray:
     """y (n, m) or (n, m, p) multiplied by the weights (n, m, m); NaN stays NaN and touches no other reading."""
     if weight is None:
         return y

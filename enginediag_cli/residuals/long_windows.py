@@ -31,14 +31,22 @@ import numpy as np
 from enginediag_cli.recordings.table import Recording, concat
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.reduced import ReducedMonitor
-from enginediag_cli.residuals.relinearise import MAX_LOST, GaussNewton, PointSums, Stop, Sums, Trial, relinearise
-from enginediag_cli.residuals.statistics import Block, LocalStatistics, block_statistics, whitened
+from enginediag_cli.residuals.relinearise import (
+    MAX_LOST_SHARE,
+    GaussNewton,
+    PointSums,
+    Stop,
+    TrialSums,
+    WindowSums,
+    relinearise,
+)
+from enginediag_cli.residuals.statistics import LocalStatistics, StatisticsBlock, block_statistics, whitened
 from enginediag_cli.residuals.windows import (
     NominalResiduals,
     WindowStatistics,
     group_rows,
-    judged_inputs,
     nominal_residuals,
+    select_inputs,
 )
 
 IN_MEMORY = 50_000
@@ -86,7 +94,7 @@ class StoredRecords:
         return JudgedRecords(dict(zip(self._columns, rows[:, :d].T, strict=True)), rows[:, d:-1], rows[:, -1])
 
 
-class Keeping:
+class RecordSpill:
     """Moves what waits of long windows to a file."""
 
     def __init__(self) -> None:
@@ -104,7 +112,7 @@ class Keeping:
             stored.move(self._file)
 
 
-class RecordsOfWindow:
+class WindowRecords:
     """The judged records of one window, from what is stored of its pieces in order."""
 
     def __init__(self, stored: Sequence[StoredRecords]):
@@ -127,7 +135,7 @@ class RecordsOfWindow:
         return self._stored[0].records(np.concatenate(rows))
 
     @property
-    def all(self) -> JudgedRecords:
+    def read_all(self) -> JudgedRecords:
         return self.read([(0, len(self))])
 
 
@@ -160,32 +168,34 @@ class LongStatistics:
     last_step: float | None = None
 
 
-def long_statistics(monitor: Monitor, records: RecordsOfWindow, *, linearise: str, tolerance: float) -> LongStatistics:
+def long_statistics(monitor: Monitor, records: WindowRecords, *, linearise: str, tolerance: float) -> LongStatistics:
     """Statistics of all records of a window at nominal or at its own estimate, `linearise` as in `window_statistics`;
     tolerance: last step of the estimate, in standard errors."""
     everything = [(0, len(records))]
     if linearise == "nominal":
-        found = _Passes(monitor, records, everything, monitor.theta0, kept=False).over(
+        found = _Passes(monitor, records, everything, monitor.theta0, kept=False).run_pass(
             monitor.theta0, ((1.0, monitor.theta0),), blocks=True
         )
         assert found.block is not None
         return LongStatistics(found.block.statistics, found.failed)
     bent = monitor.curvature if isinstance(monitor, ReducedMonitor) else None
     # what a part of the records leaves out matters by how much it is of all
-    left_out = (lambda steps, _: bent.left_out(steps, np.array([len(records)]))) if bent else None
-    stop = Stop(left_out=left_out, tolerance=tolerance)
+    left_out = (lambda steps, _: bent.neglected_error(steps, np.array([len(records)]))) if bent else None
+    stop = Stop(neglected=left_out, tolerance=tolerance)
     kept = 8 * len(records) * len(monitor.sensors) * (len(monitor.names) + MORE) < KEPT_BYTES
-    start, predicted = (monitor.theta0, []) if kept else _start(monitor, records, _parts(len(records)), stop)
+    start, predicted = (
+        (monitor.theta0, []) if kept else _start_point(monitor, records, _sample_spans(len(records)), stop)
+    )
     passes = _Passes(monitor, records, everything, start, kept=kept)
-    passes.final, passes.laid_by = True, predicted
+    passes.final, passes.nominal_predictions = True, predicted
     loop = GaussNewton(passes, monitor.hold)
     loop.run(stop)
-    statistics = _carried_back(passes.statistics(), (loop.sums.theta[0] - monitor.theta0)[: loop.q])
+    statistics = _carry_to_nominal(passes.statistics(), (loop.sums.theta[0] - monitor.theta0)[: loop.q])
     settled = bool(loop.converged[0]) or statistics.n == 0
     return LongStatistics(statistics, passes.here.failed, None if settled else float(loop.decrement[0]))
 
 
-def _carried_back(statistics: LocalStatistics, change: np.ndarray) -> LocalStatistics:
+def _carry_to_nominal(statistics: LocalStatistics, change: np.ndarray) -> LocalStatistics:
     """The statistics of ẽ = e + J δ, from those of e, for a change δ (q,) of the leading parameters."""
     q = len(change)
     moved = statistics.F[:, :q] @ change
@@ -193,36 +203,36 @@ def _carried_back(statistics: LocalStatistics, change: np.ndarray) -> LocalStati
     return replace(statistics, s=statistics.s + moved, chi2=chi2)
 
 
-def _parts(records: int) -> list[Span]:
+def _sample_spans(records: int) -> list[Span]:
     """Runs of records, one in `FINER`, evenly spread over a window."""
     return [(first, min(first + RUN, records)) for first in range(0, records, RUN * FINER)]
 
 
-def _count(spans: list[Span]) -> int:
+def _span_records(spans: list[Span]) -> int:
     return sum(stop - first for first, stop in spans)
 
 
-def _start(
-    monitor: Monitor, records: RecordsOfWindow, spans: list[Span], stop: Stop
+def _start_point(
+    monitor: Monitor, records: WindowRecords, spans: list[Span], stop: Stop
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Where a window is linearised, θ (p,), by the records of these spans: few at once, more by one step from where few
     of them are; and predictions (n, m) at nominal of the few."""
-    if _count(spans) <= STRETCH:
-        return _start_together(monitor, records, spans, stop)
-    start, predicted = _start(monitor, records, spans[::FINER], stop)
+    if _span_records(spans) <= STRETCH:
+        return _start_point_at_once(monitor, records, spans, stop)
+    start, predicted = _start_point(monitor, records, spans[::FINER], stop)
     passes = _Passes(monitor, records, spans, start, kept=False)
     return GaussNewton(passes, monitor.hold).next_points[0], predicted
 
 
-def _start_together(
-    monitor: Monitor, records: RecordsOfWindow, spans: list[Span], stop: Stop
+def _start_point_at_once(
+    monitor: Monitor, records: WindowRecords, spans: list[Span], stop: Stop
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """As `_start`, of few records in memory."""
     taken = records.read(spans)
     nominal = nominal_residuals(monitor, taken.inputs, taken.y)
 
     def predict(theta: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return _predicted(monitor, nominal.rows(rows), theta)
+        return _predicted(monitor, nominal.select(rows), theta)
 
     known = (nominal.predicted, nominal.J, nominal.ok)
     found = relinearise(predict, nominal.y, monitor.hold, monitor.noise, nominal=known, stop=stop)
@@ -273,16 +283,16 @@ class _Pass:
     F: np.ndarray
     records: int
     used: int
-    lost: np.ndarray
-    block: Block | None = None
+    lost_records: np.ndarray
+    block: StatisticsBlock | None = None
     nominal: tuple[float, np.ndarray] | None = None
 
     @property
     def failed(self) -> int:
         return self.records - self.used
 
-    def sums(self, theta: np.ndarray) -> Sums:
-        return Sums(theta[None].copy(), np.array([self.zz]), self.s[None].copy(), self.F[None].copy())
+    def sums(self, theta: np.ndarray) -> WindowSums:
+        return WindowSums(theta[None].copy(), np.array([self.zz]), self.s[None].copy(), self.F[None].copy())
 
 
 Mean = tuple[tuple[float, np.ndarray], ...]
@@ -295,81 +305,83 @@ class _Passes:
 
     final = False
 
-    def __init__(self, monitor: Monitor, records: RecordsOfWindow, spans: list[Span], start: np.ndarray, *, kept: bool):
+    def __init__(self, monitor: Monitor, records: WindowRecords, spans: list[Span], start: np.ndarray, *, kept: bool):
         self._monitor, self._records, self._spans, self.start = monitor, records, spans, start
         self._dropped = np.zeros(len(records), bool)
         self._kept = _NominalFile() if kept else None
         self._points: PointSums | None = None
-        self._unmoved: _Unmoved | None = None
-        self.laid_by: list[np.ndarray] = []  # predictions at nominal of some records everywhere in the window
+        self._unmoved: _FixedInformation | None = None
+        self.nominal_predictions: list[
+            np.ndarray
+        ] = []  # predictions at nominal of some records everywhere in the window
 
     @property
     def used(self) -> np.ndarray:
         return np.array([self.here.used])
 
-    def begin(self) -> tuple[Sums, Sums]:
+    def begin(self) -> tuple[WindowSums, WindowSums]:
         theta0 = self._monitor.theta0
-        self.here = self._at(self.start)
-        if len(self.here.lost) > MAX_LOST * self.here.used:
+        self.here = self._pass_from(self.start)
+        if len(self.here.lost_records) > MAX_LOST_SHARE * self.here.used:
             self.start = theta0
-            self.here = self._at(theta0)
-        self._dropped[self.here.lost] = True
+            self.here = self._pass_from(theta0)
+        self._dropped[self.here.lost_records] = True
         sums = self.here.sums(self.start)
         if self.here.nominal is None:
             return sums, self.here.sums(theta0)
         zz, s = self.here.nominal
-        return sums, Sums(theta0[None], np.array([zz]), s[None], sums.F)
+        return sums, WindowSums(theta0[None], np.array([zz]), s[None], sums.F)
 
-    def _at(self, theta: np.ndarray) -> _Pass:
+    def _pass_from(self, theta: np.ndarray) -> _Pass:
         self._theta = theta
         self._mean: Mean = ((1.0, theta),)
         return self._pass(theta, self._mean, with_nominal=theta is not self._monitor.theta0)
 
-    def trial(self, chosen: np.ndarray, target: np.ndarray, here: Sums) -> Trial:
+    def trial(self, chosen: np.ndarray, target: np.ndarray, here: WindowSums) -> TrialSums:
         self._trial_theta = target[0].copy()
         self._trial = self._pass(self._trial_theta, ((1.0, self._trial_theta),))
-        lost = self._trial.lost
+        lost = self._trial.lost_records
         if not len(lost):
-            return Trial(self._trial.sums(self._trial_theta), np.array([False]))
-        if len(lost) > MAX_LOST * self.here.used:
-            return Trial(here, np.array([True]))
+            return TrialSums(self._trial.sums(self._trial_theta), np.array([False]))
+        if len(lost) > MAX_LOST_SHARE * self.here.used:
+            return TrialSums(here, np.array([True]))
         self._dropped[lost] = True
         self.here = self._pass(self._theta, self._mean)
         again = self.here.sums(self._theta)
-        return Trial(self._trial.sums(self._trial_theta), np.array([False]), again, np.array([True]))
+        return TrialSums(self._trial.sums(self._trial_theta), np.array([False]), again, np.array([True]))
 
     def move(self, accepted: np.ndarray) -> None:
         if accepted[0]:
             self._theta, self._mean, self.here = self._trial_theta, ((1.0, self._trial_theta),), self._trial
 
-    def bend(self, refused: np.ndarray) -> Sums:
+    def bend(self, refused: np.ndarray) -> WindowSums:
         self._mean = (*((w / 2, theta) for w, theta in self._mean), (0.5, self._trial_theta))
         self.here = self._pass(self._theta, self._mean)
         return self.here.sums(self._theta)
 
     def _pass(self, theta: np.ndarray, mean: Mean, *, with_nominal: bool = False) -> _Pass:
         """A pass for a step: where another one is cheap, statistics wait until the steps have ended."""
-        return self.over(theta, mean, blocks=self.final and self._kept is None, with_nominal=with_nominal)
+        return self.run_pass(theta, mean, blocks=self.final and self._kept is None, with_nominal=with_nominal)
 
     def statistics(self) -> LocalStatistics:
         """Of all records, where the window stands."""
         monitor = self._monitor
         if self.here.block is None:
-            self.here = self.over(self._theta, self._mean, blocks=True)
+            self.here = self.run_pass(self._theta, self._mean, blocks=True)
         assert self.here.block is not None
         found = self.here.block.statistics
         return found if self._points is None else replace(found, points=self._points.squared(len(monitor.names)))
 
-    def over(self, theta: np.ndarray, mean: Mean, *, blocks: bool, with_nominal: bool = False) -> _Pass:
+    def run_pass(self, theta: np.ndarray, mean: Mean, *, blocks: bool, with_nominal: bool = False) -> _Pass:
         """One pass over the records: residuals at theta, sensitivities to what moves as their mean over some points.
         blocks: all sums, not those that steps need alone; with_nominal: sums at nominal, too."""
         monitor, p = self._monitor, len(self._monitor.names)
         points = self._empty_points() if blocks else None
         steps = None if blocks else _StepSums(monitor, self._unmoved)
-        block: Block | None = None
+        block: StatisticsBlock | None = None
         zz0, s0, used, lost = 0.0, np.zeros(p), 0, [np.zeros(0, int)]
-        for number, lags, nominal in self._at_nominal():
-            e, J, fine = self._there(nominal, theta, mean)
+        for number, lags, nominal in self._nominal_stretches():
+            e, J, fine = self._residuals_at(nominal, theta, mean)
             kept = nominal.ok & fine & ~self._dropped[number]
             lost.append(number[nominal.ok & ~fine & ~self._dropped[number]])
             used += int(kept.sum())
@@ -382,7 +394,7 @@ class _Passes:
                 block = more if block is None else block + more
             elif not steps.add(e, J, int(number[0])):
                 self._unmoved = None  # other readings count than did: all sums anew
-                return self.over(theta, mean, blocks=blocks, with_nominal=with_nominal)
+                return self.run_pass(theta, mean, blocks=blocks, with_nominal=with_nominal)
             if points is not None:
                 points.add(nominal.predicted, e, J)
         if block is not None:
@@ -391,16 +403,16 @@ class _Passes:
             assert steps is not None
             zz, s, F, self._unmoved = *steps.sums, steps.unmoved
         self._points = points
-        n = _count(self._spans)
+        n = _span_records(self._spans)
         return _Pass(zz, s, F, n, used, np.concatenate(lost), block, (zz0, s0) if with_nominal else None)
 
     def _empty_points(self) -> PointSums | None:
         slopes = self._monitor.slopes
-        if slopes is None or not self.laid_by:
+        if slopes is None or not self.nominal_predictions:
             return None
-        return PointSums(self._monitor.noise, slopes.position, np.concatenate(self.laid_by))
+        return PointSums(self._monitor.noise, slopes.position, np.concatenate(self.nominal_predictions))
 
-    def _at_nominal(self) -> Iterator[tuple[np.ndarray, np.ndarray, NominalResiduals]]:
+    def _nominal_stretches(self) -> Iterator[tuple[np.ndarray, np.ndarray, NominalResiduals]]:
         """The records in stretches, held against nominal: their numbers (n,) and lags (n,)."""
         known = len(self._kept) if self._kept is not None else 0
         for i, spans in enumerate(self._stretches()):
@@ -412,10 +424,10 @@ class _Passes:
             nominal = nominal_residuals(self._monitor, taken.inputs, taken.y)
             if self._kept is not None:
                 self._kept.append(nominal)
-                self.laid_by.append(nominal.predicted)
+                self.nominal_predictions.append(nominal.predicted)
             yield number, taken.lags, nominal
 
-    def _there(
+    def _residuals_at(
         self, nominal: NominalResiduals, theta: np.ndarray, mean: Mean
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Residuals (N, m) at theta, sensitivities (N, m, p) and which records can be computed (N,)."""
@@ -438,7 +450,7 @@ class _Passes:
         cut = [s for first, stop in self._spans for s in pairwise([*range(first, stop, STRETCH), stop])]
         batch: list[Span] = []
         for span in cut:
-            if batch and _count(batch) + span[1] - span[0] > STRETCH:
+            if batch and _span_records(batch) + span[1] - span[0] > STRETCH:
                 yield batch
                 batch = []
             batch.append(span)
@@ -447,7 +459,7 @@ class _Passes:
 
 
 @dataclass(frozen=True)
-class _Unmoved:
+class _FixedInformation:
     """F (p, p) of parameters that do not move, the rest of it being nothing to go by, and which readings it counts
     (n, m), by the number of the first record of each stretch."""
 
@@ -459,7 +471,7 @@ class _StepSums:
     """z·z, s and F of a pass; known: what does not move, which need not be summed again as long as the same readings
     count."""
 
-    def __init__(self, monitor: Monitor, known: _Unmoved | None):
+    def __init__(self, monitor: Monitor, known: _FixedInformation | None):
         p = len(monitor.names)
         self._noise, self._q, self._known = monitor.noise, len(monitor.monitored), known
         self._zz, self._s, self._F = 0.0, np.zeros(p), np.zeros((p, p))
@@ -486,8 +498,8 @@ class _StepSums:
         return self._zz, self._s, F
 
     @property
-    def unmoved(self) -> _Unmoved:
-        return self._known or _Unmoved(self._F, self._present)
+    def unmoved(self) -> _FixedInformation:
+        return self._known or _FixedInformation(self._F, self._present)
 
 
 MOST = 10_000
@@ -497,7 +509,7 @@ HELD = 10 * MOST
 """Records held at most: windows wait for each other until they hold some thousands."""
 
 
-class KeptRecords:
+class RecordHistory:
     """Chunks of recordings as they pass; `short_windows`: chunks before a window asked for are let go, so that
     memory holds little more than a window. It never holds more than HELD records."""
 
@@ -505,7 +517,7 @@ class KeptRecords:
         self._monitor, self._short = monitor, short_windows
         self._chunks: deque[Recording] = deque()
 
-    def passing(self, chunks: Iterable[Recording]) -> Iterator[Recording]:
+    def record(self, chunks: Iterable[Recording]) -> Iterator[Recording]:
         """The chunks, each remembered before it is handed on."""
         for chunk in chunks:
             self._chunks.append(chunk)
@@ -513,15 +525,15 @@ class KeptRecords:
                 self._chunks.popleft()
             yield chunk
 
-    def let_go(self, window: WindowStatistics) -> None:
+    def discard_before(self, window: WindowStatistics) -> None:
         """Forget what neither this window nor a later one needs."""
         while self._chunks and self._passed(self._chunks[0], window):
             self._chunks.popleft()
 
-    def of(self, window: WindowStatistics) -> tuple[dict[str, np.ndarray], np.ndarray] | None:
+    def recall(self, window: WindowStatistics) -> tuple[dict[str, np.ndarray], np.ndarray] | None:
         """Inputs, column -> (N,), and readings (N, m) of the records of a window that can be judged; None when
         they are no longer held, are more than MOST, or there is none."""
-        self.let_go(window)
+        self.discard_before(window)
         if window.records > MOST:
             return None
         parts = []
@@ -536,7 +548,7 @@ class KeptRecords:
                         parts.append(chunk.select(np.asarray(rows)[inside]))
         if sum(map(len, parts)) != window.records or not parts:
             return None
-        taken = judged_inputs(self._monitor, concat(parts))
+        taken = select_inputs(self._monitor, concat(parts))
         judged = taken.judged
         return ({c: v[judged] for c, v in taken.inputs.items()}, taken.y[judged]) if judged.any() else None
 

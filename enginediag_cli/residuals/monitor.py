@@ -19,14 +19,14 @@ from enginediag_cli.engine.instrument_errors import DRIFT, InputErrors, Instrume
 from enginediag_cli.engine.wrapped import LagModel, MonitoredModel
 from enginediag_cli.error_model.sizes import MapSlopes, map_slopes
 from enginediag_cli.errors import DataError
-from enginediag_cli.identification.instruments import LaggingReading
+from enginediag_cli.identification.instruments import SensorLag
 from enginediag_cli.identification.problem import OffsetPrior
 from enginediag_cli.intake.agreement import AgreementCheck
 from enginediag_cli.intake.comparison import nominal_reference
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.instruments import NoiseModel
-from enginediag_cli.residuals.relinearise import Hold
-from enginediag_cli.residuals.statistics import Frame
+from enginediag_cli.residuals.relinearise import EstimatePrior
+from enginediag_cli.residuals.statistics import ParameterFrame
 from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ DIGITS = 16
 SEEN = 12
 """Operating points at which readings are computed, and over which the effect of a change on map coordinates is
 averaged; it varies little."""
-HELD = 0.5
+PRIOR_SHARE = 0.5
 """Spread of a change in prior standard deviations, for the point of linearisation: the middle one of the sizes that
 isolation takes for plausible."""
 
@@ -87,8 +87,8 @@ class Monitor:
     nominal: str = ""
     smooth: bool | None = None
     slopes: MapSlopes | None = None
-    lagging: tuple[LaggingReading, ...] = ()
-    doubtful: Monitor | None = None
+    sensor_lags: tuple[SensorLag, ...] = ()
+    uncertain_monitor: Monitor | None = None
 
     @cached_property
     def precision(self) -> np.ndarray:
@@ -98,23 +98,23 @@ class Monitor:
         looser estimate wanders far from every plausible explanation, and the model is linearised at a wrong place.
         """
         change = np.zeros(len(self.names))
-        change[: len(self.monitored)] = (HELD * self.prior_sigma[: len(self.monitored)]) ** 2
+        change[: len(self.monitored)] = (PRIOR_SHARE * self.prior_sigma[: len(self.monitored)]) ** 2
         covariance = self.uncertainty + np.diag(change)
         scale = self.prior_sigma
         scaled = covariance / scale / scale[:, None] + 1e-10 * np.eye(len(scale))
         return np.asarray(np.linalg.inv(scaled) / scale / scale[:, None])
 
     @property
-    def frame(self) -> Frame:
+    def frame(self) -> ParameterFrame:
         """What statistics of this monitor are about."""
-        return Frame(self.names, self.theta0, self.prior_sigma, self.meaning)
+        return ParameterFrame(self.names, self.theta0, self.prior_sigma, self.meaning)
 
     @property
-    def hold(self) -> Hold:
+    def hold(self) -> EstimatePrior:
         """Where the re-estimate of a window begins and what holds it: only the monitored parameters move."""
-        return Hold(self.theta0, self.precision, len(self.monitored), (self.lower, self.upper))
+        return EstimatePrior(self.theta0, self.precision, len(self.monitored), (self.lower, self.upper))
 
-    def without(self, names: Collection[str]) -> Monitor:
+    def drop_parameters(self, names: Collection[str]) -> Monitor:
         """The same with `names`, of the monitored parameters, taken not to have changed; what is uncertain about them
         stays, for it may make up for what is uncertain about others."""
         if not names:
@@ -124,7 +124,7 @@ class Monitor:
         order = [*kept, *gone, *range(len(self.monitored), len(self.names))]
         monitored = tuple(self.monitored[i] for i in kept)
         return replace(
-            self, **self.parameter_fields(order), monitored=monitored, slopes=self.slopes and self.slopes.of(kept)
+            self, **self.parameter_fields(order), monitored=monitored, slopes=self.slopes and self.slopes.select(kept)
         )
 
     def parameter_fields(self, order: Sequence[int]) -> dict[str, Any]:
@@ -134,7 +134,7 @@ class Monitor:
         names = tuple(self.names[i] for i in rows)
         return {"names": names, **vectors, "uncertainty": self.uncertainty[np.ix_(rows, rows)]}
 
-    def with_nuisance(
+    def add_nuisance(
         self: AnyMonitor, names: Sequence[str], unit: np.ndarray, covariance: np.ndarray, offsets: Sequence[Offset] = ()
     ) -> AnyMonitor:
         """The same monitor with k further nuisance parameters, at 0 and without bounds.
@@ -223,12 +223,12 @@ def monitor_from_nominal(
     absent = [c for c in used if c not in nominal.sensors]
     if absent:
         raise DataError(f"no noise was identified for {', '.join(absent)}; nominal has {', '.join(nominal.sensors)}")
-    if nominal.lagging:
-        engine = LagModel(engine, nominal.theta0, nominal.lagging[0].lags_s)
+    if nominal.sensor_lags:
+        engine = Lagging(engine, nominal.theta0, nominal.sensor_lags[0].lags_s)
     plain = engine
     if nominal.error_model is not None:
-        engine = nominal.error_model.of(engine)
-    monitored = watched_parameters(plain, patterns)
+        engine = nominal.error_model.wrap(engine)
+    monitored = match_parameters(plain, patterns)
     errors = {e.name: e.standard_error for e in nominal.estimates}
     uncertain = tuple(e.name for e in nominal.estimates if e.standard_error > 0 and e.name not in monitored)
     slopes = _slopes(plain, nominal, monitored)
@@ -264,12 +264,12 @@ def monitor_from_nominal(
         lower=np.concatenate([[engine.parameters[name].lower for name in inner], -free]),
         upper=np.concatenate([[engine.parameters[name].upper for name in inner], free]),
         uncertainty=_uncertainty(nominal, inner, spread),
-        noise=noise_of(nominal, used),
+        noise=noise_model(nominal, used),
         envelope=nominal.envelope,
         nominal=fingerprint(nominal),
         smooth=None if patterns else nominal.smooth,
         slopes=slopes,
-        lagging=nominal.lagging,
+        sensor_lags=nominal.sensor_lags,
     )
 
 
@@ -281,14 +281,14 @@ def _meaning(
     found = {name: engine.parameters[name] for name in monitored}
     if any(p.of_sensor and p.quantity == "bias" for p in found.values()):
         values = {name: v for name, v in nominal.theta0.items() if name in engine.parameters}
-        answer = engine.predict(seen_points(nominal.envelope), values, sensors=tuple(sensors))
+        answer = engine.predict(sample_envelope(nominal.envelope), values, sensors=tuple(sensors))
         read = np.abs(np.asarray(answer.y)[np.asarray(answer.ok)]).max(axis=0, initial=0.0)
         for column, largest in zip(sensors, read.tolist(), strict=True):
             found |= {p.name: p for p in engine.sensors[column].parameters(largest) if p.name in found}
     return found
 
 
-def seen_points(envelope: Any, count: int = SEEN) -> dict[str, np.ndarray]:
+def sample_envelope(envelope: Any, count: int = SEEN) -> dict[str, np.ndarray]:
     """So many of the operating points that identification saw, evenly chosen, column -> (count,)."""
     points = np.asarray(envelope.points)
     at = np.unique(np.linspace(0, len(points) - 1, count).round().astype(int))
@@ -299,12 +299,12 @@ def _slopes(engine: MonitoredModel, nominal: Nominal, monitored: tuple[str, ...]
     """Slopes of the maps at some of the operating points that identification saw."""
     if nominal.error_model is None:
         return None
-    inputs = seen_points(nominal.envelope)
+    inputs = sample_envelope(nominal.envelope)
     theta = {name: v for name, v in nominal.theta0.items() if name in engine.parameters}
     return map_slopes(engine, nominal.error_model, monitored, inputs, theta)
 
 
-def noise_of(nominal: Nominal, columns: Sequence[str]) -> NoiseModel:
+def noise_model(nominal: Nominal, columns: Sequence[str]) -> NoiseModel:
     """Noise of the sensors, with the chance that is in it where it is the variance that the fit left.
 
     Where σ is the error of prediction of left-out blocks it holds the scatter of the sensors, the error of the model
@@ -328,7 +328,7 @@ def noise_of(nominal: Nominal, columns: Sequence[str]) -> NoiseModel:
     )
 
 
-def watched_parameters(engine: MonitoredModel, patterns: Sequence[str]) -> tuple[str, ...]:
+def match_parameters(engine: MonitoredModel, patterns: Sequence[str]) -> tuple[str, ...]:
     """Parameters that the patterns name, in the engine's order; DataError for a pattern that names none."""
     if not patterns:
         return tuple(engine.monitored)
@@ -356,7 +356,7 @@ def _uncertainty(nominal: Nominal, names: Sequence[str], spread: Sequence[float]
     return C
 
 
-def _valves(engine: Any) -> list[str]:
+def _bleed_valves(engine: Any) -> list[str]:
     """Bleed valves that may stand open, of compressors whose flow is not divided behind them: ahead of a splitter there
     is none. Vanes off their schedule are no suspects by themselves: to first order they are a change of flow
     capacity."""
@@ -368,7 +368,7 @@ def _valves(engine: Any) -> list[str]:
     return [name for name, station in outlets.items() if name in engine.parameters and station not in divided]
 
 
-def _with_drifts(engine: MonitoredModel, sensors: Sequence[str]) -> MonitoredModel:
+def _add_drifts(engine: MonitoredModel, sensors: Sequence[str]) -> MonitoredModel:
     """The engine with a drift of every instrument that has a bias, of these sensors and of the inputs."""
     known = {p.component: p for p in engine.parameters.values() if p.of_instrument and p.quantity == "bias"}
     outputs = {c: known[s] for c in sensors if (s := f"sensor.{split_column(c)[0]}") in known}
@@ -376,8 +376,8 @@ def _with_drifts(engine: MonitoredModel, sensors: Sequence[str]) -> MonitoredMod
     return InstrumentDrifts.from_biases(engine, outputs, inputs)
 
 
-def monitor_of(
-    baseline: NominalBaseline, patterns: Sequence[str] = (), *, sensors: bool = False, drifts: bool = False
+def build_monitor(
+    baseline: Baseline, patterns: Sequence[str] = (), *, sensors: bool = False, drifts: bool = False
 ) -> Monitor:
     """Monitor of a baseline; patterns as in `monitor_from_nominal`; sensors: bias and scale of every sensor in use and
     of every input channel, and bleed valves, may have changed, too; drifts: these instruments may drift as well. Raises
@@ -389,14 +389,14 @@ def monitor_of(
         largest = dict(zip(seen.inputs, np.abs(np.asarray(seen.points)).max(axis=0).tolist(), strict=True))
         engine = InputErrors.wrap(engine, readings=largest)
     if sensors and drifts:
-        engine = _with_drifts(engine, nominal.sensors)
+        engine = _add_drifts(engine, nominal.sensors)
     monitor = monitor_from_nominal(engine, nominal, patterns)
     if sensors:
         known = [p for column in monitor.sensors for p in engine.sensors[column].parameters()]
         wrong = [p.name for p in known if p.quantity in ("bias", "scale")]
         wrong += [p.name for p in engine.parameters.values() if p.of_instrument and not p.of_sensor]
         wrong += [p.name for p in engine.parameters.values() if p.of_sensor and p.quantity == DRIFT]
-        wrong += _valves(engine)
+        wrong += _bleed_valves(engine)
         added = [name for name in wrong if name not in monitor.monitored]
         monitor = monitor_from_nominal(engine, nominal, (*monitor.monitored, *added))
     # statistics are bound to the engine that made them, too, where it is not the one identified
@@ -404,7 +404,7 @@ def monitor_of(
     return replace(monitor, nominal=monitor.nominal + changed)
 
 
-def agreement_with(monitor: Monitor) -> AgreementCheck | None:
+def recording_agreement(monitor: Monitor) -> Agreement | None:
     """What recordings are compared with before they are judged by a monitor; None for one of a model without an engine
     file."""
     if not hasattr(monitor.engine, "network"):

@@ -15,34 +15,42 @@ from itertools import pairwise
 import numpy as np
 
 from enginediag_cli.engine.instrument_errors import ELAPSED, suspected
-from enginediag_cli.error_model.sizes import SLOPES_COMMON as COMMON
+from enginediag_cli.error_model.sizes import COMMON_SLOPE_SHARE as COMMON
 from enginediag_cli.parallel import parallel_imap, process_count
 from enginediag_cli.progress import each
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.instruments import NOISE, InstrumentFault, NoiseModel, runs, scattering, weighed, weights
+from enginediag_cli.residuals.instruments import (
+    NOISE,
+    InstrumentFault,
+    NoiseModel,
+    apply_weights,
+    find_scatter,
+    label_runs,
+    scatter_weights,
+)
 from enginediag_cli.residuals.long_windows import (
     RUN,
     JudgedRecords,
-    Keeping,
-    RecordsOfWindow,
+    RecordSpill,
     StoredRecords,
+    WindowRecords,
     long_statistics,
 )
-from enginediag_cli.residuals.monitor import HELD, Monitor
+from enginediag_cli.residuals.monitor import PRIOR_SHARE, Monitor
 from enginediag_cli.residuals.reduced import ReducedMonitor
-from enginediag_cli.residuals.relinearise import Stop, covariance_of_change, relinearise, sums_by_point
+from enginediag_cli.residuals.relinearise import Stop, covariance_of_change, point_sums, relinearise
 from enginediag_cli.residuals.score import marginalise
-from enginediag_cli.residuals.statistics import Block, LocalStatistics, block_statistics
+from enginediag_cli.residuals.statistics import LocalStatistics, StatisticsBlock, block_statistics
 from enginediag_cli.residuals.windows import (
     JudgedInputs,
     Key,
     NominalResiduals,
     WindowPlan,
     WindowStatistics,
-    cut,
-    joined,
+    cut_windows,
+    describe_excluded,
+    join_bookkeeping,
     nominal_residuals,
-    nothing_judged,
 )
 
 LINEARISE = ("estimate", "nominal")
@@ -68,7 +76,7 @@ more than the arithmetic, for more memory would."""
 
 
 @dataclass(frozen=True)
-class _Piece:
+class _WindowPiece:
     """Consecutive records of one block: bookkeeping, and the judged ones as they are."""
 
     window: WindowStatistics
@@ -79,16 +87,16 @@ Condense = Callable[[WindowStatistics, LocalStatistics], WindowStatistics]
 """condense(window, statistics of all parameters) -> the window with statistics, or with a reason for none."""
 
 
-def monitored_only(monitor: Monitor) -> Condense:
+def condense_monitored(monitor: Monitor) -> Condense:
     """The monitored parameters, with everything uncertain about nominal and sensors counted as noise."""
 
     def condense(window: WindowStatistics, statistics: LocalStatistics) -> WindowStatistics:
-        return replace(window, statistics=condensed(monitor, statistics, monitor.uncertainty))
+        return replace(window, statistics=condense_statistics(monitor, statistics, monitor.uncertainty))
 
     return condense
 
 
-def condensed(monitor: Monitor, statistics: LocalStatistics, uncertainty: np.ndarray) -> LocalStatistics:
+def condense_statistics(monitor: Monitor, statistics: LocalStatistics, uncertainty: np.ndarray) -> LocalStatistics:
     """Statistics of the monitored parameters with `uncertainty` (p, p) counted as noise, and what wrong slopes of the
     maps may make of the change that they speak of. That is the change which the engine would have to show, no
     instrument being wrong."""
@@ -96,7 +104,7 @@ def condensed(monitor: Monitor, statistics: LocalStatistics, uncertainty: np.nda
     if monitor.slopes is None:
         return replace(found, points=None)
     engine = np.array([not monitor.meaning[name].of_instrument for name in monitor.monitored])
-    spread = np.where(engine, HELD * found.prior_sigma, 0.0)
+    spread = np.where(engine, PRIOR_SHARE * found.prior_sigma, 0.0)
     variance = monitor.slopes.likely_variance(found.s, found.F, spread)
     slopes = np.diag(variance)
     if statistics.points is not None:
@@ -123,33 +131,33 @@ def window_statistics(
     """
     if linearise not in LINEARISE:
         raise ValueError(f"`linearise` must be one of {', '.join(LINEARISE)}, not {linearise!r}")
-    condense = condense or monitored_only(monitor)
-    waiting: deque[list[_Piece]] = deque()
-    keeping = Keeping()
+    condense = condense or condense_monitored(monitor)
+    waiting: deque[list[_WindowPiece]] = deque()
+    keeping = RecordSpill()
     counted = each(recordings, "records judged", size=len)
-    for complete in cut(monitor, counted, plan, _pieces, lambda pieces: keeping([p.judged for p in pieces])):
+    for complete in cut_windows(monitor, counted, plan, _pieces, lambda pieces: keeping([p.judged for p in pieces])):
         waiting.extend(complete)
         if sum(map(_size, waiting)) >= BATCH_RECORDS * (process_count() if apart else 1):
-            yield from _finished(monitor, waiting, linearise, condense, apart, last=False)
-    yield from _finished(monitor, waiting, linearise, condense, apart, last=True)
+            yield from _judge_waiting(monitor, waiting, linearise, condense, apart, last=False)
+    yield from _judge_waiting(monitor, waiting, linearise, condense, apart, last=True)
 
 
 def _pieces(
     part: Recording, taken: JudgedInputs, key: Key, blocks: np.ndarray, lags: np.ndarray
-) -> Iterator[tuple[int, _Piece]]:
+) -> Iterator[tuple[int, _WindowPiece]]:
     """One piece per block number of the records of one group in one chunk."""
     # skipped records lengthen the lag of the next one that is judged
     elapsed = np.cumsum(np.where(np.isfinite(lags), lags, 1e9))
     kept = np.flatnonzero(taken.judged)
     lags = np.diff(elapsed[kept], prepend=elapsed[kept[0]] - lags[kept[0]]) if kept.size else lags[:0]
-    for i, k in runs(blocks):
+    for i, k in label_runs(blocks):
         mine = slice(*np.searchsorted(kept, [i, k]))
         rows = kept[mine]
         judged = JudgedRecords({c: v[rows] for c, v in taken.inputs.items()}, taken.y[rows], lags[mine])
-        yield int(blocks[i]), _Piece(place(part, taken, key, slice(i, k)), StoredRecords(judged))
+        yield int(blocks[i]), _WindowPiece(piece_bookkeeping(part, taken, key, slice(i, k)), StoredRecords(judged))
 
 
-def place(part: Recording, taken: JudgedInputs, key: Key, rows: slice) -> WindowStatistics:
+def piece_bookkeeping(part: Recording, taken: JudgedInputs, key: Key, rows: slice) -> WindowStatistics:
     """Bookkeeping of consecutive records of one group, without statistics."""
     time = part.columns.get("time_s", np.full(len(part), np.nan))
     first, last = rows.start, rows.stop - 1
@@ -164,12 +172,12 @@ def place(part: Recording, taken: JudgedInputs, key: Key, rows: slice) -> Window
         int(taken.incomplete[rows].sum()),
         0,
         None,
-        elsewhere=taken.elsewhere(rows),
+        extrapolation=taken.count_extrapolation(rows),
     )
 
 
-def _finished(
-    monitor: Monitor, waiting: deque[list[_Piece]], linearise: str, condense: Condense, apart: bool, last: bool
+def _judge_waiting(
+    monitor: Monitor, waiting: deque[list[_WindowPiece]], linearise: str, condense: Condense, apart: bool, last: bool
 ) -> Iterator[WindowStatistics]:
     """Statistics of the waiting windows, in order; leaves the last batch in the queue unless no more follows."""
     own = len(monitor.names) / max(len(monitor.sensors), 1)
@@ -179,16 +187,16 @@ def _finished(
         waiting.extend(batches.pop())
 
     def judged(k: int) -> list[WindowStatistics]:
-        return list(_judged(monitor, batches[k], linearise, condense))
+        return list(_judge_batch(monitor, batches[k], linearise, condense))
 
     for found in parallel_imap(judged, len(batches)) if apart else map(judged, range(len(batches))):
         yield from found
 
 
-def _batches(windows: Sequence[list[_Piece]], records: float, own: float) -> Iterator[list[list[_Piece]]]:
+def _batches(windows: Sequence[list[_WindowPiece]], records: float, own: float) -> Iterator[list[list[_WindowPiece]]]:
     """Windows that follow each other and hold as much as so many records together, each as much as `own` records more
     than it has; one that holds more is by itself."""
-    batch: list[list[_Piece]] = []
+    batch: list[list[_WindowPiece]] = []
     size = 0.0
     for window in windows:
         more = _size(window) + own
@@ -201,14 +209,14 @@ def _batches(windows: Sequence[list[_Piece]], records: float, own: float) -> Ite
         yield batch
 
 
-def _size(pieces: Sequence[_Piece]) -> int:
+def _size(pieces: Sequence[_WindowPiece]) -> int:
     """Records of a window that are judged."""
     return sum(piece.judged.count for piece in pieces)
 
 
-def _whole(monitor: Monitor, pieces: Sequence[_Piece]) -> WindowStatistics:
+def _window_bookkeeping(monitor: Monitor, pieces: Sequence[_WindowPiece]) -> WindowStatistics:
     """Bookkeeping of a window, with the sensors that gave a reading in a record that was judged, and what was flown."""
-    records = RecordsOfWindow([piece.judged for piece in pieces])
+    records = WindowRecords([piece.judged for piece in pieces])
     n, m = len(records), len(monitor.sensors)
     seen, sums = np.zeros(m, int), np.zeros(m)
     flown: dict[str, float] = {}
@@ -221,24 +229,24 @@ def _whole(monitor: Monitor, pieces: Sequence[_Piece]) -> WindowStatistics:
     some = np.unique(np.linspace(0, n - 1, FLOWN).astype(int)) if n else np.zeros(0, int)
     few = records.read([(k, k + 1) for k in some.tolist()])
     return replace(
-        joined([piece.window for piece in pieces]),
+        join_bookkeeping([piece.window for piece in pieces]),
         sensors=int(read.sum()),
         sensors_of=m,
         conditions={c: total / n for c, total in flown.items()},
         readings=dict(
             zip(np.array(monitor.sensors, object)[read].tolist(), (sums[read] / seen[read]).tolist(), strict=True)
         ),
-        flown=few.inputs,
-        read=few.y,
+        sample_inputs=few.inputs,
+        sample_readings=few.y,
     )
 
 
-def _with_statistics(
+def _attach_statistics(
     monitor: Monitor, condense: Condense, window: WindowStatistics, statistics: LocalStatistics | None, reason: str = ""
 ) -> WindowStatistics:
     """The window with its condensed statistics, or with the reason why it has none."""
     if statistics is None or statistics.n == 0:
-        return replace(window, reason=reason or nothing_judged(window))
+        return replace(window, reason=reason or describe_excluded(window))
     if reason:
         return replace(window, reason=reason)
     labelled = replace(
@@ -254,57 +262,57 @@ def _is_silent(monitor: Monitor, name: str, statistics: LocalStatistics) -> bool
     return monitor.engine.parameters[name].of_instrument and not statistics.F[i, i]
 
 
-def _judged(
-    monitor: Monitor, batch: Sequence[Sequence[_Piece]], linearise: str, condense: Condense
+def _judge_batch(
+    monitor: Monitor, batch: Sequence[Sequence[_WindowPiece]], linearise: str, condense: Condense
 ) -> Iterator[WindowStatistics]:
     """The windows of a batch, which are computed together, or a window that is longer than a batch may be."""
     if len(batch) == 1 and _size(batch[0]) > BATCH_RECORDS:
-        whole, records = _whole(monitor, batch[0]), RecordsOfWindow([piece.judged for piece in batch[0]])
+        whole, records = _window_bookkeeping(monitor, batch[0]), WindowRecords([piece.judged for piece in batch[0]])
         instruments = _scattering_in_long(monitor, records) if linearise == "estimate" else ()
-        weighed_monitor = replace(monitor, noise=_with_scatter(monitor, instruments)) if instruments else monitor
+        weighed_monitor = replace(monitor, noise=_inflate_noise(monitor, instruments)) if instruments else monitor
         long = long_statistics(weighed_monitor, records, linearise=linearise, tolerance=SETTLED)
         whole = replace(whole, failed=long.failed, instruments=instruments)
-        yield _with_statistics(monitor, condense, whole, long.statistics, _unconverged(long.last_step))
+        yield _attach_statistics(monitor, condense, whole, long.statistics, _convergence_reason(long.last_step))
         return
     sizes = [_size(pieces) for pieces in batch]
-    every = RecordsOfWindow([piece.judged for pieces in batch for piece in pieces]).all
-    nominal = nominal_residuals(monitor, every.inputs, every.y, _distinct(batch))
-    short = _at_estimate if linearise == "estimate" else _at_nominal
+    every = WindowRecords([piece.judged for pieces in batch for piece in pieces]).read_all
+    nominal = nominal_residuals(monitor, every.inputs, every.y, _distinct_records(batch))
+    short = _statistics_at_estimate if linearise == "estimate" else _statistics_at_nominal
     judged = iter(short(monitor, nominal, sizes, every.lags))
     first = 0
     for pieces, size in zip(batch, sizes, strict=True):
         rows = slice(first, first + size)
         first += size
-        whole = _whole(monitor, pieces)
+        whole = _window_bookkeeping(monitor, pieces)
         if not size:
-            yield _with_statistics(monitor, condense, whole, None)
+            yield _attach_statistics(monitor, condense, whole, None)
             continue
         found = next(judged)
         x = None if nominal.x is None else nominal.x[:, rows]
         whole = replace(whole, failed=size - int(found.ok.sum()), solution=x)
         whole = replace(whole, instruments=found.instruments, weights=found.weights)
-        yield _with_statistics(monitor, condense, whole, found.statistics, _unconverged(found.last_step))
+        yield _attach_statistics(monitor, condense, whole, found.statistics, _convergence_reason(found.last_step))
 
 
-def _scattering_in_long(monitor: Monitor, records: RecordsOfWindow) -> tuple[InstrumentFault, ...]:
+def _scattering_in_long(monitor: Monitor, records: WindowRecords) -> tuple[InstrumentFault, ...]:
     """Instruments that scatter in runs of the records of a long window."""
     n = len(records)
     spans = [(k, k + RUN) for k in np.linspace(0, n - RUN, SAMPLED).astype(int).tolist()]
     some = records.read(spans)
     lags = np.where(np.arange(len(some)) % RUN == 0, np.inf, some.lags)
     nominal = nominal_residuals(monitor, some.inputs, some.y)
-    _, e = next(iter(_linearised(monitor, nominal, [len(some)], lags)))
-    found, _ = scattering_instruments(monitor, nominal, e, lags)
+    _, e = next(iter(_linearise(monitor, nominal, [len(some)], lags)))
+    found, _ = find_scattering_instruments(monitor, nominal, e, lags)
     return tuple(replace(fault, count=n, records=n) for fault in found)
 
 
-def _with_scatter(monitor: Monitor, instruments: Sequence[InstrumentFault]) -> NoiseModel:
+def _inflate_noise(monitor: Monitor, instruments: Sequence[InstrumentFault]) -> NoiseModel:
     """The noise of a monitor with what its sensors scatter beyond it; that of an input has no place in it."""
     added = {fault.column: fault.size for fault in instruments if not fault.of_input}
     return replace(monitor.noise, sigma=np.hypot(monitor.noise.sigma, [added.get(c, 0.0) for c in monitor.sensors]))
 
 
-def _distinct(batch: Sequence[Sequence[_Piece]]) -> np.ndarray | None:
+def _distinct_records(batch: Sequence[Sequence[_WindowPiece]]) -> np.ndarray | None:
     """Number of each record of the windows among those that differ (N,); None where windows share none."""
     first: dict[int, int] = {}
     rows, n = [], 0
@@ -316,7 +324,7 @@ def _distinct(batch: Sequence[Sequence[_Piece]]) -> np.ndarray | None:
     return None if n == sum(map(len, rows)) else np.concatenate(rows)
 
 
-def _unconverged(last_step: float | None) -> str:
+def _convergence_reason(last_step: float | None) -> str:
     """Why a window whose estimate took so long a last step, in standard errors, has no verdict; None: it converged."""
     if last_step is None:
         return ""
@@ -324,7 +332,7 @@ def _unconverged(last_step: float | None) -> str:
 
 
 @dataclass(frozen=True)
-class Short:
+class ShortWindow:
     """Of a window of n records: its statistics, which can be computed, ok (n,), the last step of an estimate that did
     not converge, the instruments that scatter, and what multiplies its readings for that, (n, m, m)."""
 
@@ -335,32 +343,34 @@ class Short:
     weights: np.ndarray | None = None
 
 
-def _at_nominal(monitor: Monitor, nominal: NominalResiduals, sizes: Sequence[int], lags: np.ndarray) -> Iterator[Short]:
+def _statistics_at_nominal(
+    monitor: Monitor, nominal: NominalResiduals, sizes: Sequence[int], lags: np.ndarray
+) -> Iterator[ShortWindow]:
     """Of each window that holds records; sizes (W,)."""
     bounds = np.cumsum([0, *filter(None, sizes)])
     for block, (first, stop) in zip(_blocks(monitor, nominal.e, nominal.J, sizes, lags), pairwise(bounds), strict=True):
-        yield Short(block.statistics, nominal.ok[first:stop])
+        yield ShortWindow(block.statistics, nominal.ok[first:stop])
 
 
-def _at_estimate(
+def _statistics_at_estimate(
     monitor: Monitor, nominal: NominalResiduals, sizes: Sequence[int], lags: np.ndarray
-) -> Iterator[Short]:
+) -> Iterator[ShortWindow]:
     """As `_at_nominal`; all windows are re-linearised together, and those in which an instrument scatters once more
     with its readings weighed by that."""
     first = 0
-    for short, e in _linearised(monitor, nominal, sizes, lags):
+    for short, e in _linearise(monitor, nominal, sizes, lags):
         rows = slice(first, first + len(e))
         first += len(e)
-        here = nominal.rows(rows)
-        instruments, weight = scattering_instruments(monitor, here, e, lags[rows])
+        here = nominal.select(rows)
+        instruments, weight = find_scattering_instruments(monitor, here, e, lags[rows])
         if weight is None:
             yield short
             continue
-        again, _ = next(iter(_linearised(monitor, here, [len(e)], lags[rows], weight)))
+        again, _ = next(iter(_linearise(monitor, here, [len(e)], lags[rows], weight)))
         yield replace(again, instruments=instruments, weights=weight)
 
 
-def scattering_instruments(
+def find_scattering_instruments(
     monitor: Monitor, nominal: NominalResiduals, e: np.ndarray, lags: np.ndarray
 ) -> tuple[tuple[InstrumentFault, ...], np.ndarray | None]:
     """Instruments that scatter in the records of one window, e (n, m) their residuals at its estimate, and the weights
@@ -376,36 +386,36 @@ def scattering_instruments(
 
     def of_nominal() -> np.ndarray:
         J, known = nominal.J, monitor
-        if monitor.doubtful is not None:
-            known = monitor.doubtful
+        if monitor.uncertain_monitor is not None:
+            known = monitor.uncertain_monitor
             J = known.predict(nominal.inputs, known.theta0)[1]
         J = np.diff(J, axis=0)
         return np.asarray(np.sum((J @ known.uncertainty) * J, axis=2))
 
-    found = scattering(e, nominal.predicted, noise, lags, effects, of_nominal)
+    found = find_scatter(e, nominal.predicted, noise, lags, effects, of_nominal)
     if not found:
         return (), None
     names = (*sensors, *columns)
     faults = []
     for one in found:
-        sigma = noise.sigma[one.of] if one.of < len(sensors) else np.nan
-        of_input = one.of >= len(sensors)
-        column = names[one.of]
-        values = nominal.inputs[column] if of_input else nominal.y[:, one.of]
+        sigma = noise.sigma[one.instrument] if one.instrument < len(sensors) else np.nan
+        of_input = one.instrument >= len(sensors)
+        column = names[one.instrument]
+        values = nominal.inputs[column] if of_input else nominal.y[:, one.instrument]
         times = float(np.sqrt(1 + (one.size / sigma) ** 2))
         count = int(np.isfinite(values).sum())
         fault = InstrumentFault(column, NOISE, of_input, one.size, one.probability, times, count, count)
         faults.append(fault)
-    return tuple(faults), weights(np.isfinite(e), noise, effects(), found)
+    return tuple(faults), scatter_weights(np.isfinite(e), noise, effects(), found)
 
 
-def _linearised(
+def _linearise(
     monitor: Monitor,
     nominal: NominalResiduals,
     sizes: Sequence[int],
     lags: np.ndarray,
     weight: np.ndarray | None = None,
-) -> Iterator[tuple[Short, np.ndarray]]:
+) -> Iterator[tuple[ShortWindow, np.ndarray]]:
     """Windows that hold records at their own estimates, with their residuals (n, m) there; weight (N, m, m): what
     multiplies readings and predictions."""
     if not len(nominal.y):
@@ -418,16 +428,16 @@ def _linearised(
         start = None if nominal.x is None else nominal.x[:, rows]
         y, J, ok, _ = monitor.predict(here, theta, nuisance=False, start=start)
         mine = None if weight is None else weight[rows]
-        return weighed(mine, y), weighed(mine, J), ok
+        return apply_weights(mine, y), apply_weights(mine, J), ok
 
     found = relinearise(
         predict,
-        weighed(weight, nominal.y),
+        apply_weights(weight, nominal.y),
         monitor.hold,
         monitor.noise,
         window=np.repeat(np.arange(len(some)), some),
-        nominal=(weighed(weight, nominal.predicted), weighed(weight, nominal.J), nominal.ok),
-        stop=Stop(left_out=bent.left_out if bent else None, tolerance=SETTLED),
+        nominal=(apply_weights(weight, nominal.predicted), apply_weights(weight, nominal.J), nominal.ok),
+        stop=Stop(neglected=bent.neglected_error if bent else None, tolerance=SETTLED),
     )
     first = 0
     for w, block in enumerate(_blocks(monitor, found.e, found.J, sizes, lags, found.information)):
@@ -435,12 +445,12 @@ def _linearised(
         first += some[w]
         statistics = block.statistics
         if monitor.slopes is not None:
-            points = sums_by_point(
+            points = point_sums(
                 nominal.predicted[rows], found.e[rows], found.J[rows], monitor.noise, monitor.slopes.position
             )
             statistics = replace(statistics, points=points)
         settled = found.converged[w] or statistics.n == 0
-        yield Short(statistics, found.ok[rows], None if settled else float(found.decrement[w])), found.e[rows]
+        yield ShortWindow(statistics, found.ok[rows], None if settled else float(found.decrement[w])), found.e[rows]
 
 
 def _blocks(
@@ -450,7 +460,7 @@ def _blocks(
     sizes: Sequence[int],
     lags: np.ndarray,
     information: np.ndarray | None = None,
-) -> Iterator[Block]:
+) -> Iterator[StatisticsBlock]:
     """Statistics of the windows that hold so many records, those without left out; of short windows together."""
     some = np.array(sizes)[np.array(sizes) > 0]
     starts = np.cumsum(some) - some

@@ -45,9 +45,9 @@ import numpy as np
 from enginediag_cli.engine.start import StartFit, coordinates
 from enginediag_cli.engine.wrapped import MonitoredModel
 from enginediag_cli.error_model.maps import MapErrorModel
-from enginediag_cli.identification.instruments import LaggingReading
+from enginediag_cli.identification.instruments import SensorLag
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.monitor import Monitor, Offset, seen_points
+from enginediag_cli.residuals.monitor import Monitor, Offset, sample_envelope
 from enginediag_cli.residuals.statistics import LocalStatistics
 from enginediag_cli.residuals.windows import WindowStatistics
 
@@ -65,7 +65,7 @@ class Curvature:
 
     half: np.ndarray
 
-    def left_out(self, step: np.ndarray, records: np.ndarray) -> np.ndarray:
+    def neglected_error(self, step: np.ndarray, records: np.ndarray) -> np.ndarray:
         """Upper estimate (w,), in standard errors, of what steps (w, a) from nominal add to so many records (w,)."""
         bent = np.einsum("kjab,wa,wb->wkj", self.half, step, step, optimize=True)
         return np.asarray(np.sqrt(records * np.quantile(np.sum(bent**2, axis=2), SHARE, axis=1)))
@@ -136,45 +136,45 @@ class ReducedMonitor(Monitor):
         return y, np.concatenate([J[:, :, :a], effect, J[:, :, len(n) :]], axis=2), ok, prediction
 
 
-def can_be_reduced(monitor: Monitor) -> bool:
+def is_reducible(monitor: Monitor) -> bool:
     """Whether anything is uncertain, and where the engine ran is known."""
     envelope = monitor.envelope
     known = envelope is not None and all(c in envelope.inputs for c in monitor.engine.inputs) and len(envelope.points)
     return bool(known and len(monitor.names) > len(monitor.monitored))
 
 
-def reduced(monitor: Monitor, bent: Curvature | None = None) -> Monitor:
+def reduce_monitor(monitor: Monitor, bent: Curvature | None = None) -> Monitor:
     """The monitor with unit normals in place of what is uncertain about nominal, or as it is where there is nothing to
     replace. bent: its curvature, where that is known."""
-    if not can_be_reduced(monitor):
+    if not is_reducible(monitor):
         return monitor
     k = len(monitor.names) - len(monitor.offsets)
     inner = replace(monitor, offsets=(), **monitor.parameter_fields(range(k)))
-    inputs = seen_points(monitor.envelope, POINTS)
+    inputs = sample_envelope(monitor.envelope, POINTS)
     _, J, ok, found = inner.predict(inputs, inner.theta0)
     if not ok.any():
         return monitor
-    root = covariance_root(inner)
-    effects = [J[ok] @ root, *effects_elsewhere(inner, getattr(found, "frozen", {}), ok, root)]
+    root = uncertainty_root(inner)
+    effects = [J[ok] @ root, *largest_map_effects(inner, getattr(found, "frozen", {}), ok, root)]
     root = root @ leading_directions(effects, noise_weight(inner))
-    bent = bent or _bent(inner, inputs, ok, found)
-    fields = in_normals(inner, root.shape[1])
+    bent = bent or _curvature_at(inner, inputs, ok, found)
+    fields = normal_fields(inner, root.shape[1])
     found = ReducedMonitor(**fields, curvature=bent, whole=inner, root=root)
-    return found.with_nuisance(monitor.names[k:], monitor.prior_sigma[k:], monitor.uncertainty[k:, k:], monitor.offsets)
+    return found.add_nuisance(monitor.names[k:], monitor.prior_sigma[k:], monitor.uncertainty[k:, k:], monitor.offsets)
 
 
-def curvature_of(monitor: Monitor) -> Curvature | None:
+def envelope_curvature(monitor: Monitor) -> Curvature | None:
     """Curvature at some of the operating points that identification saw; None where they are not known, or the engine
     fails about too many."""
     envelope = monitor.envelope
     if envelope is None or not len(envelope.points) or any(c not in envelope.inputs for c in monitor.engine.inputs):
         return None
-    inputs = seen_points(monitor.envelope, POINTS)
+    inputs = sample_envelope(monitor.envelope, POINTS)
     _, _, ok, found = monitor.predict(inputs, monitor.theta0)
-    return _bent(monitor, inputs, ok, found) if ok.any() else None
+    return _curvature_at(monitor, inputs, ok, found) if ok.any() else None
 
 
-def _bent(monitor: Monitor, inputs: Mapping[str, np.ndarray], ok: np.ndarray, found: Any) -> Curvature | None:
+def _curvature_at(monitor: Monitor, inputs: Mapping[str, np.ndarray], ok: np.ndarray, found: Any) -> Curvature | None:
     """Curvature at those `inputs` (n,) of which the engine `found` a prediction, ok (n,)."""
     x = getattr(found, "x", None)
     good = {c: values[ok] for c, values in {**inputs, **getattr(found, "frozen", {})}.items()}
@@ -186,7 +186,7 @@ def noise_weight(monitor: Monitor) -> np.ndarray:
     return np.asarray(1 / (monitor.noise.sigma * np.sqrt(monitor.noise.inflation)))
 
 
-def covariance_root(monitor: Monitor) -> np.ndarray:
+def uncertainty_root(monitor: Monitor) -> np.ndarray:
     """L (p, p) of the covariance L Lᵀ of all parameters and offsets, in their units."""
     scale = monitor.prior_sigma
     eigenvalues, vectors = np.linalg.eigh(monitor.uncertainty / scale / scale[:, None])
@@ -201,7 +201,7 @@ def amount_rows(monitor: Monitor) -> np.ndarray:
     return np.array([position[n] for n in monitor.engine.amounts], int)
 
 
-def effects_elsewhere(
+def largest_map_effects(
     monitor: Monitor, frozen: Mapping[str, np.ndarray], ok: np.ndarray, root: np.ndarray
 ) -> list[np.ndarray]:
     """Effects (n, m, q) of the unit normals of `root` (q, q) by each curve of the maps' errors where it is largest,
@@ -227,29 +227,29 @@ def leading_directions(effects: Sequence[np.ndarray], weight: np.ndarray) -> np.
     return np.asarray(directions[:, strength > NEGLIGIBLE][:, ::-1])
 
 
-def in_normals(monitor: Monitor, r: int) -> dict[str, Any]:
+def normal_fields(monitor: Monitor, r: int) -> dict[str, Any]:
     """Fields of `monitor` with r unit normals after the monitored parameters, in place of all that is uncertain."""
-    alone = without_nuisance(monitor).with_nuisance([f"nominal.{i + 1}" for i in range(r)], np.ones(r), np.eye(r))
+    alone = drop_nuisance(monitor).add_nuisance([f"nominal.{i + 1}" for i in range(r)], np.ones(r), np.eye(r))
     return {name: getattr(alone, name) for name in Monitor.__dataclass_fields__}
 
 
-def without_nuisance(monitor: Monitor) -> Monitor:
+def drop_nuisance(monitor: Monitor) -> Monitor:
     """The monitored parameters alone, everything else about nominal taken for certain."""
     a = len(monitor.monitored)
     fields = monitor.parameter_fields(range(a))
     return replace(monitor, **{**fields, "offsets": (), "uncertainty": np.zeros((a, a))})
 
 
-def with_lagging(monitor: Monitor) -> Monitor:
+def add_sensor_lags(monitor: Monitor) -> Monitor:
     """The monitor with what its readings lag by; as it is where none does."""
-    added = [offset for reading in monitor.lagging for offset in _offsets(monitor, reading)]
+    added = [offset for reading in monitor.sensor_lags for offset in _offsets(monitor, reading)]
     k = len(added)
     if not k:
         return monitor
-    return monitor.with_nuisance([f"lagging.{i + 1}" for i in range(k)], np.ones(k), np.eye(k), added)
+    return monitor.add_nuisance([f"lagging.{i + 1}" for i in range(k)], np.ones(k), np.eye(k), added)
 
 
-def _offsets(monitor: Monitor, reading: LaggingReading) -> list[Offset]:
+def _offsets(monitor: Monitor, reading: SensorLag) -> list[Offset]:
     if reading.sensor not in monitor.sensors:
         return []
     sensor = monitor.sensors.index(reading.sensor)
@@ -264,7 +264,7 @@ record. Less than a chunk holds, so that no record waits for the next chunk."""
 
 
 @dataclass
-class Economy:
+class MonitorCache:
     """Forms of `monitor` that give the same statistics but for what `compact` neglects; `of` chooses one per file.
     Where no fit stands for what is uncertain, that is the monitor itself, for few records and for many.
 
@@ -273,10 +273,10 @@ class Economy:
 
     monitor: Monitor
     _records: int = 0
-    _few: Monitor | None = field(default=None, repr=False)
-    _many: Monitor | None = field(default=None, repr=False)
+    _exact_monitor: Monitor | None = field(default=None, repr=False)
+    _compact_monitor: Monitor | None = field(default=None, repr=False)
 
-    def of(self, recordings: Iterable[Recording]) -> tuple[Monitor, Iterator[Recording]]:
+    def choose(self, recordings: Iterable[Recording]) -> tuple[Monitor, Iterator[Recording]]:
         """The form for the recordings of one file, and all of these recordings."""
         waiting, held = iter(recordings), []
         while self._records < MANY and (recording := next(waiting, None)) is not None:
@@ -286,19 +286,21 @@ class Economy:
 
     def _form(self) -> Monitor:
         if self.monitor.smooth is False or (self.monitor.smooth and self._records < MANY):
-            if self._few is None:
-                self._few = with_lagging(reduced(self.monitor))
-            return self._few
-        if self._many is None:
-            self._many = with_lagging(compact(self.monitor, None if self.monitor.lagging else self._few))
-        return self._many
+            if self._exact_monitor is None:
+                self._exact_monitor = add_sensor_lags(reduce_monitor(self.monitor))
+            return self._exact_monitor
+        if self._compact_monitor is None:
+            self._compact_monitor = add_sensor_lags(
+                compact_monitor(self.monitor, None if self.monitor.sensor_lags else self._exact_monitor)
+            )
+        return self._compact_monitor
 
 
 PLAUSIBLY = 2.0
 """Plausible errors by which the reading of an input may be off where it is outside what was seen."""
 
 
-def trusting_no_input(monitor: Monitor) -> Monitor:
+def widen_envelope(monitor: Monitor) -> Monitor:
     """The monitor with an envelope that allows for the errors of inputs that it suspects: an operating point is known
     no better than the instrument that gives it, and one that reads wrong must not hide itself by being outside."""
     errors = [e for name, e in getattr(monitor.engine, "errors", {}).items() if name in monitor.monitored]
@@ -314,32 +316,32 @@ def trusting_no_input(monitor: Monitor) -> Monitor:
     return replace(monitor, envelope=replace(envelope, scale=scale))
 
 
-def of_series(monitor: Monitor) -> Monitor:
+def monitor_for_series(monitor: Monitor) -> Monitor:
     """The monitor whose windows make a series; what wrong slopes of maps make of a change is asked of the series, not
     of each window."""
-    return replace(trusting_no_input(monitor), slopes=None)
+    return replace(widen_envelope(monitor), slopes=None)
 
 
-def certain(monitor: Monitor) -> Monitor:
+def ignore_uncertainty(monitor: Monitor) -> Monitor:
     """The monitor without what is uncertain about nominal, for windows that are compared with each other and of which
     `monitored_as_read` keeps nothing else: a third of the work. Only the point at which a window is linearised depends
     on it, by a small share of its standard error."""
-    alone = replace(without_nuisance(monitor), lagging=(), doubtful=monitor)
-    bent = curvature_of(alone)
+    alone = replace(drop_nuisance(monitor), sensor_lags=(), uncertain_monitor=monitor)
+    bent = envelope_curvature(alone)
     if bent is None:
         return alone
     fields = {name: getattr(alone, name) for name in Monitor.__dataclass_fields__}
     return ReducedMonitor(**fields, curvature=bent, whole=alone, root=np.zeros((len(alone.names), 0)))
 
 
-def for_comparison(monitor: Monitor) -> Monitor:
+def comparison_monitor(monitor: Monitor) -> Monitor:
     """The monitor by which a fleet condenses flights that are compared with each other: `certain`, and without the law
     of each statistic, which is asked of windows that are judged alone."""
-    found = certain(monitor)
+    found = ignore_uncertainty(monitor)
     return replace(found, noise=replace(found.noise, kurtosis=None, readings=None, rho_error=None, rho_common=None))
 
 
-def effects_of_inputs(
+def input_error_effects(
     monitor: Monitor, inputs: Mapping[str, np.ndarray], sizes: Mapping[str, float]
 ) -> dict[str, dict[str, np.ndarray]]:
     """By how much the reading of each sensor (n,), by the name of its bias, is beyond prediction at `inputs` (n,) that
@@ -367,11 +369,11 @@ def effects_of_inputs(
     return found
 
 
-def monitored_as_read(monitor: Monitor, window: WindowStatistics, statistics: LocalStatistics) -> WindowStatistics:
+def keep_monitored(monitor: Monitor, window: WindowStatistics, statistics: LocalStatistics) -> WindowStatistics:
     """The window with the statistics of the monitored parameters alone: what is wrong with nominal is wrong in all
     windows alike, and no noise of any."""
     others = set(monitor.names) - set(monitor.monitored)
-    return replace(window, statistics=replace(statistics.without(others), meaning=monitor.meaning))
+    return replace(window, statistics=replace(statistics.drop_parameters(others), meaning=monitor.meaning))
 
 
 DEGREE = 6
@@ -389,7 +391,7 @@ START_DEGREE = 12.0
 
 
 @dataclass(frozen=True)
-class Fit:
+class OperatingPointPolynomial:
     """Polynomial of the scaled coordinates of operating points: `powers` lists the factors of each term,
     `coefficients` (terms, m, r); inputs: the columns that `_coordinates` takes."""
 
@@ -403,7 +405,7 @@ class Fit:
         """Values (N, terms) of the terms at operating points (N, d), in single precision."""
         return _terms((coordinates - self.centre) / self.scale, self.powers).astype(np.float32)
 
-    def of(self, terms: np.ndarray) -> np.ndarray:
+    def evaluate(self, terms: np.ndarray) -> np.ndarray:
         """What it gives (N, m, r) for `terms` (N, terms): sensitivities in sensor unit per unit normal; in single
         precision, which is exact enough."""
         _, m, r = self.coefficients.shape
@@ -415,17 +417,17 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class MapsFit:
+class MapErrorPolynomial:
     """Errors of maps of each record: `fit` gives the K frozen columns `names` that fix them, of which come the effects
     of the amounts; root (k, r): a step of one in each unit normal, in amounts."""
 
     names: tuple[str, ...]
-    fit: Fit
+    fit: OperatingPointPolynomial
     root: np.ndarray
 
     def frozen(self, terms: np.ndarray) -> dict[str, np.ndarray]:
         """Frozen columns (N,) by name for terms (N, terms) of the polynomials."""
-        return dict(zip(self.names, self.fit.of(terms)[:, 0].T.astype(float), strict=True))
+        return dict(zip(self.names, self.fit.evaluate(terms)[:, 0].T.astype(float), strict=True))
 
 
 @dataclass(frozen=True)
@@ -434,9 +436,9 @@ class CompactMonitor(ReducedMonitor):
     each amount; `start` gives the engine's unknowns at nominal, to begin with. Where training has not been the engine
     is asked: a polynomial says nothing there."""
 
-    fit: Fit | None = field(default=None)
+    fit: OperatingPointPolynomial | None = field(default=None)
     start: StartFit | None = field(default=None)
-    maps: MapsFit | None = field(default=None)
+    maps: MapErrorPolynomial | None = field(default=None)
 
     def predict(
         self, inputs: Mapping[str, np.ndarray], theta: np.ndarray, *, nuisance: bool = True, **options: Any
@@ -466,7 +468,7 @@ class CompactMonitor(ReducedMonitor):
         )
         if nuisance:
             whole = np.empty((*J.shape[:2], J.shape[2] + q - a))
-            whole[:, :, :a], whole[:, :, a:q], whole[:, :, q:] = J[:, :, :a], self.fit.of(terms), J[:, :, a:]
+            whole[:, :, :a], whole[:, :, a:q], whole[:, :, q:] = J[:, :, :a], self.fit.evaluate(terms), J[:, :, a:]
             J, effect = whole, whole[:, :, a:q]
             if self.maps is not None and isinstance(self.engine, MapErrorModel):
                 effect += self.engine.effects_along(inputs, self.sensors, self.maps.root)
@@ -481,28 +483,28 @@ class CompactMonitor(ReducedMonitor):
 
 def is_smooth(monitor: Monitor) -> bool:
     """Whether a fit over the operating points stands for what is uncertain about nominal."""
-    return isinstance(compact(monitor), CompactMonitor)
+    return isinstance(compact_monitor(monitor), CompactMonitor)
 
 
-def compact(monitor: Monitor, exact: Monitor | None = None) -> Monitor:
+def compact_monitor(monitor: Monitor, exact: Monitor | None = None) -> Monitor:
     """The monitor with a fit in place of its uncertain parameters; as it is where a fit would not do, or where there is
     nothing to replace. exact: the reduced monitor, where it is known."""
-    exact = exact or reduced(monitor)
+    exact = exact or reduce_monitor(monitor)
     if not isinstance(exact, ReducedMonitor):
         return monitor
-    points = _points(monitor)
+    points = _sample_points(monitor)
     names = tuple(monitor.envelope.inputs)
     inputs = {c: points[:, i] for i, c in enumerate(names)}
     _, J, ok, found = monitor.predict(inputs, monitor.theta0)
-    start = _fitted_start(monitor.engine, names, inputs, getattr(found, "x", None), ok)
+    start = _fit_start(monitor.engine, names, inputs, getattr(found, "x", None), ok)
     own = len(monitor.envelope.points)
     columns: dict[str, np.ndarray] = dict(getattr(found, "frozen", {}))
     J, points = J[ok], points[ok]
     if len(points) < LEAST_POINTS:
         return monitor
     seen = np.arange(len(points)) < np.sum(ok[:own])
-    root, weight = covariance_root(monitor), noise_weight(monitor)
-    elsewhere = effects_elsewhere(monitor, {c: v[:own] for c, v in columns.items()}, ok[:own], root)
+    root, weight = uncertainty_root(monitor), noise_weight(monitor)
+    elsewhere = largest_map_effects(monitor, {c: v[:own] for c, v in columns.items()}, ok[:own], root)
     root = root @ leading_directions([(J @ root)[seen], *elsewhere], weight)
     # errors of maps bend more than polynomials of this degree: theirs is computed of each record
     amounts = amount_rows(monitor)
@@ -532,13 +534,19 @@ def compact(monitor: Monitor, exact: Monitor | None = None) -> Monitor:
     if not np.mean(np.sum(error**2, axis=(1, 2))) < TOLERANCE:
         return monitor
     whole = np.linalg.lstsq(X, both, rcond=1e-10)[0]
-    fit = Fit(names, centre, spread, powers, whole[:, :k].reshape(len(powers), -1, r) / weight[:, None])
-    maps = MapsFit(tuple(columns), replace(fit, coefficients=whole[:, None, k:]), root[amounts]) if elsewhere else None
-    normals = {**in_normals(monitor, r), "curvature": exact.curvature, "whole": monitor, "root": root}
+    fit = OperatingPointPolynomial(
+        names, centre, spread, powers, whole[:, :k].reshape(len(powers), -1, r) / weight[:, None]
+    )
+    maps = (
+        MapErrorPolynomial(tuple(columns), replace(fit, coefficients=whole[:, None, k:]), root[amounts])
+        if elsewhere
+        else None
+    )
+    normals = {**normal_fields(monitor, r), "curvature": exact.curvature, "whole": monitor, "root": root}
     return CompactMonitor(**normals, fit=fit, start=start, maps=maps)
 
 
-def _fitted_start(
+def _fit_start(
     engine: MonitoredModel,
     names: tuple[str, ...],
     inputs: Mapping[str, np.ndarray],
@@ -572,7 +580,7 @@ def _corrected(
     return coordinates(getattr(engine, "power_setting"), values, N)  # noqa: B009 - not every model has one
 
 
-def _points(monitor: Monitor) -> np.ndarray:
+def _sample_points(monitor: Monitor) -> np.ndarray:
     """Operating points (n, d) drawn where records are judged: those that identification saw, then some around them.
     Always the same ones."""
     envelope = monitor.envelope

@@ -35,14 +35,14 @@ from typing import Protocol
 
 import numpy as np
 
-from enginediag_cli.identification.map_error import Cells
+from enginediag_cli.identification.map_error import OperatingPointCells
 from enginediag_cli.residuals.instruments import NoiseModel
-from enginediag_cli.residuals.statistics import LocalStatistics, range_space, root_of, whiten, whitened
+from enginediag_cli.residuals.statistics import LocalStatistics, covariance_root, range_space, whiten, whitened
 
 Predict = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 """predict(theta (n, p), rows (n,)) -> y (n, m), J (n, m, p), ok (n,): one parameter vector per record. Except
 at nominal, J may hold only the columns of the parameters that move."""
-LeftOut = Callable[[np.ndarray, np.ndarray], np.ndarray]
+NeglectedError = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """left_out(steps (w, q), records (w,)) -> (w,): what steps from nominal add beyond first order, in standard errors."""
 
 NEGLIGIBLE = 0.1
@@ -62,7 +62,7 @@ STALLED = 0.01
 """Share of the fall of χ² since nominal that a window may still promise where no step lowers it any more, because the
 model is bent there: what is told of the change is then right to a tenth of its distance from nominal, and the sets
 that explain it are judged with the full model."""
-MAX_LOST = 0.05
+MAX_LOST_SHARE = 0.05
 """Share of a window's records that may be given up because the model fails on them away from nominal."""
 
 
@@ -85,7 +85,7 @@ class Relinearised:
 
 
 @dataclass
-class Sums:
+class WindowSums:
     """Of w windows at theta (w, p): z·z (w,), s = Gᵀz (w, p) and F = GᵀG (w, p, p) of whitened residuals and
     sensitivities."""
 
@@ -94,14 +94,14 @@ class Sums:
     s: np.ndarray
     F: np.ndarray
 
-    def take(self, other: Sums, into: np.ndarray, some: np.ndarray) -> None:
+    def take(self, other: WindowSums, into: np.ndarray, some: np.ndarray) -> None:
         """Take over `some` (v,) of the windows of another, which are those `into` (v,) of these."""
         for name in ("theta", "zz", "s", "F"):
             getattr(self, name)[into[some]] = getattr(other, name)[some]
 
 
 @dataclass(frozen=True)
-class Hold:
+class EstimatePrior:
     """Where the estimate of every window begins, and what holds it there.
 
     theta0 (p,); precision (p, p): inverse prior covariance of θ − θ0; moving: number of leading parameters that are
@@ -126,37 +126,37 @@ class Stop:
 
     tolerance: float = 0.05
     max_iterations: int = 20
-    left_out: LeftOut | None = None
+    neglected: NeglectedError | None = None
 
 
 @dataclass(frozen=True)
-class Trial:
+class TrialSums:
     """Sums at a trial point of some windows (w,): `lost`, which of them lose too many records there; `again`: sums
     where these windows stand now, if some lost records for good, and `fewer`, which did."""
 
-    sums: Sums
-    lost: np.ndarray
-    again: Sums | None = None
-    fewer: np.ndarray | None = None
+    sums: WindowSums
+    lost_too_many: np.ndarray
+    current: WindowSums | None = None
+    lost_some: np.ndarray | None = None
 
 
-class Records(Protocol):
+class RecordSums(Protocol):
     """The records of W windows, as sums over them where the windows stand and at a trial point."""
 
     @property
     def used(self) -> np.ndarray:
         """Records of each window (W,) that the model can compute."""
 
-    def begin(self) -> tuple[Sums, Sums]:
+    def begin(self) -> tuple[WindowSums, WindowSums]:
         """Where the windows begin, and at nominal."""
 
-    def trial(self, chosen: np.ndarray, target: np.ndarray, here: Sums) -> Trial:
+    def trial(self, chosen: np.ndarray, target: np.ndarray, here: WindowSums) -> TrialSums:
         """At target (w, p), of the windows `chosen` (w,), which stand where `here` says."""
 
     def move(self, accepted: np.ndarray) -> None:
         """The chosen windows that are accepted (w,) stand at the trial point from now on."""
 
-    def bend(self, refused: np.ndarray) -> Sums:
+    def bend(self, refused: np.ndarray) -> WindowSums:
         """The chosen windows that are refused (w,) have the mean of the sensitivities where they stand and at the trial
         point from now on: their sums where they stand."""
 
@@ -164,7 +164,7 @@ class Records(Protocol):
 def relinearise(
     predict: Predict,
     y: np.ndarray,
-    hold: Hold,
+    hold: EstimatePrior,
     noise: NoiseModel,
     *,
     window: np.ndarray | None = None,
@@ -181,10 +181,10 @@ def relinearise(
     window = np.zeros(len(y), int) if window is None else window
     if np.any(np.diff(window) < 0):
         raise ValueError("`window` must not descend")
-    records = _InMemory(predict, y, hold, noise, window, nominal)
+    records = _RecordsInMemory(predict, y, hold, noise, window, nominal)
     loop = GaussNewton(records, hold)
     loop.run(stop or Stop())
-    e, J = records.carried_back(loop.sums.theta)
+    e, J = records.carry_to_nominal(loop.sums.theta)
     return Relinearised(
         theta=loop.sums.theta,
         e=e,
@@ -198,22 +198,24 @@ def relinearise(
 
 
 @dataclass(frozen=True)
-class _Steps:
+class _WindowSteps:
     """Steps of the windows `chosen` (w,): where they lead (w, p), by how much they should lower the cost (w,), and how
     long they are in standard errors (w,)."""
 
     chosen: np.ndarray
     target: np.ndarray
-    taken: np.ndarray
+    change: np.ndarray
     promised: np.ndarray
     length: np.ndarray
 
-    def of(self, some: np.ndarray) -> _Steps:
+    def select(self, some: np.ndarray) -> _WindowSteps:
         """Those of some (w,) of the windows."""
-        return _Steps(self.chosen[some], self.target[some], self.taken[some], self.promised[some], self.length[some])
+        return _WindowSteps(
+            self.chosen[some], self.target[some], self.change[some], self.promised[some], self.length[some]
+        )
 
 
-def within(gradient: np.ndarray, hessian: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def bounded_steps(gradient: np.ndarray, hessian: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Steps (w, q) that maximise gᵀx − ½ xᵀHx with g (w, q) and H (w, q, q), from low to high (w, q): what would go
     beyond a bound stays at it, and the others follow without it (D. P. Bertsekas, SIAM J. Control Optim. 20 (1982) 221:
     projected Newton steps)."""
@@ -234,7 +236,7 @@ def within(gradient: np.ndarray, hessian: np.ndarray, low: np.ndarray, high: np.
 class GaussNewton:
     """Damped Gauss–Newton steps of W windows at once; each has its own damping and stops by itself."""
 
-    def __init__(self, records: Records, hold: Hold) -> None:
+    def __init__(self, records: RecordSums, hold: EstimatePrior) -> None:
         self.records = records
         self.theta0, self.precision, self.q = np.asarray(hold.theta0, float), hold.precision, hold.q
         p = len(self.theta0)
@@ -253,13 +255,13 @@ class GaussNewton:
             self.iteration += 1
             steps = self._steps()
             length = steps.length
-            if stop.left_out is not None and self.iteration == 1:
-                missed = stop.left_out(steps.taken, self.records.used)
+            if stop.neglected is not None and self.iteration == 1:
+                missed = stop.neglected(steps.change, self.records.used)
                 length = np.where(missed < NEGLIGIBLE, np.minimum(length, missed), length)
             settled = length < stop.tolerance  # so short a step changes nothing that is carried back: it is not taken
             self.decrement[steps.chosen[settled]] = length[settled]
             self.active[steps.chosen[settled]] = False
-            remaining = replace(steps, length=length).of(~settled)
+            remaining = replace(steps, length=length).select(~settled)
             if not remaining.chosen.size:
                 break
             self._try(remaining)
@@ -276,35 +278,35 @@ class GaussNewton:
         """Where the next step leads (w, p), of the windows that still move, without asking whether it should."""
         return self._steps().target
 
-    def _steps(self) -> _Steps:
+    def _steps(self) -> _WindowSteps:
         """The next step of every active window, within the bounds."""
         chosen, q = np.flatnonzero(self.active), self.q
         gradient, hessian = self._normal_equations(chosen)
         diagonal = self.damping[chosen, None] * np.einsum("wii->wi", hessian)
         target = self.sums.theta[chosen]
         low, high = self.lower[:q] - target[:, :q], self.upper[:q] - target[:, :q]
-        taken = within(gradient, hessian + diagonal[:, :, None] * np.eye(q), low, high)
+        taken = bounded_steps(gradient, hessian + diagonal[:, :, None] * np.eye(q), low, high)
         target[:, :q] += taken
         squared = np.einsum("wi,wij,wj->w", taken, hessian, taken)
         promised = 2 * np.sum(taken * gradient, axis=1) - squared
         length = np.sqrt(squared) * (1 + self.damping[chosen])  # as long as the step would be without damping
-        return _Steps(chosen, target, taken, promised, length)
+        return _WindowSteps(chosen, target, taken, promised, length)
 
-    def _try(self, steps: _Steps) -> None:
+    def _try(self, steps: _WindowSteps) -> None:
         """Take the steps that lower the cost, and damp the next ones by how well they kept their promise."""
         chosen = steps.chosen
         trial = self.records.trial(chosen, steps.target, self.sums)
-        if trial.again is not None and trial.fewer is not None:
-            self.sums.take(trial.again, chosen, trial.fewer)
-            self.cost[chosen] = self._cost(trial.again)
+        if trial.current is not None and trial.lost_some is not None:
+            self.sums.take(trial.current, chosen, trial.lost_some)
+            self.cost[chosen] = self._cost(trial.current)
         trial_cost = self._cost(trial.sums)
         before = self.cost[chosen]
-        accepted = ~trial.lost & (trial_cost <= before)
+        accepted = ~trial.lost_too_many & (trial_cost <= before)
         self.records.move(accepted)
         self.sums.take(trial.sums, chosen, accepted)
         # shortened and refused again: the model is bent between here and there, as maps read linearly are, and the mean
         # of the sensitivities on both sides tells its course better than either
-        bent = ~trial.lost & ~accepted & (self.damping[chosen] >= FIRST_DAMPING)
+        bent = ~trial.lost_too_many & ~accepted & (self.damping[chosen] >= FIRST_DAMPING)
         if bent.any():
             self.sums.take(self.records.bend(bent), chosen, bent)
         self.cost[chosen[accepted]] = trial_cost[accepted]
@@ -326,7 +328,7 @@ class GaussNewton:
         gradient = g[:, :q] - np.einsum("wij,wj->wi", H[:, :q, q:], inner[:, :, 0])
         return gradient, H[:, :q, :q] - H[:, :q, q:] @ inner[:, :, 1:]
 
-    def _cost(self, sums: Sums) -> np.ndarray:
+    def _cost(self, sums: WindowSums) -> np.ndarray:
         """Σ z² + δᵀPδ of every window (w,), δ = θ − θ0, least over the linear nuisance parameters q, q+1, …
 
         With g = s − Pδ:  least cost = cost − g_bᵀ (F_bb + P_bb)⁻¹ g_b.
@@ -342,7 +344,7 @@ class GaussNewton:
         return np.asarray(cost)
 
 
-class _InMemory:
+class _RecordsInMemory:
     """Records (N,) of W windows with residuals e (N, m) and sensitivities J (N, m, p) where their windows stand, and
     of a trial, to what moves alone: the others keep their sensitivities at nominal."""
 
@@ -350,7 +352,7 @@ class _InMemory:
         self,
         predict: Predict,
         y: np.ndarray,
-        hold: Hold,
+        hold: EstimatePrior,
         noise: NoiseModel,
         window: np.ndarray,
         nominal: tuple[np.ndarray, np.ndarray, np.ndarray] | None,
@@ -373,31 +375,31 @@ class _InMemory:
     def used(self) -> np.ndarray:
         return np.bincount(self.window, self.ok, minlength=self.W)
 
-    def begin(self) -> tuple[Sums, Sums]:
+    def begin(self) -> tuple[WindowSums, WindowSums]:
         z, self.G0, self.present = whitened(self.e, self.J0, self.noise)
-        nominal = Sums(self._start, *_sums(z, self.G0, self.window, self.W))
+        nominal = WindowSums(self._start, *_sums(z, self.G0, self.window, self.W))
         return replace(nominal, **{n: getattr(nominal, n).copy() for n in ("zz", "s", "F")}), nominal
 
-    def carried_back(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def carry_to_nominal(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals and sensitivities where the windows stand, at theta (W, p), carried back to θ0."""
         q = self.q
         back = np.einsum("kjp,kp->kj", self.J[:, :, :q], (theta - self.theta0)[self.window, :q])
         return self.e + back, self.J
 
-    def trial(self, chosen: np.ndarray, target: np.ndarray, here: Sums) -> Trial:
+    def trial(self, chosen: np.ndarray, target: np.ndarray, here: WindowSums) -> TrialSums:
         active = np.zeros(self.W, bool)
         active[chosen] = True
         rows = self.rows = np.flatnonzero(active[self.window])
         slot = self.slot = np.searchsorted(chosen, self.window[rows])
         self.here = here.theta[chosen]
         predicted, J, fine = self.predict(target[slot], rows)
-        again, lost, fewer = self._without_failing(fine, self.here)
+        again, lost, fewer = self._drop_failing(fine, self.here)
         self.trial_e = np.where((self.ok[rows] & fine)[:, None], self.y[rows] - predicted, np.nan)
         self.trial_J = J[:, :, : self.q]
         unmoved = again.F if again is not None else here.F[chosen]
-        return Trial(self._trial_sums(target, unmoved), lost, again, fewer)
+        return TrialSums(self._trial_sums(target, unmoved), lost, again, fewer)
 
-    def _trial_sums(self, target: np.ndarray, unmoved: np.ndarray) -> Sums:
+    def _trial_sums(self, target: np.ndarray, unmoved: np.ndarray) -> WindowSums:
         """Sums at target (w, p); unmoved (w, p, p): F where the windows stand, whose part that does not move stays as
         long as the same measurements count."""
         q, rows, slot, w = self.q, self.rows, self.slot, len(target)
@@ -414,11 +416,11 @@ class _InMemory:
             s[i, :q], s[i, q:] = moved.T @ residual, (residual @ whole)[q:]
             F[i, :q, q:] = (moved.T @ whole)[:, q:]
             F[i, q:, :q], F[i, :q, :q] = F[i, :q, q:].T, moved.T @ moved
-        return Sums(target, zz, s, F)
+        return WindowSums(target, zz, s, F)
 
-    def _without_failing(
+    def _drop_failing(
         self, fine: np.ndarray, theta: np.ndarray
-    ) -> tuple[Sums | None, np.ndarray, np.ndarray | None]:
+    ) -> tuple[WindowSums | None, np.ndarray, np.ndarray | None]:
         """Leave failing records out of windows that lose few, for good: the sums of the chosen windows then, which lose
         too many (w,), and which lose any (w,)."""
         rows, slot = self.rows, self.slot
@@ -426,17 +428,17 @@ class _InMemory:
         if not failing.any():
             return None, np.zeros(len(theta), bool), None
         share = np.bincount(slot, failing) / np.maximum(np.bincount(slot, self.ok[rows]), 1)
-        dropped = failing & (share <= MAX_LOST)[slot]
+        dropped = failing & (share <= MAX_LOST_SHARE)[slot]
         self.ok[rows[dropped]] = False
         self.e[rows[dropped]] = np.nan
         again = _summed(theta, self.e[rows], self.J[rows], slot, self.noise)
-        return again, np.asarray(share > MAX_LOST), np.asarray(share > 0)
+        return again, np.asarray(share > MAX_LOST_SHARE), np.asarray(share > 0)
 
     def move(self, accepted: np.ndarray) -> None:
         moved = accepted[self.slot]
         self._take(self.trial_e[moved], self.trial_J[moved], self.rows[moved])
 
-    def bend(self, refused: np.ndarray) -> Sums:
+    def bend(self, refused: np.ndarray) -> WindowSums:
         bent, q = refused[self.slot], self.q
         J = self.J[self.rows]
         mean = 0.5 * (J[:, :, :q] + self.trial_J)
@@ -451,9 +453,9 @@ class _InMemory:
         self.J[rows, :, : J.shape[2]] = J
 
 
-def _summed(theta: np.ndarray, e: np.ndarray, J: np.ndarray, slot: np.ndarray, noise: NoiseModel) -> Sums:
+def _summed(theta: np.ndarray, e: np.ndarray, J: np.ndarray, slot: np.ndarray, noise: NoiseModel) -> WindowSums:
     """Sums at theta (w, p) over the records (n,) of each window `slot` (n,)."""
-    return Sums(theta, *_sums(*whiten(e, J, noise), slot, len(theta)))
+    return WindowSums(theta, *_sums(*whiten(e, J, noise), slot, len(theta)))
 
 
 def _sums(z: np.ndarray, G: np.ndarray, slot: np.ndarray, w: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -480,7 +482,7 @@ class PointSums:
     def __init__(self, noise: NoiseModel, columns: np.ndarray, laid_by: np.ndarray):
         self._noise, self._columns = noise, columns
         computed = laid_by[np.isfinite(laid_by).all(axis=1)]
-        self._cells = Cells(computed) if len(computed) else None
+        self._cells = OperatingPointCells(computed) if len(computed) else None
         self._sums: dict[tuple[int, ...], np.ndarray] = {}
 
     def add(self, predicted: np.ndarray, e: np.ndarray, J: np.ndarray) -> None:
@@ -505,7 +507,7 @@ class PointSums:
         return found
 
 
-def sums_by_point(
+def point_sums(
     predicted: np.ndarray, e: np.ndarray, J: np.ndarray, noise: NoiseModel, columns: np.ndarray
 ) -> np.ndarray:
     """Q (k, p, p) for the parameters at `columns` (k,), from predictions and residuals (N, m) and sensitivities
@@ -526,7 +528,7 @@ def covariance_of_change(
     """
     assert statistics.points is not None
     D = statistics.prior_sigma  # units apart by 10⁸ would drown the small eigenvalues in rounding
-    root = root_of(uncertainty, D) / D[:, None]
+    root = covariance_root(uncertainty, D) / D[:, None]
     F = D[:, None] * statistics.F * D
     inner = np.eye(root.shape[1]) + root.T @ F @ root
     through = np.eye(len(D)) - F @ root @ np.linalg.solve(inner, root.T)

@@ -29,7 +29,13 @@ from functools import lru_cache
 import numpy as np
 
 from enginediag_cli.parameters import Parameter, meanings
-from enginediag_cli.residuals.statistics import RANK_TOLERANCE, LocalStatistics, RangeSpace, range_space, root_of
+from enginediag_cli.residuals.statistics import (
+    RANK_TOLERANCE,
+    LocalStatistics,
+    RangeSpace,
+    covariance_root,
+    range_space,
+)
 
 MOST = 2000.0
 """Degrees of freedom up to which the logarithms of Γ cost no more than two of the digits."""
@@ -103,7 +109,7 @@ def noncentral_chdtrc(dof: float, noncentrality: float, x: float) -> float:
 
 
 @lru_cache(maxsize=1024)
-def noncentrality_of(dof: float, x: float, probability: float) -> float:
+def noncentrality_for_power(dof: float, x: float, probability: float) -> float:
     """λ at which χ²(dof; λ) exceeds x with this probability; 0 where it does so without."""
     if dof > WEIGHTS or x > 2.0 * WEIGHTS:
         from scipy import special
@@ -250,10 +256,10 @@ def fisher_score(
     (sensor offsets). Computed in the range of F, so that singular F and V do no harm.
     """
     space = range_space(statistics.F, statistics.prior_sigma, tolerance)
-    return _score_in(space, statistics, monitored, uncertainty)
+    return _compute_score(space, statistics, monitored, uncertainty)
 
 
-def _score_in(
+def _compute_score(
     space: RangeSpace, statistics: LocalStatistics, monitored: Sequence[str] | None, uncertainty: np.ndarray | None
 ) -> Score:
     """As `fisher_score`, in the range of F."""
@@ -325,11 +331,11 @@ def marginalise(statistics: LocalStatistics, keep: Sequence[str], uncertainty: n
     and less the GLR statistic in the metric of F (that of V differs when noise is correlated in time).
     """
     space = range_space(statistics.F, statistics.prior_sigma)
-    score = _score_in(space, statistics, keep, uncertainty)
+    score = _compute_score(space, statistics, keep, uncertainty)
     in_F = replace(statistics, V=statistics.F, by_sensor=None, rows=None)
-    plain = _score_in(space, in_F, keep, uncertainty)
+    plain = _compute_score(space, in_F, keep, uncertainty)
     a = statistics.indices(score.parameters)
-    root = root_of(uncertainty, statistics.prior_sigma)
+    root = covariance_root(uncertainty, statistics.prior_sigma)
     inner = np.eye(root.shape[1]) + root.T @ statistics.F @ root
     absorbed = root.T @ statistics.s
     explained = float(absorbed @ np.linalg.solve(inner, absorbed))
@@ -353,19 +359,21 @@ def marginalise(statistics: LocalStatistics, keep: Sequence[str], uncertainty: n
     )
 
 
-def marginalised(statistics: LocalStatistics) -> LocalStatistics:
+def marginalise_nuisance(statistics: LocalStatistics) -> LocalStatistics:
     """Statistics of the monitored parameters, everything else counted as noise: of windows that are judged together."""
     if not statistics.additive:
         return statistics
-    return marginalise(statistics, statistics.monitored, _covariance(statistics, (*statistics.common, *statistics.own)))
+    return marginalise(
+        statistics, statistics.monitored, _nuisance_covariance(statistics, (*statistics.common, *statistics.own))
+    )
 
 
-def as_read(statistics: LocalStatistics) -> LocalStatistics:
+def drop_nuisance(statistics: LocalStatistics) -> LocalStatistics:
     """Statistics of the monitored parameters at nominal as it is, for windows that are compared with each other."""
-    return statistics.without({*statistics.common, *statistics.own})
+    return statistics.drop_parameters({*statistics.common, *statistics.own})
 
 
-def _covariance(statistics: LocalStatistics, names: tuple[str, ...]) -> np.ndarray:
+def _nuisance_covariance(statistics: LocalStatistics, names: tuple[str, ...]) -> np.ndarray:
     """C (p, p): of these parameters, zero for the others."""
     variance = np.zeros(len(statistics.parameters))
     at = statistics.indices(names)

@@ -51,7 +51,7 @@ LEAST_VARIANCE = 1e-14
 """Share of the largest variance, in units of the scale, up to which one is rounding."""
 
 
-def root_of(covariance: np.ndarray, scale: np.ndarray) -> np.ndarray:
+def covariance_root(covariance: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """L (p, r) of a positive semidefinite covariance (p, p), one column for each direction that is uncertain at all.
 
     scale (p,): a positive size of each parameter in its unit, such as its prior standard deviation.
@@ -89,7 +89,7 @@ class RangeSpace:
 
 
 @dataclass(frozen=True)
-class DarkCombination:
+class UnexcitedCombination:
     """A combination of parameters that the operating points hardly excite.
 
     `weights` gives the change of each parameter in multiples of its prior standard deviation; `information`
@@ -112,9 +112,9 @@ def range_space(F: np.ndarray, scale: np.ndarray, tolerance: float = RANK_TOLERA
     return RangeSpace(scale, vectors[:, kept], eigenvalues[kept], tolerance)
 
 
-def dark_combinations(
+def unexcited_combinations(
     parameters: tuple[str, ...], F: np.ndarray, scale: np.ndarray, least_information: float = 1.0
-) -> tuple[DarkCombination, ...]:
+) -> tuple[UnexcitedCombination, ...]:
     """Combinations known worse than `least_information` prior standard deviations squared, one per dimension.
 
     The eigenvectors of a null space of several dimensions are an arbitrary rotation, hard to read; the basis
@@ -130,7 +130,7 @@ def dark_combinations(
         row = row / np.linalg.norm(row)
         order = np.argsort(-np.abs(row), kind="stable")
         weights = {parameters[i]: float(row[i]) for i in order if abs(row[i]) > 0.1}
-        found.append(DarkCombination(weights, max(float(row @ scaled @ row), 0.0)))
+        found.append(UnexcitedCombination(weights, max(float(row @ scaled @ row), 0.0)))
     return tuple(sorted(found, key=lambda c: c.information))
 
 
@@ -187,7 +187,7 @@ def independent_rows(G: np.ndarray, rho: np.ndarray, lags: np.ndarray) -> np.nda
 
 
 @dataclass(frozen=True)
-class Frame:
+class ParameterFrame:
     """`names` of p parameters; theta0 (p,): the point of linearisation, in their units; prior_sigma (p,): how large a
     change of each is plausible; meaning: what they are, by name, where it is known."""
 
@@ -256,7 +256,7 @@ class LocalStatistics:
             raise ValueError("statistics of different parameters cannot be added")
         if not np.allclose(self.theta0, other.theta0, rtol=1e-9, atol=1e-12):
             raise ValueError("statistics about different nominal points cannot be added")
-        rows, kurtosis = _rows_of_both(self, other)
+        rows, kurtosis = _join_rows(self, other)
         return replace(
             self,
             s=self.s + other.s,
@@ -269,8 +269,8 @@ class LocalStatistics:
             by_sensor=None if self.by_sensor is None or other.by_sensor is None else self.by_sensor + other.by_sensor,
             rows=rows,
             kurtosis=kurtosis,
-            doubt=_doubt_of_both(self.doubt, other.doubt),
-            slopes=_slopes_of_both(self, other),
+            doubt=_join_doubt(self.doubt, other.doubt),
+            slopes=_larger_slopes(self, other),
             points=None if self.points is None or other.points is None else self.points + other.points,
         )
 
@@ -279,11 +279,11 @@ class LocalStatistics:
         """Parameters that may have changed."""
         return tuple(name for name in self.parameters if name not in {*self.common, *self.own})
 
-    def unexcited(self, least_information: float = 1.0) -> tuple[DarkCombination, ...]:
+    def unexcited(self, least_information: float = 1.0) -> tuple[UnexcitedCombination, ...]:
         """Combinations of parameters that these operating points tell less about than the prior does."""
-        return dark_combinations(self.parameters, self.F, self.prior_sigma, least_information)
+        return unexcited_combinations(self.parameters, self.F, self.prior_sigma, least_information)
 
-    def without(self, names: Collection[str]) -> LocalStatistics:
+    def drop_parameters(self, names: Collection[str]) -> LocalStatistics:
         """The same of all parameters but `names`, which are taken not to have changed."""
         kept = np.array([i for i, a in enumerate(self.parameters) if a not in names], dtype=int)
         if len(kept) == len(self.parameters):
@@ -314,7 +314,7 @@ class LocalStatistics:
         return np.array([position[name] for name in names], dtype=int)
 
 
-def _rows_of_both(a: LocalStatistics, b: LocalStatistics) -> tuple[np.ndarray | None, np.ndarray | None]:
+def _join_rows(a: LocalStatistics, b: LocalStatistics) -> tuple[np.ndarray | None, np.ndarray | None]:
     """Rows of both and their kurtosis; none where there are so many that the sum is Gaussian whatever its terms."""
     if a.rows is None or b.rows is None or a.kurtosis is None or b.kurtosis is None:
         return None, None
@@ -323,7 +323,7 @@ def _rows_of_both(a: LocalStatistics, b: LocalStatistics) -> tuple[np.ndarray | 
     return np.concatenate([a.rows, b.rows]), np.concatenate([a.kurtosis, b.kurtosis])
 
 
-def _slopes_of_both(a: LocalStatistics, b: LocalStatistics) -> np.ndarray | None:
+def _larger_slopes(a: LocalStatistics, b: LocalStatistics) -> np.ndarray | None:
     """The maps and the change are the same in both stretches, and their errors do not average out: the larger ones."""
     if a.slopes is None or b.slopes is None:
         return b.slopes if a.slopes is None else a.slopes
@@ -331,14 +331,14 @@ def _slopes_of_both(a: LocalStatistics, b: LocalStatistics) -> np.ndarray | None
     return a.slopes if larger else b.slopes
 
 
-def _doubt_of_both(a: tuple[float, float, float], b: tuple[float, float, float]) -> tuple[float, float, float]:
+def _join_doubt(a: tuple[float, float, float], b: tuple[float, float, float]) -> tuple[float, float, float]:
     """Doubt about the noise is common to both stretches; each contributes half of the leverages, h² a quarter."""
     common = max(a[:2], b[:2])
     return common[0], common[1], (a[2] + b[2]) / 4
 
 
 @dataclass(frozen=True)
-class Block:
+class StatisticsBlock:
     """Sums over consecutive records with what the next and the block before need to know of them.
 
     `sums`: their statistics, with V = F; `parts` (m, p, p): what the noise of each sensor contributes to V, None where
@@ -354,14 +354,14 @@ class Block:
     tail: np.ndarray
     decay: np.ndarray
 
-    def __add__(self, later: Block) -> Block:
+    def __add__(self, later: StatisticsBlock) -> StatisticsBlock:
         """This block followed at once by `later`: V_j = V_j1 + V_j2 + cross + crossᵀ, cross = tail_j1 head_j2ᵀ."""
         parts = None
         if self.parts is not None and later.parts is not None:
             tail = self.tail / self.noise.inflation[:, None]  # in variances of one whitened residual
             cross = tail[:, :, None] * later.head[:, None, :]
             parts = self.parts + later.parts + cross + cross.transpose(0, 2, 1)
-        return Block(
+        return StatisticsBlock(
             self.sums + later.sums,
             self.noise,
             parts,
@@ -418,11 +418,11 @@ def block_statistics(
     J: np.ndarray,
     noise: NoiseModel,
     starts: np.ndarray,
-    frame: Frame,
+    frame: ParameterFrame,
     *,
     lags: np.ndarray | None = None,
     information: np.ndarray | None = None,
-) -> Iterator[Block]:
+) -> Iterator[StatisticsBlock]:
     """Statistics of consecutive blocks of records in turn, ready to be added up to windows.
 
     e (N, m), J (N, m, p): residuals and sensitivities at the θ0 of the frame of p parameters; starts (B,): first record
@@ -463,4 +463,4 @@ def block_statistics(
             kurtosis=kurtosis,
             meaning=frame.meaning,
         )
-        yield Block(sums, noise, parts, int(k - i), lagged.head[b], lagged.tail[b], lagged.decay[b])
+        yield StatisticsBlock(sums, noise, parts, int(k - i), lagged.head[b], lagged.tail[b], lagged.decay[b])

@@ -28,11 +28,11 @@ import numpy as np
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.residuals.flat import CHECKSUM, MadeWith, checksum, is_flat, made_with, read_flat
+from enginediag_cli.residuals.flat import CHECKSUM, StatisticsOrigin, checksum, is_flat, read_flat, read_origin
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.pipeline import Condense, condensed
+from enginediag_cli.residuals.pipeline import Condense, condense_statistics
 from enginediag_cli.residuals.reduced import ReducedMonitor
-from enginediag_cli.residuals.statistics import LocalStatistics, root_of
+from enginediag_cli.residuals.statistics import LocalStatistics, covariance_root
 from enginediag_cli.residuals.windows import WindowStatistics
 
 MAKE_ANEW = "make them anew with `enginediag residual` from the recordings"
@@ -66,14 +66,14 @@ class Ledger:
     summed: bool = False
     repeated: int = 0
     overlapping: int = 0
-    _made: tuple[MadeWith, str] | None = None
+    _origin: tuple[StatisticsOrigin, str] | None = None
     _rows: set[str] = field(default_factory=set)
     _spans: dict[Place, list[Span]] = field(default_factory=dict)
 
     def admit(self, row: Mapping[str, str], place: str) -> bool:
         """Whether a row may count, and not only repeats an earlier one. DataError names the place of one that is
         edited, old, or made otherwise than the rest."""
-        made = made_with(row)
+        made = read_origin(row)
         if made is None or not row.get(CHECKSUM):
             raise DataError(f"{place}: the row does not say how it was made, nor its checksum: {MAKE_ANEW}")
         if checksum(row) != row[CHECKSUM]:
@@ -81,8 +81,8 @@ class Ledger:
             raise DataError(f"{place}:{CHECKSUM}: {what}; {MAKE_ANEW}")
         if self.nominal and made.nominal != self.nominal:
             raise DataError(f"{place}: made with another nominal than the one given; {MAKE_ANEW}")
-        first, where = self._made or (made, place)
-        self._made = first, where
+        first, where = self._origin or (made, place)
+        self._origin = first, where
         if differ := made.differences(first):
             what = "; ".join(f"{IGNORED.get(n, n)} {a or 'none'}, there {b or 'none'}" for n, a, b in differ)
             raise DataError(f"{place}: made otherwise than {where}: {what}; {MAKE_ANEW}, all alike")
@@ -96,9 +96,9 @@ class Ledger:
 
     def place(self, window: WindowStatistics, place: str) -> None:
         """Note the records of a window. DataError when windows are added up and this one shares some with another."""
-        if window.statistics is None or self._made is None:
+        if window.statistics is None or self._origin is None:
             return
-        if self._made[0].overlapping and not self.summed:
+        if self._origin[0].overlapping and not self.summed:
             return
         spans = self._spans.setdefault((window.source, window.flight, window.engine), [])
         span = (window.first_line, window.last_line)
@@ -185,8 +185,9 @@ def _rows(lines: Iterable[str], source: str) -> Iterator[tuple[dict[str, str], i
                 header = _checked_header(cells, source, line)
             elif is_flat(cells):
                 raise DataError(
-                    f"{source}:{line}: another header in the middle of the file ({_odd(header, cells)}): the rows "
-                    f"below it hold other statistics than those above; {MAKE_ANEW}, all alike"
+                    f"{source}:{line}: another header in the middle of the file "
+                    f"({_header_difference(header, cells)}): the rows below it hold other statistics than those above; "
+                    f"{MAKE_ANEW}, all alike"
                 )
             elif len(row) != len(header):
                 raise DataError(f"{source}:{line}: {len(row)} fields where the header has {len(header)}")
@@ -209,7 +210,7 @@ def _checked_header(cells: Sequence[str], source: str, line: int) -> list[str]:
     return list(cells)
 
 
-def _odd(header: Sequence[str], cells: Sequence[str]) -> str:
+def _header_difference(header: Sequence[str], cells: Sequence[str]) -> str:
     more = [c for c in cells if c not in header]
     fewer = [c for c in header if c not in cells]
     if not more and not fewer:
@@ -217,15 +218,15 @@ def _odd(header: Sequence[str], cells: Sequence[str]) -> str:
     return "; ".join(f"{what} {', '.join(names[:3])}" for what, names in (("new", more), ("gone", fewer)) if names)
 
 
-def unmarginalised(monitor: Monitor) -> Condense:
+def keep_nuisance(monitor: Monitor) -> Condense:
     """Statistics of all parameters of a monitor. How uncertain the noise is, and what wrong slopes make of a change, is
     that of the window alone, marginalised."""
     a = len(monitor.monitored)
     own = monitor.names[len(monitor.names) - len(monitor.offsets) :]
 
     def condense(window: WindowStatistics, statistics: LocalStatistics) -> WindowStatistics:
-        alone = condensed(monitor, statistics, monitor.uncertainty)
-        whole = statistics if isinstance(monitor, ReducedMonitor) else _in_normals(monitor, statistics)
+        alone = condense_statistics(monitor, statistics, monitor.uncertainty)
+        whole = statistics if isinstance(monitor, ReducedMonitor) else _to_unit_normals(monitor, statistics)
         p = len(whole.parameters)
         whole = replace(
             whole,
@@ -244,21 +245,21 @@ def unmarginalised(monitor: Monitor) -> Condense:
     return condense
 
 
-def nuisance_of(monitor: Monitor) -> int:
+def count_nuisance(monitor: Monitor) -> int:
     """How many parameters `unmarginalised` statistics have beside the monitored ones."""
     k = len(monitor.names) - len(monitor.offsets)
     if isinstance(monitor, ReducedMonitor):
         return len(monitor.names) - len(monitor.monitored)
-    return root_of(monitor.uncertainty[:k, :k], monitor.prior_sigma[:k]).shape[1] + len(monitor.offsets)
+    return covariance_root(monitor.uncertainty[:k, :k], monitor.prior_sigma[:k]).shape[1] + len(monitor.offsets)
 
 
-def _in_normals(monitor: Monitor, statistics: LocalStatistics) -> LocalStatistics:
+def _to_unit_normals(monitor: Monitor, statistics: LocalStatistics) -> LocalStatistics:
     """The statistics with unit normals n in place of what is uncertain but for offsets, x = L n with L Lᵀ = C:
 
     s' = Tᵀ s,   F' = Tᵀ F T,   V' = Tᵀ V T,   T = (1, L) for the monitored and the normals.
     """
     a, k, p = len(monitor.monitored), len(monitor.names) - len(monitor.offsets), len(monitor.names)
-    root = root_of(monitor.uncertainty[:k, :k], monitor.prior_sigma[:k])
+    root = covariance_root(monitor.uncertainty[:k, :k], monitor.prior_sigma[:k])
     r = root.shape[1]
     T = np.zeros((p, a + r + p - k))
     T[:a, :a], T[:k, a : a + r], T[k:, a + r :] = np.eye(a), root, np.eye(p - k)

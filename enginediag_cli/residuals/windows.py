@@ -109,7 +109,7 @@ class FlightHours:
 
     _first: dict[Key, float] = field(default_factory=dict)
 
-    def written(self, recordings: Iterable[Recording]) -> Iterator[Recording]:
+    def add_to(self, recordings: Iterable[Recording]) -> Iterator[Recording]:
         """Chunks of files in turn with the column `ELAPSED`."""
         for chunk in recordings:
             hours = np.zeros(len(chunk))
@@ -140,17 +140,17 @@ class WindowPlan:
     in_time: bool = False
     whole_flights: bool = False
 
-    def of_flight(self, flight: str) -> WindowPlan:
+    def flight_plan(self, flight: str) -> WindowPlan:
         """The plan for the records of one flight, "" where the recording tells none."""
         return WindowPlan() if self.whole_flights and flight else self
 
     @property
-    def of_series(self) -> WindowPlan:
+    def series_plan(self) -> WindowPlan:
         """The plan for a series: where each flight is one window, each record of a recording without flights is."""
-        return WindowPlan(1, 1, whole_flights=True) if self.whole else self
+        return WindowPlan(1, 1, whole_flights=True) if self.is_whole_flight else self
 
     @property
-    def whole(self) -> bool:
+    def is_whole_flight(self) -> bool:
         """Whether each flight is one window."""
         return self.length == inf
 
@@ -248,7 +248,7 @@ def check_inputs(monitor: Monitor, recording: Recording) -> None:
         raise DataError(f"{recording.source}: none of the sensors {', '.join(monitor.sensors)}")
 
 
-class Elsewhere(NamedTuple):
+class Extrapolation(NamedTuple):
     """Where records lie that training did not cover: the input that is farthest beyond its range, "" where it is their
     combination, and whether they are judged all the same."""
 
@@ -265,8 +265,8 @@ class JudgedInputs:
     y: np.ndarray
     incomplete: np.ndarray
     outside: np.ndarray
-    beyond: np.ndarray
-    beyond_by: np.ndarray
+    uncovered: np.ndarray
+    uncovered_by: np.ndarray
     columns: tuple[str, ...]
 
     @property
@@ -274,25 +274,25 @@ class JudgedInputs:
         """Which records can be judged, (N,)."""
         return ~self.incomplete & ~self.outside
 
-    def of(self, rows: np.ndarray) -> JudgedInputs:
+    def select(self, rows: np.ndarray) -> JudgedInputs:
         """Some of the records."""
         inputs = {c: v[rows] for c, v in self.inputs.items()}
         y, incomplete, outside = self.y[rows], self.incomplete[rows], self.outside[rows]
-        return JudgedInputs(inputs, y, incomplete, outside, self.beyond[rows], self.beyond_by[rows], self.columns)
+        return JudgedInputs(inputs, y, incomplete, outside, self.uncovered[rows], self.uncovered_by[rows], self.columns)
 
-    def elsewhere(self, rows: slice | np.ndarray) -> Counter[Elsewhere]:
+    def count_extrapolation(self, rows: slice | np.ndarray) -> Counter[Extrapolation]:
         """Of some records: how many lie where."""
-        found: Counter[Elsewhere] = Counter()
-        if not self.beyond[rows].any():
+        found: Counter[Extrapolation] = Counter()
+        if not self.uncovered[rows].any():
             return found
         for judged in (True, False):
-            here = self.beyond[rows] & (self.outside[rows] != judged)
-            for j, n in zip(*np.unique(self.beyond_by[rows][here], return_counts=True), strict=True):
-                found[Elsewhere(self.columns[j] if j >= 0 else "", judged)] += int(n)
+            here = self.uncovered[rows] & (self.outside[rows] != judged)
+            for j, n in zip(*np.unique(self.uncovered_by[rows][here], return_counts=True), strict=True):
+                found[Extrapolation(self.columns[j] if j >= 0 else "", judged)] += int(n)
         return found
 
 
-def judged_inputs(monitor: Monitor, recording: Recording, *, widening: bool = True) -> JudgedInputs:
+def select_inputs(monitor: Monitor, recording: Recording, *, widening: bool = True) -> JudgedInputs:
     """What can be judged of a recording. widening: whether limits become as wide as the error of the model is beyond
     what training covered, where that is known."""
     engine, N = monitor.engine, len(recording)
@@ -339,7 +339,7 @@ class NominalResiduals:
         """Residuals (N, m), NaN where there is none."""
         return np.where(self.ok[:, None], self.y - self.predicted, np.nan)
 
-    def rows(self, some: slice | np.ndarray) -> NominalResiduals:
+    def select(self, some: slice | np.ndarray) -> NominalResiduals:
         """Some of the records."""
         inputs = {c: np.asarray(v)[some] for c, v in self.inputs.items()}
         x = None if self.x is None else self.x[:, some]
@@ -358,7 +358,7 @@ def nominal_residuals(
     known = {**asked, **getattr(prediction, "frozen", {})}
     # unknowns of the engine, from which the next solution is near
     found = NominalResiduals(known, y[rows], predicted, J, np.asarray(ok), getattr(prediction, "x", None))
-    return found if distinct is None else found.rows(np.unique(distinct, return_inverse=True)[1])
+    return found if distinct is None else found.select(np.unique(distinct, return_inverse=True)[1])
 
 
 @dataclass(frozen=True)
@@ -397,11 +397,11 @@ class WindowStatistics:
     sensors: int = 0
     sensors_of: int = 0
     silent: tuple[str, ...] = ()
-    elsewhere: Counter[Elsewhere] = field(default_factory=Counter)
+    extrapolation: Counter[Extrapolation] = field(default_factory=Counter)
     conditions: Mapping[str, float] = field(default_factory=dict)
     readings: Mapping[str, float] = field(default_factory=dict)
-    flown: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
-    read: np.ndarray | None = field(default=None, repr=False, compare=False)
+    sample_inputs: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
+    sample_readings: np.ndarray | None = field(default=None, repr=False, compare=False)
     checked: bool = True
     solution: np.ndarray | None = field(default=None, repr=False, compare=False)
     gross: GrossCounts = field(default_factory=GrossCounts)
@@ -409,14 +409,14 @@ class WindowStatistics:
     weights: np.ndarray | None = field(default=None, repr=False, compare=False)
     disagreement: RecordingMismatch | None = field(default=None, repr=False, compare=False)
 
-    def without(self, names: Collection[str]) -> WindowStatistics:
+    def drop_parameters(self, names: Collection[str]) -> WindowStatistics:
         """The window without the suspects `names` and those that are silent, in its statistics, too."""
         silent = tuple(dict.fromkeys((*self.silent, *names)))
-        statistics = self.statistics and self.statistics.without(silent)
+        statistics = self.statistics and self.statistics.drop_parameters(silent)
         return replace(self, silent=silent, statistics=statistics)
 
     @property
-    def doubtful(self) -> bool:
+    def is_doubtful(self) -> bool:
         """Whether the recording is likelier wrong than the engine."""
         return self.disagreement is not None and self.disagreement.is_likely_wrong
 
@@ -435,16 +435,16 @@ class WindowStatistics:
     @property
     def extrapolated(self) -> int:
         """Records that are judged although training did not cover where they lie."""
-        return sum(n for where, n in self.elsewhere.items() if where.judged)
+        return sum(n for where, n in self.extrapolation.items() if where.judged)
 
 
-def not_read(source: str, reason: str) -> WindowStatistics:
+def unread_window(source: str, reason: str) -> WindowStatistics:
     """A recording that could not be read, or not to its end, in the place of its windows."""
     nan = float("nan")
     return WindowStatistics(source, "", "", 0, 0, nan, nan, 0, 0, 0, 0, None, reason)
 
 
-def joined(parts: Sequence[WindowStatistics]) -> WindowStatistics:
+def join_bookkeeping(parts: Sequence[WindowStatistics]) -> WindowStatistics:
     """Bookkeeping of a window from that of its pieces, in order."""
     first, last = parts[0], parts[-1]
 
@@ -459,12 +459,12 @@ def joined(parts: Sequence[WindowStatistics]) -> WindowStatistics:
         outside=total("outside"),
         incomplete=total("incomplete"),
         failed=total("failed"),
-        elsewhere=sum((part.elsewhere for part in parts), Counter()),
+        extrapolation=sum((part.extrapolation for part in parts), Counter()),
         instruments=tuple(fault for part in parts for fault in part.instruments),
     )
 
 
-def nothing_judged(window: WindowStatistics) -> str:
+def describe_excluded(window: WindowStatistics) -> str:
     """Why a window has no verdict, where none of its records could be judged."""
     counts = [
         (window.outside, "outside the operating points identified"),
@@ -479,7 +479,7 @@ Pieces = Callable[[Recording, JudgedInputs, Key, np.ndarray, np.ndarray], Iterab
 number and piece of each block."""
 
 
-def cut(
+def cut_windows(
     monitor: Monitor,
     recordings: Iterable[Recording],
     plan: WindowPlan,
@@ -501,24 +501,24 @@ def cut(
             assemblers, timelines, source = {}, {}, recording.source
         check_inputs(monitor, recording)
         groups = group_rows(recording)
-        taken = judged_inputs(monitor, recording)
+        taken = select_inputs(monitor, recording)
         # a flight of which a whole chunk tells nothing has ended: memory holds the flights of one chunk
         for ended in [key for key in assemblers if key not in dict(groups)]:
             complete.extend(assemblers.pop(ended).flush())
             del timelines[ended]
         for key, rows in groups:
-            mine = plan.of_flight(key[1])
+            mine = plan.flight_plan(key[1])
             assembler = assemblers.setdefault(key, WindowAssembler(mine))
             part = recording.select(rows)
-            position, lags = _placed(timelines.setdefault(key, Timeline()), part, mine)
-            for number, piece in pieces(part, taken.of(rows), key, mine.blocks(position), lags):
+            position, lags = _grid_positions(timelines.setdefault(key, Timeline()), part, mine)
+            for number, piece in pieces(part, taken.select(rows), key, mine.blocks(position), lags):
                 complete.extend(assembler.push(number, piece))
             keep(assembler.pieces)
         yield complete
     yield [window for assembler in assemblers.values() for window in assembler.flush()]
 
 
-def _placed(timeline: Timeline, part: Recording, plan: WindowPlan) -> tuple[np.ndarray, np.ndarray]:
+def _grid_positions(timeline: Timeline, part: Recording, plan: WindowPlan) -> tuple[np.ndarray, np.ndarray]:
     """Position for the grid of the plan (n,), and lag (n,), of records."""
     time = part.columns.get("time_s")
     if plan.in_time and (time is None or not np.all(np.isfinite(time))):

@@ -26,9 +26,9 @@ from typing import Any
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.nominal_file import write_nominal
-from enginediag_cli.identification.problem import without_repeats
-from enginediag_cli.intake.loader import RecordingLoader, load_flights
-from enginediag_cli.intake.selection import RecordingSource, open_baseline, required_columns
+from enginediag_cli.identification.problem import drop_repeats
+from enginediag_cli.intake.loader import Intake, whole_flights
+from enginediag_cli.intake.selection import Source, columns_of, open_baseline
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions
 from enginediag_cli.isolation.windows import IsolatedWindow, WindowIsolation
 from enginediag_cli.mismatch.explain.answer import IDENTIFIED, Answer, Explanation
@@ -46,10 +46,10 @@ from enginediag_cli.parallel import answer_questions
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import candidate_effects
-from enginediag_cli.recordings.provenance import file_sha256
-from enginediag_cli.residuals.files import JudgedFiles
-from enginediag_cli.residuals.long_windows import KeptRecords
-from enginediag_cli.residuals.monitor import monitor_of
+from enginediag_cli.recordings.provenance import sha256_of
+from enginediag_cli.residuals.files import WindowReader
+from enginediag_cli.residuals.long_windows import RecordHistory
+from enginediag_cli.residuals.monitor import build_monitor
 from enginediag_cli.units import split_column
 from enginediag_cli.validation.causes import causes_from_options, instrument_place
 from enginediag_cli.validation.formula_marks import formula_entries, formula_json
@@ -195,8 +195,8 @@ def identify_once(engine_path: Path, healthy: tuple[str, ...]) -> IdentifiedEngi
     """The engine identified on these files; kept while questions are about the same ones."""
     begun = process_time()
     engine = load_engine(engine_path)
-    intake = RecordingLoader(RecordingSource(healthy), required_columns(engine))
-    training, _ = without_repeats([f.recording for f in load_flights(intake)], (*engine.inputs, *engine.sensors))
+    intake = Intake(Source(healthy), columns_of(engine))
+    training, _ = drop_repeats([f.recording for f in whole_flights(intake)], (*engine.inputs, *engine.sensors))
     found = identify(engine, training)
     path = None
     if found.converged:
@@ -217,20 +217,18 @@ def isolate(question: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _windows(nominal: Path, judged: str) -> Sequence[IsolatedWindow]:
-    monitor = monitor_of(open_baseline(nominal), sensors=True, drifts=True)
-    files = JudgedFiles(
-        RecordingLoader(RecordingSource((judged,)), required_columns(monitor.engine, monitor.sensors)), monitor
-    )
-    kept = KeptRecords(monitor, short_windows=False)
-    return list(WindowIsolation(files, DiagnosisOptions(), FALSE_ALARM, kept_records=kept).windows())
+    monitor = build_monitor(open_baseline(nominal), sensors=True, drifts=True)
+    files = WindowReader(Intake(Source((judged,)), columns_of(monitor.engine, monitor.sensors)), monitor)
+    kept = RecordHistory(monitor, short_windows=False)
+    return list(Isolating(files, DiagnosisOptions(), FALSE_ALARM, kept=kept).windows())
 
 
 def _window(found: IsolatedWindow, engine: Engine) -> dict[str, Any]:
     """The answer for one window: verdict, sets of places with their probabilities (the answer first, with the
     instruments that are stuck or scatter), sizes; `changed`: of each place of the answer the probability that it
     changed, whatever else did."""
-    reported: dict[str, Any] = {"verdict": found.verdict.with_instruments, "why": found.verdict.reason}
-    reported["named"] = found.named
+    told: dict[str, Any] = {"verdict": found.verdict.including_instruments, "why": found.verdict.reason}
+    told["named"] = found.named
     if found.diagnosis is None:
         return reported
     result, place = found.diagnosis.result, _places(found.meaning, engine)

@@ -23,7 +23,7 @@ from enginediag_cli.isolation.prior import InstrumentForms, SetPrior
 from enginediag_cli.methods.registry import SECTIONS, chosen_method
 from enginediag_cli.parameters import meanings
 from enginediag_cli.residuals.instruments import NoiseModel
-from enginediag_cli.residuals.monitor import Monitor, watched_parameters
+from enginediag_cli.residuals.monitor import Monitor, match_parameters
 from enginediag_cli.simulation.flights import MISSION
 from enginediag_cli.simulation.noise import NOISE, ColumnNoise
 
@@ -261,7 +261,7 @@ def load_study(path: str | Path) -> Study:
 def known_nominal(engine: Any, patterns: Sequence[str], noise: Mapping[str, ColumnNoise]) -> Monitor:
     """Monitor of the parameters that `patterns` name, nothing about nominal being uncertain."""
     sensors = tuple(engine.sensors)
-    names = watched_parameters(engine, patterns)
+    names = match_parameters(engine, patterns)
     parameters = [engine.parameters[name] for name in names]
     silent = [column for column in sensors if standard_deviation(noise[column]) == 0]
     if silent:

@@ -20,7 +20,7 @@ import numpy as np
 from enginediag_cli.detection.follow import FlightMonitor
 from enginediag_cli.intake.selection import open_baseline
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.monitor import Monitor, monitor_of
+from enginediag_cli.residuals.monitor import Monitor, build_monitor
 from enginediag_cli.simulation.flights import default_plan, engine_inputs, generate_flights
 
 ENGINE = Path(__file__).resolve().parents[2] / "configs" / "turbofan.yaml"
@@ -42,7 +42,7 @@ def nominal_monitor() -> Monitor:
         subprocess.run([*tool, *simulate], check=True)
         identify = ["identify", str(ENGINE), healthy, "--no-cross-validation", "-q", "-o", nominal]
         subprocess.run([*tool, *identify], check=True)
-        return monitor_of(open_baseline(nominal))
+        return build_monitor(open_baseline(nominal))
 
 
 def flown(monitor: Monitor, seed: int, law: str, name: str, size: float) -> tuple[Recording, int]:

@@ -24,12 +24,12 @@ sys.path.insert(0, str(Path(__file__).parent))
 from end_to_end import end_to_end
 from linear_twin import Flown, draw_noise, fly, identified
 
-from enginediag_cli.detection.verdict import critical_value, unknown_noise
+from enginediag_cli.detection.verdict import critical_value, is_noise_unknown
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.residuals.instruments import NoiseModel
-from enginediag_cli.residuals.monitor import noise_of
+from enginediag_cli.residuals.monitor import noise_model
 from enginediag_cli.residuals.score import fisher_score, marginalise, score_map
-from enginediag_cli.residuals.statistics import Frame, block_statistics, range_space, whiten
+from enginediag_cli.residuals.statistics import ParameterFrame, block_statistics, range_space, whiten
 
 ROOT = Path(__file__).resolve().parents[2]
 PHASES = ("ground", "climb", "cruise", "descent")
@@ -82,7 +82,7 @@ def found(rng: np.random.Generator, flown: Flown, records: int, kind: str, rho: 
     if result is None:
         return None
     error, nominal = result
-    return Watched(error, nominal.covariance, noise_of(nominal, flown.sensors))
+    return Watched(error, nominal.covariance, noise_model(nominal, flown.sensors))
 
 
 def stretches(flown: Flown, phase: str, window: int) -> list[np.ndarray]:
@@ -138,11 +138,11 @@ def _alarms(
 ) -> np.ndarray | None:
     """Alarms (3,) of `count` windows with sensitivities J; None where there is no verdict."""
     noise = watched.noise
-    frame = Frame(flown.names, np.zeros(len(flown.names)), flown.prior)
+    frame = ParameterFrame(flown.names, np.zeros(len(flown.names)), flown.prior)
     (block,) = block_statistics(np.zeros(J.shape[:2]), J, noise, np.array([0]), frame)
     geometry = block.statistics
     score = fisher_score(marginalise(geometry, flown.monitored, watched.covariance))  # all but the residuals
-    if unknown_noise(score):
+    if is_noise_unknown(score):
         return None
     _, G = whiten(np.zeros(J.shape[:2]), J, noise)
     space = range_space(geometry.F, geometry.prior_sigma)

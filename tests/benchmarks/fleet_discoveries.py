@@ -18,8 +18,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "fleets"))
 
 from turbofan_fleet import engine_history, fault, series
 
-from enginediag_cli.detection.e_values import e_path, listed
-from enginediag_cli.fleets.health import engine_flights
+from enginediag_cli.detection.e_values import e_path, flag_engines
+from enginediag_cli.fleets.health import flights_of
 
 LEVEL = 0.05
 FLEETS = 200
@@ -58,10 +58,10 @@ def main() -> None:
         shares, hits = [], []
         for _ in range(FLEETS):
             some = rng.choice(len(e), 19 * len(f), replace=False) if 19 * len(f) <= len(e) else np.arange(len(e))
-            of_both = listed(np.concatenate([e[some], f]), LEVEL)
+            of_both = flag_engines(np.concatenate([e[some], f]), LEVEL)
             shares.append(of_both[: len(some)].sum() / max(of_both.sum(), 1))
             hits.append(of_both[len(some) :].mean())
-        alone = int(listed(e, LEVEL).sum())
+        alone = int(flag_engines(e, LEVEL).sum())
         print(
             f"{n:7d}  {np.mean(np.exp(e)):6.2f}  {np.exp(e.max()):9.2f}  {alone:27d}  {np.mean(shares):23.4f}  "
             f"{np.mean(hits):13.3f}"

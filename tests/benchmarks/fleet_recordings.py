@@ -16,15 +16,15 @@ from pathlib import Path
 
 import numpy as np
 
-from enginediag_cli.detection.series import series_of
-from enginediag_cli.fleets.engine_judgement import judge_engine
+from enginediag_cli.detection.series import build_series
+from enginediag_cli.fleets.engine_judgement import judged_engine
 from enginediag_cli.fleets.findings import EngineHistory, FleetSettings
 from enginediag_cli.fleets.run import judge_fleet
-from enginediag_cli.intake.loader import RecordingLoader
-from enginediag_cli.intake.selection import RecordingSource, open_baseline, required_columns
-from enginediag_cli.residuals.files import JudgedFiles, Judging
-from enginediag_cli.residuals.monitor import monitor_of
-from enginediag_cli.residuals.reduced import of_series
+from enginediag_cli.intake.loader import Intake
+from enginediag_cli.intake.selection import Source, columns_of, open_baseline
+from enginediag_cli.residuals.files import WindowReader, WindowSettings
+from enginediag_cli.residuals.monitor import build_monitor
+from enginediag_cli.residuals.reduced import monitor_for_series
 from enginediag_cli.residuals.windows import WindowPlan
 
 ENGINE = Path(__file__).resolve().parents[2] / "configs" / "turbofan.yaml"
@@ -75,16 +75,14 @@ def main() -> None:
         files = [recording(folder, f"e{k}", k, k >= asked.healthy) for k in range(count)]
         learnt = [early for _, early in files[: min(asked.healthy, 10)]]
         enginediag("identify", ENGINE, *learnt, "--no-cross-validation", "-q", "-o", folder / "nominal.yaml")
-        monitor = monitor_of(open_baseline(folder / "nominal.yaml"), sensors=True)
-        monitor = of_series(monitor)
-        intake = RecordingLoader(
-            RecordingSource(tuple(str(f) for f, _ in files)), required_columns(monitor.engine, monitor.sensors)
-        )
-        plan = Judging(WindowPlan().of_series)
-        series = series_of(JudgedFiles(intake, monitor, plan, series=True), law="none")
+        monitor = build_monitor(open_baseline(folder / "nominal.yaml"), sensors=True)
+        monitor = monitor_for_series(monitor)
+        intake = Intake(Source(tuple(str(f) for f, _ in files)), columns_of(monitor.engine, monitor.sensors))
+        plan = WindowSettings(WindowPlan().series_plan)
+        series = build_series(WindowReader(intake, monitor, plan, series=True), law="none")
     settings = FleetSettings(thorough=False)
     histories = [EngineHistory(serial, "", mine, BASELINE) for serial, mine in series.stretches.items()]
-    fleet = judge_fleet([judge_engine(h, series, settings) for h in histories], settings, series.known)
+    fleet = judged_fleet([judged_engine(h, series, settings) for h in histories], settings, series.parameters)
     faulty = {f"e{k}" for k in range(asked.healthy, count)}
     healthy = [f for f in fleet.engines if f.serial not in faulty]
     others = [f for f in fleet.engines if f.serial in faulty]

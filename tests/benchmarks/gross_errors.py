@@ -34,7 +34,7 @@ from enginediag_cli.engine.instrument_errors import OF_NOISE, InputErrors
 from enginediag_cli.intake.selection import open_baseline
 from enginediag_cli.residuals import gross_gate
 from enginediag_cli.residuals import gross_gate as live_gate
-from enginediag_cli.residuals.monitor import Monitor, monitor_of
+from enginediag_cli.residuals.monitor import Monitor, build_monitor
 from enginediag_cli.units import split_column
 
 FLIGHTS = {
@@ -257,13 +257,13 @@ def exact(nominal: Path, path: Path, truth: Sequence[str], dead: Mapping[str, st
 @contextmanager
 def without_rejection() -> Iterator[None]:
     """Everything as it is, but nothing is taken for a gross error, nor for what may be one."""
-    kept = gross_gate.suspected, live_gate.suspected, follow.brief_departures
-    gross_gate.suspected = live_gate.suspected = lambda *_: False
-    follow.brief_departures = lambda t, *_: np.zeros(t.shape, bool)
+    kept = gross_gate.may_have_gross_errors, live_gate.may_have_gross_errors, follow.find_brief_departures
+    gross_gate.may_have_gross_errors = live_gate.may_have_gross_errors = lambda *_: False
+    follow.find_brief_departures = lambda t, *_: np.zeros(t.shape, bool)
     try:
         yield
     finally:
-        gross_gate.suspected, live_gate.suspected, follow.brief_departures = kept
+        gross_gate.may_have_gross_errors, live_gate.may_have_gross_errors, follow.find_brief_departures = kept
 
 
 def delays(path: Path) -> dict[str, tuple[int, bool]]:
@@ -321,7 +321,7 @@ def measured(engine: str, seed: int, flights: int, faults: int) -> Iterator[dict
         nominal = folder / "nominal.yaml"
         training = simulated(engine, folder, "training", TRAINING, seed)
         run("identify", ROOT / "configs" / f"{engine}.yaml", training.write(folder / "t.csv"), "-o", nominal)
-        monitor = monitor_of(open_baseline(str(nominal)))
+        monitor = build_monitor(open_baseline(str(nominal)))
         healthy = simulated(engine, folder, "healthy", flights, seed + 1)
         wrong, truth = faulty(engine, monitor, folder, faults, seed + 1000)
         sizes = Sizes(monitor, healthy)

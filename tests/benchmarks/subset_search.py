@@ -20,7 +20,7 @@ import numpy as np
 from enginediag_cli.isolation.subsets import ENUMERATED, best_subsets
 from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.score import Score, fisher_score
-from enginediag_cli.residuals.statistics import Frame, block_statistics
+from enginediag_cli.residuals.statistics import ParameterFrame, block_statistics
 
 SIZES = ((20, 4), (40, 8), (60, 6), (100, 5))
 EXHAUSTIVE = ((8, 8), (10, 10), (12, 12), (13, 13), (15, 15), (17, 6), (20, 5))
@@ -35,7 +35,7 @@ def problem(rng: np.random.Generator, p: int, k: int, size: float, common: float
     true = rng.choice(p, k, replace=False)
     change[true] = size * rng.choice([-1.0, 1.0], k) / np.sqrt(np.mean(np.sum(J**2, axis=(0, 1))))
     e = rng.standard_normal(J.shape[:2]) + J @ change
-    frame = Frame([f"p{i}" for i in range(p)], np.ones(p), np.full(p, 0.02))
+    frame = ParameterFrame([f"p{i}" for i in range(p)], np.ones(p), np.full(p, 0.02))
     (block,) = block_statistics(e, J, NoiseModel(np.ones(4), np.zeros(4)), np.array([0]), frame)
     return fisher_score(block.statistics), set(true.tolist())
 

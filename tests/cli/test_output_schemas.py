@@ -279,10 +279,10 @@ def test_a_schema_is_complete(run, name):
 
 
 def test_the_columns_of_windows_are_those_that_residuals_have():
-    from enginediag_cli.residuals.flat import MADE_COLUMNS, WINDOW_COLUMNS
+    from enginediag_cli.residuals.flat import ORIGIN_COLUMNS, WINDOW_COLUMNS
 
     assert tuple(c.name for c in WINDOW) == WINDOW_COLUMNS
-    assert set(MADE_COLUMNS) <= set(output("residual").names)
+    assert set(ORIGIN_COLUMNS) <= set(output("residual").names)
 
 
 OF_NUMBERS: Columns[complex] = Columns()

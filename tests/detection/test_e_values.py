@@ -13,22 +13,22 @@ from enginediag_cli.detection.e_values import (
     CONDITIONS,
     LAWS,
     LEVEL,
-    Rows,
-    Suspects,
+    FlightReadings,
+    SuspectDirections,
     _courses,
-    _whitened,
+    _whiten,
     e_path,
-    listed,
-    onset_law,
+    flag_engines,
+    onset_posterior,
 )
 
 M = 4
 DIRECTIONS = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [1, -2, 3, 1], [0.5, 1, 0, -1]])
-SUSPECTS = Suspects(DIRECTIONS, np.full(4, 0.25))
+SUSPECTS = SuspectDirections(DIRECTIONS, np.full(4, 0.25))
 
 
-def rows(z: np.ndarray) -> Rows:
-    return Rows(z, np.zeros((len(z), 0)), np.ones(len(z)))
+def rows(z: np.ndarray) -> FlightReadings:
+    return FlightReadings(z, np.zeros((len(z), 0)), np.ones(len(z)))
 
 
 def test_the_list_is_what_the_definition_says():
@@ -37,15 +37,15 @@ def test_the_list_is_what_the_definition_says():
         e = np.exp(rng.normal(1.0, 3.0, 12))
         best = [k for k in range(1, 13) if np.sum(e >= 12 / (k * 0.1)) >= k]
         expected = e >= 12 / (max(best) * 0.1) if best else np.zeros(12, bool)
-        np.testing.assert_array_equal(listed(np.log(e), 0.1), expected)
+        np.testing.assert_array_equal(flag_engines(np.log(e), 0.1), expected)
 
 
 def test_an_engine_without_an_e_value_counts_and_is_not_listed():
     log_e = np.log([500.0, 30.0, 1.0])
-    assert listed(log_e, 0.1).tolist() == [True, True, False]
-    assert listed(np.append(log_e, [np.nan] * 7), 0.1).tolist() == [True, False] + [False] * 8
+    assert flag_engines(log_e, 0.1).tolist() == [True, True, False]
+    assert flag_engines(np.append(log_e, [np.nan] * 7), 0.1).tolist() == [True, False] + [False] * 8
     with pytest.raises(ValueError, match="between 0 and 1"):
-        listed(log_e, 5.0)
+        flag_engines(log_e, 5.0)
 
 
 def test_e_knows_neither_level_nor_scatter_of_the_readings():
@@ -54,7 +54,7 @@ def test_e_knows_neither_level_nor_scatter_of_the_readings():
     z[50:] += DIRECTIONS[2]
     T = np.tril(rng.standard_normal((M, M))) + 3 * np.eye(M)
     found = e_path(rows(z), SUSPECTS, 10)
-    moved = e_path(rows(z @ T.T + 100.0), Suspects(DIRECTIONS @ T.T, SUSPECTS.weights), 10)
+    moved = e_path(rows(z @ T.T + 100.0), SuspectDirections(DIRECTIONS @ T.T, SUSPECTS.weights), 10)
     assert found.log_e[-1] > 2.0
     np.testing.assert_allclose(moved.log_e, found.log_e, atol=2e-2)  # the level has a variance of a million
     np.testing.assert_allclose(moved.suspect, found.suspect, atol=1e-3)
@@ -130,13 +130,13 @@ def test_the_weights_of_onsets_sum_to_one():
 def test_whitening_in_steps_is_the_factor_of_the_whole_covariance(law):
     rng = np.random.default_rng(5)
     n, m, c = 90, 4, 3
-    rows = Rows(rng.standard_normal((n, m)), rng.standard_normal((n, c)), rng.uniform(0.4, 1.0, n))
+    rows = FlightReadings(rng.standard_normal((n, m)), rng.standard_normal((n, c)), rng.uniform(0.4, 1.0, n))
     among, (share, length, _) = _courses(n, 12), law
     t = np.arange(n)
     K = (1 - share) * np.eye(n) + share * np.exp(-np.abs(t[:, None] - t) / length)
     K += LEVEL + CONDITIONS * rows.conditions @ rows.conditions.T
     L = np.linalg.cholesky(K * rows.weight * rows.weight[:, None])
-    found = _whitened(rows, among, share, length)
+    found = _whiten(rows, among, share, length)
     np.testing.assert_allclose(L @ found.v, rows.z * rows.weight[:, None], rtol=0, atol=1e-6)
     np.testing.assert_allclose(L @ found.h.T, among.g.T * rows.weight[:, None], rtol=0, atol=1e-6)
     np.testing.assert_allclose(found.log_scale, np.log(np.diag(L)), rtol=0, atol=1e-7)
@@ -146,19 +146,19 @@ def test_whitening_in_steps_is_the_factor_of_the_whole_covariance(law):
 def test_since_when_is_the_same_whether_all_onsets_are_looked_at_or_few_and_then_those_nearby(onset, size, monkeypatch):
     z = np.random.default_rng(8).standard_normal((500, M))
     z[onset:, 1] += size
-    few = onset_law(rows(z), SUSPECTS, 20)
+    few = onset_posterior(rows(z), SUSPECTS, 20)
     monkeypatch.setattr(e_values, "ONSETS", 1000)
-    every = onset_law(rows(z), SUSPECTS, 20)
+    every = onset_posterior(rows(z), SUSPECTS, 20)
     assert np.abs(np.cumsum(few - every)).max() < 0.1  # where it is wide, every third onset says as much
     assert few.sum() == pytest.approx(1.0)
 
 
 def test_memory_of_a_long_history_grows_with_its_flights_and_not_with_their_square():
     rng = np.random.default_rng(6)
-    suspects = Suspects(np.eye(3), np.full(3, 1 / 3))
+    suspects = SuspectDirections(np.eye(3), np.full(3, 1 / 3))
 
     def peak(n: int) -> int:
-        rows = Rows(rng.standard_normal((n, 3)), rng.standard_normal((n, 2)), np.ones(n))
+        rows = FlightReadings(rng.standard_normal((n, 3)), rng.standard_normal((n, 2)), np.ones(n))
         tracemalloc.start()
         try:
             e_path(rows, suspects, 10)

@@ -17,24 +17,24 @@ from enginediag_cli.detection.verdict import (
     NO_VERDICT,
     NOTHING_REQUIRED,
     critical_value,
+    effective_rank,
     glr_test,
+    is_noise_unknown,
     judge,
     noise_correction,
-    numerator,
     p_value,
     threshold,
-    unknown_noise,
 )
 from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.score import fisher_score
-from enginediag_cli.residuals.statistics import Frame
+from enginediag_cli.residuals.statistics import ParameterFrame
 from enginediag_cli.residuals.windows import WindowStatistics
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 def statistics_of(e, G, noise):
-    return local_statistics(e, G, noise, Frame(("a", "b"), np.zeros(2), np.ones(2)))
+    return local_statistics(e, G, noise, ParameterFrame(("a", "b"), np.zeros(2), np.ones(2)))
 
 
 def score_of(rng, G, sigma, readings):
@@ -95,7 +95,7 @@ def test_the_statistic_scatters_as_the_kurtosis_of_the_noise_says(rho):
     expected = 2 * score.rank + score.doubt[2]
     assert score.doubt[2] < -0.1
     assert np.var(t) == pytest.approx(expected, rel=0.04)
-    assert numerator(score.rank, score.doubt) == pytest.approx(2 * score.rank**2 / expected)
+    assert effective_rank(score.rank, score.doubt) == pytest.approx(2 * score.rank**2 / expected)
 
 
 def test_statistics_of_two_stretches_know_the_law_of_the_noise_of_both():
@@ -114,7 +114,7 @@ def test_noise_known_from_too_few_records_gives_no_verdict():
     for readings, verdict in ((2.0, NO_VERDICT), (200.0, HEALTHY)):
         noise = NoiseModel(np.ones(1), np.zeros(1), readings=np.array([readings]))
         found = statistics_of(0.5 * rng.standard_normal((20, 1)), G, noise)
-        assert unknown_noise(fisher_score(found)) == (verdict == NO_VERDICT)
+        assert is_noise_unknown(fisher_score(found)) == (verdict == NO_VERDICT)
         judged = judge(replace(WINDOW, statistics=found), required=NOTHING_REQUIRED)
         assert judged.verdict == verdict
         assert ("too few independent records" in judged.reason) == (verdict == NO_VERDICT)

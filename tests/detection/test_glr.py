@@ -11,7 +11,7 @@ from white_statistics import local_statistics, white_noise
 from enginediag_cli.detection.verdict import glr_test, threshold
 from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.score import fisher_score
-from enginediag_cli.residuals.statistics import Frame
+from enginediag_cli.residuals.statistics import ParameterFrame
 
 N, M, P, TRIALS = 80, 4, 6, 1500
 SIGMA = np.array([0.5, 1.0, 2.0, 10.0])
@@ -31,7 +31,7 @@ def scores(rng, noise, change, trials=TRIALS):
             w = rng.standard_normal(N + 200) * np.sqrt(1 - rho**2)
             e[:, j] = noise.sigma[j] * lfilter([1], [1, -rho], w)[200:]
         yield fisher_score(
-            local_statistics(e + J @ change, J, noise, Frame(tuple("abcdef"), np.ones(P), np.full(P, 0.02)))
+            local_statistics(e + J @ change, J, noise, ParameterFrame(tuple("abcdef"), np.ones(P), np.full(P, 0.02)))
         )
 
 
@@ -62,7 +62,10 @@ def test_the_realised_power_is_that_of_the_noncentral_chi2():
 def test_nothing_excited_gives_no_verdict():
     found = fisher_score(
         local_statistics(
-            np.zeros((5, 1)), np.zeros((5, 1, 2)), white_noise(np.ones(1)), Frame(("a", "b"), np.ones(2), np.ones(2))
+            np.zeros((5, 1)),
+            np.zeros((5, 1, 2)),
+            white_noise(np.ones(1)),
+            ParameterFrame(("a", "b"), np.ones(2), np.ones(2)),
         )
     )
     test = glr_test(found)

@@ -9,11 +9,13 @@ from white_statistics import local_statistics, white_noise
 
 from enginediag_cli.detection.verdict import glr_test, lack_of_fit
 from enginediag_cli.residuals.score import fisher_score
-from enginediag_cli.residuals.statistics import Frame
+from enginediag_cli.residuals.statistics import ParameterFrame
 
 
 def statistics(e, J):
-    return local_statistics(e, J, white_noise(np.ones(e.shape[1])), Frame(("a", "b"), np.ones(2), np.full(2, 0.02)))
+    return local_statistics(
+        e, J, white_noise(np.ones(e.shape[1])), ParameterFrame(("a", "b"), np.ones(2), np.full(2, 0.02))
+    )
 
 
 def test_the_rest_is_the_residual_sum_of_squares_of_least_squares():

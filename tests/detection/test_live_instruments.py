@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from known_engine import climb, recorded, write_known
 
-from enginediag_cli.detection.follow import Following
-from enginediag_cli.intake.loader import RecordingLoader
-from enginediag_cli.intake.selection import RecordingSource, open_baseline, required_columns
+from enginediag_cli.detection.follow import FlightFollower
+from enginediag_cli.intake.loader import Intake
+from enginediag_cli.intake.selection import Source, columns_of, open_baseline
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv
-from enginediag_cli.residuals.monitor import monitor_of
-from enginediag_cli.residuals.reduced import with_lagging
+from enginediag_cli.residuals.monitor import build_monitor
+from enginediag_cli.residuals.reduced import add_sensor_lags
 
 ENGINE = Path(__file__).parents[2] / "configs" / "turbofan.yaml"
 RECORDS, SINCE = 160, 60
@@ -26,7 +26,7 @@ RECORDS, SINCE = 160, 60
 def monitor(tmp_path_factory):
     folder, engine = tmp_path_factory.mktemp("live"), load_engine(ENGINE)
     write_known(engine, ENGINE, climb(engine, RECORDS), folder / "nominal.yaml")
-    return with_lagging(monitor_of(open_baseline(str(folder / "nominal.yaml"))))
+    return add_sensor_lags(build_monitor(open_baseline(str(folder / "nominal.yaml"))))
 
 
 def followed(monitor, path: Path, wrong):
@@ -36,8 +36,8 @@ def followed(monitor, path: Path, wrong):
     for column, become in wrong.items():
         table[column] = np.concatenate([table[column][:SINCE], become(table[column][SINCE:])])
     write_csv(path, [Recording(table)])
-    intake = RecordingLoader(RecordingSource((str(path),)), required_columns(monitor.engine, monitor.sensors))
-    return list(Following(intake, monitor, 0.01, idle_s=0.0).reports())
+    intake = Intake(Source((str(path),)), columns_of(monitor.engine, monitor.sensors))
+    return list(FlightFollower(intake, monitor, 0.01, idle_s=0.0).reports())
 
 
 def repeated(x):

@@ -10,9 +10,9 @@ from scipy.stats import ncx2
 
 from enginediag_cli.detection.verdict import (
     minimum_change,
-    must_show,
+    required_changes,
     threshold,
-    unseen_components,
+    undetectable_components,
 )
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.score import Score
@@ -70,16 +70,16 @@ def described_score():
 
 def test_what_must_show_is_by_quantity_or_as_a_site_chooses_and_nothing_of_instruments():
     score = described_score()
-    assert must_show(score.described, score.prior_sigma).tolist() == [0.02, 0.03, 0.02, np.inf, 0.01]
+    assert required_changes(score.described, score.prior_sigma).tolist() == [0.02, 0.03, 0.02, np.inf, 0.01]
     chosen = (("*.efficiency", 0.005), ("hpc.*", 0.01), ("sensor.*", 2.0))
-    assert must_show(score.described, score.prior_sigma, chosen).tolist() == [0.005, 0.03, 0.01, 2.0, 0.01]
+    assert required_changes(score.described, score.prior_sigma, chosen).tolist() == [0.005, 0.03, 0.01, 2.0, 0.01]
 
 
 def test_a_component_is_seen_by_the_parameter_of_it_that_shows_best():
     score = described_score()
-    limits = must_show(score.described, score.prior_sigma)
-    assert unseen_components(score, np.array([0.5, 0.029, 0.019, 9.0, 0.01]), limits) == []
-    unseen = unseen_components(score, np.array([0.05, 0.06, 0.1, 9.0, np.inf]), limits)
+    limits = required_changes(score.described, score.prior_sigma)
+    assert undetectable_components(score, np.array([0.5, 0.029, 0.019, 9.0, 0.01]), limits) == []
+    unseen = undetectable_components(score, np.array([0.05, 0.06, 0.1, 9.0, np.inf]), limits)
     assert [u.parameter.name for u in unseen] == ["bleed.fraction", "hpc.efficiency", "fan.flow_capacity"]
     assert (unseen[2].size, unseen[2].limit) == (0.06, 0.03)
 

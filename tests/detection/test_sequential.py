@@ -16,12 +16,12 @@ from enginediag_cli.detection.sequential import (
     EProcess,
     Innovations,
     Segment,
-    append,
-    effect,
+    append_segment,
+    eliminate_nuisance,
     log_full,
     log_single,
+    onset_sums,
     onset_weight,
-    tails,
 )
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.source import LONGEST_LINE, GrowingFile
@@ -51,7 +51,7 @@ def test_likelihood_ratios_are_those_of_the_gaussian_densities():
         Segment(0, 1, 10, 0, 5, G[:10].T @ z[:10], G[:10].T @ G[:10]),
         Segment(1, 2, 10, 10, 15, G[10:].T @ z[10:], G[10:].T @ G[10:]),
     ]
-    found = effect(tails(past), 2)
+    found = eliminate_nuisance(onset_sums(past), 2)
     W, late = G[:, :2], np.arange(20) >= 10
     base = np.eye(20) + W @ W.T
     D = G[:, 2:] * late[:, None]
@@ -66,7 +66,7 @@ def test_memory_stays_bounded_and_sums_stay_what_they_are():
     for i in range(1000):
         s = rng.standard_normal(2)
         total = total + s
-        past = append(past, Segment(i, i + 1, 1, float(i), float(i), s, np.eye(2)))
+        past = append_segment(past, Segment(i, i + 1, 1, float(i), float(i), s, np.eye(2)))
     assert len(past) < 6 * RECENT
     assert [piece.last for piece in past[:-1]] == [piece.first for piece in past[1:]]
     np.testing.assert_allclose(sum(piece.s for piece in past), total)
@@ -79,7 +79,7 @@ def test_innovations_of_correlated_noise_are_white_also_across_chunks_and_gaps()
     e[::7, 0] = np.nan
     stream, J = Innovations(NoiseModel(np.ones(2), rho)), np.ones((len(e), 2, 1))
     z = np.concatenate(
-        [stream.of(e[i : i + 11], J[i : i + 11], np.ones(len(e[i : i + 11])))[0] for i in range(0, len(e), 11)]
+        [stream.compute(e[i : i + 11], J[i : i + 11], np.ones(len(e[i : i + 11])))[0] for i in range(0, len(e), 11)]
     )
     for j in range(2):
         x = z[z[:, j] != 0, j]
@@ -182,7 +182,7 @@ def test_a_growing_file_is_followed_by_its_name(tmp_path, way):
 
 def test_white_innovations_are_whitened_residuals():
     e, J = np.array([[2.0, np.nan]]), np.ones((1, 2, 1))
-    z, G = Innovations(white_noise(np.array([2.0, 1.0]))).of(e, J, np.ones(1))
+    z, G = Innovations(white_noise(np.array([2.0, 1.0]))).compute(e, J, np.ones(1))
     np.testing.assert_array_equal(z, [[1.0, 0.0]])
     np.testing.assert_array_equal(G[:, :, 0], [[0.5, 0.0]])
 

@@ -5,8 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.detection.series import EpochStatistics, InputReadings, flight_change, jump, readings_of
-from enginediag_cli.detection.wander import LOCAL, Scatter, structure
+from enginediag_cli.detection.series import (
+    EpochStatistics,
+    InputReadings,
+    build_readings,
+    estimate_flight_change,
+    level_step,
+)
+from enginediag_cli.detection.wander import LOCAL, ScatterLaws, structure_functions
 from enginediag_cli.isolation.events import UNRECORDED
 from enginediag_cli.isolation.timeline import TrendOptions, judge_series
 from enginediag_cli.parameters import Parameter
@@ -38,7 +44,7 @@ def flights(rng, changes, wander=0.0):
 
 def judged(statistics):
     clock = np.arange(len(statistics), dtype=float)
-    return judge_series(readings_of(statistics, list(MEANING.values()), clock), MEANING)
+    return judge_series(build_readings(statistics, list(MEANING.values()), clock), MEANING)
 
 
 def test_summed_flights_are_estimated_as_generalised_least_squares_does():
@@ -46,7 +52,7 @@ def test_summed_flights_are_estimated_as_generalised_least_squares_does():
     one, two = flights(rng, np.zeros((2, 7)))
     prior = np.diag(one.prior_sigma**-2.0)
     expected = np.linalg.solve(one.F + two.F + prior, one.s + two.s)
-    found = flight_change(one + two)
+    found = estimate_flight_change(one + two)
     np.testing.assert_allclose(found.change, expected)
     np.testing.assert_allclose(found.standard_error, np.sqrt(np.diag(np.linalg.inv(one.F + two.F + prior))))
 
@@ -55,7 +61,7 @@ def test_statistics_with_all_sensors_hold_the_readings_themselves():
     rng = np.random.default_rng(2)
     changes = np.zeros((6, 7))
     changes[3:, 4] = 2.0  # of the second sensor
-    found = readings_of(flights(rng, changes), list(MEANING.values()), np.arange(6.0))
+    found = build_readings(flights(rng, changes), list(MEANING.values()), np.arange(6.0))
     again = np.random.default_rng(2)
     again.standard_normal((6, 4))  # what the readings wander by
     noise = again.standard_normal((6, 4))
@@ -71,7 +77,7 @@ def test_rows_of_the_biases_alone_hold_the_same_readings():
     whole = [a + b for a, b in zip(whole, whole[::-1], strict=True)]
     parts = [EpochStatistics.from_statistics(x, SENSORS) for x in whole]
     assert parts[0].information.shape == (4, 7)
-    expected, found = (readings_of(x, list(MEANING.values()), np.arange(6.0)) for x in (whole, parts))
+    expected, found = (build_readings(x, list(MEANING.values()), np.arange(6.0)) for x in (whole, parts))
     np.testing.assert_array_equal(found.z, expected.z)
     np.testing.assert_array_equal(found.J, expected.J)
     one, two = (EpochStatistics.from_statistics(x, SENSORS) for x in whole[:2])
@@ -111,8 +117,8 @@ def test_a_step_is_not_learnt_as_scatter_of_neighbours():
     rng = np.random.default_rng(6)
     z = rng.standard_normal((300, 2))
     stepped = z + np.where(np.arange(300) < 150, 0.0, 30.0)[:, None] * [1.0, 0.0]
-    _, plain = structure(np.arange(300.0), z, np.eye(2))
-    _, found = structure(np.arange(300.0), stepped, np.eye(2))
+    _, plain = structure_functions(np.arange(300.0), z, np.eye(2))
+    _, found = structure_functions(np.arange(300.0), stepped, np.eye(2))
     assert found[0][0, 0] < 1.2 * plain[0][0, 0]
 
 
@@ -120,13 +126,13 @@ def test_a_step_is_not_learnt_as_scatter_of_neighbours():
 def test_what_is_stated_of_the_noise_does_not_stand_for_scatter_that_many_epochs_show(stated):
     """An error of the model that is the same in all epochs is in the stated noise, and not in their differences."""
     z = np.random.default_rng(20).standard_normal((300, 3)) * [1.0, 0.5, 0.2]
-    _, found = structure(np.arange(300.0), z, stated * np.eye(3))
+    _, found = structure_functions(np.arange(300.0), z, stated * np.eye(3))
     assert np.all(np.abs(np.sqrt(np.diag(found[0])) / [1.0, 0.5, 0.2] - 1) < 0.15)
 
 
 def test_of_few_epochs_scatter_is_held_by_what_is_stated_of_the_noise():
     z = 0.01 * np.random.default_rng(21).standard_normal((6, 3))
-    _, found = structure(np.arange(6.0), z, np.eye(3))
+    _, found = structure_functions(np.arange(6.0), z, np.eye(3))
     assert np.all(np.diag(found[0]) > 0.3)
 
 
@@ -135,8 +141,8 @@ def test_scatter_that_is_larger_for_a_while_counts_as_larger_there():
     n, some = 10 * LOCAL, slice(6 * LOCAL, 8 * LOCAL)
     changes = np.zeros((n, 7))
     changes[some, 3:] = rng.standard_normal((2 * LOCAL, 4))  # three times the noise
-    series = readings_of(flights(rng, changes), list(MEANING.values()), np.arange(float(n)))
-    (law,) = Scatter(series).without(np.zeros_like(series.z), [True])
+    series = build_readings(flights(rng, changes), list(MEANING.values()), np.arange(float(n)))
+    (law,) = ScatterLaws(series).estimate(np.zeros_like(series.z), [True])
     own = np.einsum("kii->ki", law.inverse)
     assert np.all(own[:, some].mean(axis=1) < 0.4 * own[:, : 5 * LOCAL].mean(axis=1))
 
@@ -170,14 +176,14 @@ def test_wear_that_is_slow_at_first_and_fast_at_last_is_told_as_wear_of_its_comp
 def test_a_level_that_steps_is_found_with_its_size_and_no_step_in_what_wanders():
     rng = np.random.default_rng(25)
     level = 1373.0 + 0.2 * rng.standard_normal(300) - 5.0 * (np.arange(300) >= 210)
-    assert abs(jump(level) + 5.0) < 0.1
-    assert jump(np.cumsum(rng.standard_normal(300))) == 0.0 == jump(level[:8])
+    assert abs(level_step(level) + 5.0) < 0.1
+    assert level_step(np.cumsum(rng.standard_normal(300))) == 0.0 == level_step(level[:8])
 
 
 def test_joined_epochs_do_not_reach_over_long_times_without_any():
     clock = np.arange(100.0) + np.where(np.arange(100) >= 53, 1000.0, 0.0)
-    series = readings_of(flights(np.random.default_rng(26), np.zeros((100, 7))), list(MEANING.values()), clock)
-    joined = series.joined(20)
+    series = build_readings(flights(np.random.default_rng(26), np.zeros((100, 7))), list(MEANING.values()), clock)
+    joined = series.merge_epochs(20)
     assert len(joined) <= 20 and 53 in joined.first and joined.flights.sum() == 100
 
 
@@ -200,7 +206,7 @@ def judged_with_an_input(rng, in_readings, in_input, governed=(), n=80):
     fixed = {"theta0": np.zeros(8), "prior_sigma": sigma, "F": J.T @ J, "V": J.T @ J, "n": 1, "chi2": 4.0, "dof": 4.0}
     statistics = [LocalStatistics(parameters=tuple(known), s=J.T @ row, **fixed) for row in e]
     read = {"T0_K": InputReadings(0.1 * rng.standard_normal(n) + in_input * step, {INPUT: np.ones(n)})}
-    series = readings_of(statistics, list(known.values()), np.arange(float(n)), None, read)
+    series = build_readings(statistics, list(known.values()), np.arange(float(n)), None, read)
     return judge_series(series, known, TrendOptions(governed=governed))
 
 

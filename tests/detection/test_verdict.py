@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from toy_engine import SENSORS, SIGMA, ToyEngine, toy_monitor, toy_recording
 
-from enginediag_cli.detection.verdict import FAULT, HEALTHY, NO_VERDICT, LackOfFit, judge, lifeless
+from enginediag_cli.detection.verdict import FAULT, HEALTHY, NO_VERDICT, LackOfFit, is_lifeless, judge
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.gross_gate import GrossErrorGate
 from enginediag_cli.residuals.pipeline import window_statistics
@@ -25,7 +25,7 @@ def checked(recording):
     monitor = toy_monitor()
     gate = GrossErrorGate(monitor)
     windows = list(window_statistics(monitor, gate.clean([recording]), plan_windows(None)))
-    return [judge(gate.judged(window), monitor=monitor) for window in windows]
+    return [judge(gate.annotate(window), monitor=monitor) for window in windows]
 
 
 def recording(seed=1, **options):
@@ -47,9 +47,9 @@ def test_readings_that_do_not_scatter_are_no_verdict():
 
 
 def test_few_readings_that_happen_to_agree_are_not_lifeless():
-    assert lifeless(LackOfFit(3e-5, 1.0, 1.0, 3e-5)) is False
-    assert lifeless(LackOfFit(3e-3, 100.0, 1.0, 3e-5)) is True
-    assert lifeless(LackOfFit(30.0, 100.0, 1.0, 0.3)) is False
+    assert is_lifeless(LackOfFit(3e-5, 1.0, 1.0, 3e-5)) is False
+    assert is_lifeless(LackOfFit(3e-3, 100.0, 1.0, 3e-5)) is True
+    assert is_lifeless(LackOfFit(30.0, 100.0, 1.0, 0.3)) is False
 
 
 def test_one_sensor_alone_tells_nothing():

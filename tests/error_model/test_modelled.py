@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from engine_makers import fourth_order, operating_points, turbofan
 
-from enginediag_cli.error_model.maps import CURVES, FAMILY, QUANTITIES, MapErrorModel, learn_curves, machines_of
+from enginediag_cli.error_model.maps import CURVES, FAMILY, QUANTITIES, MapErrorModel, learn_curves, turbomachines
 
 AMOUNTS = {
     "map_error.hpc.efficiency.1": 0.01,
@@ -28,7 +28,7 @@ def inputs():
 @pytest.fixture(scope="module")
 def model(inputs):
     engine = turbofan()
-    machines = machines_of(engine)
+    machines = turbomachines(engine)
     columns = tuple(dict.fromkeys(c for m in machines for c in m.columns))
     values = dict(zip(columns, engine.predict(inputs, sensors=columns).y.T, strict=True))
     curves = [learn_curves(m.name, m.coordinates(values)) for m in machines]
@@ -46,7 +46,7 @@ def test_with_no_amounts_it_is_the_engine_itself(model, inputs):
 
 def test_every_map_quantity_has_amounts_with_the_stated_standard_deviation(model):
     own = [p for p in model.parameters.values() if p.family == FAMILY]
-    assert len(own) == CURVES * len(model.targets) == CURVES * 2 * len(machines_of(turbofan()))
+    assert len(own) == CURVES * len(model.targets) == CURVES * 2 * len(turbomachines(turbofan()))
     for p in own:
         assert p.nominal == 0.0 and p.prior_sigma == 0.003 and np.isinf([p.lower, p.upper]).all()
         assert p.component == p.name.split(".")[1]
@@ -56,7 +56,7 @@ def test_every_map_quantity_has_amounts_with_the_stated_standard_deviation(model
 def test_an_amount_acts_as_the_health_parameter_that_multiplies_what_the_map_gives(model, inputs):
     name = "map_error.hpc.efficiency.1"
     found = model.predict(inputs, {}, sensors=SENSORS, wrt=(name, "hpc.efficiency"))
-    m = next(m for m in machines_of(turbofan()) if m.name == "hpc")
+    m = next(m for m in turbomachines(turbofan()) if m.name == "hpc")
     values = dict(zip(m.columns, turbofan().predict(inputs, sensors=m.columns).y.T, strict=True))
     phi = next(c for c in model.curves if c.machine == "hpc").at(m.coordinates(values))[:, 0]
     np.testing.assert_allclose(found.jacobian[:, :, 0], found.jacobian[:, :, 1] * phi[:, None], rtol=1e-9)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from enginediag_cli.error_model.maps import MapErrorModel, OperatingPoints, PointErrorModel, sized
+from enginediag_cli.error_model.maps import MapErrorModel, OperatingPoints, PointErrorModel, resize_point_errors
 from enginediag_cli.physics.engine_file import load_engine
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -75,6 +75,6 @@ def test_it_stands_below_errors_of_the_maps(engine, points, flown):
 
 def test_other_sizes_change_what_is_believed_before_and_nothing_else(engine, points, flown):
     model = PointErrorModel(engine, points, SIZES)
-    other = sized(model, {**SIZES, "T3_K": 4.0})
+    other = resize_point_errors(model, {**SIZES, "T3_K": 4.0})
     assert other.parameters[model.groups["T3_K"][0]].prior_sigma == 4.0
     assert other.parameters.keys() == model.parameters.keys()

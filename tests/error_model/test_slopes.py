@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from engine_makers import operating_points, turbofan
 
-from enginediag_cli.error_model.maps import QUANTITIES, ErrorModel, machines_of, map_accuracy_of
+from enginediag_cli.error_model.maps import QUANTITIES, ErrorModel, stated_map_accuracy, turbomachines
 from enginediag_cli.error_model.sizes import GENERIC, SLOPES, MapSlopes, map_slopes
 
 
@@ -19,7 +19,7 @@ def inputs():
 
 def error_model(stated=GENERIC):
     engine = turbofan()
-    sizes = {m.parameter(q): stated for m in machines_of(engine) for q in QUANTITIES}
+    sizes = {m.parameter(q): stated for m in turbomachines(engine) for q in QUANTITIES}
     return ErrorModel(stated, (), sizes)
 
 
@@ -39,7 +39,7 @@ def test_no_change_has_no_variance_and_that_of_a_change_is_quadratic(slopes):
 def test_only_what_a_map_gives_is_uncertain(slopes):
     monitored = turbofan().monitored
     uncertain = {monitored[i] for i in slopes.position}
-    assert uncertain == {m.parameter(q) for m in machines_of(turbofan()) for q in QUANTITIES} & set(monitored)
+    assert uncertain == {m.parameter(q) for m in turbomachines(turbofan()) for q in QUANTITIES} & set(monitored)
     outside = [i for i, n in enumerate(monitored) if n not in uncertain]
     assert not slopes.variance(np.full(len(monitored), 0.02))[outside].any()
 
@@ -47,15 +47,15 @@ def test_only_what_a_map_gives_is_uncertain(slopes):
 def test_how_far_a_change_moves_a_machine_on_its_map_is_that_of_differences(slopes, inputs):
     engine, monitored = turbofan(), turbofan().monitored
     j, step = monitored.index("hpc.efficiency"), 1e-4
-    columns = tuple(dict.fromkeys(c for m in machines_of(engine) for c in m.columns))
+    columns = tuple(dict.fromkeys(c for m in turbomachines(engine) for c in m.columns))
     moved = []
     for sign in (1, -1):
         p = engine.predict(inputs, {"hpc.efficiency": 1 + sign * step}, sensors=columns)
         values = dict(zip(columns, p.y.T, strict=True))
-        moved.append([m.coordinates(values) for m in machines_of(engine)])
+        moved.append([m.coordinates(values) for m in turbomachines(engine)])
     direct = np.mean((np.array(moved[0]) - np.array(moved[1])) / (2 * step), axis=1)  # (machines, 2)
     rows = [monitored[i].rpartition(".")[0] for i in slopes.position]
-    for k, m in enumerate(machines_of(engine)):
+    for k, m in enumerate(turbomachines(engine)):
         for r in [r for r, name in enumerate(rows) if name == m.name]:
             np.testing.assert_allclose(slopes.moved[r, :, j], direct[k], rtol=1e-3, atol=1e-4)
 
@@ -74,7 +74,7 @@ def test_a_subset_of_the_monitored_parameters_has_the_same_variances(slopes):
 def test_a_monitor_of_other_parameters_knows_the_slopes_of_those_that_it_has(inputs):
     engine = turbofan()
     few = map_slopes(engine, error_model(), ("hpt.efficiency", "hpc.efficiency"), inputs, {})
-    assert few.moved.shape == (2, 2, 2) and sorted(few.position.tolist()) == [0, 1]
+    assert few.displacement.shape == (2, 2, 2) and sorted(few.position.tolist()) == [0, 1]
     assert map_slopes(engine, error_model(), ("core_nozzle.area",), inputs, {}) is None
 
 
@@ -117,5 +117,5 @@ def test_a_parameter_that_is_taken_not_to_have_changed_moves_no_machine():
 
 
 def test_the_accuracy_of_maps_is_what_the_engine_file_states_and_nothing_is_known_of_a_model_without_one():
-    assert map_accuracy_of(turbofan()) == 0.003
-    assert map_accuracy_of(object()) == 0.0
+    assert stated_map_accuracy(turbofan()) == 0.003
+    assert stated_map_accuracy(object()) == 0.0

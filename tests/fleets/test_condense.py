@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import small_fleet
 
-from enginediag_cli.detection.series import series_of
+from enginediag_cli.detection.series import build_series
 from enginediag_cli.fleets import store as module
 from enginediag_cli.fleets.run import RecordingParts, _StoredWindows, condense_all, engine_tasks
 from enginediag_cli.fleets.runners import SerialRunner
@@ -17,7 +17,7 @@ from enginediag_cli.intake.loader import RecordingLoader
 from enginediag_cli.intake.selection import RecordingSource, required_columns
 from enginediag_cli.recordings.read import read_all
 from enginediag_cli.recordings.write import write_csv
-from enginediag_cli.residuals.files import JudgedFiles, Judging
+from enginediag_cli.residuals.files import WindowReader, WindowSettings
 
 
 @pytest.fixture(scope="module")
@@ -30,19 +30,17 @@ def tasks(fleet_file, tmp_path_factory):
 
 
 def readings(task):
-    stored = _StoredWindows(task, whole_monitor(task.nominal, task.fingerprint))
-    return series_of(stored, law="none").readings(task.serial)
+    stored = _Stored(task, whole_monitor(task.nominal, task.fingerprint))
+    return build_series(stored, law="none").readings(task.serial)
 
 
 def test_each_engine_has_its_flights_and_the_readings_that_trend_has_of_them(fleet_file, tasks):
     assert [task.serial for task in tasks] == ["1", "2", "3", "4"]
     task = tasks[1]
     monitor = whole_monitor(task.nominal, task.fingerprint)
-    intake = RecordingLoader(
-        RecordingSource((str(fleet_file.parent / "engine_2.csv"),)), required_columns(monitor.engine, monitor.sensors)
-    )
-    files = JudgedFiles(intake, monitor, Judging(task_plan(fleet_file)), summed=True, series=True)
-    by_trend, mine = series_of(files, law="none").readings(""), readings(task)
+    intake = Intake(Source((str(fleet_file.parent / "engine_2.csv"),)), columns_of(monitor.engine, monitor.sensors))
+    files = WindowReader(intake, monitor, WindowSettings(task_plan(fleet_file)), summed=True, series=True)
+    by_trend, mine = build_series(files, law="none").readings(""), readings(task)
     assert mine.z.shape == by_trend.z.shape
     assert len(mine) == small_fleet.FLIGHTS
     # only the point of linearisation differs, by what is uncertain about nominal

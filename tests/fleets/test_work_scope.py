@@ -13,8 +13,8 @@ from scipy.optimize import brentq
 from score_makers import linear_score, sensitivities
 
 from enginediag_cli.__main__ import main
-from enginediag_cli.detection.series import series_of
-from enginediag_cli.fleets.maintenance import level_difference, maintenance_effects
+from enginediag_cli.detection.series import build_series
+from enginediag_cli.fleets.maintenance import difference, maintenance_of
 from enginediag_cli.fleets.work_scope import (
     ChangeMoments,
     PowerNotHeldError,
@@ -32,9 +32,9 @@ from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv
-from enginediag_cli.report.tables.answers import maintenance_sentence, work_scope_sentences
-from enginediag_cli.residuals.files import JudgedFiles, Judging
-from enginediag_cli.residuals.monitor import monitor_of
+from enginediag_cli.report.work_scope_rows import maintenance_sentence, work_scope_sentences
+from enginediag_cli.residuals.files import WindowReader, WindowSettings
+from enginediag_cli.residuals.monitor import build_monitor
 from enginediag_cli.residuals.windows import WindowPlan
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -140,17 +140,15 @@ def followed(engine, folder: Path, states, rng):
     table = {c: np.concatenate([f[c] for f in flights]) for c in flights[0]}
     labels = table.pop("flight")
     write_csv(folder / "series.csv", [Recording(table, {"flight": labels.tolist()})])
-    monitor = monitor_of(open_baseline(str(folder / "nominal.yaml")), sensors=True)
-    files = JudgedFiles(
-        RecordingLoader(
-            RecordingSource((str(folder / "series.csv"),)), required_columns(monitor.engine, monitor.sensors)
-        ),
+    monitor = build_monitor(open_baseline(str(folder / "nominal.yaml")), sensors=True)
+    files = WindowReader(
+        Intake(Source((str(folder / "series.csv"),)), columns_of(monitor.engine, monitor.sensors)),
         monitor,
-        Judging(WindowPlan().of_series),
+        WindowSettings(WindowPlan().series_plan),
         summed=True,
         series=True,
     )
-    return series_of(files), WorkScopeEstimator(monitor)
+    return build_series(files), Scoping(monitor)
 
 
 @pytest.mark.parametrize("restored", [0.0, 0.01])

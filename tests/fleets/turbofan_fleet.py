@@ -15,9 +15,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from enginediag_cli.detection.series import Series, Stretch
-from enginediag_cli.fleets.engine_judgement import judge_engine
-from enginediag_cli.fleets.findings import EngineFinding, EngineHistory, FleetSettings, MaintenanceEvent
+from enginediag_cli.detection.series import FlightWindow, Series
+from enginediag_cli.fleets.engine_judgement import judged_engine
+from enginediag_cli.fleets.findings import EngineFinding, EngineHistory, Event, FleetSettings
 from enginediag_cli.fleets.margin import MarginScale, margin_scale
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.residuals.monitor import Monitor
@@ -67,7 +67,7 @@ def series(engine: bool = False) -> Series:
     g = geometry()
     envelope = SimpleNamespace(inputs=tuple(g.conditions), points=np.stack(list(g.conditions.values()), axis=1))
     monitor = replace(g.monitor, envelope=envelope) if engine else None
-    return Series({}, dict(g.monitor.meaning), 0, steered=("Wf_kg_s",), monitor=monitor)
+    return Series({}, dict(g.monitor.meaning), 0, power_inputs=("Wf_kg_s",), monitor=monitor)
 
 
 def engine_history(
@@ -104,7 +104,7 @@ def engine_history(
     return EngineHistory(serial, "", [_stretch(serial, k, at[k], e[k]) for k in range(flights)], BASELINE, events)
 
 
-def _stretch(serial: str, k: int, at: int, e: np.ndarray) -> Stretch:
+def _stretch(serial: str, k: int, at: int, e: np.ndarray) -> FlightWindow:
     g = geometry()
     weighed = g.J[at].T / g.sigma**2
     F = RECORDS * weighed @ g.J[at]
@@ -115,7 +115,7 @@ def _stretch(serial: str, k: int, at: int, e: np.ndarray) -> Stretch:
     window = WindowStatistics(
         serial, str(k + 1), serial, 1, RECORDS, 0.0, 1.0, RECORDS, 0, 0, 0, statistics, conditions=conditions
     )
-    return Stretch(window, statistics)
+    return FlightWindow(window, statistics)
 
 
 def fault(rng: np.random.Generator, flights: int) -> np.ndarray:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from identification_toy import ToyEngine, fly
 
-from enginediag_cli.identification.covariance import at_bounds, given_back, uncertainty
+from enginediag_cli.identification.covariance import active_bounds, fix_weak_parameters, uncertainty
 from enginediag_cli.identification.gauss_newton import solve
 from enginediag_cli.identification.problem import IdentificationSettings, build_problem
 
@@ -28,15 +28,15 @@ def pushed(share):
 def test_what_the_records_hardly_determine_stays_where_it_was_assumed():
     problem, fit, found = pushed(0.1)
     assert fit.at_bound[0]
-    back = given_back(problem, fit, found)
+    back = fix_weak_parameters(problem, fit, found)
     again = solve(back, (fit.x, fit.z))
     assert again.converged
     assert again.x[0] == 0.0
-    assert at_bounds(back, again) == ()
+    assert active_bounds(back, again) == ()
 
 
 def test_what_the_records_determine_stays_at_its_bound_and_is_told():
     problem, fit, found = pushed(0.9)
-    assert given_back(problem, fit, found) is None
-    (told,) = at_bounds(problem, fit)
+    assert fix_weak_parameters(problem, fit, found) is None
+    (told,) = active_bounds(problem, fit)
     assert str(told).startswith("hpc.efficiency at its upper bound 0.9")

@@ -54,7 +54,7 @@ def test_errors_that_widen_reach_one_spread_beyond_what_training_hardly_ranged_o
     n = 200
     flown = learn_envelope({"dT_isa_K": np.linspace(-2.0, 2.0, n), "Wf_kg_s": np.linspace(0.5, 2.0, n)})
     asked = {"dT_isa_K": np.array([11.9, 12.1, 0.0, 0.0]), "Wf_kg_s": np.array([1.0, 1.0, 2.7, 2.8])}
-    assert flown.within_reach(asked, flown.distance(asked)).tolist() == [True, False, True, False]
+    assert flown.reachable(asked, flown.distance(asked)).tolist() == [True, False, True, False]
 
 
 def test_the_cover_is_compact_and_any_number_of_records_can_be_asked():

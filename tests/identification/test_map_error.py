@@ -8,10 +8,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from enginediag_cli.error_model.maps import FAMILY, QUANTITIES, MapErrorModel, learn_curves, machines_of
+from enginediag_cli.error_model.maps import FAMILY, QUANTITIES, MapErrorModel, learn_curves, turbomachines
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.map_error import EXCITED
-from enginediag_cli.identification.nominal_checks import NONE, with_accuracy
+from enginediag_cli.identification.nominal_checks import NONE, set_map_accuracy
 from enginediag_cli.identification.nominal_file import read_nominal, write_nominal
 from enginediag_cli.identification.problem import TrainingRecording
 from enginediag_cli.physics.engine_file import load_engine
@@ -40,7 +40,7 @@ def flown(seed, n=80):
 def truth():
     """The engine with map errors whose curves cover the flights."""
     e, flights = engine(), [flown(k) for k in range(3)]
-    machines = machines_of(e)
+    machines = turbomachines(e)
     columns = tuple(dict.fromkeys(c for m in machines for c in m.columns))
     u = {c: np.concatenate([f[c] for f in flights]) for c in e.inputs}
     values = dict(zip(columns, e.predict(u, sensors=columns).y.T, strict=True))
@@ -130,7 +130,7 @@ def test_a_nominal_file_carries_the_error_model(tmp_path):
     assert again.error_model.stated == STATED
     assert dict(again.error_model.sizes) == {m.target: m.found for m in found(0.015).map_errors}
     u, theta = flown(9), nominal.theta0
-    one, two = (n.error_model.of(engine()).predict(u, theta).y for n in (nominal, again))
+    one, two = (n.error_model.wrap(engine()).predict(u, theta).y for n in (nominal, again))
     np.testing.assert_array_equal(one, two)
     # and what it predicts is what the fit predicts: near the readings of a flight that it has not seen
     columns = recorded(9, 0.015).columns
@@ -145,7 +145,7 @@ def test_the_accuracy_that_was_found_gives_the_nominal_state_back():
     nominal = found(0.0).nominal("", "", {})
     scale = {e.name: STATED if e.family == FAMILY else e.prior_sigma for e in nominal.estimates}
     level = replace(nominal, estimates=tuple(replace(e, prior_sigma=scale[e.name]) for e in nominal.estimates))
-    same = with_accuracy(level, STATED)
+    same = set_map_accuracy(level, STATED)
     np.testing.assert_allclose([e.value for e in same.estimates], [e.value for e in level.estimates], atol=1e-6)
     np.testing.assert_allclose(
         [e.standard_error for e in same.estimates], np.sqrt(np.diag(level.covariance)), rtol=1e-6, atol=1e-9
@@ -155,7 +155,7 @@ def test_the_accuracy_that_was_found_gives_the_nominal_state_back():
 
 def test_an_accuracy_of_none_gives_nearly_what_identification_without_map_errors_gives():
     """Exact up to the noise, which each fit estimates for itself, and the point at which each is linear."""
-    none = with_accuracy(found(0.0).nominal("", "", {}), 0.0)
+    none = set_map_accuracy(found(0.0).nominal("", "", {}), 0.0)
     trusted = {e.name: e for e in found(0.0, 0.0).estimates}
     for e in none.estimates:
         if e.family == FAMILY:
@@ -166,8 +166,8 @@ def test_an_accuracy_of_none_gives_nearly_what_identification_without_map_errors
 
 
 def test_there_and_back_is_where_it_began():
-    nominal = with_accuracy(found(0.0).nominal("", "", {}), STATED)
-    back = with_accuracy(with_accuracy(nominal, 0.01), STATED)
+    nominal = set_map_accuracy(found(0.0).nominal("", "", {}), STATED)
+    back = set_map_accuracy(set_map_accuracy(nominal, 0.01), STATED)
     np.testing.assert_allclose([e.value for e in back.estimates], [e.value for e in nominal.estimates], atol=1e-6)
     np.testing.assert_allclose(back.covariance, nominal.covariance, rtol=1e-5, atol=1e-10)
     assert back.error_model == nominal.error_model
@@ -175,14 +175,14 @@ def test_there_and_back_is_where_it_began():
 
 def test_the_poorer_the_maps_the_wider_every_answer():
     nominal = found(0.0).nominal("", "", {})
-    errors = [[e.standard_error for e in with_accuracy(nominal, a).estimates] for a in (0.0, 0.003, 0.01, 0.05)]
+    errors = [[e.standard_error for e in set_map_accuracy(nominal, a).estimates] for a in (0.0, 0.003, 0.01, 0.05)]
     assert np.all(np.diff(errors, axis=0) >= -1e-12)
 
 
 def test_sizes_that_several_machines_could_have_settle():
     """A turbofan: ten map quantities, of which nine sensors tell some only together."""
     e = load_engine(str(shipped("turbofan.yaml")))
-    machines = machines_of(e)
+    machines = turbomachines(e)
     columns = tuple(dict.fromkeys(c for m in machines for c in m.columns))
     flights = []
     for k in range(3):
@@ -204,7 +204,7 @@ def test_sizes_that_several_machines_could_have_settle():
         recordings.append(TrainingRecording(f"flight {k}", {**u, **read}))
     result = identify(e, recordings, cross_validation=False)
     assert result.converged, result.reason
-    ratio = np.array([m.found / m.stated for m in result.map_errors])
+    ratio = np.array([m.estimated / m.stated for m in result.map_errors])
     assert len(ratio) == 10 and np.all((ratio >= 1 - 1e-9) & (ratio < 4))
     own = next(x for x in result.estimates if x.name == "hpc.efficiency")
     assert abs(own.value - 0.985) < 3 * own.standard_error
@@ -224,4 +224,4 @@ def test_amounts_that_hardly_act_do_not_say_how_large_errors_are():
     result = identify(e, [TrainingRecording("a", columns)], cross_validation=False)
     excitation = result.problem.model.excitation(result.problem.inputs)
     assert excitation["map_error.compressor.flow_capacity.1"] < EXCITED
-    assert all(m.found < 1.1 * STATED for m in result.map_errors)
+    assert all(m.estimated < 1.1 * STATED for m in result.map_errors)

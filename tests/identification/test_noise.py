@@ -10,9 +10,9 @@ from enginediag_cli.identification.noise import (
     MAX_RHO,
     estimate_noise,
     excess_kurtosis,
-    gaps,
     gross_readings,
-    starting_noise,
+    initial_noise,
+    record_gaps,
 )
 
 NONE, FLOOR = np.zeros(1), np.array([1e-9])
@@ -48,7 +48,7 @@ def test_outliers_are_counted_and_hardly_change_size_and_correlation():
 
 def test_records_of_different_recordings_are_not_neighbours():
     e = np.repeat(np.random.default_rng(3).standard_normal(400), 2)[:, None]
-    pairs = estimate_noise(e, gaps(np.tile([0.0, 1.0], 400), np.repeat(np.arange(400), 2)), NONE, FLOOR).rho1[0]
+    pairs = estimate_noise(e, record_gaps(np.tile([0.0, 1.0], 400), np.repeat(np.arange(400), 2)), NONE, FLOOR).rho1[0]
     one = estimate_noise(e, each_step(800), NONE, FLOOR).rho1[0]
     assert pairs == MAX_RHO  # both records of a recording are the same reading
     assert one == pytest.approx(0.5, abs=0.1)
@@ -71,7 +71,7 @@ def test_the_starting_noise_ignores_an_offset_of_a_whole_recording():
     rng = np.random.default_rng(5)
     recording = np.repeat([0, 1], 500)
     e = rng.standard_normal((1000, 1)) + np.where(recording == 0, -40.0, 40.0)[:, None]
-    assert starting_noise(e, gaps(np.tile(np.arange(500.0), 2), recording), FLOOR).sigma[0] == pytest.approx(
+    assert initial_noise(e, record_gaps(np.tile(np.arange(500.0), 2), recording), FLOOR).sigma[0] == pytest.approx(
         1.0, rel=0.1
     )
 

@@ -15,7 +15,7 @@ from enginediag_cli.error_model.maps import ErrorModel, MapCurves
 from enginediag_cli.errors import ConfigError
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.nominal import Estimate
-from enginediag_cli.identification.nominal_checks import check_nominal_fits, other_instance
+from enginediag_cli.identification.nominal_checks import check_nominal_fits, instance_conflict
 from enginediag_cli.identification.nominal_file import (
     fingerprint,
     format_nominal,
@@ -161,7 +161,7 @@ def test_a_nominal_that_knows_fewer_errors_of_maps_than_there_are_is_refused(tmp
     path.write_text("estimates:\n", encoding="utf-8")
     curves = (MapCurves("hpc", (0.0, 0.0), (1.0, 1.0), (0.0, 0.0, 0.0, 0.0)),)
     found = ErrorModel(0.003, curves, {"hpc.efficiency": 0.003})
-    amounts = found.of(engine).amounts
+    amounts = found.wrap(engine).amounts
     estimates = [Estimate(n, "map_error", "1", 0.0, 0.003, 0.0, 0.003, 0.0, "weak") for n in amounts]
     known = SimpleNamespace(
         error_model=found, estimates=estimates, sensors=(), inputs=(), envelope=SimpleNamespace(inputs=())
@@ -194,8 +194,8 @@ def test_a_changed_engine_file_is_refused_unless_it_is_accepted(nominal, tmp_pat
 
 
 def test_the_other_engine_of_the_aircraft_is_told_from_the_one_identified(nominal):
-    assert other_instance(nominal, "right") == ("left", "right")
-    assert other_instance(nominal, "left") is other_instance(nominal, "") is None
+    assert instance_conflict(nominal, "right") == ("left", "right")
+    assert instance_conflict(nominal, "left") is instance_conflict(nominal, "") is None
 
 
 def test_the_fingerprint_is_that_of_everything_the_nominal_says(nominal, tmp_path):

@@ -18,10 +18,10 @@ from enginediag_cli.identification.instruments import (
     OWN,
     USUAL_OUTPUT,
     ArrowData,
+    add_offsets,
     likeliest_offsets,
     log_likelihood,
-    spread_of_sizes,
-    with_offsets,
+    size_spreads,
 )
 from enginediag_cli.identification.noise import NEIGHBOURS
 from enginediag_cli.identification.normal_equations import blocks, normal_equations
@@ -106,7 +106,7 @@ def test_spread_is_that_of_the_posterior_of_one_size_seen_directly():
     posterior -= 0.5 * (grid + np.log(t[0])) ** 2 / (COMMON**2 + OWN**2)
     w = np.exp(posterior - posterior.max())
     exact = np.sqrt(np.sum(w * grid**2) / w.sum() - (np.sum(w * grid) / w.sum()) ** 2)
-    assert spread_of_sizes(scaled, np.array([True]))[0] == pytest.approx(exact, rel=0.15)
+    assert size_spreads(scaled, np.array([True]))[0] == pytest.approx(exact, rel=0.15)
 
 
 def test_an_offset_of_an_input_may_be_stated_and_is_what_a_judged_recording_may_differ_by():
@@ -121,7 +121,7 @@ def test_an_offset_of_an_input_may_be_stated_and_is_what_a_judged_recording_may_
 @pytest.fixture
 def problem():
     recordings = flights((1.0, -1.0, 0.0), n=20)
-    return with_offsets(build_problem(ToyEngine(), recordings, IdentificationSettings()), recordings)
+    return add_offsets(build_problem(ToyEngine(), recordings, IdentificationSettings()), recordings)
 
 
 def test_sensitivities_to_offsets_are_those_of_differences(problem):
@@ -159,7 +159,7 @@ def test_offsets_take_of_products_of_neighbours_as_many_as_there_are(problem):
     start = (np.zeros(len(problem.parameters)), np.zeros((3, len(problem.offsets))))
     fit, rho = solve(problem, start, max_iterations=50), np.zeros(len(problem.sensors))
     sparse = replace(problem, position=np.floor(problem.position / 4) * 20 + problem.position % 4)
-    every, some = (uncertainty(p, fit, rho).lost[1] for p in (problem, sparse))
+    every, some = (uncertainty(p, fit, rho).absorbed[1] for p in (problem, sparse))
     share = np.sum(sparse.gap <= NEIGHBOURS) / np.sum(problem.gap <= NEIGHBOURS)
     assert share == pytest.approx(15 / 19)
     assert some == pytest.approx(share * every, rel=0.15)

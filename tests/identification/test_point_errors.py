@@ -10,7 +10,7 @@ import pytest
 
 from enginediag_cli.error_model.maps import POINT_FAMILY, PointErrorModel
 from enginediag_cli.identification.identify import identify
-from enginediag_cli.identification.map_error import with_point_errors
+from enginediag_cli.identification.map_error import add_point_errors
 from enginediag_cli.identification.nominal_file import read_nominal, write_nominal
 from enginediag_cli.identification.problem import TrainingRecording, build_problem, settings_from_mapping
 from enginediag_cli.physics.engine_file import load_engine
@@ -58,7 +58,7 @@ def identified(engine):
 
 
 def test_points_are_the_conditions_and_every_reading_has_an_error_at_each_and_elsewhere(engine):
-    problem = with_point_errors(problem_of(engine, fleet(engine)), 0.01)
+    problem = add_point_errors(problem_of(engine, fleet(engine)), 0.01)
     assert len(problem.model.points) == len(CONDITIONS)
     errors = [p for p in problem.parameters if p.family == POINT_FAMILY]
     assert len(errors) == len(problem.sensors) * (len(CONDITIONS) + 1)
@@ -68,7 +68,7 @@ def test_points_are_the_conditions_and_every_reading_has_an_error_at_each_and_el
 def test_there_are_none_where_maps_are_right_or_points_are_one_or_run_into_each_other(engine, accuracy, count, end):
     share = np.linspace(0.0, end, count)[:, None]
     problem = problem_of(engine, fleet(engine, CONDITIONS[0] + share * (CONDITIONS[2] - CONDITIONS[0]), {}))
-    assert with_point_errors(problem, accuracy) is problem
+    assert add_point_errors(problem, accuracy) is problem
 
 
 def test_there_are_none_along_a_clock(engine):
@@ -78,7 +78,7 @@ def test_there_are_none_along_a_clock(engine):
     ]
     problem = problem_of(engine, recordings)
     moved = replace(problem, position=np.cumsum(np.where(np.arange(len(problem.recording)) % 2, 1.0, 3.0)))
-    assert with_point_errors(moved, 0.01) is moved
+    assert add_point_errors(moved, 0.01) is moved
 
 
 def test_what_is_missed_at_a_condition_is_no_noise(engine, identified):
@@ -104,7 +104,7 @@ def test_a_nominal_file_holds_points_and_what_is_missed_there(engine, identified
     assert np.array_equal(found.points.low, nominal.error_model.points.low)
     assert np.array_equal(found.points.high, nominal.error_model.points.high)
     assert found.misses == nominal.error_model.misses
-    model = found.of(engine)
+    model = found.wrap(engine)
     assert isinstance(model.model, PointErrorModel)
     assert set(nominal.theta0) <= set(model.parameters)
     assert not any(name.startswith(POINT_FAMILY) for name in nominal.engine_values)

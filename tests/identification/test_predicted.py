@@ -10,8 +10,8 @@ from identification_toy import ToyEngine, fly
 
 from enginediag_cli.engine.wrapped import warm_start
 from enginediag_cli.identification.gauss_newton import Fit
-from enginediag_cli.identification.identify import _without
-from enginediag_cli.identification.map_error import with_map_error, with_range_of
+from enginediag_cli.identification.identify import _equations_without
+from enginediag_cli.identification.map_error import add_map_errors, restrict_map_range
 from enginediag_cli.identification.normal_equations import near_equations, normal_equations, predict_records
 from enginediag_cli.identification.problem import IdentificationSettings, TrainingRecording, build_problem
 from enginediag_cli.physics.engine_file import load_engine
@@ -54,8 +54,8 @@ def test_the_gradient_with_kept_derivatives_is_exact_where_they_were_taken(probl
     here = normal_equations(problem, *point, predict_records(problem, *point))
     found = near_equations(problem, *point, here)
     same(found, here, ("g_x", "g_z", "record_cost"))
-    assert here.at.taken
-    assert not found.at.taken
+    assert here.prediction.exact
+    assert not found.prediction.exact
 
 
 def test_the_cost_near_by_is_exact_and_the_gradient_nearly(problem, point):
@@ -97,8 +97,8 @@ def turbojet():
     columns[engine.power_setting] = engine.power_from_fraction(np.linspace(0.3, 1, n), columns)
     readings = engine.predict(columns, {}, sensors=list(engine.sensors)).y
     columns |= dict(zip(engine.sensors, readings.T, strict=True))
-    plain = build_problem(warm_start(engine), [TrainingRecording("flight", columns)], IdentificationSettings())
-    return plain, with_map_error(plain, 0.01)
+    plain = build_problem(warm(engine), [TrainingRecording("flight", columns)], IdentificationSettings())
+    return plain, add_map_errors(plain, 0.01)
 
 
 def test_amounts_of_map_error_follow_from_columns_of_the_records(turbojet):
@@ -108,30 +108,30 @@ def test_amounts_of_map_error_follow_from_columns_of_the_records(turbojet):
     x, z = 0.1 * rng.standard_normal(len(extended.parameters)), np.zeros((1, 0))
     kept = predict_records(extended, x, z)
     assert kept.tangent.amounts == len(extended.parameters) - len(plain.parameters) > 0
-    assert kept.fits(extended)
-    assert not kept.fits(plain)
+    assert kept.matches(extended)
+    assert not kept.matches(plain)
     same(normal_equations(extended, x, z, kept), normal_equations(extended, x, z))
 
 
 def test_maps_know_no_other_range_than_that_of_the_records_that_are_left(turbojet):
     plain, extended = turbojet
     early = np.arange(len(plain.recording)) < 25
-    left = with_range_of(extended, early)
-    alone = with_map_error(plain.select(early), 0.01)
+    left = restrict_map_range(extended, early)
+    alone = add_map_errors(plain.select(early), 0.01)
     for curves, expected, whole in zip(left.model.curves, alone.model.curves, extended.model.curves, strict=True):
         assert curves.centre == pytest.approx(expected.centre)
         assert curves.reach == pytest.approx(expected.reach)
         assert curves.centre != whole.centre
-    assert with_range_of(plain, early) is plain
+    assert restrict_map_range(plain, early) is plain
 
 
 def test_what_was_kept_needs_no_new_derivatives_where_errors_of_maps_have_another_range(turbojet):
     plain, extended = turbojet
     x, z = 0.1 * np.random.default_rng(1).standard_normal(len(extended.parameters)), np.zeros((1, 0))
-    kept, left = predict_records(extended, x, z), with_range_of(extended, np.arange(len(plain.recording)) < 25)
-    same(normal_equations(left, x, z, kept.with_curves(left, x)), normal_equations(left, x, z))
+    kept, left = predict_records(extended, x, z), restrict_map_range(extended, np.arange(len(plain.recording)) < 25)
+    same(normal_equations(left, x, z, kept.replace_curves(left, x)), normal_equations(left, x, z))
     of_none = predict_records(plain, x[: len(plain.parameters)], z)
-    assert of_none.with_curves(plain, x[: len(plain.parameters)]) is of_none
+    assert of_none.replace_curves(plain, x[: len(plain.parameters)]) is of_none
 
 
 @pytest.mark.parametrize("maps", [False, True])
@@ -141,8 +141,8 @@ def test_a_fit_without_a_block_begins_at_the_equations_of_all_other_records(turb
     x, z = 0.1 * np.random.default_rng(1).standard_normal(len(problem.parameters)), np.zeros((1, 0))
     whole = normal_equations(problem, x, z, predict_records(problem, x, z))
     out = np.arange(len(problem.recording)) >= 25
-    rest = with_range_of(problem, ~out)
-    found = _without(rest, Fit(x, z, whole, np.zeros(len(x), bool), True, "", ()), out)
+    rest = restrict_map_range(problem, ~out)
+    found = _equations_without(rest, Fit(x, z, whole, np.zeros(len(x), bool), True, "", ()), out)
     expected = normal_equations(replace(rest, measured=np.where(out[:, None], np.nan, rest.measured)), x, z)
     same(found, expected)
     assert np.isnan(found.residual[out]).all()

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from enginediag_cli.identification.probes import balances, needed_of_model, without_probes, wrong_probes
+from enginediag_cli.identification.probes import balances, drop_probes, model_columns_needed, wrong_probes
 from enginediag_cli.identification.problem import TrainingRecording
 from enginediag_cli.physics.engine_file import load_engine
 
@@ -43,7 +43,7 @@ def asked(engine, columns):
 
 def test_the_balances_close_on_the_model_itself(engine):
     columns = flown(engine, noisy=False)
-    needed = needed_of_model(engine)
+    needed = model_columns_needed(engine)
     inputs = {c: columns[c] for c in engine.inputs}
     also = engine.predict(inputs, sensors=(), also=needed).also
     found = balances(engine, frozenset(columns), {c: also[:, j] for j, c in enumerate(needed)})
@@ -76,7 +76,7 @@ def test_a_probe_whose_error_grows_with_power_is_named_alone_and_its_error_is_fo
     error = np.linspace(100, -80, 120)
     columns[column] = columns[column] + error
     (found,) = asked(engine, columns)
-    assert found.columns == (column,) and found.told_apart
+    assert found.columns == (column,) and found.is_unique
     low, middle, high = found.error
     assert np.allclose((high, middle, low), (82, 10, -62), atol=4 * found.expected)
 
@@ -95,7 +95,7 @@ def test_one_balance_alone_says_that_a_probe_is_wrong_and_not_which(engine):
     for lost in ("T7_K", "Wf_kg_s", "P3_Pa"):
         del columns[lost]
     (found,) = asked(engine, columns)
-    assert set(found.columns) >= {"T4_K", "T5_K"} and not found.told_apart
+    assert set(found.columns) >= {"T4_K", "T5_K"} and not found.is_unique
 
 
 @pytest.mark.parametrize(
@@ -104,7 +104,7 @@ def test_one_balance_alone_says_that_a_probe_is_wrong_and_not_which(engine):
 def test_engines_without_a_closed_balance_are_asked_nothing(name):
     engine = load_engine(CONFIGS / f"{name}.yaml")
     columns = frozenset((*engine.sensors, *engine.inputs))
-    assert balances(engine, columns, {c: np.full(1, np.nan) for c in needed_of_model(engine)}) == []
+    assert balances(engine, columns, {c: np.full(1, np.nan) for c in model_columns_needed(engine)}) == []
 
 
 def test_a_probe_of_few_or_broken_records_is_not_judged(engine):
@@ -116,5 +116,5 @@ def test_a_probe_of_few_or_broken_records_is_not_judged(engine):
 
 def test_what_is_left_out_is_the_column_and_nothing_else():
     recordings = [TrainingRecording("a", {"T4_K": np.ones(3), "T5_K": np.ones(3)})]
-    (left,) = without_probes(recordings, ["T4_K"])
+    (left,) = drop_probes(recordings, ["T4_K"])
     assert set(left.columns) == {"T5_K"} and set(recordings[0].columns) == {"T4_K", "T5_K"}

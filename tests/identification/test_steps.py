@@ -10,7 +10,7 @@ from identification_toy import TRUTH, ToyEngine, fly
 
 from enginediag_cli.identification import gauss_newton as steps
 from enginediag_cli.identification.covariance import uncertainty
-from enginediag_cli.identification.gauss_newton import Derivatives, resumed, solve, ways
+from enginediag_cli.identification.gauss_newton import Derivatives, derivative_modes, resume_equations, solve
 from enginediag_cli.identification.problem import IdentificationSettings, build_problem
 
 
@@ -48,7 +48,7 @@ def test_a_fit_that_keeps_its_derivatives_ends_at_the_same_optimum_and_takes_few
 def test_a_fit_that_converged_ends_with_derivatives_of_its_own_place():
     fit = solve(problem_of(ToyEngine(), 400), derivatives=Derivatives.KEPT)
     assert fit.converged
-    assert fit.equations.at.taken
+    assert fit.equations.prediction.exact
 
 
 def test_a_curved_valley_is_followed_by_corrected_steps(monkeypatch):
@@ -79,26 +79,28 @@ def test_a_fit_goes_on_with_other_noise_where_another_one_ended():
     problem = problem_of(ToyEngine(), 400)
     fit = solve(problem, derivatives=Derivatives.KEPT)
     other = problem.with_noise(1.3 * problem.sigma, problem.inflation)
-    begin = resumed(other, (fit.x, fit.z), fit)
+    begin = resume_equations(other, (fit.x, fit.z), fit)
     again = solve(other, (fit.x, fit.z), derivatives=Derivatives.KEPT, begin=begin)
     alone = solve(other, derivatives=Derivatives.KEPT)
     assert again.converged
     assert again.x == pytest.approx(alone.x, abs=1e-3)
-    assert resumed(other, (fit.x, fit.z), None) is None
+    assert resume_equations(other, (fit.x, fit.z), None) is None
 
 
 def test_few_records_take_derivatives_at_each_point_and_very_many_too(monkeypatch):
-    assert ways(problem_of(ToyEngine(), 50)) == (Derivatives.EACH, Derivatives.EACH)
+    assert derivative_modes(problem_of(ToyEngine(), 50)) == (Derivatives.EACH, Derivatives.EACH)
     many = problem_of(ToyEngine(), 2000)
-    assert ways(many) == (Derivatives.LENT, Derivatives.KEPT)
+    assert derivative_modes(many) == (Derivatives.LENT, Derivatives.KEPT)
     monkeypatch.setattr(steps, "KEPT_NUMBERS", 1000)
-    assert ways(many) == (Derivatives.EACH, Derivatives.EACH)
+    assert derivative_modes(many) == (Derivatives.EACH, Derivatives.EACH)
 
 
 def test_a_sample_of_the_records_tells_what_the_fit_takes_out_of_the_noise():
     problem = problem_of(ToyEngine(), 6000)
     fit = solve(problem, derivatives=Derivatives.KEPT)
     whole, some = (uncertainty(problem, fit, np.full(4, 0.3), sampled=s) for s in (False, True))
-    assert not np.array_equal(some.lost, whole.lost)
-    np.testing.assert_allclose(some.lost / len(problem.recording), whole.lost / len(problem.recording), atol=1e-4)
+    assert not np.array_equal(some.absorbed, whole.absorbed)
+    np.testing.assert_allclose(
+        some.absorbed / len(problem.recording), whole.absorbed / len(problem.recording), atol=1e-4
+    )
     np.testing.assert_allclose(some.covariance, whole.covariance, rtol=0.2, atol=1e-3)

@@ -6,7 +6,7 @@ import numpy as np
 from white_statistics import local_statistics, white_noise
 
 from enginediag_cli.residuals.score import Score, fisher_score
-from enginediag_cli.residuals.statistics import Frame
+from enginediag_cli.residuals.statistics import ParameterFrame
 
 
 def linear_score(rng, J, change, sigma=0.02) -> Score:
@@ -15,7 +15,10 @@ def linear_score(rng, J, change, sigma=0.02) -> Score:
     e = rng.standard_normal((N, m)) + J @ np.asarray(change, float)
     return fisher_score(
         local_statistics(
-            e, J, white_noise(np.ones(m)), Frame(tuple(f"p{i}" for i in range(p)), np.ones(p), np.full(p, sigma))
+            e,
+            J,
+            white_noise(np.ones(m)),
+            ParameterFrame(tuple(f"p{i}" for i in range(p)), np.ones(p), np.full(p, sigma)),
         )
     )
 

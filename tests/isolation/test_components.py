@@ -16,7 +16,7 @@ from enginediag_cli.isolation.methods import IsolationOptions
 from enginediag_cli.isolation.posterior import set_posterior
 from enginediag_cli.isolation.prior import InstrumentForms, SetPrior
 from enginediag_cli.residuals.score import fisher_score
-from enginediag_cli.residuals.statistics import Frame
+from enginediag_cli.residuals.statistics import ParameterFrame
 
 NAMES = ("fan.efficiency", "fan.flow_capacity", "hpc.efficiency", "hpc.flow_capacity", "nozzle.area", "sensor.T3.bias")
 
@@ -26,7 +26,10 @@ def score_of(rng, J, change, names=NAMES, sigma=0.02):
     p = len(names)
     return fisher_score(
         local_statistics(
-            e, J, white_noise(np.ones(J.shape[1])), Frame(names, np.ones(p), np.full(p, sigma), meaning_of(names))
+            e,
+            J,
+            white_noise(np.ones(J.shape[1])),
+            ParameterFrame(names, np.ones(p), np.full(p, sigma), meaning_of(names)),
         )
     ), e
 

@@ -31,10 +31,10 @@ from enginediag_cli.parameters import Parameter
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv
-from enginediag_cli.report.tables.isolation import flip_cells, flips_sentence
-from enginediag_cli.residuals.files import JudgedFiles
-from enginediag_cli.residuals.long_windows import KeptRecords
-from enginediag_cli.residuals.monitor import monitor_of
+from enginediag_cli.report.isolation_rows import flip_cells, flips_sentence
+from enginediag_cli.residuals.files import WindowReader
+from enginediag_cli.residuals.long_windows import RecordHistory
+from enginediag_cli.residuals.monitor import build_monitor
 
 ENGINE = Path(__file__).parents[2] / "configs" / "turbofan.yaml"
 PRIOR = SetPrior()
@@ -136,7 +136,7 @@ def monitor(tmp_path_factory):
     folder = tmp_path_factory.mktemp("flips")
     engine = load_engine(ENGINE)
     write_known(engine, ENGINE, climb(engine, 50), folder / "nominal.yaml")
-    return monitor_of(open_baseline(str(folder / "nominal.yaml")), sensors=True)
+    return build_monitor(open_baseline(str(folder / "nominal.yaml")), sensors=True)
 
 
 def answer(monitor, path: Path, wrong: dict[tuple[str, str], float], health: dict[str, float]):
@@ -147,17 +147,9 @@ def answer(monitor, path: Path, wrong: dict[tuple[str, str], float], health: dic
     for (column, form), size in wrong.items():
         table[column] = table[column] * (1 + size) if form == "scale" else table[column] + size
     write_csv(path, [Recording(table)])
-    kept = KeptRecords(monitor, short_windows=False)
-    files = JudgedFiles(
-        RecordingLoader(RecordingSource((str(path),)), required_columns(monitor.engine, monitor.sensors)), monitor
-    )
-    isolating = WindowIsolation(
-        files,
-        DiagnosisOptions(),
-        0.01,
-        kept_records=kept,
-        wants_sensitivity=lambda number, named: not (wrong or health),
-    )
+    kept = RecordHistory(monitor, short_windows=False)
+    files = WindowReader(Intake(Source((str(path),)), columns_of(monitor.engine, monitor.sensors)), monitor)
+    isolating = Isolating(files, DiagnosisOptions(), 0.01, kept=kept, flips=lambda number, named: not (wrong or health))
     (found,) = isolating.windows()
     return found
 

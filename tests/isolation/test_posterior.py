@@ -17,7 +17,7 @@ from enginediag_cli.isolation.posterior import set_posterior
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.isolation.subsets import size_limit
 from enginediag_cli.residuals.score import fisher_score
-from enginediag_cli.residuals.statistics import Frame
+from enginediag_cli.residuals.statistics import ParameterFrame
 
 
 def test_probabilities_equal_the_marginal_likelihoods_of_all_sets():
@@ -142,7 +142,7 @@ def readings_of_one_record(noise, fault=0.0, bias=0.0, sensor="sensor.y1.bias"):
     effect = np.array([500.0, -400.0, 300.0, 200.0])
     J = np.concatenate([effect[:, None], np.eye(4)], axis=1)[None]
     e = noise + effect * fault + bias * (np.arange(4) == names.index(sensor) - 1)
-    frame = Frame(names, np.zeros(5), np.array([0.02, 3.0, 3.0, 3.0, 3.0]), meaning_of(names))
+    frame = ParameterFrame(names, np.zeros(5), np.array([0.02, 3.0, 3.0, 3.0, 3.0]), meaning_of(names))
     return fisher_score(local_statistics(e[None], J, white_noise(np.ones(4)), frame))
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.detection.series import readings_of
-from enginediag_cli.detection.wander import courses, places
-from enginediag_cli.isolation.events import EventModel, log_kind_prior, suspect_groups
+from enginediag_cli.detection.series import build_readings
+from enginediag_cli.detection.wander import candidate_courses, pair_places
+from enginediag_cli.isolation.events import Chosen, log_of_kinds, suspects_of
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.isolation.timeline import SETTLED, SeriesSearch
 from enginediag_cli.parameters import Parameter
@@ -36,7 +36,7 @@ def readings(seed, change, alike):
     F = J.T @ J
     fixed = {"theta0": np.zeros(7), "prior_sigma": sigma, "F": F, "V": F, "n": 1, "chi2": 4.0, "dof": 4.0}
     statistics = [LocalStatistics(parameters=tuple(MEANING), s=J.T @ row, **fixed) for row in e]
-    return readings_of(statistics, list(MEANING.values()), np.arange(float(n)))
+    return build_readings(statistics, list(MEANING.values()), np.arange(float(n)))
 
 
 def worn(n, size):
@@ -44,9 +44,9 @@ def worn(n, size):
 
 
 def looks_at(series):
-    suspects, among = suspect_groups(tuple(MEANING.values()), SetPrior()), courses(series.clock)
-    at, doubt = places(np.eye(7, dtype=bool)), np.zeros(len(suspects.groups))
-    return SeriesSearch(series, suspects, among, log_kind_prior(suspects, among), SetPrior().slabs, doubt, at)
+    suspects, among = suspects_of(tuple(MEANING.values()), SetPrior()), candidate_courses(series.clock)
+    at, doubt = pair_places(np.eye(7, dtype=bool)), np.zeros(len(suspects.groups))
+    return Looks(series, suspects, among, log_of_kinds(suspects, among), SetPrior().slabs, doubt, at)
 
 
 def test_the_same_suspect_and_course_with_another_size_is_another_look():

@@ -18,9 +18,9 @@ from enginediag_cli.isolation.windows import WindowIsolation
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv
-from enginediag_cli.residuals.files import JudgedFiles
-from enginediag_cli.residuals.long_windows import KeptRecords
-from enginediag_cli.residuals.monitor import monitor_of
+from enginediag_cli.residuals.files import WindowReader
+from enginediag_cli.residuals.long_windows import RecordHistory
+from enginediag_cli.residuals.monitor import build_monitor
 
 ENGINE = Path(__file__).parents[2] / "configs" / "turbofan.yaml"
 RECORDED = ("N1_rpm", "N2_rpm", "T45_K")
@@ -34,7 +34,7 @@ def monitor(tmp_path_factory):
     engine, file = load_engine(ENGINE), tmp_path_factory.mktemp("valves") / "nominal.yaml"
     noise = [SensorNoise(c, engine.sensors[c].noise_sigma, 0.0, RECORDS, float(RECORDS), 0) for c in RECORDED]
     write_nominal(replace(nominal_of(engine, ENGINE, noise, climb(engine, RECORDS)), engine_path=str(ENGINE)), file)
-    return monitor_of(open_baseline(str(file)), sensors=True)
+    return build_monitor(open_baseline(str(file)), sensors=True)
 
 
 @pytest.mark.parametrize("valve", ["bleed.booster.fraction", "bleed.hpc.fraction"])
@@ -44,10 +44,8 @@ def test_a_valve_that_passes_two_per_cent_is_no_compressor(monitor, valve: str, 
         table = recorded(engine, climb(engine, RECORDS), {valve: 0.02}, np.random.default_rng(seed))
         path = tmp_path / f"{seed}.csv"
         write_csv(path, [Recording(table)])
-        files = JudgedFiles(
-            RecordingLoader(RecordingSource((str(path),)), required_columns(monitor.engine, monitor.sensors)), monitor
-        )
-        kept = KeptRecords(monitor, short_windows=False)
-        (found,) = WindowIsolation(files, DiagnosisOptions(), 0.01, kept_records=kept).windows()
+        files = WindowReader(Intake(Source((str(path),)), columns_of(monitor.engine, monitor.sensors)), monitor)
+        kept = RecordHistory(monitor, short_windows=False)
+        (found,) = Isolating(files, DiagnosisOptions(), 0.01, kept=kept).windows()
         result = found.diagnosis.result
         assert result.isolated == (valve,) or (result.ambiguity and (valve,) in result.ambiguity.members)

@@ -148,8 +148,8 @@ class Model:
         engine = load_engine(str(path))
         bleed = effect(engine, *BLEED)
         self.amplitude = bleed.amplitudes[0]
-        engine = engine.replace_effects([*engine.effects, bleed])
-        self.model = engine if state.error_model is None else state.error_model.of(engine)
+        engine = engine.with_effects([*engine.effects, bleed])
+        self.model = engine if state.error_model is None else state.error_model.wrap(engine)
         self.theta = state.theta0
         self._inputs = {c: run.columns[c] for c in (*engine.inputs, *engine.optional_inputs) if c in run.columns}
         self._inputs[MOMENT] = engine.tapes.add(run.columns)

@@ -6,13 +6,13 @@ from pathlib import Path
 
 from ground_recordings import CONFIGS
 
-from enginediag_cli.detection.series import Series, series_of
+from enginediag_cli.detection.series import Series, build_series
 from enginediag_cli.fleets.findings import EngineHistory
-from enginediag_cli.intake.loader import RecordingLoader
-from enginediag_cli.intake.selection import RecordingSource, open_baseline, required_columns
-from enginediag_cli.residuals.files import JudgedFiles, Judging
-from enginediag_cli.residuals.monitor import monitor_of
-from enginediag_cli.residuals.reduced import of_series
+from enginediag_cli.intake.loader import Intake
+from enginediag_cli.intake.selection import Source, columns_of, open_baseline
+from enginediag_cli.residuals.files import WindowReader, WindowSettings
+from enginediag_cli.residuals.monitor import build_monitor
+from enginediag_cli.residuals.reduced import monitor_for_series
 from enginediag_cli.residuals.windows import WindowPlan
 
 RECORDER = CONFIGS / "recorders" / "cmapss.yaml"
@@ -20,12 +20,10 @@ RECORDER = CONFIGS / "recorders" / "cmapss.yaml"
 
 def fleet_series(nominal: Path, recording: Path) -> Series:
     """The flights of every engine, one record each, as `enginediag trend` reads them."""
-    monitor = of_series(monitor_of(open_baseline(nominal), sensors=True))
-    intake = RecordingLoader(
-        RecordingSource((str(recording),), str(RECORDER)), required_columns(monitor.engine, monitor.sensors)
-    )
-    files = JudgedFiles(intake, monitor, Judging(WindowPlan().of_series), series=True)
-    return series_of(files, law="none")
+    monitor = monitor_for_series(build_monitor(open_baseline(nominal), sensors=True))
+    intake = Intake(Source((str(recording),), str(RECORDER)), columns_of(monitor.engine, monitor.sensors))
+    files = WindowReader(intake, monitor, WindowSettings(WindowPlan().series_plan), series=True)
+    return build_series(files, law="none")
 
 
 def histories(series: Series, baseline: int = 20) -> list[EngineHistory]:

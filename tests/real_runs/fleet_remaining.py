@@ -20,7 +20,7 @@ import numpy as np
 from fleet_histories import fleet_series, histories
 from scipy.stats import spearmanr
 
-from enginediag_cli.detection.forecast import Forecast, fitted, forecast, learnt
+from enginediag_cli.detection.forecast import Forecast, fit_laws, forecast, learn_population
 from enginediag_cli.detection.series import Series
 from enginediag_cli.fleets.engine_judgement import judge_engine
 from enginediag_cli.fleets.findings import EngineHistory, FleetSettings
@@ -44,7 +44,7 @@ def rank(series: Series, seeds: int = 5) -> None:
             found.append(judge_engine(cut_at(history, cut), series, QUICK, scale))
             left.append(life - cut)
         rho = spearmanr([f.severity.value for f in found], left).statistic
-        fleet = judge_fleet(found, QUICK, series.known)
+        fleet = judged_fleet(found, QUICK, series.parameters)
         changed = sum(f.verdict == "changed" for f in found)
         print(
             f"seed {seed}: Spearman {rho:.3f} over {len(found)} engines; {changed} changed, "
@@ -58,22 +58,22 @@ def remaining(series: Series) -> None:
     lives = [len(h.stretches) for h in histories(series)]
     courses = [course for f in findings if (course := consumption_course(f)) is not None]
     reference = float(np.median([f.severity.value for f in findings]))
-    fits = [fitted(course, reference) for course in courses]
-    everyone = learnt(fits)
-    level, error = final_consumption(fits, everyone)
+    fits = [fit_laws(course, reference) for course in courses]
+    everyone = learn_population(fits)
+    level, error = ends_of(fits, everyone)
     print(f"{scale.column}: engines fail at {level.mean():.1f} K ± {level.std(ddof=1):.1f} K of margin used")
     rng = np.random.default_rng(0)
     rows: dict[str, list[tuple[float, Forecast]]] = {}
     for k, history in enumerate(histories(series)):
         others = np.arange(len(fits)) != k
-        limit, spread = removal_limit(level[others], error[others])
-        population = learnt(fits, without=k)
+        limit, spread = limit_from(level[others], error[others])
+        population = learn_population(fits, without=k)
         cuts = {f"{share:.0%} of life": int(share * lives[k]) for share in SHARES}
         cuts["second half, drawn"] = int(rng.integers(lives[k] // 2, lives[k]))
         for name, cut in cuts.items():
             course = consumption_course(judge_engine(cut_at(history, cut), series, QUICK, scale))
             assert course is not None
-            found = forecast(fitted(course, reference), population, limit, spread)
+            found = forecast(fit_laws(course, reference), population, limit, spread)
             rows.setdefault(name, []).append((float(lives[k] - cut), found))
     print("cut at              held of 90 %  too early  too late  median width  RMSE  RMSE capped  score capped")
     every: list[tuple[float, Forecast]] = []

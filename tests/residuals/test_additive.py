@@ -16,8 +16,8 @@ from enginediag_cli.isolation.methods import IsolationOptions, best_set, sensiti
 from enginediag_cli.report.output import cell
 from enginediag_cli.residuals.flat import flat_columns, flat_row, read_flat
 from enginediag_cli.residuals.pipeline import window_statistics
-from enginediag_cli.residuals.score import as_read, fisher_score, marginalise, marginalised
-from enginediag_cli.residuals.statistics_file import nuisance_of, unmarginalised
+from enginediag_cli.residuals.score import drop_nuisance, fisher_score, marginalise, marginalise_nuisance
+from enginediag_cli.residuals.statistics_file import count_nuisance, keep_nuisance
 from enginediag_cli.residuals.windows import plan_windows
 
 SUMS = ("s", "F", "V", "n", "chi2", "dof")
@@ -30,12 +30,12 @@ def monitor_and_recording(rho=0.0, seed=1, n=120, source="toy.csv"):
 
 def windows(monitor, recording, length=None, linearise="nominal"):
     plan = plan_windows(length)
-    return list(window_statistics(monitor, [recording], plan, linearise=linearise, condense=unmarginalised(monitor)))
+    return list(window_statistics(monitor, [recording], plan, linearise=linearise, condense=keep_nuisance(monitor)))
 
 
 def through_a_file(monitor, found):
     """The windows as a file of statistics gives them back."""
-    columns = flat_columns(monitor.monitored, nuisance_of(monitor))
+    columns = flat_columns(monitor.monitored, count_nuisance(monitor))
     rows = [{c: cell(flat_row(window).get(c)) for c in columns} for window in found]
     assert all(set(flat_row(window)) <= set(columns) for window in found)
     assert all(row["nuisance:1"].startswith("f8:") for row in rows)  # no cell may begin as a formula
@@ -80,9 +80,9 @@ def test_what_is_marginalised_window_by_window_counts_what_they_share_once_for_e
     monitor, recording = monitor_and_recording()
     (whole,) = windows(monitor, recording)
     parts = [w.statistics for w in windows(monitor, recording, "30")]
-    right = marginalised(added([("toy", p) for p in parts]))
-    alike(right, marginalised(whole.statistics))
-    alone = sum((marginalised(p).F for p in parts[1:]), marginalised(parts[0]).F)
+    right = marginalise_nuisance(added([("toy", p) for p in parts]))
+    alike(right, marginalise_nuisance(whole.statistics))
+    alone = sum((marginalise_nuisance(p).F for p in parts[1:]), marginalise_nuisance(parts[0]).F)
     assert not np.allclose(alone, right.F, rtol=1e-4)
 
 
@@ -91,7 +91,7 @@ def test_recordings_have_offsets_of_their_own_and_share_what_is_uncertain_about_
     monitor, one = monitor_and_recording()
     other = monitor_and_recording(seed=2, n=80, source="other.csv")[1]
     a, b = (windows(monitor, r)[0].statistics for r in (one, other))
-    found = fisher_score(marginalised(added([("one", a), ("other", b)])))
+    found = fisher_score(marginalise_nuisance(added([("one", a), ("other", b)])))
     h, p = len(monitor.monitored), len(a.parameters)
     assert a.common == ("nominal.1",) and a.own == ("offset.T5_K.bias",)
     # all parameters of both: monitored, common, offset of one, offset of the other
@@ -130,7 +130,7 @@ def test_the_sensitivity_test_is_equation_13_of_what_the_file_holds():
     S = np.diag([row[f"slopes:{name}|{name}"] for name in monitor.monitored])
     inverse = np.linalg.inv(x.V + x.F @ C @ x.F + F_a @ S @ F_a.T)
     by_hand = (x.s @ inverse @ F_a) ** 2 / np.sum(F_a * (inverse @ F_a), axis=0)
-    statistics = marginalised(x)
+    statistics = marginalise_nuisance(x)
     score = fisher_score(statistics, uncertainty=statistics.slopes)
     np.testing.assert_allclose([sensitivity_test(score, [name])[0] for name in monitor.monitored], by_hand, rtol=1e-6)
     assert best_set(score, IsolationOptions())[0] == (monitor.monitored[int(np.argmax(by_hand))],)
@@ -139,7 +139,7 @@ def test_the_sensitivity_test_is_equation_13_of_what_the_file_holds():
 def test_a_series_compares_windows_at_nominal_as_it_is():
     monitor, recording = monitor_and_recording()
     (window,) = windows(monitor, recording)
-    plain = as_read(window.statistics)
+    plain = drop_nuisance(window.statistics)
     assert plain.parameters == monitor.monitored
     np.testing.assert_array_equal(plain.F, window.statistics.F[:4, :4])
 
@@ -149,14 +149,14 @@ def test_a_row_is_judged_as_its_window(linearise):
     monitor, recording = monitor_and_recording(rho=0.3)
     (direct,) = window_statistics(monitor, [recording], plan_windows(None), linearise=linearise)
     (row,) = through_a_file(monitor, windows(monitor, recording, linearise=linearise))
-    alike(marginalised(row.statistics), direct.statistics, rtol=1e-8)
+    alike(marginalise_nuisance(row.statistics), direct.statistics, rtol=1e-8)
 
 
 def test_a_damaged_cell_is_named():
     from enginediag_cli.errors import DataError
 
     monitor, recording = monitor_and_recording()
-    columns = flat_columns(monitor.monitored, nuisance_of(monitor))
+    columns = flat_columns(monitor.monitored, count_nuisance(monitor))
     row = {c: cell(flat_row(windows(monitor, recording)[0]).get(c)) for c in columns}
     for column, text, message in (
         ("nuisance", "{}", "not a JSON mapping of `common` and `own`"),

@@ -8,7 +8,7 @@ import numpy as np
 from toy_engine import ToyEngine, toy_monitor, toy_recording
 
 from enginediag_cli.residuals.pipeline import window_statistics
-from enginediag_cli.residuals.reduced import CompactMonitor, compact, curvature
+from enginediag_cli.residuals.reduced import CompactMonitor, compact_monitor, curvature
 from enginediag_cli.residuals.windows import WindowPlan
 
 
@@ -22,7 +22,7 @@ def seen_everywhere(monitor):
 
 def test_statistics_are_those_of_the_engine():
     exact = seen_everywhere(toy_monitor(uncertain=5.0, offset=2.0, rho=0.3))
-    fitted = compact(exact)
+    fitted = compact_monitor(exact)
     assert isinstance(fitted, CompactMonitor)
     fitted = replace(fitted, curvature=None)  # so that both are linearised at the same point
     recording = toy_recording(np.random.default_rng(2), 300)
@@ -37,14 +37,14 @@ def test_statistics_are_those_of_the_engine():
 
 def test_a_certain_nominal_or_an_unknown_envelope_is_left_as_it_is():
     certain, unknown = seen_everywhere(toy_monitor()), replace(toy_monitor(uncertain=5.0), envelope=None)
-    assert compact(certain) is certain and compact(unknown) is unknown
+    assert compact_monitor(certain) is certain and compact_monitor(unknown) is unknown
 
 
 def test_what_a_linear_model_leaves_out_is_estimated_on_the_safe_side():
     monitor = toy_monitor()
     inputs = toy_recording(np.random.default_rng(3), 200).columns
     step = np.array([[0.0, -0.01, -0.006, 0.0], [0.002, 0.0, 0.0, -0.003]])
-    found = curvature(monitor, {c: inputs[c] for c in monitor.engine.inputs}).left_out(step, np.array([200, 50]))
+    found = curvature(monitor, {c: inputs[c] for c in monitor.engine.inputs}).neglected_error(step, np.array([200, 50]))
     for delta, n, estimate in zip(step, (200, 50), found, strict=True):
         u = {c: inputs[c][:n] for c in monitor.engine.inputs}
         y0, J, *_ = monitor.predict(u, monitor.theta0)
@@ -61,7 +61,7 @@ def test_a_window_stays_at_nominal_only_while_the_engine_is_nearly_linear_there(
             asked.append(len(next(iter(inputs.values()))))
             return super().predict(inputs, parameters, **options)
 
-    monitor = compact(replace(seen_everywhere(toy_monitor(uncertain=5.0)), engine=Counting()))
+    monitor = compact_monitor(replace(seen_everywhere(toy_monitor(uncertain=5.0)), engine=Counting()))
     passes = {}
     for name, change in (("healthy", {}), ("faulty", {"hpc.efficiency": -0.02})):
         asked.clear()

@@ -40,13 +40,13 @@ def test_the_noncentral_tail_is_that_of_scipy_and_its_noncentrality_the_inverse(
             assert found == pytest.approx(stats.ncx2.sf(x, dof, noncentrality), rel=1e-9, abs=1e-13)
     limit = distributions.chdtri(dof, 0.01)
     for probability in (0.5, 0.9, 0.999):
-        needed = distributions.noncentrality_of(dof, limit, probability)
+        needed = distributions.noncentrality_for_power(dof, limit, probability)
         assert stats.ncx2.sf(limit, dof, needed) == pytest.approx(probability, rel=1e-9)
-    assert distributions.noncentrality_of(dof, 0.1 * dof, 0.2) == 0.0
+    assert distributions.noncentrality_for_power(dof, 0.1 * dof, 0.2) == 0.0
 
 
 def test_noncentralities_of_many_degrees_of_freedom_are_found_too():
-    needed = distributions.noncentrality_of(3000.0, 3200.0, 0.9)
+    needed = distributions.noncentrality_for_power(3000.0, 3200.0, 0.9)
     assert stats.ncx2.sf(3200.0, 3000.0, needed) == pytest.approx(0.9, rel=1e-6)
 
 

@@ -11,9 +11,9 @@ from white_statistics import local_statistics
 from enginediag_cli.identification.nominal import SensorNoise
 from enginediag_cli.residuals.flat import flat_row, read_flat
 from enginediag_cli.residuals.instruments import NoiseModel
-from enginediag_cli.residuals.monitor import noise_of
+from enginediag_cli.residuals.monitor import noise_model
 from enginediag_cli.residuals.score import fisher_score, marginalise
-from enginediag_cli.residuals.statistics import Frame, independent_rows
+from enginediag_cli.residuals.statistics import ParameterFrame, independent_rows
 from enginediag_cli.residuals.windows import WindowStatistics
 
 RHO = 0.9
@@ -21,12 +21,12 @@ RHO = 0.9
 
 def noise_from(sigma_from, **values):
     sensor = SensorNoise("T3_K", 2.0, RHO, 200, 10.0, 0, sigma_from, 190.0, 0.03, 0.01, -1.0)
-    return noise_of(SimpleNamespace(noise=(sensor,)), ("T3_K",))
+    return noise_model(SimpleNamespace(noise=(sensor,)), ("T3_K",))
 
 
 def statistics(noise, rng):
     return local_statistics(
-        np.zeros((30, 1)), rng.standard_normal((30, 1, 2)), noise, Frame(("a", "b"), np.zeros(2), np.ones(2))
+        np.zeros((30, 1)), rng.standard_normal((30, 1, 2)), noise, ParameterFrame(("a", "b"), np.zeros(2), np.ones(2))
     )
 
 
@@ -51,7 +51,7 @@ def test_errors_of_prediction_are_a_bound_and_leave_the_chi_square_test():
 
 
 def test_a_nominal_file_that_does_not_say_has_certain_noise():
-    noise = noise_of(SimpleNamespace(noise=(SensorNoise("T3_K", 2.0, RHO, 200, 10.0, 0),)), ("T3_K",))
+    noise = noise_model(SimpleNamespace(noise=(SensorNoise("T3_K", 2.0, RHO, 200, 10.0, 0),)), ("T3_K",))
     assert noise.doubt(30) is None and noise.kurtosis is None
 
 
@@ -77,7 +77,7 @@ def test_an_error_that_all_sensors_share_counts_for_more_than_errors_of_their_ow
             rho_error=np.full(6, own),
             rho_common=np.full(6, common),
         )
-        found = local_statistics(np.zeros((30, 6)), G, noise, Frame(("a", "b"), np.zeros(2), np.ones(2)))
+        found = local_statistics(np.zeros((30, 6)), G, noise, ParameterFrame(("a", "b"), np.zeros(2), np.ones(2)))
         return fisher_score(found).doubt
 
     assert doubt(0.0, 0.02)[0] > 3 * doubt(0.02, 0.0)[0]

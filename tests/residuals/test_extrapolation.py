@@ -14,8 +14,8 @@ from enginediag_cli.recordings.table import Recording
 from enginediag_cli.report.tables.recordings import outside_envelope_lines
 from enginediag_cli.residuals.monitor import monitor_from_nominal
 from enginediag_cli.residuals.pipeline import window_statistics
-from enginediag_cli.residuals.reduced import compact, reduced
-from enginediag_cli.residuals.windows import Elsewhere, WindowPlan, judged_inputs
+from enginediag_cli.residuals.reduced import compact_monitor, reduce_monitor
+from enginediag_cli.residuals.windows import Extrapolation, WindowPlan, select_inputs
 from enginediag_cli.shipped import shipped
 
 
@@ -66,7 +66,7 @@ def test_every_form_of_a_monitor_is_as_wide_beyond_training_as_the_whole_one():
     u = {c: v for c, v in high().items() if c in engine().inputs}
     for points in (u, {c: v for c, v in flown(8, 40, (0, 5_000), (0.5, 0.8)).items() if c in u}):
         variances = []
-        for form in (monitor(), reduced(monitor()), compact(monitor())):
+        for form in (monitor(), reduce_monitor(monitor()), compact_monitor(monitor())):
             J = form.predict(points, form.theta0)[1]
             variances.append(np.einsum("nmp,pq,nmq->nm", J, form.uncertainty, J))
         scale = (
@@ -88,7 +88,7 @@ def test_every_form_of_a_monitor_is_as_wide_where_worn_machines_run_as_the_whole
     # records whose machines have left the line: readings are less sure there by a fifth of their noise and more
     J0 = monitor().predict({**u, **frozen}, monitor().theta0)[1]
     assert np.any(whole > 2.0 * np.einsum("nmp,pq,nmq->nm", J0, monitor().uncertainty, J0) + 0.04)
-    for form in (reduced(monitor()), compact(monitor())):
+    for form in (reduce_monitor(monitor()), compact_monitor(monitor())):
         J = form.predict({**u, **moved}, form.theta0)[1]
         np.testing.assert_allclose(
             np.einsum("nmp,pq,nmq->nm", J, form.uncertainty, J) / monitor().noise.sigma ** 2,
@@ -99,17 +99,17 @@ def test_every_form_of_a_monitor_is_as_wide_where_worn_machines_run_as_the_whole
 
 
 def test_healthy_records_beyond_training_are_judged_and_are_no_alarm():
-    taken = judged_inputs(monitor(), recording(high()))
-    assert taken.beyond.all() and taken.judged.all()
-    (window,) = window_statistics(reduced(monitor()), [recording(high())], WindowPlan())
+    taken = select_inputs(monitor(), recording(high()))
+    assert taken.uncovered.all() and taken.judged.all()
+    (window,) = window_statistics(reduce_monitor(monitor()), [recording(high())], WindowPlan())
     assert judge(window).verdict != FAULT
-    assert sum(window.elsewhere.values()) == 40 and window.outside == 0
+    assert sum(window.extrapolation.values()) == 40 and window.outside == 0
 
 
 def test_an_answer_beyond_training_is_wider_than_within():
     errors = []
     for columns in (flown(8, 40, (0, 5_000), (0.5, 0.8)), high()):
-        (window,) = window_statistics(reduced(monitor()), [recording(columns)], WindowPlan())
+        (window,) = window_statistics(reduce_monitor(monitor()), [recording(columns)], WindowPlan())
         s = window.statistics
         a, own = monitor().monitored.index("hpc.efficiency"), len(monitor().monitored)
         information = s.F + np.diag(np.arange(len(s.F)) >= own)  # unit normals are known to ±1
@@ -122,10 +122,10 @@ def test_the_input_that_is_outside_is_named_with_how_many_records():
     far = {c: v.copy() for c, v in columns.items()}
     far["altitude_m"] += 60_000.0
     both = {c: np.concatenate([columns[c], far[c]]) for c in columns}
-    taken = judged_inputs(monitor(), recording(both))
+    taken = select_inputs(monitor(), recording(both))
     assert taken.outside.tolist() == [False] * 10 + [True] * 10
-    told = taken.elsewhere(slice(None))
-    assert told[Elsewhere("altitude_m", False)] == 10
+    told = taken.count_extrapolation(slice(None))
+    assert told[Extrapolation("altitude_m", False)] == 10
     assert sum(n for where, n in told.items() if where.judged) == 10
     lines = list(outside_envelope_lines(told))
     assert lines[0].startswith("10 records outside the operating points identified, judged")
@@ -133,4 +133,4 @@ def test_the_input_that_is_outside_is_named_with_how_many_records():
 
 
 def test_where_nothing_widens_what_training_did_not_cover_is_not_judged():
-    assert judged_inputs(monitor(), recording(high()), widening=False).outside.all()
+    assert select_inputs(monitor(), recording(high()), widening=False).outside.all()

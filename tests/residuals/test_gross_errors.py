@@ -11,8 +11,8 @@ from enginediag_cli.residuals.gross_errors import (
     BLOCK,
     HALO,
     RUN,
-    Stretch,
-    brief_departures,
+    ResidualStretch,
+    find_brief_departures,
     find_gross_errors,
     running_median,
 )
@@ -38,7 +38,9 @@ def stretch(rng, *, rho=0.0, theta=None, add=0.0, step_s=60.0):
     time = np.arange(N) * step_s
     noise = NoiseModel(np.ones(M), np.full(M, rho))
     level = 300 * (1 + power[:, :, 0]) * np.ones(M)
-    found = Stretch(z, G, level, np.ones(N), time, np.eye(P), noise, lambda rows: np.tile(effects, (len(rows), 1, 1)))
+    found = ResidualStretch(
+        z, G, level, np.ones(N), time, np.eye(P), noise, lambda rows: np.tile(effects, (len(rows), 1, 1))
+    )
     return found, effects
 
 
@@ -155,7 +157,7 @@ def test_missing_readings_and_permuted_sensors_change_nothing():
     one.z[rng.random((N, M)) < 0.1] = np.nan
     one.z[[10, 90], [1, 5]] = 15.0
     order = rng.permutation(M)
-    other = Stretch(
+    other = ResidualStretch(
         one.z[:, order], one.G[:, order], one.level[:, order], one.lags, one.time, one.precision, one.noise,
         lambda rows: one.input_effects(rows)[:, order],
     )  # fmt: skip
@@ -240,5 +242,5 @@ def test_what_is_brief_may_be_a_gross_error_and_what_lasts_is_not():
     t[4:9, 0] += 20
     t[30:, 1] += 20
     t[35:, 2] += 20
-    brief = brief_departures(t, 60.0 * np.arange(40), np.arange(40.0))
+    brief = find_brief_departures(t, 60.0 * np.arange(40), np.arange(40.0))
     assert [np.flatnonzero(b).tolist() for b in brief.T] == [[4, 5, 6, 7, 8], [], [35, 36, 37, 38, 39]]

@@ -9,14 +9,14 @@ from white_statistics import white_noise
 from enginediag_cli.recordings.repeated import StuckRun, append_runs, list_stuck_runs
 from enginediag_cli.residuals.instruments import (
     NoiseModel,
-    Scatter,
-    identical,
-    scattering,
-    stuck_faults,
-    stuck_inputs,
-    stuck_outputs,
-    weighed,
-    weights,
+    ScatterEstimate,
+    apply_weights,
+    find_scatter,
+    find_stuck_faults,
+    find_stuck_inputs,
+    find_stuck_outputs,
+    identical_runs,
+    scatter_weights,
 )
 
 SIGMA = np.array([2.0, 0.5, 30.0, 1.0])
@@ -30,11 +30,11 @@ def effects(n: int) -> np.ndarray:
     return np.tile(np.column_stack([np.eye(M), ALONG]), (n, 1, 1))
 
 
-def found(e: np.ndarray, noise: NoiseModel | None = None, nominal: float | np.ndarray = 0.0) -> list[Scatter]:
+def found(e: np.ndarray, noise: NoiseModel | None = None, nominal: float | np.ndarray = 0.0) -> list[ScatterEstimate]:
     n = len(e)
     level = np.linspace(1.0, 2.0, n)[:, None] * 100 * SIGMA
     known = np.broadcast_to(nominal, (n - 1, M))
-    return scattering(e, level, noise or white_noise(SIGMA), np.ones(n), lambda: effects(n), lambda: known)
+    return find_scatter(e, level, noise or white_noise(SIGMA), np.ones(n), lambda: effects(n), lambda: known)
 
 
 def autoregressive(rng: np.random.Generator, n: int, rho: float) -> np.ndarray:
@@ -50,7 +50,7 @@ def test_the_sensor_that_scatters_is_found_with_the_size_of_its_scatter(of):
     e = SIGMA * rng.standard_normal((200, M))
     e[:, of] *= 4.0
     (one,) = found(e)
-    assert one.of == of and one.probability > 0.99
+    assert one.instrument == of and one.probability > 0.99
     # √15 σ are added; a standard deviation of 200 differences is known to a sixteenth
     assert one.size == pytest.approx(np.sqrt(15) * SIGMA[of], rel=4 / 16)
 
@@ -62,21 +62,21 @@ def test_what_is_uncertain_about_nominal_between_two_operating_points_is_no_scat
     assert not found(e, nominal=2 * maps**2)
     e[:, 3] *= 4.0
     (one,) = found(e, nominal=2 * maps**2)
-    assert one.of == 3
+    assert one.instrument == 3
 
 
 def test_an_input_that_scatters_is_found_although_every_reading_does():
     rng = np.random.default_rng(1)
     e = SIGMA * rng.standard_normal((200, M)) + 2.0 * rng.standard_normal((200, 1)) * ALONG
     (one,) = found(e)
-    assert one.of == M and one.probability > 0.99
+    assert one.instrument == M and one.probability > 0.99
     assert one.size == pytest.approx(2.0, rel=4 / 16)
 
 
 def test_two_that_scatter_are_both_found_and_three_are_the_model():
     rng = np.random.default_rng(2)
     e = SIGMA * rng.standard_normal((300, M))
-    assert {one.of for one in found(e * [5, 1, 5, 1])} == {0, 2}
+    assert {one.instrument for one in found(e * [5, 1, 5, 1])} == {0, 2}
     assert found(e * [5, 5, 5, 1]) == []
 
 
@@ -105,10 +105,10 @@ def test_the_order_of_sensors_does_not_matter():
     (one,) = found(e)
     S = effects(100)[:, order][:, :, [*order, M]]
     level = np.linspace(1.0, 2.0, 100)[:, None] * 100 * SIGMA[order]
-    (other,) = scattering(
+    (other,) = find_scatter(
         e[:, order], level, white_noise(SIGMA[order]), np.ones(100), lambda: S, lambda: np.zeros((99, M))
     )
-    assert order[other.of] == one.of
+    assert order[other.instrument] == one.instrument
     assert other.size == pytest.approx(one.size, rel=1e-9)
 
 
@@ -118,7 +118,7 @@ def test_weighed_readings_scatter_as_stated():
     R = np.diag(SIGMA**2 * noise.inflation)
     present = np.ones((2, M), bool)
     present[1, 2] = False
-    W = weights(present, noise, effects(2), [Scatter(M, 2.0, 1.0), Scatter(0, 7.0, 1.0)])
+    W = scatter_weights(present, noise, effects(2), [ScatterEstimate(M, 2.0, 1.0), ScatterEstimate(0, 7.0, 1.0)])
     for k in range(2):
         seen = present[k]
         S = np.column_stack([2.0 * ALONG, 7.0 * np.eye(M)[0]])[seen]
@@ -126,24 +126,24 @@ def test_weighed_readings_scatter_as_stated():
         mine = W[k][np.ix_(seen, seen)]
         np.testing.assert_allclose(mine @ (R_seen + S @ S.T) @ mine.T, R_seen, atol=1e-8 * SIGMA.max() ** 2)
     y = np.array([[1.0, 2.0, 3.0, 4.0], [1.0, 2.0, np.nan, 4.0]])
-    assert np.array_equal(np.isnan(weighed(W, y)), np.isnan(y))
-    np.testing.assert_array_equal(weighed(None, y), y)
+    assert np.array_equal(np.isnan(apply_weights(W, y)), np.isnan(y))
+    np.testing.assert_array_equal(apply_weights(None, y), y)
 
 
 def test_a_sensor_that_repeats_itself_is_stuck_where_the_model_moves():
     level = np.column_stack([np.linspace(0, 100, 50), np.zeros(50), np.linspace(0, 100, 50)])
     readings = np.column_stack([np.full(50, 812.0), np.full(50, 1.0), np.linspace(5, 6, 50)])
-    stuck = stuck_outputs(readings, level)
+    stuck = find_stuck_outputs(readings, level)
     assert stuck[:, 0].all() and not stuck[:, 1:].any()
     readings[30:, 0] = np.linspace(900, 950, 20)
-    assert stuck_outputs(readings, level)[:, 0].tolist() == [True] * 30 + [False] * 20
+    assert find_stuck_outputs(readings, level)[:, 0].tolist() == [True] * 30 + [False] * 20
 
 
 def test_records_with_a_wrong_input_make_no_sensor_stuck():
     """A coarse recorder writes one value for minutes on the ground, and the fuel flow of one record is wrong."""
     level = np.zeros((8, 1))
     level[5] = 40.0
-    assert not stuck_outputs(np.full((8, 1), 990610.3), level).any()
+    assert not find_stuck_outputs(np.full((8, 1), 990610.3), level).any()
 
 
 def test_an_input_is_stuck_where_the_readings_move_as_its_error_would_make_them():
@@ -160,7 +160,7 @@ def test_an_input_is_stuck_where_the_readings_move_as_its_error_would_make_them(
 
     read = np.where(np.arange(n) < 20, truth, truth[20])
     z = readings - read[:, None] ** 2 * 10 * unit
-    stuck = stuck_inputs(z, {"u": read, "w": np.zeros(n)}, free)
+    stuck = find_stuck_inputs(z, {"u": read, "w": np.zeros(n)}, free)
     assert list(stuck) == ["u"]
     assert stuck["u"].tolist() == [False] * 20 + [True] * 40
     # one record with another wrong input moves nothing but itself, whichever input it looks like
@@ -168,12 +168,12 @@ def test_an_input_is_stuck_where_the_readings_move_as_its_error_would_make_them(
     readings = calm[:, None] ** 2 * 10 * unit + rng.standard_normal((n, M))
     readings[7] += 40 * unit
     read = calm
-    assert stuck_inputs(readings - calm[:, None] ** 2 * 10 * unit, {"u": calm}, free) == {}
+    assert find_stuck_inputs(readings - calm[:, None] ** 2 * 10 * unit, {"u": calm}, free) == {}
     # commands and cruise stand still for hours: an input that does so while nothing moves is none
     still = np.full(n, 1.5)
     readings = still[:, None] ** 2 * 10 * unit + rng.standard_normal((n, M)) + [5.0, 0.0, 0.0, 0.0]
     read = still
-    assert stuck_inputs(readings - still[:, None] ** 2 * 10 * unit, {"u": still}, free) == {}
+    assert find_stuck_inputs(readings - still[:, None] ** 2 * 10 * unit, {"u": still}, free) == {}
 
 
 def test_runs_are_the_same_in_one_piece_and_in_blocks():
@@ -191,13 +191,13 @@ def test_runs_are_the_same_in_one_piece_and_in_blocks():
 
 def test_a_window_sees_the_part_of_a_run_that_lies_in_it():
     run = StuckRun("T45_K", 812.0, 120, 400, 281)
-    (fault,) = stuck_faults([run], (), (101, 300), 200)
+    (fault,) = find_stuck_faults([run], (), (101, 300), 200)
     assert (fault.first, fault.count, fault.records, fault.throughout) == (20, 181, 200, False)
     assert fault.name == "sensor.T45.stuck"
-    assert list(stuck_faults([run], (), (401, 500), 100)) == []
+    assert list(find_stuck_faults([run], (), (401, 500), 100)) == []
 
 
 def test_identical_values_in_a_row():
     x = np.array([1, 1, 1, np.nan, np.nan, np.nan, 2, 2, 3, 3, 3, 3.0])
-    assert list(identical(x, 3)) == [(0, 3), (8, 12)]
-    assert list(identical(x[:0], 3)) == []
+    assert list(identical_runs(x, 3)) == [(0, 3), (8, 12)]
+    assert list(identical_runs(x[:0], 3)) == []

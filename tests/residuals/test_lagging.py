@@ -21,7 +21,7 @@ from enginediag_cli.physics.registry import effect
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.monitor import monitor_from_nominal
 from enginediag_cli.residuals.pipeline import window_statistics
-from enginediag_cli.residuals.reduced import reduced, with_lagging
+from enginediag_cli.residuals.reduced import add_sensor_lags, reduce_monitor
 from enginediag_cli.residuals.windows import plan_windows
 from enginediag_cli.validation.trial_flights import draw_moving_flights
 
@@ -106,7 +106,7 @@ def test_recordings_without_time_know_of_no_lag():
         TrainingRecording(f"{k}", {c: v for c, v in f.items() if c not in ("time_s", MOMENT)}, None)
         for k, f in enumerate(flights)
     ]
-    assert identify(engine, training, cross_validation=False).lagging == ()
+    assert identify(engine, training, cross_validation=False).sensor_lags == ()
 
 
 def test_recordings_behind_a_gate_know_of_no_lag():
@@ -116,15 +116,15 @@ def test_recordings_behind_a_gate_know_of_no_lag():
         TrainingRecording(f"{k}", {c: v[keep] for c, v in f.items()}, None)
         for k, (f, keep) in enumerate(zip(flights, kept, strict=True))
     ]
-    assert identify(engine, training, cross_validation=False).lagging == ()
+    assert identify(engine, training, cross_validation=False).sensor_lags == ()
 
 
 def test_a_healthy_engine_raises_no_alarm_for_the_lag_that_its_model_lacks():
     engine, result, later = identified(LAG_S)
     nominal = result.nominal("engine.yaml", "0" * 64, {})
-    known = with_lagging(reduced(monitor_from_nominal(engine, nominal)))
+    known = add_sensor_lags(reduce_monitor(monitor_from_nominal(engine, nominal)))
     assert not any(v.test.alarm for v in judged(known, later) if v.test)
-    certain = reduced(monitor_from_nominal(engine, replace(nominal, lagging=())))
+    certain = reduce_monitor(monitor_from_nominal(engine, replace(nominal, lagging=())))
     # offsets that a few recordings leave wide take some of it, as an error that this recording has throughout
     statistics = [[v.test.statistic for v in judged(m, later) if v.test] for m in (known, certain)]
     assert np.mean(statistics[1]) > 1.5 * np.mean(statistics[0])
@@ -138,7 +138,7 @@ def test_a_worn_engine_still_raises_it():
     worn = {**later[0]}
     for i, c in enumerate(engine.sensors):
         worn[c] = worn[c] + (after - before)[:, i]
-    monitor = with_lagging(reduced(monitor_from_nominal(engine, nominal)))
+    monitor = add_sensor_lags(reduce_monitor(monitor_from_nominal(engine, nominal)))
     assert all(v.test.alarm for v in judged(monitor, [worn]) if v.test and v.window.statistics.n > 30)
 
 
@@ -146,7 +146,7 @@ def test_what_readings_lag_by_survives_the_nominal_file(tmp_path):
     engine, result, _ = identified(LAG_S)
     nominal = result.nominal("engine.yaml", "0" * 64, {})
     write_nominal(nominal, str(tmp_path / "nominal.yaml"))
-    found = read_nominal(tmp_path / "nominal.yaml").lagging
+    found = read_nominal(tmp_path / "nominal.yaml").sensor_lags
     assert [r.sensor for r in found] == list(engine.sensors)
     for a, b in zip(found, nominal.lagging, strict=True):
         assert a.amounts == pytest.approx(b.amounts, rel=1e-6)

@@ -8,7 +8,7 @@ from white_statistics import local_statistics, white_noise
 
 from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.score import fisher_score, marginalise
-from enginediag_cli.residuals.statistics import Frame, LocalStatistics, block_statistics
+from enginediag_cli.residuals.statistics import LocalStatistics, ParameterFrame, block_statistics
 
 NAMES = ("a", "b", "c")
 N, M, P = 60, 4, 3
@@ -22,7 +22,7 @@ def draw(rng, n=N):
 
 def statistics(e, J, noise, **options) -> LocalStatistics:
     p = J.shape[2]
-    return local_statistics(e, J, noise, Frame(tuple("abcdefgh"[:p]), np.ones(p), np.full(p, 0.02)), **options)
+    return local_statistics(e, J, noise, ParameterFrame(tuple("abcdefgh"[:p]), np.ones(p), np.full(p, 0.02)), **options)
 
 
 def test_white_statistics_are_the_sums_of_the_definition():
@@ -93,7 +93,7 @@ def test_blocks_add_up_exactly_to_the_whole_however_they_are_cut():
     e[13, 0] = np.nan
     noise = NoiseModel(np.ones(M), np.array([0.95, 0.5, 0.0, 0.7]))
     whole = statistics(e, J, noise)
-    frame = Frame(NAMES, np.ones(P), np.full(P, 0.02))
+    frame = ParameterFrame(NAMES, np.ones(P), np.full(P, 0.02))
     blocks = list(block_statistics(e, J, noise, np.array([0, 1, 2, 17, 40]), frame))
     together = blocks[0] + (blocks[1] + blocks[2]) + (blocks[3] + blocks[4])
     for name in ("s", "F", "V", "n", "chi2", "dof"):
@@ -116,7 +116,7 @@ def test_statistics_about_different_points_do_not_add():
     rng = np.random.default_rng(8)
     e, J = draw(rng)
     here = statistics(e, J, white_noise(np.ones(M)))
-    there = local_statistics(e, J, white_noise(np.ones(M)), Frame(NAMES, np.full(P, 1.1), np.full(P, 0.02)))
+    there = local_statistics(e, J, white_noise(np.ones(M)), ParameterFrame(NAMES, np.full(P, 1.1), np.full(P, 0.02)))
     with pytest.raises(ValueError, match="nominal"):
         here + there
 
@@ -127,7 +127,7 @@ def test_the_test_statistic_does_not_depend_on_units_or_order():
     noise = NoiseModel(np.ones(M), np.array([0.9, 0.5, 0.0, 0.8]))
     t = fisher_score(statistics(e, J, noise)).glr
     unit = np.array([1e-5, 1.0, 1e6])  # parameters in other units
-    rescaled = local_statistics(e, J / unit, noise, Frame(NAMES, unit, 0.02 * unit))
+    rescaled = local_statistics(e, J / unit, noise, ParameterFrame(NAMES, unit, 0.02 * unit))
     assert fisher_score(rescaled).glr == pytest.approx(t, rel=1e-9)
     sensor = np.array([1e5, 1.0, 0.01, 3.0])  # sensors in other units
     other = NoiseModel(noise.sigma * sensor, noise.rho)
@@ -192,7 +192,7 @@ def test_units_of_uncertain_parameters_do_not_matter():
                 e,
                 J / u,
                 white_noise(np.ones(M)),
-                Frame(NAMES, np.zeros(P), u),
+                ParameterFrame(NAMES, np.zeros(P), u),
             ),
             ("a", "b"),
             C * u * u[:, None],
@@ -212,7 +212,7 @@ def test_a_sensor_offset_of_unknown_size_takes_that_sensor_out_of_the_test():
         e,
         np.concatenate([J, offset], axis=2),
         white_noise(np.ones(M)),
-        Frame((*NAMES, "offset"), np.zeros(4), np.ones(4)),
+        ParameterFrame((*NAMES, "offset"), np.zeros(4), np.ones(4)),
     )
     C = np.diag([0, 0, 0, 1e8])
     without = e.copy()

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from white_statistics import local_statistics, white_noise
 
-from enginediag_cli.residuals.relinearise import covariance_of_change, sums_by_point
+from enginediag_cli.residuals.relinearise import covariance_of_change, point_sums
 from enginediag_cli.residuals.score import marginalise
-from enginediag_cli.residuals.statistics import Frame
+from enginediag_cli.residuals.statistics import ParameterFrame
 
 P, M = 3, 4
 NAMES = ("a", "b", "c")
@@ -28,8 +28,8 @@ def window(points, n=30, seed=0):
 
 def statistics_of(predicted, e, J):
     noise = white_noise(np.ones(M))
-    found = local_statistics(e, J, noise, Frame(NAMES, np.ones(P), np.full(P, 0.02)))
-    return replace(found, points=sums_by_point(predicted, e, J, noise, COLUMNS))
+    found = local_statistics(e, J, noise, ParameterFrame(NAMES, np.ones(P), np.full(P, 0.02)))
+    return replace(found, points=point_sums(predicted, e, J, noise, COLUMNS))
 
 
 def test_at_one_operating_point_the_change_is_as_uncertain_as_the_error():
@@ -46,8 +46,8 @@ def test_two_parameters_that_look_alike_get_no_changes_that_cancel():
     predicted, e, J, _ = window(3)
     alike = np.concatenate([J, J[:, :, 2:] * (1 + 1e-2 * np.linspace(-1, 1, len(J))[:, None, None])], axis=2)
     noise = white_noise(np.ones(M))
-    frame = Frame((*NAMES, "d"), np.ones(P + 1), np.full(P + 1, 0.02))
-    found = replace(local_statistics(e, alike, noise, frame), points=sums_by_point(predicted, e, alike, noise, COLUMNS))
+    frame = ParameterFrame((*NAMES, "d"), np.ones(P + 1), np.full(P + 1, 0.02))
+    found = replace(local_statistics(e, alike, noise, frame), points=point_sums(predicted, e, alike, noise, COLUMNS))
     covariance = covariance_of_change(found, found, np.zeros((P + 1, P + 1)), VARIANCE)
     assert np.sqrt(np.diag(covariance)).max() < 3 * np.sqrt(VARIANCE.max())
     plain = covariance_of_change(*[statistics_of(predicted, e, J)] * 2, np.zeros((P, P)), VARIANCE)

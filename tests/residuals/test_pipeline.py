@@ -14,7 +14,7 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.isolation.methods import isolate
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.score import fisher_score
-from enginediag_cli.residuals.statistics import Frame
+from enginediag_cli.residuals.statistics import ParameterFrame
 from enginediag_cli.residuals.windows import plan_windows
 
 
@@ -33,7 +33,9 @@ def test_statistics_at_nominal_are_those_of_all_records_at_once():
     (window,) = found(monitor, recording, linearise="nominal")
     y, J, _, _ = monitor.predict({c: recording[c] for c in monitor.engine.inputs}, monitor.theta0)
     e = np.column_stack([recording[c] for c in SENSORS]) - y
-    direct = fisher_score(local_statistics(e, J, monitor.noise, Frame(HEALTH, monitor.theta0, monitor.prior_sigma)))
+    direct = fisher_score(
+        local_statistics(e, J, monitor.noise, ParameterFrame(HEALTH, monitor.theta0, monitor.prior_sigma))
+    )
     np.testing.assert_allclose(window.statistics.s, direct.b, rtol=1e-8)
     np.testing.assert_allclose(window.statistics.F, direct.information, rtol=1e-8)
     assert (window.first_line, window.last_line, window.records) == (2, 201, 200)

@@ -17,7 +17,7 @@ from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.monitor import monitor_from_nominal
 from enginediag_cli.residuals.pipeline import window_statistics
-from enginediag_cli.residuals.reduced import ReducedMonitor, reduced
+from enginediag_cli.residuals.reduced import ReducedMonitor, reduce_monitor
 from enginediag_cli.residuals.windows import WindowPlan
 from enginediag_cli.validation.trial_flights import draw_flights
 from enginediag_cli.validation.truth_instruments import draw_instruments
@@ -63,7 +63,7 @@ def nominal(engine, flown):
 
 
 def verdicts(engine, nominal, flown):
-    monitor = reduced(monitor_from_nominal(InputErrors.wrap(engine), nominal))
+    monitor = reduce_monitor(monitor_from_nominal(InputErrors.of(engine), nominal))
     for k, f in enumerate(flown[6:]):
         n = len(f["time_s"])
         recording = Recording(f, {"flight": ["1"] * n}, line=np.arange(2, n + 2), source=f"judged {k}")
@@ -96,7 +96,7 @@ def test_offsets_of_inputs_act_as_the_inputs_do(engine, flown):
 
 def test_a_reduced_monitor_keeps_offsets_apart_from_what_all_recordings_share(engine, nominal, flown):
     monitor = monitor_from_nominal(engine, nominal)
-    few = reduced(monitor)
+    few = reduce_monitor(monitor)
     assert isinstance(few, ReducedMonitor)
     assert few.offsets == monitor.offsets and few.names[-len(few.offsets) :] == monitor.names[-len(few.offsets) :]
     inputs = {c: flown[0][c][:8] for c in engine.inputs}

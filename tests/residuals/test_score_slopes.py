@@ -16,7 +16,7 @@ from enginediag_cli.report.output import cell
 from enginediag_cli.residuals.flat import flat_columns, flat_row, read_flat
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.score import fisher_score
-from enginediag_cli.residuals.statistics import Frame
+from enginediag_cli.residuals.statistics import ParameterFrame
 from enginediag_cli.residuals.windows import WindowPlan
 
 
@@ -24,7 +24,7 @@ def statistics_of(J, change, rng, sigma=0.02):
     """Statistics of readings of unit noise with sensitivities J (N, m, p)."""
     p = J.shape[2]
     e = J @ np.asarray(change) + rng.standard_normal(J.shape[:2])
-    frame = Frame(tuple(f"p{i}" for i in range(p)), np.ones(p), np.full(p, sigma))
+    frame = ParameterFrame(tuple(f"p{i}" for i in range(p)), np.ones(p), np.full(p, sigma))
     return local_statistics(e, J, white_noise(np.ones(J.shape[1])), frame)
 
 

@@ -14,19 +14,19 @@ from enginediag_cli.recordings.source import PeekedLines
 from enginediag_cli.report.output import write_csv
 from enginediag_cli.residuals.flat import (
     CHECKSUM,
-    MADE_COLUMNS,
-    MadeWith,
+    ORIGIN_COLUMNS,
+    StatisticsOrigin,
+    add_checksum,
     flat_columns,
     flat_row,
     is_flat,
     plan_cells,
-    sealed,
 )
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.statistics_file import Ledger, read_statistics, refuse_ignored_options
 from enginediag_cli.residuals.windows import plan_windows
 
-MADE = MadeWith("0123", window="20", step="20")
+MADE = StatisticsOrigin("0123", window="20", step="20")
 
 
 def windows(seed=1, source="a.csv", plan="20", step=None):
@@ -36,8 +36,8 @@ def windows(seed=1, source="a.csv", plan="20", step=None):
 
 def text_of(found, made=MADE):
     stream, monitor = io.StringIO(), toy_monitor()
-    columns = (*flat_columns(monitor.monitored), *MADE_COLUMNS, CHECKSUM)
-    write_csv((sealed(flat_row(w), made) for w in found), columns, stream, provenance=["enginediag: x"])
+    columns = (*flat_columns(monitor.monitored), *ORIGIN_COLUMNS, CHECKSUM)
+    write_csv((add_checksum(flat_row(w), made) for w in found), columns, stream, provenance=["enginediag: x"])
     return stream.getvalue()
 
 
@@ -62,7 +62,7 @@ def changed(text, column, value, row=0, reseal=False):
     rows = list(csv.DictReader(io.StringIO(body)))
     rows[row][column] = value
     if reseal:
-        rows[row] = {k: str(v) for k, v in sealed(rows[row], MADE).items()}
+        rows[row] = {k: str(v) for k, v in add_checksum(rows[row], MADE).items()}
     stream = io.StringIO()
     writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
     writer.writeheader()
@@ -97,11 +97,11 @@ def test_a_number_written_otherwise_but_of_the_same_value_is_no_edit():
 
 
 def test_rows_of_another_making_are_refused_and_what_differs_is_told():
-    other = text_of(windows(2, "b.csv"), MadeWith("0123", window="60", step="60"))
+    other = text_of(windows(2, "b.csv"), StatisticsOrigin("0123", window="60", step="60"))
     with pytest.raises(DataError, match=r"f1:3: made otherwise than f0:3: --window 60, there 20; --step"):
         read(text_of(windows()), other)
     with pytest.raises(DataError, match="nominal 4567, there 0123"):
-        read(text_of(windows()), text_of(windows(2, "b.csv"), MadeWith("4567", window="20", step="20")))
+        read(text_of(windows()), text_of(windows(2, "b.csv"), StatisticsOrigin("4567", window="20", step="20")))
 
 
 def test_the_nominal_that_is_given_must_be_theirs():
@@ -139,7 +139,7 @@ def test_windows_that_share_records_cannot_be_added_up_and_are_otherwise_told():
 
 
 def test_moving_windows_overlap_because_they_were_asked_to():
-    made = MadeWith("0123", **plan_cells(plan_windows("20", "10")))
+    made = StatisticsOrigin("0123", **plan_cells(plan_windows("20", "10")))
     text, ledger = text_of(windows(plan="20", step="10"), made), Ledger()
     assert len(read(text, ledger=ledger)) == 3 and ledger.overlapping == 0
     with pytest.raises(DataError, match="would count twice"):

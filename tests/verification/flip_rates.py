@@ -37,9 +37,9 @@ from enginediag_cli.isolation.windows import WindowIsolation
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv
-from enginediag_cli.residuals.files import JudgedFiles, Judging
-from enginediag_cli.residuals.long_windows import KeptRecords
-from enginediag_cli.residuals.monitor import Monitor, monitor_of
+from enginediag_cli.residuals.files import WindowReader, WindowSettings
+from enginediag_cli.residuals.long_windows import RecordHistory
+from enginediag_cli.residuals.monitor import Monitor, build_monitor
 from enginediag_cli.residuals.windows import WindowPlan
 from enginediag_cli.shipped import shipped
 from enginediag_cli.validation.trials import wilson
@@ -132,17 +132,11 @@ def answers(monitor: Monitor, path: Path, tables: list[dict], *, flips: bool = F
     """What `isolate` answers of each recording, in order."""
     write_flights(path, tables)
     plan = WindowPlan()
-    files = JudgedFiles(
-        RecordingLoader(RecordingSource((str(path),)), required_columns(monitor.engine, monitor.sensors)),
-        monitor,
-        Judging(plan),
+    files = WindowReader(
+        Intake(Source((str(path),)), columns_of(monitor.engine, monitor.sensors)), monitor, WindowSettings(plan)
     )
-    kept = KeptRecords(monitor, short_windows=False)
-    return list(
-        WindowIsolation(
-            files, DiagnosisOptions(), 0.01, kept_records=kept, wants_sensitivity=lambda number, named: flips
-        ).windows()
-    )
+    kept = RecordHistory(monitor, short_windows=False)
+    return list(Isolating(files, DiagnosisOptions(), 0.01, kept=kept, flips=lambda number, named: flips).windows())
 
 
 def named(found, own: str = "") -> frozenset[str] | None:
@@ -162,7 +156,7 @@ def identified(folder: Path, name: str, truth: Truth, rng: np.random.Generator) 
     code = main(["identify", str(engine_file), str(folder / f"{name}.csv"), "-q", "-o", str(nominal)])
     if code:
         raise RuntimeError(f"identify ended with {code}")
-    return monitor_of(open_baseline(str(nominal)), sensors=True)
+    return build_monitor(open_baseline(str(nominal)), sensors=True)
 
 
 def offsets(rng: np.random.Generator) -> dict[str, float]:

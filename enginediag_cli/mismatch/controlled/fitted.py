@@ -10,7 +10,7 @@ import numpy as np
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.errors import EngineDiagError
 from enginediag_cli.identification.identify import Identification, identify
-from enginediag_cli.identification.nominal import on_unseen
+from enginediag_cli.identification.nominal import predict_held_out
 from enginediag_cli.identification.problem import TrainingRecording, settings_from_mapping
 
 BLOCKS = 16
@@ -67,7 +67,9 @@ class Fitted:
         """On flights that were not fitted, and the inputs (N,) of their records."""
         settings = settings_from_mapping(engine.declared.get("identification"))
         problem = self.found.problem
-        other, predicted = on_unseen(problem, self.found.fit, flights, replace(settings, sensors=problem.sensors))
+        other, predicted = predict_held_out(
+            problem, self.found.fit, flights, replace(settings, sensors=problem.sensors)
+        )
         error = Errors(tuple(other.sensors), other.measured - predicted, predicted)
         return error, {c: v for c, v in other.inputs.items() if c in engine.inputs}
 

@@ -11,8 +11,13 @@ from enginediag_cli.drivers import drivers
 from enginediag_cli.engine.term import DriverValues, Effect
 from enginediag_cli.errors import NoVerdictError
 from enginediag_cli.identification.gauss_newton import HOPE, Fit, solve
-from enginediag_cli.identification.nominal import with_regimes
-from enginediag_cli.identification.problem import IdentificationSettings, Problem, TrainingRecording, build_problem
+from enginediag_cli.identification.nominal import add_regimes
+from enginediag_cli.identification.problem import (
+    IdentificationProblem,
+    IdentificationSettings,
+    TrainingRecording,
+    build_problem,
+)
 from enginediag_cli.mismatch.fit.evidence import Dataset
 from enginediag_cli.mismatch.fit.extended import NUMBER, Discrepancy, ExtendedModel
 from enginediag_cli.mismatch.fit.nuisance import constants, floor, found_floor, read_wrong
@@ -96,7 +101,7 @@ class IdentifiedHypothesis:
     evidence: Dataset
     hypothesis: Hypothesis
     model: ExtendedModel
-    problem: Problem
+    problem: IdentificationProblem
     fit: Fit
     settled: bool
     rho: np.ndarray  # (m,)
@@ -241,14 +246,14 @@ def objective_of(fit: Fit) -> float:
     return 2.0 * fit.iterations[-1].cost
 
 
-def _few(problem: Problem) -> Problem | None:
+def _few(problem: IdentificationProblem) -> IdentificationProblem | None:
     """The same problem of few records, evenly chosen, whose optimum is where to begin; None where they are few."""
     step = len(problem.recording) // FEW
     return problem.select(np.arange(len(problem.recording)) % step == 0) if step > 1 else None
 
 
 def _fit(
-    problem: Problem,
+    problem: IdentificationProblem,
     start: tuple[np.ndarray, np.ndarray] | None,
     iterations: int = ITERATIONS,
     reach: FitBudget = ANY_REACH,
@@ -281,7 +286,7 @@ def _fit(
 
 def problem_with(
     evidence: Dataset, hypothesis: Hypothesis, along: Nuisance, start: IdentifiedHypothesis | None = None
-) -> tuple[ExtendedModel, Problem, np.ndarray]:
+) -> tuple[ExtendedModel, IdentificationProblem, np.ndarray]:
     """Model and problem of nuisance and hypothesis together, and each sensor's lag-1 correlation (m,). Readings that
     another fit, `start`, has as well are held once."""
     s = evidence.settings
@@ -303,14 +308,14 @@ def problem_with(
         recording_bias_sigma=s.offsets,
         recording_scale_sigma=s.scale_offsets,
     )
-    problem = build_problem(model, with_regimes(evidence.engine, _recordings(evidence, curves)), settings)
+    problem = build_problem(model, add_regimes(evidence.engine, _recordings(evidence, curves)), settings)
     problem = replace(problem, offsets=(*problem.offsets, *s.instruments))
     rho = np.array([evidence.noise.rho.get(c, 0.0) for c in problem.sensors])
-    problem = problem.with_noise(problem.sigma, (1 + rho) / (1 - rho))
+    problem = problem.replace_noise(problem.sigma, (1 + rho) / (1 - rho))
     return model, _shared(problem, start.problem) if start else problem, rho
 
 
-def _shared(problem: Problem, other: Problem) -> Problem:
+def _shared(problem: IdentificationProblem, other: IdentificationProblem) -> IdentificationProblem:
     """The problem with the other's arrays where they hold the same."""
 
     def same(a: np.ndarray, b: np.ndarray | None) -> np.ndarray:
@@ -343,7 +348,7 @@ def _absent(hypothesis: Hypothesis) -> dict[str, float]:
     }
 
 
-def _begun(problem: Problem, hypothesis: Hypothesis) -> tuple[np.ndarray, np.ndarray] | None:
+def _begun(problem: IdentificationProblem, hypothesis: Hypothesis) -> tuple[np.ndarray, np.ndarray] | None:
     """The prior means, but effects at the size that they are tried at; None where none is."""
     tried = _absent(hypothesis)
     if not tried:
@@ -356,7 +361,7 @@ def _begun(problem: Problem, hypothesis: Hypothesis) -> tuple[np.ndarray, np.nda
 
 
 def _start(
-    problem: Problem, other: IdentifiedHypothesis | None, hypothesis: Hypothesis = NULL_HYPOTHESIS
+    problem: IdentificationProblem, other: IdentifiedHypothesis | None, hypothesis: Hypothesis = NULL_HYPOTHESIS
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """The other fit's values for what both estimate."""
     if other is None:

@@ -27,11 +27,10 @@ import numpy as np
 from enginediag_cli.config.hints import near
 from enginediag_cli.engine.declaration import MISMATCH
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.load import EngineDescription
-from enginediag_cli.error_model.maps import map_accuracy_of
+from enginediag_cli.error_model.maps import stated_map_accuracy
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.nominal import Nominal
-from enginediag_cli.identification.nominal_checks import with_accuracy
+from enginediag_cli.identification.nominal_checks import set_map_accuracy
 from enginediag_cli.identification.problem import IdentificationSettings, OffsetPrior, settings_from_mapping
 from enginediag_cli.intake.agreement import check_against_engine, check_against_nominal
 from enginediag_cli.intake.loader import GrossCounts, RecordingLoader, Thinning, load_flights
@@ -222,7 +221,7 @@ def build_dataset(
     known = nominal if isinstance(nominal, Nominal) else None
     maps = nominal.error_model if nominal is not None else None
     if known is not None and asked.model_error is not None:
-        nominal = known = with_accuracy(known, asked.model_error)
+        nominal = known = set_map_accuracy(known, asked.model_error)
         maps = known.error_model
     theta0 = nominal.engine_values if nominal is not None else dict(stated.prior_mean)
     theta0 = {n: v for n, v in theta0.items() if n in engine.parameters}
@@ -234,7 +233,7 @@ def build_dataset(
         sigma,
         prior_mean={n: v for n, v in theta0.items() if n in sigma} | (amounts_of(engine, known) if known else {}),
         maps=maps,
-        map_accuracy=map_accuracy_of(engine) if asked.model_error is None else asked.model_error,
+        map_accuracy=stated_map_accuracy(engine) if asked.model_error is None else asked.model_error,
         false_alarm=asked.false_alarm,
         loss=stated.loss if engine.declared.get("identification") else "none",
         loss_scale=stated.loss_scale,

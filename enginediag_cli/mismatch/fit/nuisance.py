@@ -16,7 +16,14 @@ import numpy as np
 
 from enginediag_cli.drivers import polynomials
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.error_model.maps import CURVES, QUANTITIES, ErrorModel, machines_of, map_coordinates, map_error_name
+from enginediag_cli.error_model.maps import (
+    CURVES,
+    QUANTITIES,
+    ErrorModel,
+    map_coordinates,
+    map_error_name,
+    turbomachines,
+)
 from enginediag_cli.identification.nominal import Nominal
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.parameters import Parameter
@@ -84,12 +91,12 @@ def found_floor(
 ) -> tuple[list[Discrepancy], dict[str, np.ndarray]]:
     """The floor as an identification found it: its own curves, frozen there, and sizes. Map coordinates are those of
     the engine as described, as there (`MapErrorModel`): amounts that were found belong to these."""
-    machines = {m.name: m for m in machines_of(engine)}
+    machines = {m.name: m for m in turbomachines(engine)}
     at = map_coordinates(engine, inputs, {})
     discrepancies: list[Discrepancy] = []
     curves: dict[str, np.ndarray] = {}
     for c in found.curves:
-        for j, curve in enumerate(c.at(at[c.machine]).T, start=1):
+        for j, curve in enumerate(c.evaluate(at[c.machine]).T, start=1):
             curves[_key(c.machine, j)] = curve
             discrepancies += [
                 Discrepancy(target, _key(c.machine, j), found.sizes[target])
@@ -106,7 +113,7 @@ def amounts_of(engine: Engine, nominal: Nominal) -> dict[str, float]:
         return {}
     return {
         Discrepancy(target, _key(machine.name, j), 0.0).name: values[map_error_name(target, j)]
-        for machine in machines_of(engine)
+        for machine in turbomachines(engine)
         for target in map(machine.parameter, QUANTITIES)
         if target in found.sizes
         for j in range(1, CURVES + 1)

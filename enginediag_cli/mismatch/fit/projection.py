@@ -29,7 +29,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.identification.normal_equations import Block, blocks
+from enginediag_cli.identification.normal_equations import PredictionBlock, blocks
 from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis
 from enginediag_cli.mismatch.fit.neighbours import neighbours_of
 from enginediag_cli.mismatch.fit.scores import surprise
@@ -351,7 +351,7 @@ def runs(recording: np.ndarray, rows: slice) -> Iterator[tuple[int, slice]]:
         yield int(own[a]), slice(rows.start + int(a), rows.start + int(b))
 
 
-def offset_columns(found: IdentifiedHypothesis, b: Block) -> np.ndarray:
+def offset_columns(found: IdentifiedHypothesis, b: PredictionBlock) -> np.ndarray:
     """∂y/∂z (n, m, q) of the offsets of each record's own recording."""
     return np.nan_to_num(b.offset_columns(found.problem))
 

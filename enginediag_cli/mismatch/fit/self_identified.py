@@ -22,7 +22,7 @@ from enginediag_cli.engine.engine import Engine
 from enginediag_cli.error_model.maps import ErrorModel
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.nominal import Nominal
-from enginediag_cli.identification.problem import Problem
+from enginediag_cli.identification.problem import IdentificationProblem
 from enginediag_cli.mismatch.fit.evidence import Flight, as_recordings
 from enginediag_cli.mismatch.fit.noise import LEAST_RHO
 
@@ -100,7 +100,7 @@ def _of_one(engine: Engine, flights: Sequence[Flight]) -> Nominal | SelfIdentifi
     return SelfIdentified(theta if usable else {}, sigma, rho)
 
 
-def robust_noise(problem: Problem, residual: np.ndarray) -> tuple[dict[str, float], dict[str, float]]:
+def robust_noise(problem: IdentificationProblem, residual: np.ndarray) -> tuple[dict[str, float], dict[str, float]]:
     """Standard deviation and lag-1 correlation by sensor column, from residuals (N, m)."""
     same = problem.recording[1:] == problem.recording[:-1]
     sigma, rho = {}, {}

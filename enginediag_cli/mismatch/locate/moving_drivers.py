@@ -13,7 +13,7 @@ from enginediag_cli.drivers import LAGGING, RATE
 from enginediag_cli.engine.filters import Lag, RateOfChange
 from enginediag_cli.engine.tape import MOMENT, NO_MOMENT, Tape
 from enginediag_cli.engine.term import DriverValues
-from enginediag_cli.identification.instruments import stretches
+from enginediag_cli.identification.instruments import number_stretches
 from enginediag_cli.mismatch.fit.evidence import Dataset
 from enginediag_cli.mismatch.fit.identified import stack_column
 
@@ -26,7 +26,7 @@ def moving_drivers(evidence: Dataset) -> list[DriverValues]:
     engine moves."""
     engine = evidence.engine
     moment = stack_column(evidence, MOMENT, NO_MOMENT)
-    shown = stretches(engine.tapes, moment) >= 0
+    shown = number_stretches(engine.tapes, moment) >= 0
     if not shown.any():
         return []
     number, place = engine.tapes.locate(moment)

@@ -20,7 +20,7 @@ from enginediag_cli.mismatch.fit.evidence import Dataset, Flight
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.monitor import monitor_from_nominal
 from enginediag_cli.residuals.pipeline import window_statistics
-from enginediag_cli.residuals.reduced import compact, with_lagging
+from enginediag_cli.residuals.reduced import add_sensor_lags, compact_monitor
 from enginediag_cli.residuals.windows import WindowPlan
 
 NOMINAL_RATE = 0.01
@@ -74,7 +74,7 @@ def alarms(engine: Engine, evidence: Dataset, unseen: Sequence[int], window: int
         if not result.converged:
             reasons.append(f"{name or 'the engine'} could not be identified: {result.reason}")
             continue
-        monitor = with_lagging(compact(monitor_from_nominal(engine, result.nominal("", "", {}))))
+        monitor = add_sensor_lags(compact_monitor(monitor_from_nominal(engine, result.nominal("", "", {}))))
         plan = WindowPlan(window, window)
         for w in window_statistics(monitor, [_recording(f) for f in test], plan):
             verdict = judge(w, NOMINAL_RATE, NOTHING_REQUIRED)

@@ -10,24 +10,23 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 
 from enginediag_cli.error_model.maps import FAMILY, POINT_FAMILY, PointErrorModel
-from enginediag_cli.identification.covariance import AtBound
+from enginediag_cli.identification.covariance import ActiveBound
 from enginediag_cli.identification.identify import OUTSIDE_MAPS, Identification
 from enginediag_cli.identification.nominal import EVERYTHING, Estimate, SensorQuality
-from enginediag_cli.identification.passes import GivenUp
+from enginediag_cli.identification.passes import Simplification
 from enginediag_cli.identification.probes import WrongProbe
 from enginediag_cli.identification.problem import Repeat
 from enginediag_cli.report.sentences import rounded
 from enginediag_cli.units import split_column
 
+SHAPES_AS_STATED = "map shapes were not estimated and are as the engine file states them"
 GIVEN_UP = {
-    GivenUp.SHAPES_AT_FEW_POINTS: "map shapes were not estimated and are as the engine file states them: at so few "
-    "operating points errors of the maps can do whatever shapes would",
-    GivenUp.SHAPES: "map shapes were not estimated and are as the engine file states them: with them the fit did not "
-    "converge",
-    GivenUp.SHAPES_AT_BOUND: "map shapes were not estimated and are as the engine file states them: the fit drove one "
-    "of them to a bound",
-    GivenUp.SIZES: "how wrong the maps are was not estimated, because the fit did not converge with it: they may be as "
-    "wrong as stated, and the standard errors hold that",
+    Simplification.SHAPES_AT_FEW_POINTS: f"{SHAPES_AS_STATED}: at so few operating points errors of the maps can do "
+    "whatever shapes would",
+    Simplification.SHAPES: f"{SHAPES_AS_STATED}: with them the fit did not converge",
+    Simplification.SHAPES_AT_BOUND: f"{SHAPES_AS_STATED}: the fit drove one of them to a bound",
+    Simplification.SIZES: "how wrong the maps are was not estimated, because the fit did not converge with it: they may "
+    "be as wrong as stated, and the standard errors hold that",
 }
 """What is said of what an identification gave up."""
 NOTEWORTHY = 1.1
@@ -47,7 +46,7 @@ def report_lines(result: Identification) -> Iterator[str]:
         yield f"did not converge: {result.reason}"
     else:
         yield f"converged after {result.noise_passes} passes over noise and fit; {result.reason}"
-    yield from (GIVEN_UP[what] for what in result.given_up)
+    yield from (GIVEN_UP[what] for what in result.simplifications)
     yield ""
     yield from fit_table(result)
     yield from noise_lines(result)
@@ -74,10 +73,10 @@ def repeat_lines(repeats: Iterable[Repeat]) -> Iterator[str]:
     """What was given twice and is counted once."""
     for r in repeats:
         what = f"all {r.records:,} records" if r.whole else f"{r.records:,} records"
-        yield f"{r.label}: {what} are in {r.of}, too, and are counted once"
+        yield f"{r.label}: {what} stand in {r.original}, too, and are counted once"
 
 
-def bounds_line(bounds: Sequence[AtBound]) -> str:
+def bounds_line(bounds: Sequence[ActiveBound]) -> str:
     """Why parameters at their bounds are no nominal state, and what can be done."""
     named = ", ".join(map(str, bounds))
     what = (
@@ -90,15 +89,15 @@ def bounds_line(bounds: Sequence[AtBound]) -> str:
 def doubt_lines(result: Identification) -> Iterator[str]:
     """What speaks against a fit that has converged: parameters where no engine of the kind is, readings that the model
     does not explain."""
-    for e in result.far_off:
+    for e in result.implausible_estimates:
         off = abs(e.value - e.prior_mean) / e.prior_sigma
         unit = f" {e.unit}" if e.unit not in ("", "1") else ""
         yield (
             f"{e.name} is {rounded(e.value)}{unit}, {off:.0f} standard deviations of its prior from "
             f"{rounded(e.prior_mean)}{unit}: check the engine file, and columns and units of the recordings"
         )
-    if result.unexplained:
-        named = ", ".join(f"{sensor} {ratio:.0f} times" for sensor, ratio in result.unexplained)
+    if result.unexplained_sensors:
+        named = ", ".join(f"{sensor} {ratio:.0f} times" for sensor, ratio in result.unexplained_sensors)
         yield f"the fit leaves far more than the stated noise: {named}; the model does not explain these readings"
 
 
@@ -190,9 +189,9 @@ def map_error_lines(result: Identification) -> Iterator[str]:
     if not found:
         return
     stated = f"{100 * found[0].stated:.3g} %"
-    larger = [m for m in found if m.found > NOTEWORTHY * m.stated]
+    larger = [m for m in found if m.estimated > NOTEWORTHY * m.stated]
     words = result.problem.model.parameters
-    named = ", ".join(f"{words[m.target].words} {100 * m.found:.2g} %" for m in larger)
+    named = ", ".join(f"{words[m.target].words} {100 * m.estimated:.2g} %" for m in larger)
     rest = f"stated, {stated} (1 standard deviation of each smooth error along speed and flow or pressure ratio)"
     known = np.mean([e.from_data for e in result.estimates if e.family == FAMILY])
     yield f"maps as wrong as {rest}; these records fix {100 * known:.0f} % of that, where they were flown"
@@ -215,10 +214,10 @@ def offset_lines(result: Identification) -> Iterator[str]:
 
 def lagging_lines(result: Identification) -> Iterator[str]:
     """Readings that lag behind the model where the engine moves."""
-    if not result.lagging:
+    if not result.sensor_lags:
         return
-    most = min(result.lagging, key=lambda r: r.left / r.moved if r.moved else 1.0)
-    told = [r for r in result.lagging if r.left < PLAINLY * r.moved] or [most]
+    most = min(result.sensor_lags, key=lambda r: r.left / r.moved if r.moved else 1.0)
+    told = [r for r in result.sensor_lags if r.left < PLAINLY * r.moved] or [most]
     named = ", ".join(f"{r.sensor} {rounded(r.moved)}, {rounded(r.left)} without that" for r in told)
     yield (
         f"readings lag behind the model when power changes (RMS while it does: {named}): it lacks a dynamic "
@@ -256,7 +255,7 @@ def probe_lines(found: Iterable[WrongProbe], *, kept: bool) -> Iterator[str]:
         low, middle, high = (f"{v:+.3g}" for v in w.error)
         numbers = f"by {middle} {unit} ({low} to {high} in 8 of 10 records; ± {rounded(w.expected)} expected)"
         told = f"over {w.records:,} records ({', '.join(w.balances)})"
-        if not w.told_apart:
+        if not w.is_unique:
             others = ", ".join(w.columns[1:])
             yield (
                 f"heat balances contradict {w.columns[0]} {numbers}, or as well {others}, {told}; which of them "

@@ -18,9 +18,8 @@ from enginediag_cli.engine.overview import design_table, heating_value_doubts
 from enginediag_cli.intake.loader import ExcludedData, GrossCounts
 from enginediag_cli.intake.selection import NominalBaseline
 from enginediag_cli.report.messages import Messages
-from enginediag_cli.report.sentences import count, format_quantity, rounded
-from enginediag_cli.report.tables import Table, column, object_column, part
-from enginediag_cli.residuals.windows import Elsewhere
+from enginediag_cli.report.sentences import count, rounded, with_unit
+from enginediag_cli.residuals.windows import Extrapolation
 from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
@@ -121,7 +120,7 @@ def report_excluded(
     messages: Messages,
     left_out: Iterable[ExcludedData],
     records: Mapping[str, int] | None = None,
-    elsewhere: Mapping[Elsewhere, int] | None = None,
+    elsewhere: Mapping[Extrapolation, int] | None = None,
 ) -> None:
     """All of it, `records` being counts of records that came in and were not judged, `elsewhere` of those that lie
     where identification has not been."""
@@ -232,7 +231,7 @@ def not_judged_lines(records: Mapping[str, int]) -> Iterator[str]:
             yield f"{count(records[key], 'record')} {what}"
 
 
-def outside_envelope_lines(elsewhere: Mapping[Elsewhere, int]) -> Iterator[str]:
+def elsewhere_lines(elsewhere: Mapping[Extrapolation, int]) -> Iterator[str]:
     """Of records outside the operating points identified: which input it is, and what became of them."""
     for judged, what in ((True, "judged with limits as much wider"), (False, "too far to be judged")):
         by = {w.column: n for w, n in elsewhere.items() if w.judged == judged and n}
