@@ -193,7 +193,7 @@ def read_flat(
         values.update({c: cell.count(c) for c in COUNTS})
         _check_counts(values, statistics, f"{source}:{line}")
         judged_elsewhere = cell.count("extrapolated") if "extrapolated" in row else 0
-        values["elsewhere"] = Counter({Extrapolation("", True): judged_elsewhere} if judged_elsewhere else {})
+        values["extrapolation"] = Counter({Extrapolation("", True): judged_elsewhere} if judged_elsewhere else {})
         values[CONDITIONS] = cell.conditions()
         values[SILENT] = tuple(name for name in row.get(SILENT, "").split("; ") if name)
         values.update({c: cell.number(c) if row.get(c, "").strip() else float("nan") for c in TIMES})

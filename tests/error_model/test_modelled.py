@@ -58,7 +58,7 @@ def test_an_amount_acts_as_the_health_parameter_that_multiplies_what_the_map_giv
     found = model.predict(inputs, {}, sensors=SENSORS, wrt=(name, "hpc.efficiency"))
     m = next(m for m in turbomachines(turbofan()) if m.name == "hpc")
     values = dict(zip(m.columns, turbofan().predict(inputs, sensors=m.columns).y.T, strict=True))
-    phi = next(c for c in model.curves if c.machine == "hpc").at(m.coordinates(values))[:, 0]
+    phi = next(c for c in model.curves if c.machine == "hpc").evaluate(m.coordinates(values))[:, 0]
     np.testing.assert_allclose(found.jacobian[:, :, 0], found.jacobian[:, :, 1] * phi[:, None], rtol=1e-9)
 
 

@@ -37,7 +37,7 @@ def flown():
 
 
 def test_a_record_is_at_the_point_whose_ranges_hold_it_and_else_at_none(points, flown):
-    assert points.of(flown).tolist() == [0, 1, 2]
+    assert points.assign(flown).tolist() == [0, 1, 2]
 
 
 def test_an_error_moves_its_own_reading_at_its_own_point_alone(engine, points, flown):

@@ -68,7 +68,7 @@ def test_a_subset_of_the_monitored_parameters_has_the_same_variances(slopes):
     np.testing.assert_allclose(slopes.of(kept).variance(change[kept]), slopes.variance(change)[kept])
     no_map = [i for i in range(len(monitored)) if i not in set(slopes.position.tolist())]
     if no_map:
-        assert slopes.of(no_map) is None
+        assert slopes.select(no_map) is None
 
 
 def test_a_monitor_of_other_parameters_knows_the_slopes_of_those_that_it_has(inputs):

@@ -181,7 +181,7 @@ def test_what_a_wash_did_bring_is_told_by_the_flights_next_to_it(engine, tmp_pat
     y = solve_equal_power(engine, reference, {}, ("hpc.flow_capacity", "hpc.efficiency"), states).y
     for gain, true in zip((found.gain.temperature, found.gain.fuel), y[0] - y[1], strict=True):
         assert abs(gain.value - true) < 3 * gain.deviation < 0.5 * true
-    told = maintenance_sentence(found, series.known, reference)
+    told = maintenance_sentence(found, series.parameters, reference)
     assert told.startswith("it lowered T45 by") and "3 flights before against 3 after" in told
 
     words = ["trend", "-n", str(tmp_path / "nominal.yaml"), str(tmp_path / "series.csv"), "-f", "json"]

@@ -78,7 +78,7 @@ def unseen(result):
 
 def test_wrong_maps_are_found_to_be_wrong_and_predictions_get_better():
     wrong, trusted = found(0.015), found(0.015, 0.0)
-    sizes = {m.target: m.found / m.stated for m in wrong.map_errors}
+    sizes = {m.target: m.estimated / m.stated for m in wrong.map_errors}
     assert set(sizes) == {
         "compressor.efficiency",
         "compressor.flow_capacity",
@@ -96,14 +96,14 @@ def test_wrong_maps_are_found_to_be_wrong_and_predictions_get_better():
 def test_sizes_and_amounts_are_of_the_truth():
     """Over four quantities with five amounts each the rms of what was drawn is known to a fifth."""
     result = found(0.015)
-    rms = np.sqrt(np.mean([(m.found) ** 2 for m in result.map_errors]))
+    rms = np.sqrt(np.mean([(m.estimated) ** 2 for m in result.map_errors]))
     drawn = np.sqrt(np.mean(np.square(list(amounts(0.015).values()))))
     assert 0.4 * drawn < rms < 1.5 * drawn
 
 
 def test_maps_that_are_right_stay_at_what_is_stated():
     result = found(0.0)
-    assert all(m.found < 1.2 * m.stated for m in result.map_errors) and len(result.map_errors) == 4
+    assert all(m.estimated < 1.2 * m.stated for m in result.map_errors) and len(result.map_errors) == 4
     estimate = {e.name: e for e in result.estimates}
     own = estimate["compressor.efficiency"]
     assert abs(own.value - HEALTH["compressor.efficiency"]) < 3 * own.standard_error
@@ -128,7 +128,7 @@ def test_a_nominal_file_carries_the_error_model(tmp_path):
     again = read_nominal(tmp_path / "nominal.yaml")
     assert again.error_model == nominal.error_model
     assert again.error_model.stated == STATED
-    assert dict(again.error_model.sizes) == {m.target: m.found for m in found(0.015).map_errors}
+    assert dict(again.error_model.sizes) == {m.target: m.estimated for m in found(0.015).map_errors}
     u, theta = flown(9), nominal.theta0
     one, two = (n.error_model.wrap(engine()).predict(u, theta).y for n in (nominal, again))
     np.testing.assert_array_equal(one, two)

@@ -90,7 +90,7 @@ def test_what_is_missed_at_a_condition_is_no_noise(engine, identified):
 
 def test_the_mean_residual_of_a_condition_vanishes(engine, identified):
     problem = identified.problem
-    at = problem.model.points.of(problem.inputs)
+    at = problem.model.points.assign(problem.inputs)
     stated = np.array([engine.sensors[s].noise_sigma for s in problem.sensors])
     for c in range(len(CONDITIONS)):
         mean = np.nanmean(identified.fit.equations.residual[at == c], axis=0) / stated

@@ -88,7 +88,7 @@ def test_a_probe_that_lags_is_behind_by_the_deviation_of_its_lag():
 
 def test_a_lag_that_the_model_lacks_is_found_and_is_no_noise():
     _, result, _ = identified(LAG_S)
-    reading = {r.sensor: r for r in result.lagging}["T6_K"]
+    reading = {r.sensor: r for r in result.sensor_lags}["T6_K"]
     assert reading.amounts == pytest.approx((0.0, 1.0, 0.0, 0.0), abs=4 * max(reading.spread))
     assert reading.moved > 1.5 * reading.left
     noise = dict(zip(result.problem.sensors, result.monitoring_noise.sigma, strict=True))
@@ -97,7 +97,7 @@ def test_a_lag_that_the_model_lacks_is_found_and_is_no_noise():
 
 def test_an_engine_without_memory_lags_behind_nothing():
     _, result, _ = identified(0.0)
-    assert result.lagging == ()
+    assert result.sensor_lags == ()
 
 
 def test_recordings_without_time_know_of_no_lag():
@@ -148,5 +148,5 @@ def test_what_readings_lag_by_survives_the_nominal_file(tmp_path):
     write_nominal(nominal, str(tmp_path / "nominal.yaml"))
     found = read_nominal(tmp_path / "nominal.yaml").sensor_lags
     assert [r.sensor for r in found] == list(engine.sensors)
-    for a, b in zip(found, nominal.lagging, strict=True):
+    for a, b in zip(found, nominal.sensor_lags, strict=True):
         assert a.amounts == pytest.approx(b.amounts, rel=1e-6)

@@ -25,8 +25,8 @@ GIVEN_UP = {
     "whatever shapes would",
     Simplification.SHAPES: f"{SHAPES_AS_STATED}: with them the fit did not converge",
     Simplification.SHAPES_AT_BOUND: f"{SHAPES_AS_STATED}: the fit drove one of them to a bound",
-    Simplification.SIZES: "how wrong the maps are was not estimated, because the fit did not converge with it: they may "
-    "be as wrong as stated, and the standard errors hold that",
+    Simplification.SIZES: "how wrong the maps are was not estimated, because the fit did not converge with it: they "
+    "may be as wrong as stated, and the standard errors hold that",
 }
 """What is said of what an identification gave up."""
 NOTEWORTHY = 1.1
