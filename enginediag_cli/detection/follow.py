@@ -320,7 +320,7 @@ class FlightMonitor:
             judged=judged,
             sensors=sensors,
             reason=reason,
-            elsewhere=taken.count_extrapolation(slice(None)),
+            extrapolation=taken.count_extrapolation(slice(None)),
             gross=gross,
         )
 

@@ -6,7 +6,7 @@ records come in order and in chunks of any size; memory holds one window.
 Which records can be judged: they have inputs and a reading, and lie where identification has been.
 
 Beyond that a model whose error begins to grow there still answers, with limits as wide as it says, up to a distance
-at which it is not known any more (`Envelope.within_reach`).
+at which it is not known any more (`Envelope.reachable`).
 
 One window: its statistics, and what was counted, rejected, flown and read in it.
 
@@ -312,7 +312,7 @@ def select_inputs(monitor: Monitor, recording: Recording, *, widening: bool = Tr
         outside = beyond
         if beyond.any():
             if widening and isinstance(monitor.engine, MapErrorModel):
-                outside = complete & ~envelope.within_reach(inputs, distance)
+                outside = complete & ~envelope.reachable(inputs, distance)
             by[beyond] = envelope.farthest_input({c: inputs[c][beyond] for c in columns})
     for control, unclear in getattr(engine, "undecided", lambda _: {})(inputs).items():
         columns = (*columns, f"whether {control} acts")

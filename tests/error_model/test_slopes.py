@@ -57,7 +57,7 @@ def test_how_far_a_change_moves_a_machine_on_its_map_is_that_of_differences(slop
     rows = [monitored[i].rpartition(".")[0] for i in slopes.position]
     for k, m in enumerate(turbomachines(engine)):
         for r in [r for r, name in enumerate(rows) if name == m.name]:
-            np.testing.assert_allclose(slopes.moved[r, :, j], direct[k], rtol=1e-3, atol=1e-4)
+            np.testing.assert_allclose(slopes.displacement[r, :, j], direct[k], rtol=1e-3, atol=1e-4)
 
 
 def test_a_subset_of_the_monitored_parameters_has_the_same_variances(slopes):
@@ -65,7 +65,7 @@ def test_a_subset_of_the_monitored_parameters_has_the_same_variances(slopes):
     kept = [i for i in range(len(monitored)) if i % 2]
     change = np.zeros(len(monitored))
     change[kept] = 0.01
-    np.testing.assert_allclose(slopes.of(kept).variance(change[kept]), slopes.variance(change)[kept])
+    np.testing.assert_allclose(slopes.select(kept).variance(change[kept]), slopes.variance(change)[kept])
     no_map = [i for i in range(len(monitored)) if i not in set(slopes.position.tolist())]
     if no_map:
         assert slopes.select(no_map) is None

@@ -48,7 +48,7 @@ def test_white_noise_gives_the_inverse_information_with_priors():
 
 def test_correlated_noise_gives_the_double_sum_within_recordings():
     problem, fit = fitted(recording_bias_sigma={"T3_K": 2.0})
-    problem = problem.with_noise(problem.sigma, np.full(4, 1.7))
+    problem = problem.replace_noise(problem.sigma, np.full(4, 1.7))
     rho = np.array([0.8, 0.3, 0.0, 0.6])
     b = np.mean((fit.equations.residual / problem.sigma) ** 2, axis=0)
     D = dense(problem, fit)
@@ -74,7 +74,7 @@ def test_the_fit_uses_up_as_many_readings_as_the_data_determine_parameters():
 
 def test_no_data_leave_every_parameter_at_its_prior():
     problem, _ = fitted()
-    blind = problem.with_noise(problem.sigma * 1e9, problem.inflation)
+    blind = problem.replace_noise(problem.sigma * 1e9, problem.inflation)
     found = uncertainty(blind, solve(blind), np.zeros(4))
     assert found.from_data == pytest.approx(np.zeros(5), abs=1e-9)
     assert found.covariance == pytest.approx(np.eye(5), abs=1e-9)

@@ -46,7 +46,7 @@ def test_sums_of_what_was_kept_are_those_of_asking_again(problem, point):
 
 
 def test_other_noise_needs_no_new_derivatives(problem, point):
-    other = problem.with_noise(1.7 * problem.sigma, np.full(4, 2.0))
+    other = problem.replace_noise(1.7 * problem.sigma, np.full(4, 2.0))
     same(normal_equations(other, *point, predict_records(problem, *point)), normal_equations(other, *point))
 
 

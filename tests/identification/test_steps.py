@@ -78,7 +78,7 @@ def test_records_that_fail_are_left_out_alike():
 def test_a_fit_goes_on_with_other_noise_where_another_one_ended():
     problem = problem_of(ToyEngine(), 400)
     fit = solve(problem, derivatives=Derivatives.KEPT)
-    other = problem.with_noise(1.3 * problem.sigma, problem.inflation)
+    other = problem.replace_noise(1.3 * problem.sigma, problem.inflation)
     begin = resume_equations(other, (fit.x, fit.z), fit)
     again = solve(other, (fit.x, fit.z), derivatives=Derivatives.KEPT, begin=begin)
     alone = solve(other, derivatives=Derivatives.KEPT)
