@@ -54,7 +54,7 @@ class ResidualResult(Result):
     """Sufficient statistics of windows, or residuals of records; see `residual`."""
 
     def __init__(self, comparison: Comparison, what: str, sensors: bool):
-        from enginediag_cli.report.outputs.judgements import RECORDS, RESIDUAL
+        from enginediag_cli.report.tables.detection import RECORDS, RESIDUAL
         from enginediag_cli.residuals.flat import CHECKSUM, ORIGIN_COLUMNS, flat_columns
 
         monitor = comparison.monitor(sensors=sensors, drifts=sensors)
@@ -163,7 +163,7 @@ class DetectionResult(VerdictResult):
     """A verdict for every window; see `detect`."""
 
     def __init__(self, comparison: Comparison, false_alarm: float, required: RequiredPower, detectable: bool):
-        from enginediag_cli.report.outputs.judgements import DETECT as DECLARED
+        from enginediag_cli.report.tables.detection import DETECT
         from enginediag_cli.residuals.reduced import MonitorCache
 
         self._comparison, self._false_alarm = comparison, false_alarm
@@ -260,7 +260,7 @@ class FollowResult(Result):
 
     def __init__(self, comparison: Comparison, false_alarm: float, block: int | None, idle_s: float):
         from enginediag_cli.detection.follow import BLOCK, FlightFollower
-        from enginediag_cli.report.outputs.judgements import FOLLOW as DECLARED
+        from enginediag_cli.report.tables.detection import FOLLOW
         from enginediag_cli.residuals.files import WindowSettings
         from enginediag_cli.residuals.reduced import add_sensor_lags
 
@@ -271,8 +271,8 @@ class FollowResult(Result):
         self._intake = open_intake(comparison.source, monitor)
         self._following = FlightFollower(self._intake, add_sensor_lags(monitor), false_alarm, size, idle_s)
         notes = {"follow": f"{size} records", "false_alarm": str(false_alarm)}
-        head = comparison.head("detect", DECLARED, self._intake, notes, judging=WindowSettings())
-        super().__init__(table=DECLARED, head=head, messages=comparison.messages)
+        head = comparison.head("detect", FOLLOW, self._intake, notes, judging=WindowSettings())
+        super().__init__(table=FOLLOW, head=head, messages=comparison.messages)
 
     def _compute(self) -> Iterator[Row]:
         from enginediag_cli.report.tables.detection import FOLLOW, report_new_instruments
@@ -341,7 +341,7 @@ class MethodResult(VerdictResult):
     """The verdicts of another method on each window; see `detect_by_method`."""
 
     def __init__(self, comparison: Comparison, name: str, healthy: Sequence[str], false_alarm: float):
-        from enginediag_cli.report.outputs.judgements import BY_METHOD
+        from enginediag_cli.report.tables.detection import BY_METHOD
         from enginediag_cli.residuals.files import WindowSettings
 
         self._comparison, self._false_alarm = comparison, false_alarm
@@ -390,7 +390,7 @@ class MethodResult(VerdictResult):
             place = found.window.place
             files.counts.update(outside=place.outside, incomplete=place.incomplete)
             files.extrapolation.update(place.extrapolation)
-            yield method_row(found, self._method)
+            yield BY_METHOD.row(MethodRow(found, self._method))
 
 
 def detect_by_method(

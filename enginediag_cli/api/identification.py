@@ -16,6 +16,7 @@ from enginediag_cli.shipped import own_or_shipped
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
+    from enginediag_cli.engine.load import EngineDescription
     from enginediag_cli.identification.covariance import ActiveBound
     from enginediag_cli.identification.identify import Identification
     from enginediag_cli.identification.nominal import Estimate, Nominal

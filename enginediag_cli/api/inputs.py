@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from enginediag_cli.engine.engine import Engine
     from enginediag_cli.intake.loader import Intake
-    from enginediag_cli.report.outputs.declared import Table
+    from enginediag_cli.report.tables import Table
     from enginediag_cli.residuals.files import WindowReader, WindowSettings
     from enginediag_cli.residuals.monitor import Monitor
 
@@ -371,7 +371,7 @@ class Comparison:
         if baseline is None:
             return None
         from enginediag_cli.identification.nominal_checks import set_map_accuracy
-        from enginediag_cli.report.recordings import tell_baseline
+        from enginediag_cli.report.tables.recordings import tell_baseline
         from enginediag_cli.residuals.monitor import build_monitor
 
         accuracy = self.options.model_error

@@ -156,7 +156,8 @@ class TrendResult(Result):
         """The series of flights, its margins where they are followed, and the files that it was read from."""
         from enginediag_cli.detection.series import build_series
         from enginediag_cli.fleets.maintenance import margins_of
-        from enginediag_cli.report.trend_rows import tell_instruments_in_flights, tell_margins
+        from enginediag_cli.report.tables.margin import tell_margins
+        from enginediag_cli.report.tables.trend import tell_instruments_in_flights
         from enginediag_cli.residuals.reduced import comparison_monitor
 
         choices, monitor, margins = self._choices, self._monitor, None

@@ -526,7 +526,7 @@ class Thinning:
                     found.append(flight)
                 elif len(rows):
                     found.append(replace(flight, recording=select_records(flight.recording, rows)))
-            kept = sum(len(next(iter(f.recording.columns.values()))) for f in found)
+            kept = sum(f.records for f in found)
             if not self.most or kept <= self.most:
                 return found
             self.halved += 1

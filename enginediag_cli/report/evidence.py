@@ -20,6 +20,7 @@ from enginediag_cli.progress import each, stage
 from enginediag_cli.report import result_files as kinds
 from enginediag_cli.report.plotting import Origin
 from enginediag_cli.report.result_files import Kind, Records, Result, Row, records_of
+from enginediag_cli.report.tables.recordings import elsewhere_lines, left_out_lines, not_judged_lines
 from enginediag_cli.residuals.files import WindowReader, WindowSettings, record_residuals
 from enginediag_cli.residuals.monitor import Monitor, recording_agreement
 from enginediag_cli.residuals.windows import WindowStatistics
@@ -169,7 +170,7 @@ def judge_recordings(question: RecordingsQuestion, given: Sequence[ResultFile]) 
 
 def _detection_rows(question: RecordingsQuestion, left_out: list[str]) -> Iterator[Row]:
     from enginediag_cli.detection.verdict import judge
-    from enginediag_cli.report.detection_rows import detection_row
+    from enginediag_cli.report.tables.detection import DETECT, DETECTABLE
     from enginediag_cli.residuals.reduced import MonitorCache
 
     files = _judged_files(question, question.monitor)
@@ -187,7 +188,7 @@ def _isolation_rows(question: RecordingsQuestion, windows: list[WindowStatistics
     from enginediag_cli.isolation.diagnosis import DiagnosisOptions
     from enginediag_cli.isolation.methods import IsolationOptions
     from enginediag_cli.isolation.windows import Isolating
-    from enginediag_cli.report.isolation_rows import isolated_rows
+    from enginediag_cli.report.tables.isolation import isolated_rows
     from enginediag_cli.residuals.long_windows import RecordHistory
 
     judging, kept = question.judging, None
@@ -208,7 +209,7 @@ def _isolation_rows(question: RecordingsQuestion, windows: list[WindowStatistics
 def _series(question: Question) -> dict[kinds.Kind, list[Row]]:
     from enginediag_cli.detection.series import build_series
     from enginediag_cli.isolation.timeline import stories_of
-    from enginediag_cli.report.trend_rows import flight_rows, trend_rows
+    from enginediag_cli.report.tables.trend import flight_rows, trend_rows
     from enginediag_cli.residuals.reduced import monitor_for_series
 
     series = build_series(_series_files(question, monitor_for_series(question.suspicious)))
@@ -226,7 +227,7 @@ def _series(question: Question) -> dict[kinds.Kind, list[Row]]:
 @stage("following the margin")
 def _margins(question: Question, left_out: list[str]) -> list[Row]:
     from enginediag_cli.fleets.maintenance import margins_of
-    from enginediag_cli.report.trend_rows import margin_rows, odd_events
+    from enginediag_cli.report.tables.margin import margin_rows, odd_events
     from enginediag_cli.residuals.reduced import comparison_monitor, monitor_for_series
 
     monitor = monitor_for_series(question.suspicious)

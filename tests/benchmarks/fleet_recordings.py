@@ -78,11 +78,11 @@ def main() -> None:
         monitor = build_monitor(open_baseline(folder / "nominal.yaml"), sensors=True)
         monitor = monitor_for_series(monitor)
         intake = Intake(Source(tuple(str(f) for f, _ in files)), columns_of(monitor.engine, monitor.sensors))
-        plan = WindowSettings(WindowPlan().series_plan)
+        plan = WindowSettings(WindowPlan().of_series)
         series = build_series(WindowReader(intake, monitor, plan, series=True), law="none")
     settings = FleetSettings(thorough=False)
     histories = [EngineHistory(serial, "", mine, BASELINE) for serial, mine in series.stretches.items()]
-    fleet = judged_fleet([judged_engine(h, series, settings) for h in histories], settings, series.parameters)
+    fleet = judged_fleet([judged_engine(h, series, settings) for h in histories], settings, series.known)
     faulty = {f"e{k}" for k in range(asked.healthy, count)}
     healthy = [f for f in fleet.engines if f.serial not in faulty]
     others = [f for f in fleet.engines if f.serial in faulty]

@@ -32,7 +32,7 @@ from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv
-from enginediag_cli.report.work_scope_rows import maintenance_sentence, work_scope_sentences
+from enginediag_cli.report.tables.answers import maintenance_sentence, work_scope_sentences
 from enginediag_cli.residuals.files import WindowReader, WindowSettings
 from enginediag_cli.residuals.monitor import build_monitor
 from enginediag_cli.residuals.windows import WindowPlan
@@ -144,7 +144,7 @@ def followed(engine, folder: Path, states, rng):
     files = WindowReader(
         Intake(Source((str(folder / "series.csv"),)), columns_of(monitor.engine, monitor.sensors)),
         monitor,
-        WindowSettings(WindowPlan().series_plan),
+        WindowSettings(WindowPlan().of_series),
         summed=True,
         series=True,
     )
@@ -181,7 +181,7 @@ def test_what_a_wash_did_bring_is_told_by_the_flights_next_to_it(engine, tmp_pat
     y = solve_equal_power(engine, reference, {}, ("hpc.flow_capacity", "hpc.efficiency"), states).y
     for gain, true in zip((found.gain.temperature, found.gain.fuel), y[0] - y[1], strict=True):
         assert abs(gain.value - true) < 3 * gain.deviation < 0.5 * true
-    told = maintenance_sentence(found, series.parameters, reference)
+    told = maintenance_sentence(found, series.known, reference)
     assert told.startswith("it lowered T45 by") and "3 flights before against 3 after" in told
 
     words = ["trend", "-n", str(tmp_path / "nominal.yaml"), str(tmp_path / "series.csv"), "-f", "json"]

@@ -31,7 +31,7 @@ from enginediag_cli.parameters import Parameter
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv
-from enginediag_cli.report.isolation_rows import flip_cells, flips_sentence
+from enginediag_cli.report.tables.isolation import flip_cells, flips_sentence
 from enginediag_cli.residuals.files import WindowReader
 from enginediag_cli.residuals.long_windows import RecordHistory
 from enginediag_cli.residuals.monitor import build_monitor

@@ -22,7 +22,7 @@ def fleet_series(nominal: Path, recording: Path) -> Series:
     """The flights of every engine, one record each, as `enginediag trend` reads them."""
     monitor = monitor_for_series(build_monitor(open_baseline(nominal), sensors=True))
     intake = Intake(Source((str(recording),), str(RECORDER)), columns_of(monitor.engine, monitor.sensors))
-    files = WindowReader(intake, monitor, WindowSettings(WindowPlan().series_plan), series=True)
+    files = WindowReader(intake, monitor, WindowSettings(WindowPlan().of_series), series=True)
     return build_series(files, law="none")
 
 

@@ -27,6 +27,7 @@ import numpy as np
 from enginediag_cli.config.hints import near
 from enginediag_cli.engine.declaration import MISMATCH
 from enginediag_cli.engine.engine import Engine
+from enginediag_cli.engine.load import EngineDescription
 from enginediag_cli.error_model.maps import stated_map_accuracy
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.nominal import Nominal

@@ -348,7 +348,7 @@ def report_maintenance(
     """What maintenance did bring, in words."""
     name = f"engine {engine}: " if engine else ""
     label = series.stretches[engine][found.flight - 1].window.flight or str(found.flight)
-    told = maintenance_sentence(found, series.known, scoping.reference({}))
+    told = maintenance_sentence(found, series.parameters, scoping.reference({}))
     messages.note(f"{name}maintenance before flight {label}: {told}")
 
 
@@ -363,8 +363,8 @@ def maintenance_row(
     """One row with the columns of the `others`, as far as they apply; form: as of `with_scope`."""
     window = series.stretches[engine][found.flight - 1].window
     reference = scoping.reference({})
-    told = maintenance_sentence(found, series.known, reference)
-    described = [series.known[n].component for n in found.names]
+    told = maintenance_sentence(found, series.parameters, reference)
+    described = [series.parameters[n].component for n in found.names]
     own = {
         "engine": engine,
         "flights": len(series.stretches[engine]),

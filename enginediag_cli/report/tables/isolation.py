@@ -107,8 +107,8 @@ class IsolationRow(NamedTuple):
     def verdict(self) -> str:
         """That of the test, or that the answer to what it found does not stand; an instrument that is stuck or
         scatters is a fault whatever the test says of the rest."""
-        stands = self.adequacy is None or self.adequacy.is_listed
-        return self.isolated_window.verdict.with_instruments if stands else CANNOT_TELL
+        stands = self.adequacy is None or self.adequacy.stands
+        return self.found.verdict.including_instruments if stands else CANNOT_TELL
 
     @property
     def isolated(self) -> list[str] | None:
@@ -480,7 +480,7 @@ def report_diagnosis(
     caution = reservation(diagnosis.adequacy, known)
     if caution:
         messages.note(f"{here}: {caution}", **of)
-    if verdict.window.doubtful:  # what would explain a right file says nothing of this one
+    if verdict.window.is_doubtful:  # what would explain a right file says nothing of this one
         return
     leading = "" if diagnosis.adequacy.is_listed else "leading, but not to be relied on: "
     left = unexplained(diagnosis.adequacy.fit_before, diagnosis.adequacy.fit, diagnosis.adequacy.explained)

@@ -23,7 +23,7 @@ from enginediag_cli.report.tables.answers import gain_cells, gain_words
 from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
-    from enginediag_cli.detection.series import Series, Stretch
+    from enginediag_cli.detection.series import FlightWindow, Series
     from enginediag_cli.fleets.findings import EventRow, Margin
     from enginediag_cli.fleets.maintenance import EngineMargin, EventEffect, SeriesMargins
     from enginediag_cli.fleets.work_scope import Gain, PowerReference
@@ -52,9 +52,9 @@ class MarginRow(NamedTuple):
     followed: EngineMargin
     row: str
     number: int
-    stretches: Sequence[Stretch]
-    used: IntervalEstimate = IntervalEstimate()
-    remaining: IntervalEstimate = IntervalEstimate()
+    stretches: Sequence[FlightWindow]
+    used: Estimate = Estimate()
+    left: Estimate = Estimate()
     event: EventRow | None = None
     effect: EventEffect | None = None
     parameters: Mapping[str, Parameter] = {}
@@ -229,7 +229,7 @@ MARGIN: Table[MarginRow] = Table(
 
 def margin_rows(margins: SeriesMargins) -> Iterator[dict[str, Any]]:
     """Rows of all engines: what is left, flight by flight, what maintenance gave back, and how long it lasts."""
-    known = margins.series.known
+    known = margins.series.parameters
     for followed in margins.engines.values():
         finding, stretches = followed.finding, margins.series.stretches[followed.finding.serial]
         whole = finding.margin.now_K.value + finding.margin.consumed_K.value  # at the baseline
@@ -284,7 +284,7 @@ def _maintenance_words(event: EventRow, found: EventEffect, reference: PowerRefe
     what = maintained(event.event.kind, event.event.component)
     when = event.event.flight or f"at {event.event.time_s:g} s"
     head = f"{what} before flight {when}" if event.event.flight else f"{what} {when}"
-    parts = changes(found, series.known)
+    parts = changes(found, series.parameters)
     if not parts:
         return f"{head}: its effect is unknown: {event.reason or found.reason or 'nothing changed'}"
     if found.gain is None or reference is None:

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from enginediag_cli.detection.series import flight_change, has_times
+from enginediag_cli.detection.series import estimate_flight_change, has_times
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.isolation.events import CANNOT_TELL, HALF
 from enginediag_cli.report.messages import Messages
@@ -23,7 +23,7 @@ from enginediag_cli.report.tables import Columns, Table, object_column
 from enginediag_cli.report.tables.answers import WORK_SCOPE, work_scope_cells
 
 if TYPE_CHECKING:
-    from enginediag_cli.detection.series import Series, Stretch
+    from enginediag_cli.detection.series import FlightWindow, Series
     from enginediag_cli.fleets.work_scope import WorkScope
     from enginediag_cli.isolation.events import EventSuspect, SeriesDiagnosis, SeriesEvent
 
@@ -93,7 +93,7 @@ class TrendRow(NamedTuple):
     @property
     def probability(self) -> float:
         if self.event is None or self.member is None:
-            return self.story.inclusion.get(self.series.known[self.parameter].component, 0.0)
+            return self.story.inclusion.get(self.series.parameters[self.parameter].component, 0.0)
         return self.event.probability * self.member.probability * self.member.inclusion[self.place]
 
     @property
@@ -178,7 +178,7 @@ TREND: Table[TrendRow] = Table(
             "component",
             "text",
             "component or instrument that it belongs to",
-            lambda row: row.member.component if row.member else row.series.known[row.parameter].component,
+            lambda row: row.member.component if row.member else row.series.parameters[row.parameter].component,
         ),
         row_column(
             "kind",
@@ -202,7 +202,7 @@ TREND: Table[TrendRow] = Table(
             "unit",
             "text",
             "unit of change and rate; 1 is a share of nominal",
-            lambda row: row.series.known[row.parameter].unit,
+            lambda row: row.series.parameters[row.parameter].unit,
         ),
         row_column("rivals", "texts", "other suspects of the same change, with their probabilities"),
         _SCOPE,
@@ -264,8 +264,8 @@ def trend_rows(
                 if row.probability >= LEAST_INCLUSION:
                     changed.add(name)
                     yield TREND.row(row, optional)
-    wrong = {series.known[name].component for name in changed if series.known[name].of_instrument}
-    for name, parameter in series.known.items():
+    wrong = {series.parameters[name].component for name in changed if series.parameters[name].of_instrument}
+    for name, parameter in series.parameters.items():
         if name not in changed and parameter.component not in wrong:  # the other form of an instrument's error
             yield TREND.row(TrendRow(engine, story, series, parameter=name, work_scope=restored), optional)
 
@@ -285,7 +285,7 @@ class FlightChange(NamedTuple):
 
     engine: str
     number: int
-    stretch: Stretch
+    stretch: FlightWindow
     records: int
     parameter: str
     change: float
@@ -325,10 +325,10 @@ def flight_rows(series: Series) -> Iterator[dict[str, Any]]:
     for engine, stretches in series.stretches.items():
         for stretch in stretches:
             counts[engine] += 1
-            found = flight_change(stretch.statistics)
+            found = estimate_flight_change(stretch.statistics)
             for name, size, error in zip(found.parameters, found.change, found.standard_error, strict=True):
-                unit = series.known[name].unit
-                yield FLIGHTS.row(FlightChange(engine, counts[engine], stretch, found.records, name, size, error, unit))
+                unit = series.parameters[name].unit
+                yield FLIGHTS.row(FlightRow(engine, counts[engine], stretch, found.records, name, size, error, unit))
 
 
 def report_instruments_over_flights(messages: Messages, series: Series) -> None:
@@ -383,7 +383,7 @@ def report_trend(messages: Messages, engine: str, story: SeriesDiagnosis, series
         parts = []
         for member in members:
             shown = [
-                change(series.known[p], member.change[q], NORMAL_95 * member.deviation[q])
+                change(series.parameters[p], member.change[q], NORMAL_95 * member.deviation[q])
                 for q, p in enumerate(member.parameters)
                 if member.inclusion[q] >= 0.5
             ]
@@ -398,7 +398,7 @@ def report_trend(messages: Messages, engine: str, story: SeriesDiagnosis, series
             messages.note(f"{name}{since}: not separated: {each}", engine=engine)
 
 
-def _onset_words(event: SeriesEvent, stretches: Sequence[Stretch]) -> str:
+def _since(event: Event, stretches: Sequence[FlightWindow]) -> str:
     """When it began: flights by their labels, else seconds, else lines, with the interval."""
     at, low, high = (stretches[k - 1].window for k in (event.onset, event.low, event.high))
     word = "at once, from" if event.kind == "step" else "growing, from"
