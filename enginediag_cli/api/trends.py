@@ -15,8 +15,8 @@ from enginediag_cli.report.messages import Messages
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.series import Series
-    from enginediag_cli.fleets.maintenance import MarginQuestion, Margins
-    from enginediag_cli.fleets.work_scope import Scoping
+    from enginediag_cli.fleets.maintenance import MarginSettings, SeriesMargins
+    from enginediag_cli.fleets.work_scope import WorkScopeEstimator
     from enginediag_cli.residuals.files import WindowReader
 
 __all__ = ["MarginOptions", "TrendResult", "forecast", "trend"]
@@ -152,10 +152,10 @@ class TrendResult(Result):
             return output("trend/components" if self._choices.by == "component" else "trend")
         return output(f"trend/{what}")
 
-    def _read(self) -> tuple[Series, Margins | None, WindowReader]:
+    def _read(self) -> tuple[Series, SeriesMargins | None, WindowReader]:
         """The series of flights, its margins where they are followed, and the files that it was read from."""
         from enginediag_cli.detection.series import build_series
-        from enginediag_cli.fleets.maintenance import margins_of
+        from enginediag_cli.fleets.maintenance import assess_margins
         from enginediag_cli.report.tables.margin import tell_margins
         from enginediag_cli.report.tables.trend import tell_instruments_in_flights
         from enginediag_cli.residuals.reduced import comparison_monitor
@@ -164,7 +164,7 @@ class TrendResult(Result):
         question = choices.margin.question(healthy=self._healthy, sensors=choices.sensors)
         if choices.follows_margin and monitor is not None:
             files = self._comparison.files(comparison_monitor(monitor), summed=self._whole, series=True)
-            margins = margins_of(files, monitor, question)
+            margins = assess_margins(files, monitor, question)
             tell_margins(self.messages, margins)
             if choices.what == "margin":
                 return margins.series, margins, files
@@ -217,9 +217,13 @@ class TrendResult(Result):
     def _of_engine(
         self, engine: str, story: Any, scoping: WorkScopeEstimator | None, before: Sequence[Row]
     ) -> list[Row]:
-        from enginediag_cli.fleets.maintenance import maintenance_effects, mean_conditions
-        from enginediag_cli.report.tables.answers import maintenance_row, report_maintenance, report_work_scope
-        from enginediag_cli.report.tables.trend import component_rows, report_trend, trend_rows
+        from enginediag_cli.fleets.maintenance import maintenance_effects
+        from enginediag_cli.report.tables.answers import (
+            maintenance_row,
+            tell_maintenance,
+            tell_scope,
+        )
+        from enginediag_cli.report.tables.trend import component_rows, tell_story, trend_rows
 
         choices, series, messages = self._choices, self._series, self.messages
         form = "" if choices.work_scope == "sentences" else choices.work_scope

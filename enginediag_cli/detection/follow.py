@@ -50,8 +50,7 @@ from enginediag_cli.detection.verdict import (
     low_scatter_reason,
     one_channel_reason,
 )
-from enginediag_cli.intake.excluded import GrossCounts, LeftOut
-from enginediag_cli.intake.loader import Intake, live_chunks
+from enginediag_cli.intake.loader import GrossCounts, Intake, LeftOut, live_chunks
 from enginediag_cli.recordings.repeated import StuckRun
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.gross_errors import FEWEST, UNRELATED, find_brief_departures

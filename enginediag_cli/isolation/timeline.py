@@ -51,7 +51,6 @@ from enginediag_cli.isolation.events import (
     SuspectGroups,
     group_slabs,
     log_kind_prior,
-    suspect_groups,
 )
 from enginediag_cli.isolation.prior import SEPARATED, SetPrior
 from enginediag_cli.isolation.results import probability_of_unlisted

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from enginediag_cli.detection.verdict import format_size
-from enginediag_cli.fleets.findings import Estimate
+from enginediag_cli.fleets.findings import IntervalEstimate
 from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.report import result_files as kinds
 from enginediag_cli.report.evidence import EngineEvidence, ReportEvidence

@@ -187,7 +187,7 @@ def _detection_rows(question: RecordingsQuestion, left_out: list[str]) -> Iterat
 def _isolation_rows(question: RecordingsQuestion, windows: list[WindowStatistics]) -> Iterator[Row]:
     from enginediag_cli.isolation.diagnosis import DiagnosisOptions
     from enginediag_cli.isolation.methods import IsolationOptions
-    from enginediag_cli.isolation.windows import Isolating
+    from enginediag_cli.isolation.windows import WindowIsolation
     from enginediag_cli.report.tables.isolation import isolated_rows
     from enginediag_cli.residuals.long_windows import RecordHistory
 
@@ -208,7 +208,7 @@ def _isolation_rows(question: RecordingsQuestion, windows: list[WindowStatistics
 @stage("following the series")
 def _series(question: Question) -> dict[kinds.Kind, list[Row]]:
     from enginediag_cli.detection.series import build_series
-    from enginediag_cli.isolation.timeline import stories_of
+    from enginediag_cli.isolation.timeline import diagnose_engines
     from enginediag_cli.report.tables.trend import flight_rows, trend_rows
     from enginediag_cli.residuals.reduced import monitor_for_series
 
@@ -226,12 +226,12 @@ def _series(question: Question) -> dict[kinds.Kind, list[Row]]:
 
 @stage("following the margin")
 def _margins(question: Question, left_out: list[str]) -> list[Row]:
-    from enginediag_cli.fleets.maintenance import margins_of
+    from enginediag_cli.fleets.maintenance import assess_margins
     from enginediag_cli.report.tables.margin import margin_rows, odd_events
     from enginediag_cli.residuals.reduced import comparison_monitor, monitor_for_series
 
     monitor = monitor_for_series(question.suspicious)
-    margins = margins_of(_series_files(question, comparison_monitor(monitor)), monitor, question.margins)
+    margins = assess_margins(_series_files(question, comparison_monitor(monitor)), monitor, question.margins)
     left_out += odd_events(margins)
     told = []
     for row in margin_rows(margins):

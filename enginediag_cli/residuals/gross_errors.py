@@ -29,7 +29,7 @@ from functools import cached_property
 import numpy as np
 
 from enginediag_cli.engine.wrapped import MonitoredModel
-from enginediag_cli.intake.excluded import EXCURSION, GrossCounts
+from enginediag_cli.intake.loader import EXCURSION, GrossCounts
 from enginediag_cli.residuals.instruments import NoiseModel, label_runs
 from enginediag_cli.residuals.score import chdtri
 from enginediag_cli.residuals.windows import Timeline

@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "fleets"))
 from turbofan_fleet import engine_history, fault, series
 
 from enginediag_cli.detection.e_values import e_path, flag_engines
-from enginediag_cli.fleets.health import flights_of
+from enginediag_cli.fleets.health import engine_flights
 
 LEVEL = 0.05
 FLEETS = 200

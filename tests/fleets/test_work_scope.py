@@ -14,12 +14,11 @@ from score_makers import linear_score, sensitivities
 
 from enginediag_cli.__main__ import main
 from enginediag_cli.detection.series import build_series
-from enginediag_cli.fleets.maintenance import difference, maintenance_of
+from enginediag_cli.fleets.maintenance import level_difference, maintenance_effects
 from enginediag_cli.fleets.work_scope import (
     ChangeMoments,
     PowerNotHeldError,
     WorkScope,
-    WorkScopeEstimator,
     change_gain,
     choose_reference,
     gains,

@@ -16,8 +16,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from enginediag_cli.detection.series import FlightWindow, Series
-from enginediag_cli.fleets.engine_judgement import judged_engine
-from enginediag_cli.fleets.findings import EngineFinding, EngineHistory, Event, FleetSettings
+from enginediag_cli.fleets.engine_judgement import judge_engine
+from enginediag_cli.fleets.findings import EngineFinding, EngineHistory, FleetSettings, MaintenanceEvent
 from enginediag_cli.fleets.margin import MarginScale, margin_scale
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.residuals.monitor import Monitor

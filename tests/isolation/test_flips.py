@@ -26,7 +26,6 @@ from enginediag_cli.isolation.sensitivity_analysis import (
     parameter_sensitivity,
     single_errors,
 )
-from enginediag_cli.isolation.windows import WindowIsolation
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording

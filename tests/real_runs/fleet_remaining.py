@@ -24,8 +24,7 @@ from enginediag_cli.detection.forecast import Forecast, fit_laws, forecast, lear
 from enginediag_cli.detection.series import Series
 from enginediag_cli.fleets.engine_judgement import judge_engine
 from enginediag_cli.fleets.findings import EngineHistory, FleetSettings
-from enginediag_cli.fleets.margin import consumption_course, final_consumption, margin_scale, removal_limit
-from enginediag_cli.fleets.run import judge_fleet
+from enginediag_cli.fleets.margin import consumption_course, margin_scale
 
 QUICK = FleetSettings(thorough=False)
 FIRST_CUT = 30
