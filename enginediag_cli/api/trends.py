@@ -217,7 +217,7 @@ class TrendResult(Result):
     def _of_engine(
         self, engine: str, story: Any, scoping: WorkScopeEstimator | None, before: Sequence[Row]
     ) -> list[Row]:
-        from enginediag_cli.fleets.maintenance import maintenance_effects
+        from enginediag_cli.fleets.maintenance import maintenance_effects, mean_conditions
         from enginediag_cli.report.tables.answers import (
             maintenance_row,
             tell_maintenance,
@@ -231,7 +231,7 @@ class TrendResult(Result):
         report_trend(messages, engine, story, series)
         scope = None
         if scoping is not None and story.events and (form or not messages.quiet):
-            scope = scoping.of_story(story, series.parameters, conditions_of(series.stretches[engine]))
+            scope = scoping.series_scope(story, series.parameters, mean_conditions(series.stretches[engine]))
         tell_scope(messages, engine, scope)
         rows = list(as_rows(engine, story, series, scope, form))
         if scoping is not None:

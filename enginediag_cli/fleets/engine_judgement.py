@@ -199,8 +199,8 @@ def judge_engine(
     used = margin_consumption(flights, found.course, margin_scale(series) if scale is None else scale, settings)
     since = (0, 0, 0)
     if settings.onsets and (verdict == CHANGED or stands_out or chance >= SUSPECTED):
-        since = _since(onset_posterior(flights.rows(), suspects, flights.baseline), flights)
-    health = _health(found, chance, since, current)
+        since = _onset_interval(onset_posterior(flights.rows(), suspects, flights.baseline), flights)
+    health = _health_rows(found, chance, since, current)
     best, low, high = since if verdict == CHANGED or stands_out else (0, 0, 0)
     if story is not None:
         health = apply_diagnosis(health, story, current)

@@ -319,7 +319,7 @@ def load_fleet(path: str | Path) -> Fleet:
         tuple(builds),
         values["engines"]["serial_from"],
         compile_pattern(values["engines"]["pattern"]) if values["engines"]["serial_from"] == "file" else None,
-        Baseline(values["baseline"]["flights"], values["baseline"]["records"]),
+        FleetBaseline(values["baseline"]["flights"], values["baseline"]["records"]),
         plan_windows(window) if window else WindowPlan().series_plan,
         values["judge"],
         values["identify"],

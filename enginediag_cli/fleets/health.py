@@ -111,8 +111,8 @@ def engine_flights(history: EngineHistory, series: Series) -> EngineFlights:
     readings = mine.readings(history.serial)
     m = readings.z.shape[1] - readings.inputs
     described = tuple(series.parameters[name] for name in readings.parameters)
-    events, steps = _steps(history, readings)
-    return Flights(
+    events, steps = _event_steps(history, readings)
+    return EngineFlights(
         readings,
         readings.z[:, :m],
         readings.J[:, :m],

@@ -250,13 +250,13 @@ def maintenance_effects(
             raise DataError(f"--event: {error}") from None
 
 
-def conditions_of(stretches: Sequence[FlightWindow]) -> Mapping[str, float]:
+def mean_conditions(stretches: Sequence[FlightWindow]) -> Mapping[str, float]:
     """Mean of each input over the stretches that have it."""
     columns = {c for x in stretches for c in x.window.conditions}
     return {c: float(np.mean([x.window.conditions[c] for x in stretches if c in x.window.conditions])) for c in columns}
 
 
-def _number(stretches: Sequence[FlightWindow], event: str, engine: str) -> int:
+def _flight_number(stretches: Sequence[FlightWindow], event: str, engine: str) -> int:
     """Number, from 1, of the flight that has this label, alone or behind its file, or else this number."""
     labels = [x.window.flight for x in stretches]
     full = [f"{x.window.source}:{x.window.flight}" for x in stretches]
@@ -349,7 +349,7 @@ class SeriesMargins:
     learnt_K: tuple[float, float] | None = None
 
 
-def margins_of(files: WindowSource, monitor: Monitor, question: MarginQuestion) -> Margins:
+def assess_margins(files: WindowSource, monitor: Monitor, question: MarginSettings) -> SeriesMargins:
     """What a fleet of the engines of these files finds of each, and what maintenance brought.
 
     files: windows of a series, made by `for_comparison(monitor)`; monitor: says what a change does to the temperature.

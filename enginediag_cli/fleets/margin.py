@@ -250,7 +250,7 @@ def learnt_limit(failed: Sequence[EngineFinding]) -> tuple[float, float]:
         raise ValueError(f"a limit is learnt from {LIVES} lives at least, and {len(courses)} can be followed")
     reference = float(np.nanmedian([f.severity.value for f in failed]))
     fits = [fit_laws(c, reference) for c in courses]
-    return limit_from(*ends_of(fits, learn_population(fits)))
+    return removal_limit(*final_consumption(fits, learn_population(fits)))
 
 
 def learn_removal_limit(
@@ -272,7 +272,7 @@ def learn_removal_limit(
     return replace(settings, consumed_limit_K=limit)
 
 
-def ends_of(fits: Sequence[FittedLaws], population: Population) -> tuple[np.ndarray, np.ndarray]:
+def final_consumption(fits: Sequence[FittedLaws], population: Population) -> tuple[np.ndarray, np.ndarray]:
     """Consumption (n,) at the end of each course, with its standard error (n,)."""
     ends = [forecast(fit, population, NEVER_K) for fit in fits]
     return np.array([e.level for e in ends]), np.array([e.level_error for e in ends])
@@ -293,9 +293,9 @@ def add_forecasts(findings: Sequence[EngineFinding], settings: FleetSettings) ->
     reference = float(np.median(stated))
     at = [k for k, x in enumerate(limits) if x is not None]
     some = np.unique(np.linspace(0, len(at) - 1, LEARNT_FROM).round().astype(int))
-    courses = [course_of(findings[at[k]]) for k in some.tolist()]
+    courses = [consumption_course(findings[at[k]]) for k in some.tolist()]
     population = learn_population([fit_laws(c, reference) for c in courses if c is not None])
-    return [_with_one(f, x, reference, population) for f, x in zip(findings, limits, strict=True)]
+    return [_add_forecast(f, x, reference, population) for f, x in zip(findings, limits, strict=True)]
 
 
 def _add_forecast(
@@ -305,7 +305,7 @@ def _add_forecast(
         return _no_forecast(finding, "no limit is stated")
     course = consumption_course(finding)
     if course is None:
-        return _without(finding, "too few flights tell of the margin")
+        return _no_forecast(finding, "too few flights tell of the margin")
     found = forecast(fit_laws(course, reference), population, *limit)
     half = NORMAL_95 * found.rate_error
     margin = replace(

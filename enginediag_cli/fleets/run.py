@@ -313,7 +313,7 @@ class EngineOutcome:
 
     finding: EngineFinding
     total: LocalStatistics | None
-    elsewhere: Counter[Extrapolation] = field(default_factory=Counter)
+    outside_training: Counter[Extrapolation] = field(default_factory=Counter)
 
 
 @dataclass
@@ -322,7 +322,7 @@ class _StoredWindows:
 
     task: EngineTask
     monitor: Monitor
-    elsewhere: Counter[Extrapolation] = field(default_factory=Counter)
+    outside_training: Counter[Extrapolation] = field(default_factory=Counter)
     reasons: Counter[str] = field(default_factory=Counter)
 
     @property
@@ -334,7 +334,7 @@ class _StoredWindows:
             with CondensedReader(piece.file) as reader:
                 for part in piece.parts:
                     for window in reader.windows(part, piece.name, self.task.serial, self.monitor.meaning):
-                        self.elsewhere.update(window.extrapolation)
+                        self.outside_training.update(window.extrapolation)
                         self.reasons.update([window.reason] if window.statistics is None else [])
                         yield window, self.monitor.meaning
 
@@ -350,7 +350,7 @@ def judge_task(task: EngineTask) -> EngineOutcome:
 
 def _judge_windows(task: EngineTask) -> EngineOutcome:
     monitor = whole_monitor(task.nominal, task.fingerprint)
-    stored = _Stored(task, monitor)
+    stored = _StoredWindows(task, monitor)
     series = build_series(stored, "covariance")
     stretches, instruments = series.stretches.get(task.serial, []), series.instruments.get(task.serial, ())
     if not stretches:
@@ -402,8 +402,8 @@ class FleetRun:
     finding: FleetFinding
     left_out: Sequence[tuple[str, str]] = ()
     sums: Mapping[str, LocalStatistics] = field(default_factory=dict)
-    unknown: Sequence[str] = ()
-    elsewhere: Counter[Extrapolation] = field(default_factory=Counter)
+    unknown_engines: Sequence[str] = ()
+    outside_training: Counter[Extrapolation] = field(default_factory=Counter)
     consumed_limit_K: tuple[float, float] | None = None
 
     @property
@@ -562,9 +562,9 @@ def _judge_all(
     did not cover."""
     found: dict[int, EngineFinding] = {}
     elsewhere: Counter[Extrapolation] = Counter()
-    place = {number: k for mine in _by_build(tasks).values() for k, number in enumerate(mine)}
-    trees = {build: TreeSum[LocalStatistics](len(mine)) for build, mine in _by_build(tasks).items()}
-    for number, judged in each(runner.run(judge, tasks), "engines judged", len(tasks)):
+    place = {number: k for mine in _numbers_by_build(tasks).values() for k, number in enumerate(mine)}
+    trees = {build: TreeSum[LocalStatistics](len(mine)) for build, mine in _numbers_by_build(tasks).items()}
+    for number, judged in each(runner.run(judge_task, tasks), "engines judged", len(tasks)):
         found[number] = judged.finding
         trees[tasks[number].build].add(place[number], judged.total)
         elsewhere.update(judged.outside_training)

@@ -441,7 +441,7 @@ def _condense_together(
     wanted = columns_of(monitor.engine, monitor.sensors)
     source = Source(tuple(todo), making.recorder or None, accept_mismatch=making.accept_mismatch)
     intake = Intake(source, wanted, fleet=True, agreement=recording_agreement(monitor))
-    found: dict[str, Outcome] = {}
+    found: dict[str, CondenseOutcome] = {}
     with ExitStack() as stack:
         keeping = {
             p: _RecordingWriter(p, making.key(s), s, stack.enter_context(store.writing(making.key(s))))

@@ -287,7 +287,7 @@ class EventSearch:
         """Sizes of a group beside other events, for each scatter."""
         return [self._cached_sizes(t, others, group) for t in self.tables]
 
-    def grown(self, t: ScoreTable, others: Sequence[Chosen], event: Chosen) -> Chosen | None:
+    def mix_growth_laws(self, t: ScoreTable, others: Sequence[EventModel], event: EventModel) -> EventModel | None:
         """A growing event with as much of each law with its onset as the series has by one scatter: wear that is slow
         at first and fast at last is none of them. None for a step."""
         if not self.courses.growing[event.course]:
@@ -310,21 +310,21 @@ class EventSearch:
             found[own] = 0.0
         return np.asarray(found * event.course_values(self.courses))
 
-    def _sizes(self, t: ScoreTable, others: Sequence[Chosen], group: int) -> Sizes:
+    def _cached_sizes(self, t: ScoreTable, others: Sequence[EventModel], group: int) -> SizePosterior:
         """Of one group beside other events, computed once."""
         key = (id(t), tuple(others), group, self.tails)
         if key not in self._cache:
             self._cache[key] = self.sizes(*self._cached_table(t, others)[:2], group, t)
         return cast(SizePosterior, self._cache[key])
 
-    def _given(self, t: ScoreTable, others: Sequence[Chosen]) -> tuple[np.ndarray, np.ndarray, float]:
+    def _cached_table(self, t: ScoreTable, others: Sequence[EventModel]) -> tuple[np.ndarray, np.ndarray, float]:
         """Scores, information and log likelihood of a scatter with other events, whatever their size; once."""
         key = (id(t), tuple(others))
         if key not in self._cache:
             self._cache[key] = self._marginalise_events(t, others) if others else (t.b, t.S, t.wander.log)
         return cast(tuple[np.ndarray, np.ndarray, float], self._cache[key])
 
-    def _beside(self, t: ScoreTable, others: Sequence[Chosen]) -> tuple[np.ndarray, np.ndarray, float]:
+    def _marginalise_events(self, t: ScoreTable, others: Sequence[EventModel]) -> tuple[np.ndarray, np.ndarray, float]:
         first, second = t.pairs
         count = len(t.wander.inverse)
         own = np.arange(count) >= count - t.wander.inputs
@@ -353,7 +353,7 @@ class EventSearch:
             found[own] = 0.0
         return np.asarray(found)
 
-    def sizes(self, b: np.ndarray, S: np.ndarray, k: int, t: ScoreTable) -> Sizes:
+    def sizes(self, b: np.ndarray, S: np.ndarray, k: int, t: ScoreTable) -> SizePosterior:
         """Of one group with each course, by scores and information in the places of a table: two passes, the first of
         which finds how large its doubt is.
 

@@ -596,5 +596,5 @@ def window_errors(score: Score, window: WindowStatistics, monitor: Monitor | Non
     else:
         readings = {**window.conditions, **window.readings}
         stated = stated_errors(monitor, readings, window.sample_inputs)
-        errors = single_errors(score, stated, columns_of_instruments(monitor), readings)
-    return tuple(error for error in errors if error.what not in window.silent)
+        errors = single_errors(score, stated, instrument_columns(monitor), readings)
+    return tuple(error for error in errors if error.name not in window.silent)

@@ -51,6 +51,7 @@ from enginediag_cli.isolation.events import (
     SuspectGroups,
     group_slabs,
     log_kind_prior,
+    suspect_groups,
 )
 from enginediag_cli.isolation.prior import SEPARATED, SetPrior
 from enginediag_cli.isolation.results import probability_of_unlisted
@@ -110,11 +111,13 @@ class SeriesSearch:
     kinds: np.ndarray
     slabs: tuple[float, ...]
     doubt: np.ndarray
-    at: np.ndarray
+    pair_positions: np.ndarray
     _scatter: ScatterLaws = field(init=False, repr=False, compare=False)
-    _latest: dict[tuple[Chosen, ...], list[Wander]] = field(default_factory=dict, repr=False, compare=False)
-    _looked: dict[tuple[Chosen, ...], Look] = field(default_factory=dict, repr=False, compare=False)
-    _glanced: dict[tuple[tuple[int, int, bool], ...], Look] = field(default_factory=dict, repr=False, compare=False)
+    _scatter_cache: dict[tuple[EventModel, ...], list[Wander]] = field(default_factory=dict, repr=False, compare=False)
+    _evaluated: dict[tuple[EventModel, ...], EventSet] = field(default_factory=dict, repr=False, compare=False)
+    _first_evaluated: dict[tuple[tuple[int, int, bool], ...], EventSet] = field(
+        default_factory=dict, repr=False, compare=False
+    )
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_scatter", ScatterLaws(self.readings))
@@ -156,14 +159,14 @@ class SeriesSearch:
                 for e in chosen
             )
             log = float(np.logaddexp.reduce([wander.log_without_events for wander in left])) + prior
-            self._looked[key] = Look(tuple(chosen), log)
-        return self._looked[key]
+            self._evaluated[key] = EventSet(tuple(chosen), log)
+        return self._evaluated[key]
 
     def residual_scatter(self, chosen: Sequence[EventModel]) -> list[Wander]:
         """The laws of the scatter that these events leave; those of a few looks are remembered."""
         key = tuple(chosen)
-        if key not in self._latest:
-            left = self._scatter.estimate(effect(self.readings, self.suspects, self.among, chosen), LAWS)
+        if key not in self._scatter_cache:
+            left = self._scatter.estimate(event_effect(self.readings, self.suspects, self.courses, chosen), LAWS)
             size = sum(law.inverse.nbytes for law in left)
             while self._scatter_cache and (len(self._scatter_cache) + 1) * size > KEPT_BYTES:
                 del self._scatter_cache[next(iter(self._scatter_cache))]
@@ -172,8 +175,11 @@ class SeriesSearch:
 
     def next_event(self, at: EventSet) -> EventSearch:
         """The posterior over one more event by the scatter of a look."""
-        tables = tuple(score_table(self.readings, wander, self.among, self.at) for wander in self.scatter(at.chosen))
-        return Search(tables, self.among, self.suspects, self.slabs, self.kinds, self.doubt)
+        tables = tuple(
+            score_table(self.readings, wander, self.courses, self.pair_positions)
+            for wander in self.residual_scatter(at.chosen)
+        )
+        return EventSearch(tables, self.courses, self.suspects, self.slabs, self.kinds, self.doubt)
 
     def _first_evaluation(self, chosen: Sequence[EventModel]) -> EventSet:
         """The first look at events of these suspects and courses, whatever their sizes were then: on the way sizes only
@@ -197,8 +203,8 @@ class SeriesSearch:
         *others, event = look.chosen
         owner = self.suspects.owner[event.group]
         for _ in range(READ_AGAIN):
-            law = max(self.scatter(look.chosen), key=lambda wander: wander.log_without_events)
-            trials = [self.look([*others, again]) for again in self._again(law, others, owner)]
+            law = max(self.residual_scatter(look.chosen), key=lambda wander: wander.log_without_events)
+            trials = [self.evaluate([*others, again]) for again in self._suspect_candidates(law, others, owner)]
             better = max(trials, key=lambda trial: trial.log)
             if better.log <= look.log + SETTLED:
                 break
@@ -209,12 +215,15 @@ class SeriesSearch:
         """The likeliest event of one suspect by one law of scatter, of one law of growth and of several."""
         mine = self.suspects.members(owner)
         members = {i for k in mine for i in self.suspects.groups[k]}
-        inside = np.array([i in members for i in range(len(self.at) - 1)])
+        inside = np.array([i in members for i in range(len(self.pair_positions) - 1)])
         t = score_table(
-            self.readings, law, self.among, pair_places((self.at[:-1, :-1] >= 0) & inside & inside[:, None])
+            self.readings,
+            law,
+            self.courses,
+            pair_places((self.pair_positions[:-1, :-1] >= 0) & inside & inside[:, None]),
         )
-        search = Search((t,), self.among, self.suspects, self.slabs, self.kinds, self.doubt)
-        log = np.stack([search.told(others, k)[0].log for k in mine])
+        search = EventSearch((t,), self.courses, self.suspects, self.slabs, self.kinds, self.doubt)
+        log = np.stack([search.group_sizes(others, k)[0].log for k in mine])
         log += self.suspects.log_odds[mine, None] + self.kinds[mine]
         place, course = (int(i) for i in np.unravel_index(int(np.argmax(log)), log.shape))
         found = EventModel(mine[place], course, tuple(search.group_sizes(others, mine[place])[0].mean[course].tolist()))
@@ -339,7 +348,7 @@ def judge_series(
         raise ValueError("a trend needs at least three flights")
     options = options or TrendOptions()
     described = tuple(meanings(meaning, readings.parameters).values())
-    suspects = suspects_of(described, options.prior, options.sensors, options.governed)
+    suspects = suspect_groups(described, options.prior, options.sensors, options.governed)
     among = candidate_courses(readings.clock, int(np.searchsorted(readings.first, options.healthy)))
     together = np.zeros((len(described),) * 2, bool)
     for group in suspects.groups:
@@ -554,7 +563,7 @@ GROSS = 1e-4
 """Chance of one flight among all of a healthy series to count as one that differs from nominal for certain."""
 
 
-def departures(stretches: Sequence[FlightWindow]) -> tuple[int, ...]:
+def departing_flights(stretches: Sequence[FlightWindow]) -> tuple[int, ...]:
     """Numbers, from 1, of the flights that differ from nominal for certain, each by itself."""
     found = []
     for number, stretch in enumerate(stretches, start=1):
@@ -581,7 +590,7 @@ def diagnose_engines(
             governed=series.power_errors,
         )
         story = judge_series(series.readings(engines[k]).merge_epochs(most), series.parameters, options)
-        return replace(story, departures=departures(series.stretches[engines[k]])) if against_nominal else story
+        return replace(story, departures=departing_flights(series.stretches[engines[k]])) if against_nominal else story
 
     stories = zip(engines, parallel_imap(judged, len(engines)), strict=True)
     return each(stories, "engines judged", len(engines))

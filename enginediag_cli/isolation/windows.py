@@ -217,8 +217,8 @@ class WindowIsolation:
     files: WindowReader
     options: DiagnosisOptions
     false_alarm: float
-    by_component: bool = False
-    kept: RecordHistory | None = None
+    to_components: bool = False
+    kept_records: RecordHistory | None = None
     advise: bool = False
     extra: Mapping[str, float] = field(default_factory=dict)
     wants_sensitivity: Callable[[int, bool], bool] = lambda number, named: False
@@ -232,17 +232,17 @@ class WindowIsolation:
                 if column not in columns:
                     raise DataError(f"{engine.name} has no column {column!r} for a sensor; {near(column, columns)}")
         self.files.skip_doubtful = True
-        if self.kept is not None:
-            self.files.on_chunk = self.kept.record
+        if self.kept_records is not None:
+            self.files.on_chunk = self.kept_records.record
             self.files.solutions = True
 
     def windows(self) -> Iterator[IsolatedWindow]:
         """All windows in turn. Raises DataError, NoVerdictError."""
         numbered = enumerate(self.files.windows(), start=1)
         while some := list(islice(numbered, pieces_in_flight())):
-            yield from parallel_map(partial(self._answered, some), len(some))
-            if self.kept is not None:
-                self.kept.discard_before(some[-1][1][0])
+            yield from parallel_map(partial(self._isolate_numbered, some), len(some))
+            if self.kept_records is not None:
+                self.kept_records.discard_before(some[-1][1][0])
 
     def _isolate_numbered(self, some: Sequence[tuple[int, Window]], k: int) -> IsolatedWindow:
         number, (window, known) = some[k]
@@ -271,10 +271,10 @@ class WindowIsolation:
         drifts = tuple(p.name for p in known.values() if p.of_instrument and p.quantity == DRIFT)
         verdict = judge(window.drop_parameters(drifts), self.false_alarm)
         if verdict.score is None or window.statistics is None:
-            return IsolatedWindow(verdict, known, by_component=self.by_component)
-        shown = drifts_shown(window.drop_parameters(()).statistics, drifts) if drifts else set[str]()
-        window, verdict, score = _with_suspects(window, verdict, [name for name in drifts if name not in shown])
-        if self.by_component:
+            return IsolatedWindow(verdict, known, to_components=self.to_components)
+        shown = visible_drifts(window.drop_parameters(()).statistics, drifts) if drifts else set[str]()
+        window, verdict, score = _score_suspects(window, verdict, [name for name in drifts if name not in shown])
+        if self.to_components:
             components = isolate_components(
                 score, self.options.isolation, verdict.window.statistics, window.disagreement
             )
@@ -283,7 +283,7 @@ class WindowIsolation:
         wrong = {known[n].component for n, p in diagnosis.result.inclusion.items() if p > 1 - SEPARATED and n in known}
         more = {name for name in drifts if known[name].component in wrong}
         if not more <= shown and not window.is_doubtful:  # which form it is, is open
-            window, verdict, score = _with_suspects(
+            window, verdict, score = _score_suspects(
                 judged, verdict, [name for name in drifts if name not in shown | more]
             )
             diagnosis, records = self._diagnose(judged, verdict, score)
@@ -316,8 +316,10 @@ class WindowIsolation:
         if not inputs:
             return diagnosis
         monitor = monitor.drop_parameters(window.silent)
-        told = found.told_by(telling_sensors(monitor, diagnosis.score, found, inputs, window.statistics.n))
-        return replace(diagnosis, result=replace(diagnosis.result, one_of=told))
+        told = found.add_separating_sensors(
+            find_separating_sensors(monitor, diagnosis.score, found, inputs, window.statistics.n)
+        )
+        return replace(diagnosis, result=replace(diagnosis.result, ambiguity=told))
 
     def _advice(self, monitor: Monitor, diagnosis: Diagnosis, model: WindowModel | None) -> NextRecording | None:
         result = diagnosis.result
@@ -403,7 +405,7 @@ class _WindowRecords:
         weights = self._window.weights
         if weights is not None and len(weights) != len(y):
             return None
-        monitor = _doubting(self._monitor, self._every).drop_parameters(self._window.silent)
+        monitor = _add_slope_errors(self._monitor, self._every).drop_parameters(self._window.silent)
         return WindowModel(monitor, inputs, y, start, weights)
 
 

@@ -332,7 +332,7 @@ def recorded_windows(monitor: Monitor, recordings: Iterable[Recording], plan: Wi
     Raises DataError as `cut` does.
     """
     for complete in cut_windows(monitor, recordings, plan, _pieces):
-        yield from map(_whole, complete)
+        yield from map(_join_pieces, complete)
 
 
 def training_windows(monitor: Monitor, recordings: Iterable[Recording], plan: WindowPlan) -> RecordWindows:
@@ -386,8 +386,11 @@ def _pieces(
     for i, k in label_runs(blocks):
         rows = slice(i, k)
         steps = np.cumsum(apart[rows]) - 1  # empty records before the first stand for a jump from the block before
-        inputs = {c: _spread(v[rows], steps) for c, v in taken.inputs.items()}
-        yield int(blocks[i]), RecordedWindow(piece_bookkeeping(part, taken, key, rows), inputs, _spread(y[rows], steps))
+        inputs = {c: _space_records(v[rows], steps) for c, v in taken.inputs.items()}
+        yield (
+            int(blocks[i]),
+            RecordedWindow(piece_bookkeeping(part, taken, key, rows), inputs, _space_records(y[rows], steps)),
+        )
 
 
 def _space_records(values: np.ndarray, steps: np.ndarray) -> np.ndarray:
@@ -401,7 +404,7 @@ def _join_pieces(pieces: Sequence[RecordedWindow]) -> RecordedWindow:
     """A window from its pieces, without the empty records before its first."""
     inputs = {c: np.concatenate([piece.inputs[c] for piece in pieces]) for c in pieces[0].inputs}
     y = np.concatenate([piece.y for piece in pieces])
-    begun = slice(_first(inputs, y), None)
+    begun = slice(_first_record(inputs, y), None)
     return RecordedWindow(
         join_bookkeeping([piece.place for piece in pieces]), {c: v[begun] for c, v in inputs.items()}, y[begun]
     )

@@ -30,7 +30,7 @@ from enginediag_cli.identification.problem import drop_repeats
 from enginediag_cli.intake.loader import Intake, whole_flights
 from enginediag_cli.intake.selection import Source, columns_of, open_baseline
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions
-from enginediag_cli.isolation.windows import IsolatedWindow
+from enginediag_cli.isolation.windows import IsolatedWindow, WindowIsolation
 from enginediag_cli.mismatch.explain.answer import IDENTIFIED, Answer, Explanation
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.plan import advise_flights_for_explanations
@@ -220,7 +220,7 @@ def _windows(nominal: Path, judged: str) -> Sequence[IsolatedWindow]:
     monitor = build_monitor(open_baseline(nominal), sensors=True, drifts=True)
     files = WindowReader(Intake(Source((judged,)), columns_of(monitor.engine, monitor.sensors)), monitor)
     kept = RecordHistory(monitor, short_windows=False)
-    return list(Isolating(files, DiagnosisOptions(), FALSE_ALARM, kept=kept).windows())
+    return list(WindowIsolation(files, DiagnosisOptions(), FALSE_ALARM, kept_records=kept).windows())
 
 
 def _window(found: IsolatedWindow, engine: Engine) -> dict[str, Any]:

@@ -19,6 +19,7 @@ import numpy as np
 from enginediag_cli.detection.series import build_series
 from enginediag_cli.fleets.engine_judgement import judge_engine
 from enginediag_cli.fleets.findings import EngineHistory, FleetSettings
+from enginediag_cli.fleets.run import judge_fleet
 from enginediag_cli.intake.loader import Intake
 from enginediag_cli.intake.selection import Source, columns_of, open_baseline
 from enginediag_cli.residuals.files import WindowReader, WindowSettings
@@ -81,7 +82,7 @@ def main() -> None:
         series = build_series(WindowReader(intake, monitor, plan, series=True), law="none")
     settings = FleetSettings(thorough=False)
     histories = [EngineHistory(serial, "", mine, BASELINE) for serial, mine in series.stretches.items()]
-    fleet = judged_fleet([judge_engine(h, series, settings) for h in histories], settings, series.known)
+    fleet = judge_fleet([judge_engine(h, series, settings) for h in histories], settings, series.known)
     faulty = {f"e{k}" for k in range(asked.healthy, count)}
     healthy = [f for f in fleet.engines if f.serial not in faulty]
     others = [f for f in fleet.engines if f.serial in faulty]

@@ -257,13 +257,13 @@ def exact(nominal: Path, path: Path, truth: Sequence[str], dead: Mapping[str, st
 @contextmanager
 def without_rejection() -> Iterator[None]:
     """Everything as it is, but nothing is taken for a gross error, nor for what may be one."""
-    kept = gross_gate.suspected, live_gate.suspected, follow.brief_departures
-    gross_gate.suspected = live_gate.suspected = lambda *_: False
-    follow.brief_departures = lambda t, *_: np.zeros(t.shape, bool)
+    kept = gross_gate.may_have_gross_errors, live_gate.may_have_gross_errors, follow.find_brief_departures
+    gross_gate.may_have_gross_errors = live_gate.may_have_gross_errors = lambda *_: False
+    follow.find_brief_departures = lambda t, *_: np.zeros(t.shape, bool)
     try:
         yield
     finally:
-        gross_gate.suspected, live_gate.suspected, follow.brief_departures = kept
+        gross_gate.may_have_gross_errors, live_gate.may_have_gross_errors, follow.find_brief_departures = kept
 
 
 def delays(path: Path) -> dict[str, tuple[int, bool]]:

@@ -10,7 +10,7 @@ import small_fleet
 
 from enginediag_cli.detection.series import build_series
 from enginediag_cli.fleets import store as module
-from enginediag_cli.fleets.run import RecordingParts, condense_all, engine_tasks
+from enginediag_cli.fleets.run import RecordingParts, _StoredWindows, condense_all, engine_tasks
 from enginediag_cli.fleets.runners import SerialRunner
 from enginediag_cli.fleets.store import CondensedReader, CondenseTask, FleetStore, condense, whole_monitor
 from enginediag_cli.intake.loader import RecordingLoader
@@ -30,7 +30,7 @@ def tasks(fleet_file, tmp_path_factory):
 
 
 def readings(task):
-    stored = _Stored(task, whole_monitor(task.nominal, task.fingerprint))
+    stored = _StoredWindows(task, whole_monitor(task.nominal, task.fingerprint))
     return build_series(stored, law="none").readings(task.serial)
 
 

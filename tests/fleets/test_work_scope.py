@@ -19,6 +19,7 @@ from enginediag_cli.fleets.work_scope import (
     ChangeMoments,
     PowerNotHeldError,
     WorkScope,
+    WorkScopeEstimator,
     change_gain,
     choose_reference,
     gains,
@@ -147,7 +148,7 @@ def followed(engine, folder: Path, states, rng):
         summed=True,
         series=True,
     )
-    return build_series(files), Scoping(monitor)
+    return build_series(files), WorkScopeEstimator(monitor)
 
 
 @pytest.mark.parametrize("restored", [0.0, 0.01])
@@ -180,7 +181,7 @@ def test_what_a_wash_did_bring_is_told_by_the_flights_next_to_it(engine, tmp_pat
     y = solve_equal_power(engine, reference, {}, ("hpc.flow_capacity", "hpc.efficiency"), states).y
     for gain, true in zip((found.gain.temperature, found.gain.fuel), y[0] - y[1], strict=True):
         assert abs(gain.value - true) < 3 * gain.deviation < 0.5 * true
-    told = maintenance_sentence(found, series.known, reference)
+    told = maintenance_sentence(found, series.parameters, reference)
     assert told.startswith("it lowered T45 by") and "3 flights before against 3 after" in told
 
     words = ["trend", "-n", str(tmp_path / "nominal.yaml"), str(tmp_path / "series.csv"), "-f", "json"]

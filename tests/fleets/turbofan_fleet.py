@@ -67,7 +67,7 @@ def series(engine: bool = False) -> Series:
     g = geometry()
     envelope = SimpleNamespace(inputs=tuple(g.conditions), points=np.stack(list(g.conditions.values()), axis=1))
     monitor = replace(g.monitor, envelope=envelope) if engine else None
-    return Series({}, dict(g.monitor.meaning), 0, steered=("Wf_kg_s",), monitor=monitor)
+    return Series({}, dict(g.monitor.meaning), 0, power_inputs=("Wf_kg_s",), monitor=monitor)
 
 
 def engine_history(

@@ -26,6 +26,7 @@ from enginediag_cli.isolation.sensitivity_analysis import (
     parameter_sensitivity,
     single_errors,
 )
+from enginediag_cli.isolation.windows import WindowIsolation
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
@@ -148,7 +149,13 @@ def answer(monitor, path: Path, wrong: dict[tuple[str, str], float], health: dic
     write_csv(path, [Recording(table)])
     kept = RecordHistory(monitor, short_windows=False)
     files = WindowReader(Intake(Source((str(path),)), columns_of(monitor.engine, monitor.sensors)), monitor)
-    isolating = Isolating(files, DiagnosisOptions(), 0.01, kept=kept, flips=lambda number, named: not (wrong or health))
+    isolating = WindowIsolation(
+        files,
+        DiagnosisOptions(),
+        0.01,
+        kept_records=kept,
+        wants_sensitivity=lambda number, named: not (wrong or health),
+    )
     (found,) = isolating.windows()
     return found
 

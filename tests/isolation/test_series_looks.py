@@ -9,7 +9,7 @@ from enginediag_cli.detection.series import build_readings
 from enginediag_cli.detection.wander import candidate_courses, pair_places
 from enginediag_cli.isolation.events import EventModel, log_kind_prior, suspect_groups
 from enginediag_cli.isolation.prior import SetPrior
-from enginediag_cli.isolation.timeline import SETTLED
+from enginediag_cli.isolation.timeline import SETTLED, SeriesSearch
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.statistics import LocalStatistics
 
@@ -46,7 +46,7 @@ def worn(n, size):
 def looks_at(series):
     suspects, among = suspect_groups(tuple(MEANING.values()), SetPrior()), candidate_courses(series.clock)
     at, doubt = pair_places(np.eye(7, dtype=bool)), np.zeros(len(suspects.groups))
-    return Looks(series, suspects, among, log_kind_prior(suspects, among), SetPrior().slabs, doubt, at)
+    return SeriesSearch(series, suspects, among, log_kind_prior(suspects, among), SetPrior().slabs, doubt, at)
 
 
 def test_the_same_suspect_and_course_with_another_size_is_another_look():

@@ -14,6 +14,7 @@ from enginediag_cli.identification.nominal_file import write_nominal
 from enginediag_cli.intake.loader import RecordingLoader
 from enginediag_cli.intake.selection import RecordingSource, open_baseline, required_columns
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions
+from enginediag_cli.isolation.windows import WindowIsolation
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv
@@ -45,6 +46,6 @@ def test_a_valve_that_passes_two_per_cent_is_no_compressor(monitor, valve: str, 
         write_csv(path, [Recording(table)])
         files = WindowReader(Intake(Source((str(path),)), columns_of(monitor.engine, monitor.sensors)), monitor)
         kept = RecordHistory(monitor, short_windows=False)
-        (found,) = Isolating(files, DiagnosisOptions(), 0.01, kept=kept).windows()
+        (found,) = WindowIsolation(files, DiagnosisOptions(), 0.01, kept_records=kept).windows()
         result = found.diagnosis.result
         assert result.isolated == (valve,) or (result.ambiguity and (valve,) in result.ambiguity.members)

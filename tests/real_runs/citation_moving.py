@@ -149,7 +149,7 @@ class Model:
         bleed = effect(engine, *BLEED)
         self.amplitude = bleed.amplitudes[0]
         engine = engine.with_effects([*engine.effects, bleed])
-        self.model = engine if state.error_model is None else state.error_model.of(engine)
+        self.model = engine if state.error_model is None else state.error_model.wrap(engine)
         self.theta = state.theta0
         self._inputs = {c: run.columns[c] for c in (*engine.inputs, *engine.optional_inputs) if c in run.columns}
         self._inputs[MOMENT] = engine.tapes.add(run.columns)

@@ -24,7 +24,8 @@ from enginediag_cli.detection.forecast import Forecast, fit_laws, forecast, lear
 from enginediag_cli.detection.series import Series
 from enginediag_cli.fleets.engine_judgement import judge_engine
 from enginediag_cli.fleets.findings import EngineHistory, FleetSettings
-from enginediag_cli.fleets.margin import consumption_course, margin_scale
+from enginediag_cli.fleets.margin import consumption_course, final_consumption, margin_scale, removal_limit
+from enginediag_cli.fleets.run import judge_fleet
 
 QUICK = FleetSettings(thorough=False)
 FIRST_CUT = 30
@@ -43,7 +44,7 @@ def rank(series: Series, seeds: int = 5) -> None:
             found.append(judge_engine(cut_at(history, cut), series, QUICK, scale))
             left.append(life - cut)
         rho = spearmanr([f.severity.value for f in found], left).statistic
-        fleet = judged_fleet(found, QUICK, series.known)
+        fleet = judge_fleet(found, QUICK, series.known)
         changed = sum(f.verdict == "changed" for f in found)
         print(
             f"seed {seed}: Spearman {rho:.3f} over {len(found)} engines; {changed} changed, "
@@ -59,13 +60,13 @@ def remaining(series: Series) -> None:
     reference = float(np.median([f.severity.value for f in findings]))
     fits = [fit_laws(course, reference) for course in courses]
     everyone = learn_population(fits)
-    level, error = ends_of(fits, everyone)
+    level, error = final_consumption(fits, everyone)
     print(f"{scale.column}: engines fail at {level.mean():.1f} K ± {level.std(ddof=1):.1f} K of margin used")
     rng = np.random.default_rng(0)
     rows: dict[str, list[tuple[float, Forecast]]] = {}
     for k, history in enumerate(histories(series)):
         others = np.arange(len(fits)) != k
-        limit, spread = limit_from(level[others], error[others])
+        limit, spread = removal_limit(level[others], error[others])
         population = learn_population(fits, without=k)
         cuts = {f"{share:.0%} of life": int(share * lives[k]) for share in SHARES}
         cuts["second half, drawn"] = int(rng.integers(lives[k] // 2, lives[k]))

@@ -24,7 +24,7 @@ def main() -> None:
     engine = load_engine(CONFIGS / "power_plant.yaml")
     inputs = {c: part[c] for c in (*engine.inputs, *engine.optional_inputs) if c in part.columns}
     nominal = read_nominal(sys.argv[1])
-    p = nominal.error_model.of(engine).predict(inputs, nominal.theta0, sensors=["P3_Pa", "T5_K", "power_W"])
+    p = nominal.error_model.wrap(engine).predict(inputs, nominal.theta0, sensors=["P3_Pa", "T5_K", "power_W"])
     CDP, TAT, TEY = (part[c] for c in ("P3_Pa", "T5_K", "power_W"))
     print(
         f"{len(CDP)} steady hours below 1097 °C, measured against calculated (medians): "

@@ -97,7 +97,7 @@ def test_the_engine_of_base_load_misses_part_load_the_way_closed_vanes_would(ide
     engine = load_engine(ENGINE)
     inputs = {c: part[c] for c in (*engine.inputs, *engine.optional_inputs)}
     nominal = read_nominal(identified["base"])
-    p = nominal.error_model.of(engine).predict(inputs, nominal.theta0, sensors=["P3_Pa", "T5_K", "power_W"])
+    p = nominal.error_model.wrap(engine).predict(inputs, nominal.theta0, sensors=["P3_Pa", "T5_K", "power_W"])
     assert p.ok.all()
     assert np.median(part["P3_Pa"] / p.y[:, 0] - 1.0) < -0.10
     assert np.median(part["T5_K"] - p.y[:, 1]) > 15.0

@@ -33,6 +33,7 @@ from enginediag_cli.intake.loader import RecordingLoader
 from enginediag_cli.intake.selection import RecordingSource, open_baseline, required_columns
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions
 from enginediag_cli.isolation.sensitivity_analysis import ConclusionChange, SensitivityAnalysis
+from enginediag_cli.isolation.windows import WindowIsolation
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv
@@ -135,7 +136,11 @@ def answers(monitor: Monitor, path: Path, tables: list[dict], *, flips: bool = F
         Intake(Source((str(path),)), columns_of(monitor.engine, monitor.sensors)), monitor, WindowSettings(plan)
     )
     kept = RecordHistory(monitor, short_windows=False)
-    return list(Isolating(files, DiagnosisOptions(), 0.01, kept=kept, flips=lambda number, named: flips).windows())
+    return list(
+        WindowIsolation(
+            files, DiagnosisOptions(), 0.01, kept_records=kept, wants_sensitivity=lambda number, named: flips
+        ).windows()
+    )
 
 
 def named(found, own: str = "") -> frozenset[str] | None:

@@ -186,7 +186,7 @@ def _parameter(h: Mapping[str, Any]) -> Parameter:
     )
 
 
-def _estimate(value: Any) -> Estimate:
+def _estimate(value: Any) -> IntervalEstimate:
     if not isinstance(value, Mapping):
         return IntervalEstimate(_number(value))
     return IntervalEstimate(*(_number(value.get(name)) for name in ("value", "low", "high")))

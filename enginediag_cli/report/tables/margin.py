@@ -53,8 +53,8 @@ class MarginRow(NamedTuple):
     row: str
     number: int
     stretches: Sequence[FlightWindow]
-    used: Estimate = Estimate()
-    left: Estimate = Estimate()
+    used: IntervalEstimate = IntervalEstimate()
+    left: IntervalEstimate = IntervalEstimate()
     event: EventRow | None = None
     effect: EventEffect | None = None
     parameters: Mapping[str, Parameter] = {}

@@ -398,7 +398,7 @@ def report_trend(messages: Messages, engine: str, story: SeriesDiagnosis, series
             messages.note(f"{name}{since}: not separated: {each}", engine=engine)
 
 
-def _since(event: Event, stretches: Sequence[FlightWindow]) -> str:
+def _since(event: SeriesEvent, stretches: Sequence[FlightWindow]) -> str:
     """When it began: flights by their labels, else seconds, else lines, with the interval."""
     at, low, high = (stretches[k - 1].window for k in (event.onset, event.low, event.high))
     word = "at once, from" if event.kind == "step" else "growing, from"
