@@ -389,7 +389,8 @@ class Comparison:
         self, monitor: Monitor | None, *, summed: bool = False, series: bool = False, drifts: bool = False
     ) -> WindowReader:
         """The recordings as windows; summed: windows of a flight are added up; series: they are compared with each
-        other; drifts: what statistics hold of drifts of instruments is read, too."""
+        other; drifts: what statistics hold of drifts of instruments is read, too.
+        """
         from enginediag_cli.residuals.files import WindowReader
 
         given = self.options.set_by_user(self.source)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.api.inputs import Comparison, NominalLike, RecordingsLike, compare, report_exclusions
+from enginediag_cli.api.inputs import Comparison, NominalLike, RecordingsLike, compare
 from enginediag_cli.api.results import Picture, Result, Row
 from enginediag_cli.errors import UsageError
 from enginediag_cli.report.messages import Messages
