@@ -125,17 +125,17 @@ class IdentificationResult(Result):
 
     @property
     def bounds(self) -> tuple[ActiveBound, ...]:
-        """Parameters that the records push against a bound."""
+        """Parameters at a bound."""
         return self.fit.bounds
 
     @property
     def far_off(self) -> tuple[Estimate, ...]:
-        """Parameters where no engine of the kind is."""
+        """Parameters five standard deviations of their priors, or more, from the expected value."""
         return self.fit.implausible_estimates
 
     @property
     def unexplained(self) -> tuple[tuple[str, float], ...]:
-        """Sensors that the fit misses by far more than their stated noise, with the ratio [1]."""
+        """Sensors with residuals far above their stated noise, with the ratio [1]."""
         return self.fit.unexplained_sensors
 
     @cached_property
@@ -314,7 +314,7 @@ def identify(
 def _training(
     engine: Engine, source: RecordingSource, choices: TrainingChoices, messages: Messages
 ) -> tuple[list[TrainingRecording], tuple[str, ...]]:
-    """Recordings as they are fitted, and columns of probes that are not."""
+    """Read the recordings to fit; return them with the columns of excluded probes."""
     from enginediag_cli.identification.probes import drop_probes, wrong_probes
     from enginediag_cli.identification.problem import drop_repeats
     from enginediag_cli.intake.agreement import agreement_with_engine

@@ -388,8 +388,10 @@ class Comparison:
     def files(
         self, monitor: Monitor | None, *, summed: bool = False, series: bool = False, drifts: bool = False
     ) -> WindowReader:
-        """The recordings as windows; summed: windows of a flight are added up; series: they are compared with each
-        other; drifts: what statistics hold of drifts of instruments is read, too.
+        """Open the recordings as windows.
+
+        summed: the windows of a flight are added; series: they are compared with each other; drifts: drifts of
+        instruments in statistics are read, too.
         """
         from enginediag_cli.residuals.files import WindowReader
 
@@ -444,8 +446,8 @@ def open_intake(source: RecordingSource, monitor: Monitor | None) -> RecordingLo
     return Intake(source, wanted, agreement=recording_agreement(monitor), keep_going=True)
 
 
-def tell_files(messages: Messages, files: WindowReader) -> None:
-    """What was left out of the files."""
+def report_exclusions(messages: Messages, files: WindowReader) -> None:
+    """Report mismatches, unread files and excluded data."""
     from enginediag_cli.report.sentences import count
     from enginediag_cli.report.tables.recordings import report_excluded, report_mismatches
 

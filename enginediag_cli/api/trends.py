@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.api.inputs import Comparison, NominalLike, RecordingsLike, compare
+from enginediag_cli.api.inputs import Comparison, NominalLike, RecordingsLike, compare, report_exclusions
 from enginediag_cli.api.results import Picture, Result, Row
 from enginediag_cli.errors import UsageError
 from enginediag_cli.report.messages import Messages
@@ -153,7 +153,7 @@ class TrendResult(Result):
         return output(f"trend/{what}")
 
     def _read(self) -> tuple[Series, SeriesMargins | None, WindowReader]:
-        """The series of flights, its margins where they are followed, and the files that it was read from."""
+        """Read the series of flights, with margins if requested, and the files it comes from."""
         from enginediag_cli.detection.series import build_series
         from enginediag_cli.fleets.maintenance import assess_margins
         from enginediag_cli.report.tables.margin import tell_margins
@@ -190,9 +190,9 @@ class TrendResult(Result):
             rows = list(self._changes())
         self.judged = len(rows)
         yield from rows
-        tell_files(self.messages, self._files)
+        report_exclusions(self.messages, self._files)
         if self._series.skipped_windows:
-            self.messages.warning(f"{self._series.skipped_windows} windows without a verdict were left out")
+            self.messages.warning(f"{self._series.skipped_windows} windows without a verdict were excluded")
 
     def _changes(self) -> Iterator[Row]:
         """Make the rows of changes in each engine, and of maintenance."""
@@ -218,11 +218,7 @@ class TrendResult(Result):
         self, engine: str, story: Any, scoping: WorkScopeEstimator | None, before: Sequence[Row]
     ) -> list[Row]:
         from enginediag_cli.fleets.maintenance import maintenance_effects, mean_conditions
-        from enginediag_cli.report.tables.answers import (
-            maintenance_row,
-            tell_maintenance,
-            tell_scope,
-        )
+        from enginediag_cli.report.tables.answers import maintenance_row, tell_maintenance, tell_scope
         from enginediag_cli.report.tables.trend import component_rows, tell_story, trend_rows
 
         choices, series, messages = self._choices, self._series, self.messages
