@@ -389,7 +389,7 @@ class MapErrorModel(WrappedModel):
             frozen, x = self._compute_frozen(plain, columns)
             if x is not None:  # the machines run near to where they do without errors
                 options.setdefault("start", x)
-        p = self._ask(asked, inputs=plain, sensors=columns, wrt=along, options=options)
+        p = self._predict_inner(asked, inputs=plain, sensors=columns, wrt=along, options=options)
         return _add_map_errors(p, self._groups, amounts, asked.wrt, frozen)
 
     def has_frozen_columns(self, inputs: Mapping[str, Any], sensors: Sequence[str]) -> bool:

@@ -288,7 +288,7 @@ def identify(
     """
     if settings is None:
         settings = settings_from_mapping(getattr(engine, "declared", {}).get("identification"))
-    problem = build_problem(warm(engine), add_regimes(engine, recordings), settings)
+    problem = build_problem(warm_start(engine), add_regimes(engine, recordings), settings)
     stated = stated_map_accuracy(engine) if map_accuracy is None else map_accuracy
     problem = add_offsets(problem, recordings) if offsets else problem
     attempt, behind = _fit_without_lags(problem, settings, stated)

@@ -22,7 +22,7 @@ from typing import Any, cast
 import numpy as np
 
 from enginediag_cli.detection.wander import Courses, ScoreTable, course_sums
-from enginediag_cli.isolation.prior import SetPrior
+from enginediag_cli.isolation.prior import SERIES_PRIOR, SetPrior
 from enginediag_cli.isolation.slab_mixture import piecewise_normal_moments
 from enginediag_cli.parameters import Parameter
 

@@ -362,7 +362,7 @@ def visible_drifts(statistics: LocalStatistics | None, drifts: Sequence[str]) ->
 def _score_suspects(
     window: WindowStatistics, verdict: Verdict, dropped: Sequence[str]
 ) -> tuple[WindowStatistics, Verdict, Score]:
-    """The window and the verdict of its test with all suspects but some, and the score that tells what changed."""
+    """The window and its verdict without the `dropped` suspects, and the score for isolation."""
     every, window = window.statistics, window.drop_parameters(dropped)
     assert every is not None and window.statistics is not None
     # a test asks whether anything changed, these questions by what: wrong slopes of the maps matter to them alone. What

@@ -49,7 +49,7 @@ isolation takes for plausible."""
 class Offset:
     """An instrument's error, constant in one recording: `bias` in the column's unit or `scale`, a fraction. Of the
     output number `sensor`, or, where it is named, of the input `column`; that is linear in its size, and stays at 0.
-    Of kind `lagging` it is what a reading lags by, amounts `lags` of the deviations that `Lagging` tells; that
+    Of kind `lagging` it is what a reading lags by, amounts `lags` of the deviations that `LagModel` gives; that
     is linear, too."""
 
     sensor: int
@@ -224,7 +224,7 @@ def monitor_from_nominal(
     if absent:
         raise DataError(f"no noise was identified for {', '.join(absent)}; nominal has {', '.join(nominal.sensors)}")
     if nominal.sensor_lags:
-        engine = Lagging(engine, nominal.theta0, nominal.sensor_lags[0].lags_s)
+        engine = LagModel(engine, nominal.theta0, nominal.sensor_lags[0].lags_s)
     plain = engine
     if nominal.error_model is not None:
         engine = nominal.error_model.wrap(engine)

@@ -213,7 +213,7 @@ def test_a_recording_without_flights_is_a_series_of_windows(files, tmp_path):
 
 def test_what_a_wrong_input_does_is_its_derivative_where_the_maps_have_no_errors(files):
     monitor = build_monitor(open_baseline(files["nominal.yaml"]), sensors=True)
-    plain = replace(monitor, engine=InputErrors.of(open_baseline(files["nominal.yaml"]).engine))
+    plain = replace(monitor, engine=InputErrors.wrap(open_baseline(files["nominal.yaml"]).engine))
     at = {c: plain.envelope.points[:3, i] for i, c in enumerate(plain.envelope.inputs)}
     name, _ = [n for n, e in plain.engine.errors.items() if e.column == plain.engine.power_setting]
     sigma = plain.engine.errors[name].parameter.prior_sigma

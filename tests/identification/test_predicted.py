@@ -97,7 +97,7 @@ def turbojet():
     columns[engine.power_setting] = engine.power_from_fraction(np.linspace(0.3, 1, n), columns)
     readings = engine.predict(columns, {}, sensors=list(engine.sensors)).y
     columns |= dict(zip(engine.sensors, readings.T, strict=True))
-    plain = build_problem(warm(engine), [TrainingRecording("flight", columns)], IdentificationSettings())
+    plain = build_problem(warm_start(engine), [TrainingRecording("flight", columns)], IdentificationSettings())
     return plain, add_map_errors(plain, 0.01)
 
 

@@ -148,7 +148,7 @@ class Model:
         engine = load_engine(str(path))
         bleed = effect(engine, *BLEED)
         self.amplitude = bleed.amplitudes[0]
-        engine = engine.with_effects([*engine.effects, bleed])
+        engine = engine.replace_effects([*engine.effects, bleed])
         self.model = engine if state.error_model is None else state.error_model.wrap(engine)
         self.theta = state.theta0
         self._inputs = {c: run.columns[c] for c in (*engine.inputs, *engine.optional_inputs) if c in run.columns}
