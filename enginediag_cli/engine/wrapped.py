@@ -336,8 +336,8 @@ def warm_start(model: AnyModel) -> AnyModel | WarmEngine:
 
 
 def preserve_memory(model: Any) -> AbstractContextManager[None]:
-    """`WarmEngine.apart` of the engine with a memory that a model wraps, if it does."""
-    own = getattr(model, "apart", None)
+    """`WarmEngine.preserve_memory` of the engine with a memory that a model wraps, if it does."""
+    own = getattr(model, "preserve_memory", None)
     return nullcontext() if own is None else own()
 
 

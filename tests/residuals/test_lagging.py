@@ -124,7 +124,7 @@ def test_a_healthy_engine_raises_no_alarm_for_the_lag_that_its_model_lacks():
     nominal = result.nominal("engine.yaml", "0" * 64, {})
     known = add_sensor_lags(reduce_monitor(monitor_from_nominal(engine, nominal)))
     assert not any(v.test.alarm for v in judged(known, later) if v.test)
-    certain = reduce_monitor(monitor_from_nominal(engine, replace(nominal, lagging=())))
+    certain = reduce_monitor(monitor_from_nominal(engine, replace(nominal, sensor_lags=())))
     # offsets that a few recordings leave wide take some of it, as an error that this recording has throughout
     statistics = [[v.test.statistic for v in judged(m, later) if v.test] for m in (known, certain)]
     assert np.mean(statistics[1]) > 1.5 * np.mean(statistics[0])
