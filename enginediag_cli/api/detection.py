@@ -276,7 +276,6 @@ class FollowResult(Result):
 
     def _compute(self) -> Iterator[Row]:
         from enginediag_cli.report.tables.detection import FOLLOW, report_new_instruments
-        from enginediag_cli.report.tables.recordings import report_excluded, report_mismatches
 
         alarms: dict[tuple[str, str, str], bool] = {}
         wrong: dict[tuple[str, str, str], set[str]] = {}
@@ -341,7 +340,7 @@ class MethodResult(VerdictResult):
     """The verdicts of another method on each window; see `detect_by_method`."""
 
     def __init__(self, comparison: Comparison, name: str, healthy: Sequence[str], false_alarm: float):
-        from enginediag_cli.report.tables.detection import BY_METHOD
+        from enginediag_cli.report.tables.detection import METHOD
         from enginediag_cli.residuals.files import WindowSettings
 
         self._comparison, self._false_alarm = comparison, false_alarm
@@ -353,10 +352,8 @@ class MethodResult(VerdictResult):
         self._files = files = comparison.files(monitor)
         self._fitted = self._learnt(resolve_recordings(tuple(healthy)) if self._method.learns else None)
         notes = {"method": self._method.name, "false_alarm": str(false_alarm)}
-        head = comparison.head(
-            "detect", BY_METHOD, files.intake, notes, configs=tuple(healthy), judging=WindowSettings()
-        )
-        super().__init__(table=BY_METHOD, head=head, messages=comparison.messages)
+        head = comparison.head("detect", METHOD, files.intake, notes, configs=tuple(healthy), judging=WindowSettings())
+        super().__init__(table=METHOD, head=head, messages=comparison.messages)
         self.unread = files.intake.unread
 
     def _learnt(self, healthy: RecordingSource | None) -> FittedMethod:
@@ -390,7 +387,7 @@ class MethodResult(VerdictResult):
             place = found.window.place
             files.counts.update(outside=place.outside, incomplete=place.incomplete)
             files.extrapolation.update(place.extrapolation)
-            yield BY_METHOD.row(MethodRow(found, self._method))
+            yield METHOD.row(MethodRow(found, self._method))
 
 
 def detect_by_method(

@@ -321,7 +321,6 @@ def _training(
     from enginediag_cli.intake.loader import MOST, Intake, Thinning, whole_flights
     from enginediag_cli.intake.selection import columns_of
     from enginediag_cli.report.tables.identification import probe_lines, repeat_lines
-    from enginediag_cli.report.tables.recordings import report_excluded, report_mismatches, report_thinning
 
     agreement = check_against_engine(engine)
     intake = RecordingLoader(source, required_columns(engine, past=True), agreement=agreement)

@@ -371,7 +371,7 @@ class Comparison:
         if baseline is None:
             return None
         from enginediag_cli.identification.nominal_checks import set_map_accuracy
-        from enginediag_cli.report.tables.recordings import tell_baseline
+        from enginediag_cli.report.tables.recordings import report_baseline
         from enginediag_cli.residuals.monitor import build_monitor
 
         accuracy = self.options.model_error
@@ -449,7 +449,7 @@ def open_intake(source: RecordingSource, monitor: Monitor | None) -> RecordingLo
 def report_exclusions(messages: Messages, files: WindowReader) -> None:
     """Report mismatches, unread files and excluded data."""
     from enginediag_cli.report.sentences import count
-    from enginediag_cli.report.tables.recordings import report_excluded, report_mismatches
+    from enginediag_cli.report.tables.recordings import report_mismatches
 
     report_mismatches(messages, files.intake.mismatches)
     for file, reason in files.intake.unread.items():

@@ -156,8 +156,8 @@ class TrendResult(Result):
         """Read the series of flights, with margins if requested, and the files it comes from."""
         from enginediag_cli.detection.series import build_series
         from enginediag_cli.fleets.maintenance import assess_margins
-        from enginediag_cli.report.tables.margin import tell_margins
-        from enginediag_cli.report.tables.trend import tell_instruments_in_flights
+        from enginediag_cli.report.tables.margin import report_margins
+        from enginediag_cli.report.tables.trend import report_instruments_over_flights
         from enginediag_cli.residuals.reduced import comparison_monitor
 
         choices, monitor, margins = self._choices, self._monitor, None
@@ -165,12 +165,12 @@ class TrendResult(Result):
         if choices.follows_margin and monitor is not None:
             files = self._comparison.files(comparison_monitor(monitor), summed=self._whole, series=True)
             margins = assess_margins(files, monitor, question)
-            tell_margins(self.messages, margins)
+            report_margins(self.messages, margins)
             if choices.what == "margin":
                 return margins.series, margins, files
         files = self._comparison.files(monitor, summed=self._whole, series=True)
         series = build_series(files, "covariance" if choices.what == "trend" else "whole")
-        tell_instruments_in_flights(self.messages, series)
+        report_instruments_over_flights(self.messages, series)
         if monitor is None and series.stretches and choices.what == "trend":
             self.messages.note(
                 "without --nominal it is not known which inputs are weather and which set the power: what follows the "
@@ -218,8 +218,8 @@ class TrendResult(Result):
         self, engine: str, story: Any, scoping: WorkScopeEstimator | None, before: Sequence[Row]
     ) -> list[Row]:
         from enginediag_cli.fleets.maintenance import maintenance_effects, mean_conditions
-        from enginediag_cli.report.tables.answers import maintenance_row, tell_maintenance, tell_scope
-        from enginediag_cli.report.tables.trend import component_rows, tell_story, trend_rows
+        from enginediag_cli.report.tables.answers import maintenance_row, report_maintenance, report_work_scope
+        from enginediag_cli.report.tables.trend import component_rows, report_trend, trend_rows
 
         choices, series, messages = self._choices, self._series, self.messages
         form = "" if choices.work_scope == "sentences" else choices.work_scope
@@ -228,7 +228,7 @@ class TrendResult(Result):
         scope = None
         if scoping is not None and story.events and (form or not messages.quiet):
             scope = scoping.series_scope(story, series.parameters, mean_conditions(series.stretches[engine]))
-        tell_scope(messages, engine, scope)
+        report_work_scope(messages, engine, scope)
         rows = list(as_rows(engine, story, series, scope, form))
         if scoping is not None:
             for found in maintenance_effects(scoping, series, engine, tuple(choices.events)):

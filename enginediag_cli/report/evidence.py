@@ -18,9 +18,9 @@ from enginediag_cli.intake.selection import RecordingSource, required_columns
 from enginediag_cli.parameters import Parameter, unspecified
 from enginediag_cli.progress import each, stage
 from enginediag_cli.report import result_files as kinds
-from enginediag_cli.report.plotting import Origin
-from enginediag_cli.report.result_files import Kind, Records, Result, Row, records_of
-from enginediag_cli.report.tables.recordings import elsewhere_lines, left_out_lines, not_judged_lines
+from enginediag_cli.report.plotting import RowOrigin
+from enginediag_cli.report.result_files import ResidualRecords, ResultFile, ResultKind, Row, residual_records
+from enginediag_cli.report.tables.recordings import excluded_lines, not_judged_lines, outside_envelope_lines
 from enginediag_cli.residuals.files import WindowReader, WindowSettings, record_residuals
 from enginediag_cli.residuals.monitor import Monitor, recording_agreement
 from enginediag_cli.residuals.windows import WindowStatistics
@@ -96,7 +96,7 @@ def collect_evidence(results: Sequence[ResultFile], known: Mapping[str, Paramete
                 mine = found.engines.setdefault(window.engine, EngineEvidence(window.engine))
                 if window.statistics is not None:
                     window = replace(window, statistics=marginalise_nuisance(window.statistics))
-                mine.windows.append((window, Origin(result.name, str(first + number))))
+                mine.windows.append((window, RowOrigin(result.name, str(first + number))))
     for name, unit in _named(found):
         found.known.setdefault(name, unspecified(name, unit))
     return found
@@ -180,8 +180,8 @@ def _detection_rows(question: RecordingsQuestion, left_out: list[str]) -> Iterat
         row = DETECT.row(judge(window, question.false_alarm, monitor=question.monitor), DETECTABLE)
         yield Row(row, _window_origin(window))
     for left in files.intake.left_out:
-        left_out += left_out_lines(left)
-    left_out += [*not_judged_lines(files.counts), *elsewhere_lines(files.extrapolation)]
+        left_out += excluded_lines(left)
+    left_out += [*not_judged_lines(files.counts), *outside_envelope_lines(files.extrapolation)]
 
 
 def _isolation_rows(question: RecordingsQuestion, windows: list[WindowStatistics]) -> Iterator[Row]:
@@ -206,14 +206,14 @@ def _isolation_rows(question: RecordingsQuestion, windows: list[WindowStatistics
 
 
 @stage("following the series")
-def _series(question: Question) -> dict[kinds.Kind, list[Row]]:
+def _series(question: Question) -> dict[kinds.ResultKind, list[Row]]:
     from enginediag_cli.detection.series import build_series
     from enginediag_cli.isolation.timeline import diagnose_engines
     from enginediag_cli.report.tables.trend import flight_rows, trend_rows
     from enginediag_cli.residuals.reduced import monitor_for_series
 
     series = build_series(_series_files(question, monitor_for_series(question.suspicious)))
-    told: dict[kinds.Kind, list[Row]] = {kinds.FLIGHTS: [], kinds.TREND: []}
+    told: dict[kinds.ResultKind, list[Row]] = {kinds.FLIGHTS: [], kinds.TREND: []}
     for row in flight_rows(series):
         window = series.stretches[row["engine"]][row["number"] - 1].window
         told[kinds.FLIGHTS].append(Row(row, _window_origin(window)))

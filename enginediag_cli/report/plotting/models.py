@@ -35,7 +35,6 @@ from enginediag_cli.report.plotting import (
     RowOrigin,
     Value,
     chart_columns,
-    display_scale,
 )
 from enginediag_cli.report.plotting.health import (
     TrendCourse,

@@ -18,8 +18,8 @@ from enginediag_cli.engine.overview import design_table, heating_value_doubts
 from enginediag_cli.intake.loader import ExcludedData, GrossCounts
 from enginediag_cli.intake.selection import NominalBaseline
 from enginediag_cli.report.messages import Messages
-from enginediag_cli.report.sentences import count, rounded, with_unit
-from enginediag_cli.report.tables import Table, as_column, column, part
+from enginediag_cli.report.sentences import count, format_quantity, rounded
+from enginediag_cli.report.tables import Table, column, object_column, part
 from enginediag_cli.residuals.windows import Extrapolation
 from enginediag_cli.units import split_column
 
