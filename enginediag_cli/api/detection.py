@@ -276,6 +276,7 @@ class FollowResult(Result):
 
     def _compute(self) -> Iterator[Row]:
         from enginediag_cli.report.tables.detection import FOLLOW, report_new_instruments
+        from enginediag_cli.report.tables.recordings import report_excluded, report_mismatches
 
         alarms: dict[tuple[str, str, str], bool] = {}
         wrong: dict[tuple[str, str, str], set[str]] = {}
@@ -286,8 +287,8 @@ class FollowResult(Result):
             self.findings = sum(alarms.values()) + sum(map(bool, wrong.values()))
             self.judged += 0 if report.reason else report.judged
             yield FOLLOW.row(report)
-        tell_mismatches(self.messages, intake.mismatches)
-        tell_left_out(self.messages, intake.left_out, following.counts, following.extrapolation)
+        report_mismatches(self.messages, intake.mismatches)
+        report_excluded(self.messages, intake.excluded, following.counts, following.extrapolation)
         counts = {"flights": len(alarms), "alarms": sum(alarms.values()), "instruments": sum(map(bool, wrong.values()))}
         beside = f", {counts['instruments']} with an instrument that is stuck or scatters" * bool(counts["instruments"])
         self.messages.note(f"{counts['alarms']} of {len(alarms)} flights with an alarm{beside}", counts=counts)

@@ -317,18 +317,19 @@ def _training(
     """Read the recordings to fit; return them with the columns of excluded probes."""
     from enginediag_cli.identification.probes import drop_probes, wrong_probes
     from enginediag_cli.identification.problem import drop_repeats
-    from enginediag_cli.intake.agreement import agreement_with_engine
-    from enginediag_cli.intake.loader import MOST, Intake, Thinning, whole_flights
-    from enginediag_cli.intake.selection import columns_of
+    from enginediag_cli.intake.agreement import check_against_engine
+    from enginediag_cli.intake.loader import MOST, RecordingLoader, Thinning, load_flights
+    from enginediag_cli.intake.selection import required_columns
     from enginediag_cli.report.tables.identification import probe_lines, repeat_lines
+    from enginediag_cli.report.tables.recordings import report_excluded, report_mismatches, report_thinning
 
     agreement = check_against_engine(engine)
     intake = RecordingLoader(source, required_columns(engine, past=True), agreement=agreement)
     thinning = Thinning(0 if choices.first else MOST)
-    training = [flight.recording for flight in whole_flights(intake, thinning)]
-    tell_thinning(messages, thinning)
-    tell_left_out(messages, intake.left_out)
-    tell_mismatches(messages, intake.mismatches)
+    training = [flight.recording for flight in load_flights(intake, thinning)]
+    report_thinning(messages, thinning)
+    report_excluded(messages, intake.excluded)
+    report_mismatches(messages, intake.mismatches)
     training, repeats = drop_repeats(training, (*engine.inputs, *engine.sensors))
     for line in repeat_lines(repeats):
         messages.warning(line)

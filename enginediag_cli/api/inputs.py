@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from enginediag_cli.engine.engine import Engine
-    from enginediag_cli.intake.loader import Intake
+    from enginediag_cli.intake.loader import RecordingLoader
     from enginediag_cli.report.tables import Table
     from enginediag_cli.residuals.files import WindowReader, WindowSettings
     from enginediag_cli.residuals.monitor import Monitor
@@ -439,22 +439,22 @@ def open_intake(source: RecordingSource, monitor: Monitor | None) -> RecordingLo
     from enginediag_cli.intake.selection import required_columns
 
     if monitor is None:
-        return Intake(source, None, keep_going=True)
+        return RecordingLoader(source, None, keep_going=True)
     from enginediag_cli.residuals.monitor import recording_agreement
 
-    wanted = columns_of(monitor.engine, monitor.sensors)
-    return Intake(source, wanted, agreement=recording_agreement(monitor), keep_going=True)
+    wanted = required_columns(monitor.engine, monitor.sensors)
+    return RecordingLoader(source, wanted, agreement=recording_agreement(monitor), keep_going=True)
 
 
 def report_exclusions(messages: Messages, files: WindowReader) -> None:
     """Report mismatches, unread files and excluded data."""
     from enginediag_cli.report.sentences import count
-    from enginediag_cli.report.tables.recordings import report_mismatches
+    from enginediag_cli.report.tables.recordings import report_excluded, report_mismatches
 
     report_mismatches(messages, files.intake.mismatches)
     for file, reason in files.intake.unread.items():
         messages.error(f"not read to its end, the other files are judged: {reason}", file=file)
-    tell_left_out(messages, files.intake.left_out, files.counts, files.extrapolation)
+    report_excluded(messages, files.intake.excluded, files.counts, files.extrapolation)
     if files.ledger.repeated:
         messages.warning(f"{count(files.ledger.repeated, 'row')} of statistics given twice, and counted once")
     if files.ledger.overlapping:

@@ -50,7 +50,7 @@ from enginediag_cli.detection.verdict import (
     low_scatter_reason,
     one_channel_reason,
 )
-from enginediag_cli.intake.loader import GrossCounts, Intake, LeftOut, live_chunks
+from enginediag_cli.intake.loader import ExcludedData, GrossCounts, RecordingLoader, follow_chunks
 from enginediag_cli.recordings.repeated import StuckRun
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.gross_errors import FEWEST, UNRELATED, find_brief_departures
@@ -539,7 +539,7 @@ class FlightFollower:
         for flight in flights.values():
             yield from self._finish_flight(flight)
 
-    def _excluded_data(self, key: Key) -> LeftOut:
+    def _excluded_data(self, key: Key) -> ExcludedData:
         """What was left out of the file of a flight."""
         of_file = [left for left in self.intake.excluded if left.file == key[0]]
         return (of_file or self.intake.excluded)[-1]

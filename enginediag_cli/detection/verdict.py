@@ -337,7 +337,7 @@ def judge(
         channel = "" if monitor is None or window.checked else _decisive_channel(window, monitor, false_alarm)
         return replace(found, verdict=NO_VERDICT, reason=one_channel_reason(channel)) if channel else found
     if window.disagreement is not None and window.is_doubtful:
-        reason = f"the recording is likelier wrong than the engine: {window.disagreement.what}"
+        reason = f"the recording is likelier wrong than the engine: {window.disagreement.description}"
         return replace(found, verdict=NO_VERDICT, reason=reason)
     if window.extrapolated > MOSTLY * statistics.n:
         return replace(found, verdict=NO_VERDICT, reason=extrapolation_reason(window.extrapolated, statistics.n))

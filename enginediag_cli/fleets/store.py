@@ -438,9 +438,9 @@ def _condense_together(
     making: CondensingSettings, store: FleetStore, todo: dict[str, str]
 ) -> dict[str, CondenseOutcome]:
     monitor = series_monitor(making.nominal, making.fingerprint)
-    wanted = columns_of(monitor.engine, monitor.sensors)
-    source = Source(tuple(todo), making.recorder or None, accept_mismatch=making.accept_mismatch)
-    intake = Intake(source, wanted, fleet=True, agreement=recording_agreement(monitor))
+    wanted = required_columns(monitor.engine, monitor.sensors)
+    source = RecordingSource(tuple(todo), making.recorder or None, accept_mismatch=making.accept_mismatch)
+    intake = RecordingLoader(source, wanted, fleet=True, agreement=recording_agreement(monitor))
     found: dict[str, CondenseOutcome] = {}
     with ExitStack() as stack:
         keeping = {
@@ -459,7 +459,7 @@ def _condense_together(
             mine = (left for left in intake.excluded if left.file == window.source)
             masked = [run for left in mine if left.engine in ("", window.engine) for run in left.stuck]
             keeping[window.source].take(gate.annotate(window, masked))
-        gate.report(intake.left_out)
+        gate.report(intake.excluded)
         for path, kept in keeping.items():
             left_out = tuple(left for left in intake.excluded if left.file == path)
             found[path] = CondenseOutcome(path, kept.close(left_out), fresh=True)

@@ -20,10 +20,10 @@ import numpy as np
 from enginediag_cli.engine.tape import MOMENT, NO_MOMENT
 from enginediag_cli.errors import DataError, EngineDiagError, NoVerdictError
 from enginediag_cli.identification.problem import TrainingRecording, select_records, training_recordings
-from enginediag_cli.intake.agreement import SAMPLED, Agreement, Disagreement, MismatchError
-from enginediag_cli.intake.selection import STDIN, Source, Wanted, refuse_repeated
-from enginediag_cli.recordings.masking import Judged, LiveMasker, Masker
-from enginediag_cli.recordings.read import read, table_file
+from enginediag_cli.intake.agreement import SAMPLED, AgreementCheck, MismatchError, RecordingMismatch
+from enginediag_cli.intake.selection import STDIN, RecordingSource, RequiredColumns, refuse_duplicates
+from enginediag_cli.recordings.masking import LiveMasker, MaskingRules, RecordMasker
+from enginediag_cli.recordings.read import open_table, read
 from enginediag_cli.recordings.repeated import StuckRun
 from enginediag_cli.recordings.source import GrowingFile, needs_whole_file
 from enginediag_cli.recordings.table import (

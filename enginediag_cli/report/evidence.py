@@ -97,7 +97,7 @@ def collect_evidence(results: Sequence[ResultFile], known: Mapping[str, Paramete
                 if window.statistics is not None:
                     window = replace(window, statistics=marginalise_nuisance(window.statistics))
                 mine.windows.append((window, RowOrigin(result.name, str(first + number))))
-    for name, unit in _named(found):
+    for name, unit in _named_parameters(found):
         found.known.setdefault(name, unspecified(name, unit))
     return found
 
@@ -179,7 +179,7 @@ def _detection_rows(question: RecordingsQuestion, left_out: list[str]) -> Iterat
     for window, _ in each(files.windows(), "windows judged"):
         row = DETECT.row(judge(window, question.false_alarm, monitor=question.monitor), DETECTABLE)
         yield Row(row, _window_origin(window))
-    for left in files.intake.left_out:
+    for left in files.intake.excluded:
         left_out += excluded_lines(left)
     left_out += [*not_judged_lines(files.counts), *outside_envelope_lines(files.extrapolation)]
 
@@ -206,7 +206,7 @@ def _isolation_rows(question: RecordingsQuestion, windows: list[WindowStatistics
 
 
 @stage("following the series")
-def _series(question: Question) -> dict[kinds.ResultKind, list[Row]]:
+def _trend_rows(question: RecordingsQuestion) -> dict[kinds.ResultKind, list[Row]]:
     from enginediag_cli.detection.series import build_series
     from enginediag_cli.isolation.timeline import diagnose_engines
     from enginediag_cli.report.tables.trend import flight_rows, trend_rows
@@ -225,7 +225,7 @@ def _series(question: Question) -> dict[kinds.ResultKind, list[Row]]:
 
 
 @stage("following the margin")
-def _margins(question: Question, left_out: list[str]) -> list[Row]:
+def _margin_rows(question: RecordingsQuestion, left_out: list[str]) -> list[Row]:
     from enginediag_cli.fleets.maintenance import assess_margins
     from enginediag_cli.report.tables.margin import margin_rows, odd_events
     from enginediag_cli.residuals.reduced import comparison_monitor, monitor_for_series
@@ -281,20 +281,20 @@ ALTITUDE = "altitude_m"
 """The input of every engine that flies."""
 
 
-def _files(question: Question, monitor: Monitor) -> WindowReader:
+def _judged_files(question: RecordingsQuestion, monitor: Monitor) -> WindowReader:
     return WindowReader(_intake(question, monitor), monitor, question.judging)
 
 
-def _series_files(question: Question, monitor: Monitor) -> WindowReader:
+def _series_files(question: RecordingsQuestion, monitor: Monitor) -> WindowReader:
     """Windows that are compared with each other; a reference is of the series, not of a window."""
     plan = question.judging.plan
     judging = replace(question.judging, plan=plan.series_plan, reference=0)
     return WindowReader(_intake(question, monitor), monitor, judging, summed=plan.is_whole_flight, series=True)
 
 
-def _intake(question: RecordingsQuestion, monitor: Monitor) -> Intake:
-    wanted = columns_of(monitor.engine, monitor.sensors)
-    return Intake(question.source, wanted, agreement=recording_agreement(monitor), keep_going=True)
+def _intake(question: RecordingsQuestion, monitor: Monitor) -> RecordingLoader:
+    wanted = required_columns(monitor.engine, monitor.sensors)
+    return RecordingLoader(question.source, wanted, agreement=recording_agreement(monitor), keep_going=True)
 
 
 def _window_origin(window: Any) -> RowOrigin:

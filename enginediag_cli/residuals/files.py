@@ -317,7 +317,7 @@ class WindowReader:
         for name, reason in self.intake.unread.items():
             yield unread_window(name, reason), {}
 
-    def _condense_recording(self, file: File) -> Iterator[Window]:
+    def _condense_recording(self, file: LoadedFile) -> Iterator[Window]:
         monitor = self.monitor
         if monitor is None:
             raise DataError(f"{file.name}: a recording needs --nominal; only what residual has written does without")
@@ -336,7 +336,7 @@ class WindowReader:
             here = (window.source, window.flight, window.engine)
             found = next((one for one in self.intake.mismatches if one.concerns(*here)), None)
             yield replace(gate.annotate(window, masked), disagreement=found), monitor.meaning
-        gate.report(left for left in self.intake.left_out if left.file == file.name)
+        gate.report(left for left in self.intake.excluded if left.file == file.name)
 
     def _windows(self, monitor: Monitor, recordings: Iterable[Recording], name: str) -> Iterator[WindowStatistics]:
         judging, linearise = self.judging, self.judging.linearise
@@ -371,10 +371,10 @@ class WindowReader:
         self._reduced_monitor = self._reduced_monitor or add_sensor_lags(reduce_monitor(monitor))
         return self._reduced_monitor
 
-    def _read_statistics(self, file: File) -> Iterator[Window]:
+    def _read_statistics(self, file: LoadedFile) -> Iterator[Window]:
         assert file.table is not None
         refuse_ignored_options(self.user_options, file.table.name)
-        self.intake.inherit(file.table.provenance)
+        self.intake.add_provenance(file.table.provenance)
         form = drop_nuisance if self.series else marginalise_nuisance
         for window, known in read_statistics(file.table.lines, file.table.name, self.ledger):
             drifting = {n for n, p in known.items() if p.of_instrument and p.quantity == DRIFT and not self.drifts}

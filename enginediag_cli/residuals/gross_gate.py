@@ -500,7 +500,7 @@ class LiveGate:
         for run in masked:
             gone[(line >= run.first_line) & (line <= run.last_line), monitor.sensors.index(run.column)] = True
         for name, mask in masks.items():
-            for run in stuck_runs(name, column[name], line, mask):
+            for run in list_stuck_runs(name, column[name], line, mask):
                 self._extend_run(run, line)
         return gone
 

@@ -377,7 +377,7 @@ def _add_drifts(engine: MonitoredModel, sensors: Sequence[str]) -> MonitoredMode
 
 
 def build_monitor(
-    baseline: Baseline, patterns: Sequence[str] = (), *, sensors: bool = False, drifts: bool = False
+    baseline: NominalBaseline, patterns: Sequence[str] = (), *, sensors: bool = False, drifts: bool = False
 ) -> Monitor:
     """Monitor of a baseline; patterns as in `monitor_from_nominal`; sensors: bias and scale of every sensor in use and
     of every input channel, and bleed valves, may have changed, too; drifts: these instruments may drift as well. Raises
@@ -404,7 +404,7 @@ def build_monitor(
     return replace(monitor, nominal=monitor.nominal + changed)
 
 
-def recording_agreement(monitor: Monitor) -> Agreement | None:
+def recording_agreement(monitor: Monitor) -> AgreementCheck | None:
     """What recordings are compared with before they are judged by a monitor; None for one of a model without an engine
     file."""
     if not hasattr(monitor.engine, "network"):

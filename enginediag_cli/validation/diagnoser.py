@@ -27,8 +27,8 @@ from enginediag_cli.engine.engine import Engine
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.nominal_file import write_nominal
 from enginediag_cli.identification.problem import drop_repeats
-from enginediag_cli.intake.loader import Intake, whole_flights
-from enginediag_cli.intake.selection import Source, columns_of, open_baseline
+from enginediag_cli.intake.loader import RecordingLoader, load_flights
+from enginediag_cli.intake.selection import RecordingSource, open_baseline, required_columns
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions
 from enginediag_cli.isolation.windows import IsolatedWindow, WindowIsolation
 from enginediag_cli.mismatch.explain.answer import IDENTIFIED, Answer, Explanation
@@ -46,7 +46,7 @@ from enginediag_cli.parallel import answer_questions
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import candidate_effects
-from enginediag_cli.recordings.provenance import sha256_of
+from enginediag_cli.recordings.provenance import file_sha256
 from enginediag_cli.residuals.files import WindowReader
 from enginediag_cli.residuals.long_windows import RecordHistory
 from enginediag_cli.residuals.monitor import build_monitor
@@ -195,8 +195,8 @@ def identify_once(engine_path: Path, healthy: tuple[str, ...]) -> IdentifiedEngi
     """The engine identified on these files; kept while questions are about the same ones."""
     begun = process_time()
     engine = load_engine(engine_path)
-    intake = Intake(Source(healthy), columns_of(engine))
-    training, _ = drop_repeats([f.recording for f in whole_flights(intake)], (*engine.inputs, *engine.sensors))
+    intake = RecordingLoader(RecordingSource(healthy), required_columns(engine))
+    training, _ = drop_repeats([f.recording for f in load_flights(intake)], (*engine.inputs, *engine.sensors))
     found = identify(engine, training)
     path = None
     if found.converged:
@@ -218,7 +218,9 @@ def isolate(question: Mapping[str, Any]) -> dict[str, Any]:
 
 def _windows(nominal: Path, judged: str) -> Sequence[IsolatedWindow]:
     monitor = build_monitor(open_baseline(nominal), sensors=True, drifts=True)
-    files = WindowReader(Intake(Source((judged,)), columns_of(monitor.engine, monitor.sensors)), monitor)
+    files = WindowReader(
+        RecordingLoader(RecordingSource((judged,)), required_columns(monitor.engine, monitor.sensors)), monitor
+    )
     kept = RecordHistory(monitor, short_windows=False)
     return list(WindowIsolation(files, DiagnosisOptions(), FALSE_ALARM, kept_records=kept).windows())
 
@@ -227,8 +229,8 @@ def _window(found: IsolatedWindow, engine: Engine) -> dict[str, Any]:
     """The answer for one window: verdict, sets of places with their probabilities (the answer first, with the
     instruments that are stuck or scatter), sizes; `changed`: of each place of the answer the probability that it
     changed, whatever else did."""
-    told: dict[str, Any] = {"verdict": found.verdict.including_instruments, "why": found.verdict.reason}
-    told["named"] = found.named
+    reported: dict[str, Any] = {"verdict": found.verdict.including_instruments, "why": found.verdict.reason}
+    reported["named"] = found.named
     if found.diagnosis is None:
         return reported
     result, place = found.diagnosis.result, _places(found.meaning, engine)

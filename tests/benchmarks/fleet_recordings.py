@@ -20,8 +20,8 @@ from enginediag_cli.detection.series import build_series
 from enginediag_cli.fleets.engine_judgement import judge_engine
 from enginediag_cli.fleets.findings import EngineHistory, FleetSettings
 from enginediag_cli.fleets.run import judge_fleet
-from enginediag_cli.intake.loader import Intake
-from enginediag_cli.intake.selection import Source, columns_of, open_baseline
+from enginediag_cli.intake.loader import RecordingLoader
+from enginediag_cli.intake.selection import RecordingSource, open_baseline, required_columns
 from enginediag_cli.residuals.files import WindowReader, WindowSettings
 from enginediag_cli.residuals.monitor import build_monitor
 from enginediag_cli.residuals.reduced import monitor_for_series
@@ -77,7 +77,9 @@ def main() -> None:
         enginediag("identify", ENGINE, *learnt, "--no-cross-validation", "-q", "-o", folder / "nominal.yaml")
         monitor = build_monitor(open_baseline(folder / "nominal.yaml"), sensors=True)
         monitor = monitor_for_series(monitor)
-        intake = Intake(Source(tuple(str(f) for f, _ in files)), columns_of(monitor.engine, monitor.sensors))
+        intake = RecordingLoader(
+            RecordingSource(tuple(str(f) for f, _ in files)), required_columns(monitor.engine, monitor.sensors)
+        )
         plan = WindowSettings(WindowPlan().of_series)
         series = build_series(WindowReader(intake, monitor, plan, series=True), law="none")
     settings = FleetSettings(thorough=False)

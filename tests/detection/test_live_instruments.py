@@ -9,8 +9,8 @@ import pytest
 from known_engine import climb, recorded, write_known
 
 from enginediag_cli.detection.follow import FlightFollower
-from enginediag_cli.intake.loader import Intake
-from enginediag_cli.intake.selection import Source, columns_of, open_baseline
+from enginediag_cli.intake.loader import RecordingLoader
+from enginediag_cli.intake.selection import RecordingSource, open_baseline, required_columns
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv
@@ -36,7 +36,7 @@ def followed(monitor, path: Path, wrong):
     for column, become in wrong.items():
         table[column] = np.concatenate([table[column][:SINCE], become(table[column][SINCE:])])
     write_csv(path, [Recording(table)])
-    intake = Intake(Source((str(path),)), columns_of(monitor.engine, monitor.sensors))
+    intake = RecordingLoader(RecordingSource((str(path),)), required_columns(monitor.engine, monitor.sensors))
     return list(FlightFollower(intake, monitor, 0.01, idle_s=0.0).reports())
 
 

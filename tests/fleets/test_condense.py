@@ -38,7 +38,9 @@ def test_each_engine_has_its_flights_and_the_readings_that_trend_has_of_them(fle
     assert [task.serial for task in tasks] == ["1", "2", "3", "4"]
     task = tasks[1]
     monitor = whole_monitor(task.nominal, task.fingerprint)
-    intake = Intake(Source((str(fleet_file.parent / "engine_2.csv"),)), columns_of(monitor.engine, monitor.sensors))
+    intake = RecordingLoader(
+        RecordingSource((str(fleet_file.parent / "engine_2.csv"),)), required_columns(monitor.engine, monitor.sensors)
+    )
     files = WindowReader(intake, monitor, WindowSettings(task_plan(fleet_file)), summed=True, series=True)
     by_trend, mine = build_series(files, law="none").readings(""), readings(task)
     assert mine.z.shape == by_trend.z.shape

@@ -142,7 +142,9 @@ def followed(engine, folder: Path, states, rng):
     write_csv(folder / "series.csv", [Recording(table, {"flight": labels.tolist()})])
     monitor = build_monitor(open_baseline(str(folder / "nominal.yaml")), sensors=True)
     files = WindowReader(
-        Intake(Source((str(folder / "series.csv"),)), columns_of(monitor.engine, monitor.sensors)),
+        RecordingLoader(
+            RecordingSource((str(folder / "series.csv"),)), required_columns(monitor.engine, monitor.sensors)
+        ),
         monitor,
         WindowSettings(WindowPlan().of_series),
         summed=True,

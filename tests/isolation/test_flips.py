@@ -148,7 +148,9 @@ def answer(monitor, path: Path, wrong: dict[tuple[str, str], float], health: dic
         table[column] = table[column] * (1 + size) if form == "scale" else table[column] + size
     write_csv(path, [Recording(table)])
     kept = RecordHistory(monitor, short_windows=False)
-    files = WindowReader(Intake(Source((str(path),)), columns_of(monitor.engine, monitor.sensors)), monitor)
+    files = WindowReader(
+        RecordingLoader(RecordingSource((str(path),)), required_columns(monitor.engine, monitor.sensors)), monitor
+    )
     isolating = WindowIsolation(
         files,
         DiagnosisOptions(),

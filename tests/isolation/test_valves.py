@@ -44,7 +44,9 @@ def test_a_valve_that_passes_two_per_cent_is_no_compressor(monitor, valve: str, 
         table = recorded(engine, climb(engine, RECORDS), {valve: 0.02}, np.random.default_rng(seed))
         path = tmp_path / f"{seed}.csv"
         write_csv(path, [Recording(table)])
-        files = WindowReader(Intake(Source((str(path),)), columns_of(monitor.engine, monitor.sensors)), monitor)
+        files = WindowReader(
+            RecordingLoader(RecordingSource((str(path),)), required_columns(monitor.engine, monitor.sensors)), monitor
+        )
         kept = RecordHistory(monitor, short_windows=False)
         (found,) = WindowIsolation(files, DiagnosisOptions(), 0.01, kept_records=kept).windows()
         result = found.diagnosis.result

@@ -8,8 +8,8 @@ from ground_recordings import CONFIGS
 
 from enginediag_cli.detection.series import Series, build_series
 from enginediag_cli.fleets.findings import EngineHistory
-from enginediag_cli.intake.loader import Intake
-from enginediag_cli.intake.selection import Source, columns_of, open_baseline
+from enginediag_cli.intake.loader import RecordingLoader
+from enginediag_cli.intake.selection import RecordingSource, open_baseline, required_columns
 from enginediag_cli.residuals.files import WindowReader, WindowSettings
 from enginediag_cli.residuals.monitor import build_monitor
 from enginediag_cli.residuals.reduced import monitor_for_series
@@ -21,7 +21,9 @@ RECORDER = CONFIGS / "recorders" / "cmapss.yaml"
 def fleet_series(nominal: Path, recording: Path) -> Series:
     """The flights of every engine, one record each, as `enginediag trend` reads them."""
     monitor = monitor_for_series(build_monitor(open_baseline(nominal), sensors=True))
-    intake = Intake(Source((str(recording),), str(RECORDER)), columns_of(monitor.engine, monitor.sensors))
+    intake = RecordingLoader(
+        RecordingSource((str(recording),), str(RECORDER)), required_columns(monitor.engine, monitor.sensors)
+    )
     files = WindowReader(intake, monitor, WindowSettings(WindowPlan().of_series), series=True)
     return build_series(files, law="none")
 

@@ -133,7 +133,9 @@ def answers(monitor: Monitor, path: Path, tables: list[dict], *, flips: bool = F
     write_flights(path, tables)
     plan = WindowPlan()
     files = WindowReader(
-        Intake(Source((str(path),)), columns_of(monitor.engine, monitor.sensors)), monitor, WindowSettings(plan)
+        RecordingLoader(RecordingSource((str(path),)), required_columns(monitor.engine, monitor.sensors)),
+        monitor,
+        WindowSettings(plan),
     )
     kept = RecordHistory(monitor, short_windows=False)
     return list(

@@ -35,6 +35,7 @@ from enginediag_cli.report.plotting import (
     RowOrigin,
     Value,
     chart_columns,
+    display_scale,
 )
 from enginediag_cli.report.plotting.health import (
     TrendCourse,
@@ -275,8 +276,8 @@ def trend_chart(series: Series, rows: Sequence[Mapping[str, Any]]) -> Chart:
     mine = [row for row in flights if row.text("engine") == engine]
     of_it = [row for row in changed if row["engine"] == engine]
     names = [str(row["parameter"]) for row in of_it] or list(dict.fromkeys(row.text("parameter") for row in mine))
-    _, unit = scale_of(series.parameters[names[0]])
-    names = [name for name in names if scale_of(series.parameters[name])[1] == unit]
+    _, unit = display_scale(series.parameters[names[0]])
+    names = [name for name in names if display_scale(series.parameters[name])[1] == unit]
     one = [row for row in mine if row.text("parameter") == names[0]]
     told = ""
     if of_it:
@@ -289,7 +290,7 @@ def trend_chart(series: Series, rows: Sequence[Mapping[str, Any]]) -> Chart:
     for row in of_it[:1]:
         low, high = order.number_position(row["onset_low"]), order.number_position(row["onset_high"])
         if low is not None:
-            marks.append(Mark(low, f"onset: {series.parameters[names[0]].part}", high))
+            marks.append(EventMark(low, f"onset: {series.parameters[names[0]].part}", high))
     courses = {
         str(row["parameter"]): TrendCourse(
             int(row["onset"]), row["kind"] == "step", row["change"], row["change_low"], row["change_high"]

@@ -73,7 +73,7 @@ def repeat_lines(repeats: Iterable[Repeat]) -> Iterator[str]:
     """What was given twice and is counted once."""
     for r in repeats:
         what = f"all {r.records:,} records" if r.whole else f"{r.records:,} records"
-        yield f"{r.label}: {what} stand in {r.original}, too, and are counted once"
+        yield f"{r.label}: {what} are in {r.original}, too, and are counted once"
 
 
 def bounds_line(bounds: Sequence[ActiveBound]) -> str:

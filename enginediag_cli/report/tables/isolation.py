@@ -108,7 +108,7 @@ class IsolationRow(NamedTuple):
         """That of the test, or that the answer to what it found does not stand; an instrument that is stuck or
         scatters is a fault whatever the test says of the rest."""
         stands = self.adequacy is None or self.adequacy.is_listed
-        return self.found.verdict.including_instruments if stands else CANNOT_TELL
+        return self.isolated_window.verdict.including_instruments if stands else CANNOT_TELL
 
     @property
     def isolated(self) -> list[str] | None:

@@ -54,7 +54,7 @@ class MarginRow(NamedTuple):
     number: int
     stretches: Sequence[FlightWindow]
     used: IntervalEstimate = IntervalEstimate()
-    left: IntervalEstimate = IntervalEstimate()
+    remaining: IntervalEstimate = IntervalEstimate()
     event: EventRow | None = None
     effect: EventEffect | None = None
     parameters: Mapping[str, Parameter] = {}

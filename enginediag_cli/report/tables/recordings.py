@@ -232,7 +232,7 @@ def not_judged_lines(records: Mapping[str, int]) -> Iterator[str]:
             yield f"{count(records[key], 'record')} {what}"
 
 
-def elsewhere_lines(elsewhere: Mapping[Extrapolation, int]) -> Iterator[str]:
+def outside_envelope_lines(elsewhere: Mapping[Extrapolation, int]) -> Iterator[str]:
     """Of records outside the operating points identified: which input it is, and what became of them."""
     for judged, what in ((True, "judged with limits as much wider"), (False, "too far to be judged")):
         by = {w.column: n for w, n in elsewhere.items() if w.judged == judged and n}

@@ -328,7 +328,7 @@ def flight_rows(series: Series) -> Iterator[dict[str, Any]]:
             found = estimate_flight_change(stretch.statistics)
             for name, size, error in zip(found.parameters, found.change, found.standard_error, strict=True):
                 unit = series.parameters[name].unit
-                yield FLIGHTS.row(FlightRow(engine, counts[engine], stretch, found.records, name, size, error, unit))
+                yield FLIGHTS.row(FlightChange(engine, counts[engine], stretch, found.records, name, size, error, unit))
 
 
 def report_instruments_over_flights(messages: Messages, series: Series) -> None:
@@ -398,7 +398,7 @@ def report_trend(messages: Messages, engine: str, story: SeriesDiagnosis, series
             messages.note(f"{name}{since}: not separated: {each}", engine=engine)
 
 
-def _since(event: SeriesEvent, stretches: Sequence[FlightWindow]) -> str:
+def _onset_words(event: SeriesEvent, stretches: Sequence[FlightWindow]) -> str:
     """When it began: flights by their labels, else seconds, else lines, with the interval."""
     at, low, high = (stretches[k - 1].window for k in (event.onset, event.low, event.high))
     word = "at once, from" if event.kind == "step" else "growing, from"
