@@ -117,7 +117,7 @@ class Fits:
             reach = reach_of(best, alone)
             for trial in self._attempted(some, reach):
                 reached = objective_of(trial.found.fit)
-                trial.found.model.rest()
+                trial.found.model.forget_predictions()
                 self.fitted[trial.label] = trial
                 if trial.converged:
                     trials.append(trial)

@@ -41,7 +41,7 @@ def trials_handed(evidence: Dataset, along: Nuisance, options: Sequence[Option])
     def unpack(of: Handed) -> HypothesisFit:
         hypothesis = combine_options(*of.options)
         model, problem, rho = problem_with(evidence, hypothesis, along)
-        model.remember(of.memory)
+        model.restore_memory(of.memory)
         found = IdentifiedHypothesis(evidence, hypothesis, model, problem, of.fit, of.settled, rho)
         return HypothesisFit(of.options, found, Projection.again(found, of.projected))
 

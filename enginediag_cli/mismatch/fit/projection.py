@@ -252,7 +252,7 @@ class Projection:
     def rest(self) -> None:
         """Hold no rows: what asks for them again has them computed again."""
         self._kept = None
-        self.found.model.rest()
+        self.found.model.forget_predictions()
 
     def _computed(self) -> Iterator[Rows]:
         problem, fit = self.found.problem, self.found.fit
