@@ -63,7 +63,7 @@ def nominal(engine, flown):
 
 
 def verdicts(engine, nominal, flown):
-    monitor = reduce_monitor(monitor_from_nominal(InputErrors.of(engine), nominal))
+    monitor = reduce_monitor(monitor_from_nominal(InputErrors.wrap(engine), nominal))
     for k, f in enumerate(flown[6:]):
         n = len(f["time_s"])
         recording = Recording(f, {"flight": ["1"] * n}, line=np.arange(2, n + 2), source=f"judged {k}")
