@@ -80,7 +80,7 @@ def main() -> None:
         intake = RecordingLoader(
             RecordingSource(tuple(str(f) for f, _ in files)), required_columns(monitor.engine, monitor.sensors)
         )
-        plan = WindowSettings(WindowPlan().of_series)
+        plan = WindowSettings(WindowPlan().series_plan)
         series = build_series(WindowReader(intake, monitor, plan, series=True), law="none")
     settings = FleetSettings(thorough=False)
     histories = [EngineHistory(serial, "", mine, BASELINE) for serial, mine in series.stretches.items()]

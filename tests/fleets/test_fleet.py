@@ -26,7 +26,7 @@ def fleet():
 
 
 def test_engines_are_ranked_by_what_they_have_used_and_listed_by_their_e_values(fleet):
-    found = judge_fleet(fleet, QUICK, known().known)
+    found = judge_fleet(fleet, QUICK, known().parameters)
     assert [f.serial for f in found.engines[:3]] == ["11", "10", "9"]
     assert set(found.discoveries.engines) >= {"10", "11"} and set(found.discoveries.engines) <= {"9", "10", "11"}
     assert {f.serial for f in found.engines if f.discovery} == set(found.discoveries.engines)
@@ -36,7 +36,7 @@ def test_engines_are_ranked_by_what_they_have_used_and_listed_by_their_e_values(
 
 
 def test_what_one_engine_has_is_not_common(fleet):
-    assert not any(c.common for c in judge_fleet(fleet, QUICK, known().known).common)
+    assert not any(c.common for c in judge_fleet(fleet, QUICK, known().parameters).common)
 
 
 def test_what_all_engines_have_alike_is_told_as_common():
@@ -46,7 +46,7 @@ def test_what_all_engines_have_alike_is_told_as_common():
         judged(engine_history(rng, str(k), 60, lost(60, {"sensor.P3.bias": 1.0 + 0.1 * rng.standard_normal()}, step)))
         for k in range(10)
     ]
-    common = [c for c in judge_fleet(drifted, QUICK, known().known).common if c.common]
+    common = [c for c in judge_fleet(drifted, QUICK, known().parameters).common if c.common]
     assert [c.parameter for c in common] == ["sensor.P3.bias"] and "recorder" in common[0].reading
     sigma = geometry().monitor.meaning["sensor.P3.bias"].prior_sigma
     assert common[0].mean.low < sigma < common[0].mean.high and common[0].alike > 0.95

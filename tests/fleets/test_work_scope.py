@@ -146,7 +146,7 @@ def followed(engine, folder: Path, states, rng):
             RecordingSource((str(folder / "series.csv"),)), required_columns(monitor.engine, monitor.sensors)
         ),
         monitor,
-        WindowSettings(WindowPlan().of_series),
+        WindowSettings(WindowPlan().series_plan),
         summed=True,
         series=True,
     )

@@ -60,7 +60,7 @@ def few_sensors(monitor):
     """The same with three sensors, as an airline records them, and their errors alone."""
     kept = [monitor.sensors.index(column) for column in FEW]
     own = {f"sensor.{column.rsplit('_', 1)[0]}.bias" for column in FEW}
-    monitor = monitor.without([n for n, p in monitor.meaning.items() if p.of_sensor and n not in own])
+    monitor = monitor.drop_parameters([n for n, p in monitor.meaning.items() if p.of_sensor and n not in own])
     return replace(monitor, sensors=FEW, noise=white_noise(monitor.noise.sigma[kept]))
 
 

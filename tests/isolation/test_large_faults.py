@@ -75,7 +75,7 @@ def test_what_is_no_suspect_leaves_the_likelihood_of_other_changes_as_it_is():
     recording = toy_recording(rng, 60, change={"hpc.efficiency": -0.01})
     inputs = {c: recording.columns[c] for c in watched.engine.inputs}
     y = np.column_stack([recording.columns[c] for c in watched.sensors])
-    fewer = watched.without([watched.monitored[1]])
+    fewer = watched.drop_parameters([watched.monitored[1]])
     assert fewer.monitored == (watched.monitored[0], *watched.monitored[2:])
     changes = 0.01 * rng.standard_normal((5, 4))
     changes[:, 1] = 0.0

@@ -51,7 +51,7 @@ def test_a_sensor_against_a_component_is_a_rivalry_and_told_with_both_probabilit
     assert (found.sensors, found.components) == (("sensor.T3.bias",), ("hpc.efficiency",))
     assert (
         sensor_or_component(["T3 sensor bias"], ["HPC isentropic efficiency"], found.p_sensors, found.p_components)
-        == "cannot tell T3 sensor bias from HPC isentropic efficiency: 0.55 against 0.41"
+        == "T3 sensor bias is indistinguishable from HPC isentropic efficiency: 0.55 against 0.41"
     )
     turned = rivalry_of(("hpc.efficiency",), 0.55, Explanation(("sensor.T3.bias",), 0.41))
     assert (turned.p_sensors, turned.p_components) == (0.41, 0.55)

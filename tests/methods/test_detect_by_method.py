@@ -136,7 +136,7 @@ def test_rows_do_not_depend_on_the_windows_that_are_judged_together(run):
         (("--method", "paritty"), "did you mean"),
         (("--method", "parity", "--healthy", "learn1.csv"), "learns nothing"),
         (("--healthy", "learn1.csv"), "--method that learns"),
-        (("--method", "pca_raw", "--healthy", "faulty.csv"), "to be learnt from"),
+        (("--method", "pca_raw", "--healthy", "faulty.csv"), "learnt from"),
         (("--method", "parity", "--detectable"), "--detectable does not go with"),
         (("--method", "parity", "--follow"), "--follow does not go with"),
         (("--method", "parity", "--model-error", "0.2"), "is not in the range"),

@@ -66,9 +66,9 @@ def told():
 
 def test_the_error_that_is_told_makes_the_rival_fit_better_and_a_little_less_does_not(told) -> None:
     search, _, flips = told
-    assert flips.first == ("reynolds_efficiency@hpc",)
+    assert flips.conclusion == ("reynolds_efficiency@hpc",)
     options = {o.label: o for o in effect_options(search.effects)}
-    nearest = next(f for f in flips.found if f.kind == "sensor" and f.becomes and f.what.endswith("bias"))
+    nearest = next(f for f in flips.changes if f.kind == "sensor" and f.conclusion and f.name.endswith("bias"))
     for share, changed in ((0.85, False), (1.15, True)):
         moved = []
         for flight in search.evidence.flights:
@@ -78,14 +78,16 @@ def test_the_error_that_is_told_makes_the_rival_fit_better_and_a_little_less_doe
         wrong = replace(search.evidence, flights=tuple(moved))
         base = identify_with(wrong, NULL_HYPOTHESIS, search.along)
         start = HypothesisFit((), base, Projection(base)).found
-        named, rival = (attempt((options[n],), start, search.along) for n in (flips.first[0], nearest.becomes[0]))
+        named, rival = (
+            attempt((options[n],), start, search.along) for n in (flips.conclusion[0], nearest.conclusion[0])
+        )
         assert named.converged and rival.converged
         assert (rival.weighed < named.weighed) == changed
 
 
 def test_maps_instruments_inputs_and_the_prior_are_tried_and_told_in_order(told) -> None:
     _, _, flips = told
-    assert {f.kind for f in flips.found} >= {"sensor", "prior"}
-    times = [f.times for f in flips.found]
+    assert {f.kind for f in flips.changes} >= {"sensor", "prior"}
+    times = [f.times for f in flips.changes]
     assert times == sorted(times)
     assert flips_sentence(flips, lambda names: list(names)).startswith("the answer would ")

@@ -116,7 +116,7 @@ def test_an_explanation_alone_needs_no_plan(ambiguous):
 
 def _law(form: str, variable: str, probability: float) -> Explanation:
     """A law of this form at the HPC's efficiency."""
-    sizes = (Declared("a", "1", "size", 0.0, -1.0, 1.0, 0.05, 0.01),)
+    sizes = (Declared("a", "1", "size", lower=-1.0, upper=1.0, sigma=0.05, typical=0.01),)
     acts, own = LawPlace("hpc.efficiency", "hpc", "", True), formula_variables(engine().network)[variable]
     law = Law(f"{form}_{variable}", acts, Expression.parse(f"a * ({variable} - 1)"), {variable: own}, sizes)
     found = Effect(law, acts.site, {"a": 0.01})

@@ -13,7 +13,7 @@ from enginediag_cli.mismatch.laws.search import LawSearch
 
 
 def option(kind: str, label: str, place: str = "burner", inputs=PAST) -> SimpleNamespace:
-    term, site = SimpleNamespace(INPUTS=inputs), SimpleNamespace(acts_on=(place,))
+    term, site = SimpleNamespace(INPUTS=inputs), SimpleNamespace(targets=(place,))
     effect = SimpleNamespace(term=term, site=site, amplitudes=("a",))
     return SimpleNamespace(kind=kind, label=label, hypothesis=SimpleNamespace(effects=(effect,)))
 

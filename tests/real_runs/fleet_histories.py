@@ -24,7 +24,7 @@ def fleet_series(nominal: Path, recording: Path) -> Series:
     intake = RecordingLoader(
         RecordingSource((str(recording),), str(RECORDER)), required_columns(monitor.engine, monitor.sensors)
     )
-    files = WindowReader(intake, monitor, WindowSettings(WindowPlan().of_series), series=True)
+    files = WindowReader(intake, monitor, WindowSettings(WindowPlan().series_plan), series=True)
     return build_series(files, law="none")
 
 

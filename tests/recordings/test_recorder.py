@@ -114,7 +114,6 @@ def test_citation_recordings_give_steady_windows_of_both_engines():
         assert all(np.isfinite(values).all() for values in r.columns.values())
         assert np.ptp(r["dT_isa_K"]) < 10.0 and r["N1_rpm"].max() < 1.04 * 15900
         assert np.abs(r["N1_soak_rpm"]).max() < 1200.0
-        assert np.median(engine.standard_error["ITT_K"]) < 1.0
     common = np.intersect1d(left.recording["time_s"], right.recording["time_s"])
     assert len(common) > 0.95 * len(left.recording)
 

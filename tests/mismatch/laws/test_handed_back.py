@@ -28,7 +28,7 @@ def test_formulas_of_a_variable_that_has_moved_come_back_with_their_forms_and_sh
     every = list(formulas(moved))
     assert moved[1].tries  # what was tried is kept with it
     handing = ProcessCodec(shared=in_both(known))
-    back = handing.heard(handing.told({0: every}))[0]
+    back = handing.loads(handing.dumps({0: every}))[0]
     assert [f.form for f in back] == [f.form for f in every] and all(
         b.form is e.form for b, e in zip(back, every, strict=True)
     )
