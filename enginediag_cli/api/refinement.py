@@ -177,23 +177,23 @@ class RefineResult(DocumentResult):
         return list(named_effects(story)), None
 
     def _refusal(self) -> str:
-        from enginediag_cli.report.tables import refinement as refinements
+        from enginediag_cli.report.tables import refinement
 
         if self._control is not None:
-            return "" if self._control.accepted else refinements.control_refinement_refusal(self._control)
-        return "" if self._refinement is None else refinements.refusal(self._refinement)
+            return "" if self._control.accepted else refinement.control_refinement_refusal(self._control)
+        return "" if self._refinement is None else refinement.refusal(self._refinement)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.report.tables import refinement as refinements
+        from enginediag_cli.report.tables import refinement
 
         lines: list[str] = []
         if self._control is not None:
-            yield from refinements.control_refinement_rows(self._control)
-            lines = list(refinements.control_refinement_sentences(self._control))
+            yield from refinement.control_refinement_rows(self._control)
+            lines = list(refinement.control_refinement_sentences(self._control))
         elif self._refinement is not None:
-            rows = list(refinements.rows(self._refinement))
+            rows = list(refinement.rows(self._refinement))
             yield from rows
-            lines = [*refinements.comparison_lines(rows), *refinements.sentences(self._refinement)]
+            lines = [*refinement.comparison_lines(rows), *refinement.sentences(self._refinement)]
         for line in lines:
             self.messages.note(line)
 
@@ -208,13 +208,13 @@ class RefineResult(DocumentResult):
         return super().summary() + ("" if self.accepted else f"\nnot accepted: {self.reason}")
 
     def _document(self, provenance: Sequence[str]) -> Mapping[str, Any]:
-        from enginediag_cli.report.tables import refinement as refinements
+        from enginediag_cli.report.tables import refinement
 
         if self._control is not None:
-            return refinements.control_refinement_document(self._control, tuple(provenance))
+            return refinement.control_refinement_document(self._control, tuple(provenance))
         if self._refinement is None:
             raise NoVerdictError(self.reason)
-        return refinements.document(self._refinement, tuple(provenance))
+        return refinement.document(self._refinement, tuple(provenance))
 
     @property
     def engine(self) -> Engine:
@@ -330,9 +330,9 @@ class RefineResult(DocumentResult):
     def plot(self) -> Picture:
         """Draw the prediction of unseen flights before and after. Raises NoVerdictError where it was not judged."""
         if self._control is not None and self._control.after:
-            from enginediag_cli.report.plotting.discrepancy import control_picture as picture_of_control
+            from enginediag_cli.report.plotting.discrepancy import control_picture
 
-            return Picture(picture_of_control(self._control))
+            return Picture(control_picture(self._control))
         if self._refinement is not None and self._refinement.unseen is not None:
             from enginediag_cli.report.plotting.discrepancy import picture
 

@@ -131,11 +131,11 @@ def _evidence(
     comparison: Comparison, results: list[ResultFile], false_alarm: float, margin: MarginOptions
 ) -> tuple[ReportEvidence, list[str]]:
     """Collect the findings of the results and of recordings that are judged here."""
-    from enginediag_cli.report import result_files as kinds
+    from enginediag_cli.report import result_files
     from enginediag_cli.report.evidence import RecordingsQuestion, collect_evidence, judge_recordings
     from enginediag_cli.report.result_files import known_parameters, nominal_result
 
-    recordings = tuple(result.path for result in results if result.kind is kinds.RECORDING)
+    recordings = tuple(result.path for result in results if result.kind is result_files.RECORDING)
     if not recordings:
         if comparison.given is not None:
             raise DataError(f"--nominal {comparison.nominal}: none of the files is a recording that it could judge")

@@ -445,7 +445,7 @@ def _clock(stretches: Sequence[FlightWindow]) -> np.ndarray:
 
 
 class WindowSource(Protocol):
-    """Windows of several recordings, in order: of files (`JudgedFiles`), or of a store. As these have them."""
+    """Windows of several recordings, in order: of files (`WindowReader`), or of a store. As these have them."""
 
     @property
     def monitor(self) -> Monitor | None: ...

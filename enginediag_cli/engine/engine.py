@@ -138,7 +138,7 @@ class Engine:
 
     @property
     def recalled(self) -> Any:
-        """What its effects remember of recordings, for another process (`recall_again`)."""
+        """What its effects remember of recordings, for another process (`restore_recall`)."""
         return self._recall.memory
 
     def restore_recall(self, recalled: Any) -> None:

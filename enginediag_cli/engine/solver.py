@@ -2,7 +2,7 @@
 
 Each pass evaluates the points that are still open; those that meet the tolerance leave the batch. Far from the
 solution a pass gives the exact Jacobian with the balances, near it the balances alone at less than half the cost, and
-the Jacobian of before serves (`open_points`). Nothing is asked of a balance but that it is continuous: where it has a
+the Jacobian of before serves (`OpenPoints`). Nothing is asked of a balance but that it is continuous: where it has a
 kink, steps gain less and the Jacobian is computed again. A point that does not converge is data: its residuals say
 which balance failed.
 

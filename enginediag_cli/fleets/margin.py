@@ -20,8 +20,7 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.config.hints import near
-from enginediag_cli.detection.forecast import FittedLaws, Population, fit_laws, forecast, learn_population
-from enginediag_cli.detection.forecast import MarginCourse as ForecastCourse
+from enginediag_cli.detection.forecast import FittedLaws, MarginCourse, Population, fit_laws, forecast, learn_population
 from enginediag_cli.detection.series import Series
 from enginediag_cli.engine.wiring import hot_columns
 from enginediag_cli.engine.wrapped import WrappedModel
@@ -206,7 +205,7 @@ RECOVERED_K = 10.0
 """Standard deviation of what maintenance may bring of a margin, in K: washes bring up to as much."""
 
 
-def consumption_course(finding: EngineFinding) -> ForecastCourse | None:
+def consumption_course(finding: EngineFinding) -> MarginCourse | None:
     """Consumption over the flights of a finding; None where it is not known."""
     rows = [r for r in finding.by_flight if np.isfinite(r.consumed_K)]
     if len(rows) < 3:
@@ -229,7 +228,7 @@ def consumption_course(finding: EngineFinding) -> ForecastCourse | None:
 
     noise = np.diag(mean(error**2) / count)
     offset = float(np.sqrt(np.mean(error**2) / max(finding.baseline, 1)))
-    return ForecastCourse(mean(t), mean(y), noise, float(t[-1]), mean(steps), offset, RECOVERED_K)
+    return MarginCourse(mean(t), mean(y), noise, float(t[-1]), mean(steps), offset, RECOVERED_K)
 
 
 def margin_limit(finding: EngineFinding, settings: FleetSettings) -> tuple[float, float] | None:

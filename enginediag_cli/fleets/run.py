@@ -318,7 +318,7 @@ class EngineOutcome:
 
 @dataclass
 class _StoredWindows:
-    """Windows of an engine as `series_of` reads them."""
+    """Windows of an engine as `build_series` reads them."""
 
     task: EngineTask
     monitor: Monitor

@@ -3,8 +3,8 @@
 Instruments that differ from recording to recording: which offsets an identification allows for, and how large.
 
 Every reading is zeroed and calibrated a little differently each time, that of an output and that of an input of the
-model. From LEAST recordings of one engine on the sizes are estimated with the fit (`offset_sizes`); with fewer there is
-no scatter to see, and only offsets that the engine file states are allowed for.
+model. From LEAST recordings of one engine on the sizes are estimated with the fit (`resize_offsets`); with fewer there
+is no scatter to see, and only offsets that the engine file states are allowed for.
 
 How large the offsets of instruments are from one recording to the next: standard deviations under which the training
 records are likeliest.

@@ -2,7 +2,7 @@
 
 Which probe the others contradict, before any parameter is bent to it.
 
-The heat balances of `probe_balances` tie recorded temperatures, fuel and pressures together without a component map.
+The heat balances of `balances` tie recorded temperatures, fuel and pressures together without a component map.
 Their differences r (N, J) are zero within what stated accuracy and the engine leave open, covariance
 
     R_k = G_k S G_kᵀ + Q_k

@@ -449,7 +449,7 @@ def check_against_engine(engine: Engine) -> AgreementCheck | None:
 
 
 def check_against_nominal(engine: Engine, nominal: Nominal) -> AgreementCheck | None:
-    """With an engine in its nominal state, as `agreement_with_engine`."""
+    """With an engine in its nominal state, as `check_against_engine`."""
     if not hasattr(engine, "network"):
         return None
     model = engine if nominal.error_model is None else nominal.error_model.wrap(engine)

@@ -20,16 +20,6 @@ Step-down multiple comparison of single parameters by their min-max statistics.
 Holm, S. (1979) Scandinavian Journal of Statistics 6, 65–70: the chance of naming any unchanged parameter
 is at most α, whatever else changed. Cautious: parameters that others can imitate are rarely named.
 
-The best explaining set of each size, exactly: all sets of few parameters, else branch and bound.
-
-    maximise  f(S) = b_Sᵀ I_SS⁻¹ b_S  over all sets S of k parameters       (step 1 of incremental diagnosis)
-
-This is best-subset regression, by "leaps and bounds" where there are too many sets to visit them all: Furnival,
-G. M. and Wilson, R. W. (1974) Technometrics 16, 499–511. The tree
-starts at the full set and drops parameters. With P = I_SS⁻¹, δ = P b_S, dropping j loses δ_j²/P_jj, and
-dropping any set T loses at least the largest single loss in T; so a branch that must still drop d parameters
-loses at least the d-th smallest of its single losses.
-
 Incremental diagnosis, the paper's algorithm for an unknown number of faults (section 5.1.2).
 
 Step 1: best set of i parameters by the sensitivity test. Step 2: rejection test of all other parameters.
@@ -319,7 +309,7 @@ def isolate_by_sensitivity(score: Score, options: IsolationOptions) -> SetIsolat
 
 
 def isolate_by_minmax(score: Score, options: IsolationOptions) -> SetIsolation:
-    """The answer of `inimitable`, which may name nothing although something changed."""
+    """The answer of `minmax_set`, which may name nothing although something changed."""
     named, _ = minmax_set(score, options)
     changed = score.rank > 0 and score.glr > threshold(score.rank, options.false_alarm)
     note = "a change is seen but no single parameter is sure to have changed" if changed and not named else ""

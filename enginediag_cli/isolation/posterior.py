@@ -11,14 +11,6 @@ Of the leading sets the slab prior is cut to the way on which wear goes, all but
 All sets up to a size limit are visited, not sampled. The model is that of George, E. I. and McCulloch, R. E.
 (1997) Statistica Sinica 7, 339–373.
 
-All sets of parameters at once: β_Sᵀ A_SS⁻¹ β_S and log det A_SS for every S.
-
-Parameter by parameter every set splits into "without" and "with", the latter by one elimination step
-(Gauss–Jordan), about six operations per set in total. Parameters of which a set has two at most, as those of
-instruments, come last, and in closed form: with c, G what is left of β and A given the others, adding i and j gains
-
-    c_i²/G_ii + (c_j − c_i G_ij/G_ii)²/π_j  and  log G_ii + log π_j,     π_j = G_jj − G_ij²/G_ii
-
 What the posterior over sets says of sizes: of one change, of all together, of those that are too small to matter.
 
 A size is known as well as the set is. Given the set S and the slab w the changes, in widths of the prior, are Gaussian,

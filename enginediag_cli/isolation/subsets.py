@@ -1,4 +1,23 @@
-"""TODO."""
+"""Sets of parameters: all of them with their quadratic forms, and the best explaining set of each size.
+
+All sets of parameters at once: β_Sᵀ A_SS⁻¹ β_S and log det A_SS for every S.
+
+Parameter by parameter every set splits into "without" and "with", the latter by one elimination step
+(Gauss–Jordan), about six operations per set in total. Parameters of which a set has two at most, as those of
+instruments, come last, and in closed form: with c, G what is left of β and A given the others, adding i and j gains
+
+    c_i²/G_ii + (c_j − c_i G_ij/G_ii)²/π_j  and  log G_ii + log π_j,     π_j = G_jj − G_ij²/G_ii
+
+The best explaining set of each size, exactly: all sets of few parameters, else branch and bound.
+
+    maximise  f(S) = b_Sᵀ I_SS⁻¹ b_S  over all sets S of k parameters       (step 1 of incremental diagnosis)
+
+This is best-subset regression, by "leaps and bounds" where there are too many sets to visit them all: Furnival,
+G. M. and Wilson, R. W. (1974) Technometrics 16, 499–511. The tree
+starts at the full set and drops parameters. With P = I_SS⁻¹, δ = P b_S, dropping j loses δ_j²/P_jj, and
+dropping any set T loses at least the largest single loss in T; so a branch that must still drop d parameters
+loses at least the d-th smallest of its single losses.
+"""
 
 from __future__ import annotations
 

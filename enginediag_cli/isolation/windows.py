@@ -195,7 +195,7 @@ class WindowIsolation:
 
     Attributes
     ----------
-    files : JudgedFiles
+    files : WindowReader
         Recordings cut into windows.
     options : DiagnosisOptions
         Choices of the diagnosis.

@@ -1,7 +1,7 @@
 """A formula as text → a function of named values, with exact derivatives and checked units.
 
 What may stand in it is listed here and nothing else: numbers, names, + − * / and **, parentheses, FUNCTIONS and those
-that remember (`followers`). The text is parsed and never run.
+that remember (followers). The text is parsed and never run.
 
 Functions of a formula that remember: each follows its first argument along time, as a filter makes it of its past.
 

@@ -5,7 +5,7 @@
     an effect of the library, of size absent + f, where the law acts at the size of an effect
 
 f is a formula of variables and coefficients. What a variable that lies further down the gas path than the parameter is,
-is an unknown of the network, and that it is so is its balance. What remembers in it (`followers`) is a memory of the
+is an unknown of the network, and that it is so is its balance. What remembers in it (followers) is a memory of the
 engine, as of any effect.
 
 What a law may vary with: named numbers without a unit, each a formula of a few columns of the model.

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from enginediag_cli.detection.verdict import format_size
 from enginediag_cli.fleets.findings import IntervalEstimate
 from enginediag_cli.parameters import Parameter, meanings
-from enginediag_cli.report import result_files as kinds
+from enginediag_cli.report import result_files
 from enginediag_cli.report.evidence import EngineEvidence, ReportEvidence
 from enginediag_cli.report.html import Block, EngineState, Lead, PageSection, Paragraph, TableBlock, next_step
 from enginediag_cli.report.plotting import Chart, ChartTable, EventMark, Value, chart_columns, display_scale
@@ -97,12 +97,12 @@ UNCHANGED = ("", "steady", "cannot tell", MAINTENANCE)
 
 def changed_in_trend(engine: EngineEvidence) -> list[Row]:
     """Rows of `trend` of parameters that have probably changed."""
-    rows = [row for row in engine.rows_of_kind(kinds.TREND) if row.text("kind") not in UNCHANGED]
+    rows = [row for row in engine.rows_of_kind(result_files.TREND) if row.text("kind") not in UNCHANGED]
     return [row for row in rows if row.number("probability") >= LIKELY]
 
 
 def _trend_answer(engine: EngineEvidence, evidence: ReportEvidence) -> _Found | None:
-    rows = engine.rows_of_kind(kinds.TREND)
+    rows = engine.rows_of_kind(result_files.TREND)
     changed = changed_in_trend(engine)
     if changed:
         told, names = (
@@ -184,7 +184,7 @@ def size_in_words(row: Row, evidence: ReportEvidence) -> str:
 
 
 def _detection_answer(engine: EngineEvidence, evidence: ReportEvidence) -> _Found:
-    rows = [row for row in engine.rows_of_kind(kinds.DETECTED) if row.text("verdict") != "no verdict"]
+    rows = [row for row in engine.rows_of_kind(result_files.DETECTED) if row.text("verdict") != "no verdict"]
     if rows and rows[-1].text("verdict") == "fault":
         told = f"The engine departs from nominal in {rows[-1].window}; what changed has not been asked."
         return EngineState.CHANGED, told, ()
@@ -229,9 +229,9 @@ def _power(window: Row, evidence: ReportEvidence) -> str:
 def _verdicts(engine: EngineEvidence) -> list[Row]:
     """One row for each window that was judged or should have been."""
     return (
-        engine.rows_of_kind(kinds.DETECTED)
+        engine.rows_of_kind(result_files.DETECTED)
         or [rows[0] for rows in engine.isolated]
-        or engine.rows_of_kind(kinds.COMPONENTS)
+        or engine.rows_of_kind(result_files.COMPONENTS)
     )
 
 
@@ -242,10 +242,8 @@ def _confidence_words(engine: EngineEvidence) -> str:
         row = max(changed, key=lambda r: r.number("probability"))
         flights = count(row.count("flights"), "flight" if row.text("onset_flight") else "window")
         told.append(f"probability {probability(row.number('probability'))} by the trend over {flights}")
-    elif engine.rows_of_kind(kinds.TREND) and engine.rows_of_kind(kinds.TREND)[0].text("verdict") == "steady":
-        told.append(
-            f"the trend over {count(engine.rows_of_kind(kinds.TREND)[0].count('flights'), 'flight')} shows no change"
-        )
+    elif (trend := engine.rows_of_kind(result_files.TREND)) and trend[0].text("verdict") == "steady":
+        told.append(f"the trend over {count(trend[0].count('flights'), 'flight')} shows no change")
     windows = [rows[0] for rows in engine.isolated if not math.isnan(rows[0].number("probability"))]
     if windows:
         head = windows[-1]
@@ -253,7 +251,7 @@ def _confidence_words(engine: EngineEvidence) -> str:
         fits = f", χ² per degree of freedom {rounded(fit)} after it" if math.isfinite(fit) else ""
         exact = "this and nothing else that matters" if head.list("isolated") else "nothing that matters"
         told.append(f"{head.window} alone: {exact} with probability {probability(head.number('probability'))}{fits}")
-    detected = engine.rows_of_kind(kinds.DETECTED)
+    detected = engine.rows_of_kind(result_files.DETECTED)
     if detected:
         alarms = sum(row.text("verdict") == "fault" for row in detected)
         silent = sum(row.text("verdict") == "no verdict" for row in detected)
@@ -275,13 +273,13 @@ def _onset_words(engine: EngineEvidence, state: EngineState) -> str:
         within = "" if low == high else f"; counted from the first, between {low} and {high}"
         named = f"flight {flight}" if row.text("onset_flight") else flight
         return f"{named}, {word}{within}"
-    run = first_alarm_of_last_run(engine.rows_of_kind(kinds.DETECTED))
+    run = first_alarm_of_last_run(engine.rows_of_kind(result_files.DETECTED))
     return f"{run.window}, the first of an unbroken run of alarms" if run is not None else ""
 
 
 def _margin(engine: EngineEvidence) -> str:
     """How far the turbine temperature is from its limit, where a result follows it."""
-    found = read_margin(engine.rows_of_kind(kinds.MARGIN))
+    found = read_margin(engine.rows_of_kind(result_files.MARGIN))
     return f"{_capital(margin_words(found.margin))}." if found is not None else ""
 
 
@@ -340,10 +338,10 @@ NOT_FOLLOWED = (
 
 def margin_blocks(engine: EngineEvidence, key: str) -> Iterator[Block]:
     """Nothing where no result is of flights at all."""
-    rows = engine.rows_of_kind(kinds.MARGIN)
+    rows = engine.rows_of_kind(result_files.MARGIN)
     found = read_margin(rows)
     if found is None:
-        if engine.rows_of_kind(kinds.TREND) or engine.rows_of_kind(kinds.FLIGHTS):
+        if engine.rows_of_kind(result_files.TREND) or engine.rows_of_kind(result_files.FLIGHTS):
             yield Paragraph(NOT_FOLLOWED, quiet=True)
         return
     told = margin_words(found.margin)
@@ -356,8 +354,8 @@ def margin_blocks(engine: EngineEvidence, key: str) -> Iterator[Block]:
 
 def place_maintenance(engine: EngineEvidence, order: Order) -> list[EventMark]:
     """Maintenance at its place among the flights of another chart."""
-    told = {x.event.number: x.event.words for x in read_maintenance(engine.rows_of_kind(kinds.MARGIN))}
-    for row in engine.rows_of_kind(kinds.TREND):
+    told = {x.event.number: x.event.words for x in read_maintenance(engine.rows_of_kind(result_files.MARGIN))}
+    for row in engine.rows_of_kind(result_files.TREND):
         if row.text("kind") == MAINTENANCE:
             told.setdefault(row.count("onset"), MAINTENANCE)
     places = ((order.number_position(number), words) for number, words in sorted(told.items()) if number)
@@ -432,7 +430,7 @@ def _one_engine(engine: EngineEvidence) -> Iterator[Block]:
 
 
 def _health(engine: EngineEvidence, evidence: ReportEvidence, key: str) -> Iterator[Block]:
-    rows = engine.rows_of_kind(kinds.FLIGHTS)
+    rows = engine.rows_of_kind(result_files.FLIGHTS)
     changed = [row.text("parameter") for row in changed_in_trend(engine)]
     courses = {row.text("parameter"): _read_course(row) for row in changed_in_trend(engine)}
     isolated = engine.isolated[-1][0].list("isolated") if engine.isolated else ()
@@ -443,7 +441,7 @@ def _health(engine: EngineEvidence, evidence: ReportEvidence, key: str) -> Itera
         alone, told = rows, ""
         names = [n for n in changed if n in group_by_parameter(rows)] or _farthest_parameters(rows)
     else:
-        if engine.rows_of_kind(kinds.TREND):
+        if engine.rows_of_kind(result_files.TREND):
             yield Paragraph("Health flight by flight is drawn where `trend --what flights` is given, too.", quiet=True)
         return
     order = flight_order(alone)
@@ -517,7 +515,7 @@ def _answer_sets(row: Row) -> list[tuple[tuple[str, ...], float]]:
 
 
 def _detection(engine: EngineEvidence, key: str) -> Iterator[Chart]:
-    rows = engine.rows_of_kind(kinds.DETECTED)
+    rows = engine.rows_of_kind(result_files.DETECTED)
     if rows and all(row.number("threshold") > 0 or row.text("verdict") == "no verdict" for row in rows):
         order = order_windows(rows)
         first = first_alarm_of_last_run(rows)
@@ -537,7 +535,7 @@ def _records(engine: EngineEvidence, evidence: ReportEvidence, key: str) -> Iter
         return
     yield from snapshots(f"{key}-snapshot", records)
     yield residual_course(f"{key}-residuals", records)
-    first = first_alarm_of_last_run(engine.rows_of_kind(kinds.DETECTED))
+    first = first_alarm_of_last_run(engine.rows_of_kind(result_files.DETECTED))
     late = records if first is None else records.from_flight(first.text("source"), first.text("flight"))
     which = f"from {first.window} on, since when it alarms" if first is not None else "given"
     yield from residual_drivers(f"{key}-over", late, which)
@@ -549,7 +547,7 @@ def _sensor_error_probability(engine: EngineEvidence, evidence: ReportEvidence) 
     found: dict[str, float] = {}
     sensors = engine.records.sigmas if engine.records is not None else {}
     columns = {split_column(column)[0]: column for column in sensors}
-    for row in engine.rows_of_kind(kinds.TREND):
+    for row in engine.rows_of_kind(result_files.TREND):
         known = evidence.known[row.text("parameter")]
         column = columns.get(known.part.removesuffix(" sensor"), "")
         if known.of_sensor and column:

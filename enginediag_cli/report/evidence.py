@@ -17,7 +17,7 @@ from enginediag_cli.intake.loader import RecordingLoader
 from enginediag_cli.intake.selection import RecordingSource, required_columns
 from enginediag_cli.parameters import Parameter, unspecified
 from enginediag_cli.progress import each, stage
-from enginediag_cli.report import result_files as kinds
+from enginediag_cli.report import result_files
 from enginediag_cli.report.plotting import RowOrigin
 from enginediag_cli.report.result_files import ResidualRecords, ResultFile, ResultKind, Row, residual_records
 from enginediag_cli.report.tables.recordings import excluded_lines, not_judged_lines, outside_envelope_lines
@@ -43,7 +43,7 @@ class EngineEvidence:
     @property
     def isolated(self) -> list[list[Row]]:
         """Rows of `isolate`, window by window."""
-        return group_by_window(self.rows_of_kind(kinds.ISOLATED))
+        return group_by_window(self.rows_of_kind(result_files.ISOLATED))
 
 
 @dataclass
@@ -83,12 +83,12 @@ def collect_evidence(results: Sequence[ResultFile], known: Mapping[str, Paramete
     found = ReportEvidence(results, {}, dict(known or {}))
     ledger = Ledger()
     for result in results:
-        if result.kind is kinds.RECORDS:
+        if result.kind is result_files.RECORDS:
             _records(found, result)
             continue
-        for row in result.rows if result.kind is not kinds.LOCATED else ():
+        for row in result.rows if result.kind is not result_files.LOCATED else ():
             found.add(result.kind, row, result.name)
-        if result.kind is kinds.STATISTICS:
+        if result.kind is result_files.STATISTICS:
             first = next(k for k, line in enumerate(result.lines) if not line.startswith("#")) + 2
             for number, (window, meaning) in enumerate(read_statistics(result.lines, result.name, ledger)):
                 for name, parameter in meaning.items():
@@ -116,7 +116,7 @@ def _records(found: ReportEvidence, result: ResultFile) -> None:
 def _named_parameters(found: ReportEvidence) -> Iterator[tuple[str, str]]:
     """Parameters that rows name, with their units."""
     for engine in found.engines.values():
-        for kind in (kinds.ISOLATED, kinds.TREND, kinds.FLIGHTS):
+        for kind in (result_files.ISOLATED, result_files.TREND, result_files.FLIGHTS):
             for row in engine.rows_of_kind(kind):
                 if name := row.text("parameter"):
                     yield name, row.text("unit")
@@ -152,10 +152,10 @@ def judge_recordings(question: RecordingsQuestion, given: Sequence[ResultFile]) 
     left_out: list[str] = []
     windows: list[WindowStatistics] = []
     rows = {
-        kinds.DETECTED: list(_detection_rows(question, left_out)),
-        kinds.ISOLATED: list(_isolation_rows(question, windows)),
+        result_files.DETECTED: list(_detection_rows(question, left_out)),
+        result_files.ISOLATED: list(_isolation_rows(question, windows)),
         **_trend_rows(question),
-        kinds.MARGIN: _margin_rows(question, left_out),
+        result_files.MARGIN: _margin_rows(question, left_out),
     }
     evidence = collect_evidence(given, question.suspicious.meaning)
     for kind, found in rows.items():
@@ -206,21 +206,21 @@ def _isolation_rows(question: RecordingsQuestion, windows: list[WindowStatistics
 
 
 @stage("following the series")
-def _trend_rows(question: RecordingsQuestion) -> dict[kinds.ResultKind, list[Row]]:
+def _trend_rows(question: RecordingsQuestion) -> dict[result_files.ResultKind, list[Row]]:
     from enginediag_cli.detection.series import build_series
     from enginediag_cli.isolation.timeline import diagnose_engines
     from enginediag_cli.report.tables.trend import flight_rows, trend_rows
     from enginediag_cli.residuals.reduced import monitor_for_series
 
     series = build_series(_series_files(question, monitor_for_series(question.suspicious)))
-    told: dict[kinds.ResultKind, list[Row]] = {kinds.FLIGHTS: [], kinds.TREND: []}
+    told: dict[result_files.ResultKind, list[Row]] = {result_files.FLIGHTS: [], result_files.TREND: []}
     for row in flight_rows(series):
         window = series.stretches[row["engine"]][row["number"] - 1].window
-        told[kinds.FLIGHTS].append(Row(row, _window_origin(window)))
+        told[result_files.FLIGHTS].append(Row(row, _window_origin(window)))
     generic = question.suspicious.slopes is not None
     for engine, story in diagnose_engines(series, reference=question.judging.reference, generic=generic):
         last = _window_origin(series.stretches[engine][-1].window)
-        told[kinds.TREND] += [Row(row, last) for row in trend_rows(engine, story, series)]
+        told[result_files.TREND] += [Row(row, last) for row in trend_rows(engine, story, series)]
     return told
 
 
@@ -269,8 +269,8 @@ def _computed_records(monitor: Monitor, rows: Sequence[tuple[dict[str, Any], dic
         [row["line"] for row, _ in rows],
         [str(row.get("flight", "")) for row, _ in rows],
         column("time_s", lambda entry: entry[0]),
-        {s: column(s + kinds.SIGMAS, lambda entry: entry[0]) for s in monitor.sensors},
-        {s: column(s + kinds.RESIDUAL, lambda entry: entry[0]) for s in monitor.sensors},
+        {s: column(s + result_files.SIGMAS, lambda entry: entry[0]) for s in monitor.sensors},
+        {s: column(s + result_files.RESIDUAL, lambda entry: entry[0]) for s in monitor.sensors},
         {c: column(c, lambda entry: entry[1]) for c in rows[0][1]},
         ALTITUDE if ALTITUDE in rows[0][1] else "",
         power if power in rows[0][1] else "",

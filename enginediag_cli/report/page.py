@@ -17,7 +17,7 @@ from enginediag_cli import __version__
 from enginediag_cli.fleets.findings import IntervalEstimate
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.answer import FORMULA, IDENTIFIED, NO_DISCREPANCY, NOT_CONVERGED
-from enginediag_cli.report import result_files as kinds
+from enginediag_cli.report import result_files
 from enginediag_cli.report.engine_page import engine_lead, engine_section
 from enginediag_cli.report.evidence import EngineEvidence, ReportEvidence
 from enginediag_cli.report.html import (
@@ -221,9 +221,9 @@ COEFFICIENTS = chart_columns("explanation", "probability", "coefficients with 95
 
 def physics_leads(evidence: ReportEvidence) -> Iterator[Lead]:
     """One for each answer of `explain`, and of `refine`."""
-    for number, result in enumerate(evidence.documents(kinds.EXPLAINED), start=1):
+    for number, result in enumerate(evidence.documents(result_files.EXPLAINED), start=1):
         yield _explanation_lead(result.document, f"explain-{number}")
-    for number, result in enumerate(evidence.documents(kinds.REFINED), start=1):
+    for number, result in enumerate(evidence.documents(result_files.REFINED), start=1):
         yield _refinement_lead(result.document, f"refine-{number}")
 
 
@@ -293,16 +293,16 @@ def _refinement_lead(answer: Mapping[str, Any], key: str) -> Lead:
 
 def physics_sections(evidence: ReportEvidence) -> Iterator[PageSection]:
     """Places first, then names, then what unseen flights say."""
-    for number, result in enumerate(evidence.documents(kinds.LOCATED), start=1):
+    for number, result in enumerate(evidence.documents(result_files.LOCATED), start=1):
         yield PageSection(
             f"locate-{number}", "Where it differs", list(_location_blocks(result, f"locate-{number}-map"))
         )
-    mapped = bool(evidence.documents(kinds.LOCATED))
-    for number, result in enumerate(evidence.documents(kinds.EXPLAINED), start=1):
+    mapped = bool(evidence.documents(result_files.LOCATED))
+    for number, result in enumerate(evidence.documents(result_files.EXPLAINED), start=1):
         yield PageSection(
             f"explain-{number}", "What the model lacks", list(_explanation_blocks(result, f"explain-{number}", mapped))
         )
-    for number, result in enumerate(evidence.documents(kinds.REFINED), start=1):
+    for number, result in enumerate(evidence.documents(result_files.REFINED), start=1):
         yield PageSection(
             f"refine-{number}", "With it in the model", list(_refinement_blocks(result, f"refine-{number}"))
         )
@@ -403,9 +403,9 @@ def excluded_section(evidence: ReportEvidence, told: Sequence[str]) -> PageSecti
 
 def _windows(engine: EngineEvidence) -> list[Row]:
     return (
-        engine.rows_of_kind(kinds.DETECTED)
+        engine.rows_of_kind(result_files.DETECTED)
         or [rows[0] for rows in engine.isolated]
-        or engine.rows_of_kind(kinds.COMPONENTS)
+        or engine.rows_of_kind(result_files.COMPONENTS)
     )
 
 
@@ -459,7 +459,7 @@ def build_page(
         leads.append(lead)
         sections.append(engine_section(engine, evidence, key))
     leads += physics_leads(evidence)
-    for number, result in enumerate(evidence.documents(kinds.FLEET), start=1):
+    for number, result in enumerate(evidence.documents(result_files.FLEET), start=1):
         engines = read_engines(result.document, result.name)
         leads.append(fleet_lead(result.document, engines, f"fleet-{number}"))
         sections.append(fleet_section(result, engines, f"fleet-{number}"))

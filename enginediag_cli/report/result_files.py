@@ -191,10 +191,6 @@ class Order:
     x: Sequence[float]
     axis: Axis
 
-    def flight_position(self, name: str) -> float | None:
-        """Where a flight stands; None where it is not among them."""
-        return next((x for known, x in zip(self.names, self.x, strict=True) if known == name), None)
-
     def number_position(self, number: float) -> float | None:
         """Where the so manieth stands, counted from 1."""
         k = round(number) - 1 if number == number else -1

@@ -423,7 +423,7 @@ ORIGIN_COLUMNS = tuple(f"{PREFIX}{f.name}" for f in fields(StatisticsOrigin))
 
 
 def plan_cells(plan: WindowPlan) -> dict[str, str]:
-    """`window` and `step` of a plan as `MadeWith` keeps them: "60", "600 s", or "" for whole flights."""
+    """`window` and `step` of a plan as `StatisticsOrigin` keeps them: "60", "600 s", or "" for whole flights."""
     if plan.grid == float("inf"):
         return {"window": "", "step": ""}
     unit = " s" if plan.in_time else ""

@@ -246,7 +246,7 @@ def keep_nuisance(monitor: Monitor) -> Condense:
 
 
 def count_nuisance(monitor: Monitor) -> int:
-    """How many parameters `unmarginalised` statistics have beside the monitored ones."""
+    """How many parameters `keep_nuisance` statistics have beside the monitored ones."""
     k = len(monitor.names) - len(monitor.offsets)
     if isinstance(monitor, ReducedMonitor):
         return len(monitor.names) - len(monitor.monitored)

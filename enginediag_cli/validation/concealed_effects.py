@@ -115,7 +115,7 @@ class ConcealedPart:
 
 @dataclass(frozen=True)
 class SeveralCauses:
-    """The causes of a trial, as `Sealed` has them."""
+    """The causes of a trial, as `ConcealedTruth` has them."""
 
     causes: tuple[Cause, ...]
     effects: tuple[Effect, ...]

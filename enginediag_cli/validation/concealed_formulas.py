@@ -29,7 +29,7 @@ from enginediag_cli.engine.dual import value
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.errors import DataError
-from enginediag_cli.mismatch.fit.columns import Columns as ColumnsColumns
+from enginediag_cli.mismatch.fit.columns import Columns as FormulaColumns
 from enginediag_cli.mismatch.fit.families import Sums, grid
 from enginediag_cli.mismatch.fit.freeform import Location, list_locations
 from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis
@@ -281,7 +281,7 @@ class FormulaDesign:
     engine: Engine
     fit: IdentifiedHypothesis
     projection: Projection
-    columns: ColumnsColumns
+    columns: FormulaColumns
     places: tuple[Location, ...]
     variables: tuple[KnownVariable, ...]
 
@@ -294,7 +294,7 @@ class FormulaDesign:
         known = tuple(k for k in known_variables(found) if span(k.values) > MOVES * max(np.ptp(k.values), _size(k)))
         if not found.converged or not known or not places:
             raise NothingVisibleError(f"{engine.name}: laws need variables that move, and a fit that converges")
-        columns = ColumnsColumns(found, [p.parameter for p in places], [])
+        columns = FormulaColumns(found, [p.parameter for p in places], [])
         return FormulaDesign(engine, found, Projection(found), columns, places, known)
 
     def gram(self, place: Location, curves: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ T are the locations that have changed, A those of the answer and R its alternati
     false_name    a name where nothing has changed
     false_sensor  A names an output sensor that reads right; false_input: an input channel
     stated        probability that A changed and nothing else that matters, and whether it is so: A is within T, and
-                  the rest of T is below `least_that_matters`; stated_changed: of each location of A the probability
+                  the rest of T is below `least_relevant_change`; stated_changed: of each location of A the probability
                   that it changed, whatever else did, and whether it is in T (of physics: where the effect acts)
     interval      of every reported size, whether its interval contains the true change, 0 of what did not change
 

@@ -166,7 +166,7 @@ class Tally:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Tally:
-        """Inverse of `as_json`; raises TypeError or KeyError for something else."""
+        """Inverse of `to_json`; raises TypeError or KeyError for something else."""
         given: dict[str, Any] = {f.name: values[f.name] for f in fields(cls)}
         given |= {name: np.array(x) for name, x in given.items() if isinstance(x, list)}
         return cls(**given)

@@ -11,7 +11,7 @@ total, and the gas constant by up to ±0.05 %, as that much water in the air mak
 
 **Tables.** The model's maps are sampled, distorted, and written as map files beside an engine file. A compressor's
 table has flow, pressure ratio and efficiency on speed lines and R-lines, R = 2 + 2 (x − 1) / width of the flow
-coefficient x of `compressor_map`; a turbine's, flow and efficiency against speed and pressure ratio. Flow and
+coefficient x; a turbine's, flow and efficiency against speed and pressure ratio. Flow and
 efficiency of every table are multiplied by 1 + error of a `Distortion` each, that of efficiency half as large (a
 turbine's flow along speed alone), and interpolated by parabolas. The design point is unchanged. Gas properties are
 taken at the design inlet, as map files do, which is one more difference. A health parameter keeps the model's meaning:
@@ -42,8 +42,6 @@ import numpy as np
 
 from enginediag_cli.config.document import Node, dump, load_document
 from enginediag_cli.drivers import CORRECTED_SPEED
-from enginediag_cli.engine import maps as compressor_map
-from enginediag_cli.engine import maps as turbine_map
 from enginediag_cli.engine.atmosphere import P_ISA, T_ISA
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.compressor import Compressor
@@ -51,6 +49,7 @@ from enginediag_cli.engine.components.turbine import Turbine
 from enginediag_cli.engine.dual import Value, chain, exp, log, sqrt, value
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.evaluation import Evaluation
+from enginediag_cli.engine.maps import relative_capacity, relative_efficiency, work_and_loss
 from enginediag_cli.engine.term import Coefficient, Effect, Place, Site, Term
 from enginediag_cli.physics.engine_file import load_engine
 
@@ -338,7 +337,7 @@ def _compressor(c: Compressor, state: State, speed: np.ndarray, errors: Errors, 
     speeds, positions = speeds[speeds > 0.1], positions[positions > 0.1]
     N, X = np.meshgrid(speeds, positions, indexing="ij")
     W = X * N ** shape["flow_speed_exponent"]
-    work, loss = (np.asarray(v) for v in compressor_map.work_and_loss(N, W, c.design_loss, dict(shape)))
+    work, loss = (np.asarray(v) for v in work_and_loss(N, W, c.design_loss, dict(shape)))
     level, efficiency = N ** shape["work_speed_exponent"], c.values["isentropic_efficiency"]
     usable = np.all(work - loss > LEAST_IDEAL * level, axis=0)
     speeds, positions, N, X, W = speeds, positions[usable], N[:, usable], X[:, usable], W[:, usable]
@@ -368,9 +367,9 @@ def _turbine(c: Turbine, state: State, speed: np.ndarray, errors: Errors, path: 
     speeds, ratios = _grid(n, SPEEDS, 1.0), _grid(ratio, POSITIONS, design)
     speeds, ratios = speeds[speeds > 0.1], ratios[ratios > 1.02]
     N, R = np.meshgrid(speeds, ratios, indexing="ij")
-    flow = np.asarray(turbine_map.relative_capacity(np.log(R), N, float(np.log(design)), shape))
+    flow = np.asarray(relative_capacity(np.log(R), N, float(np.log(design)), shape))
     drop = (1.0 - R**-GAS_EXPONENT) / (1.0 - design**-GAS_EXPONENT)
-    eta = np.asarray(turbine_map.relative_efficiency(N / np.sqrt(drop), shape)) * c.values["isentropic_efficiency"]
+    eta = np.asarray(relative_efficiency(N / np.sqrt(drop), shape)) * c.values["isentropic_efficiency"]
     _write(
         path,
         ("Nc_map", "PR_map", "Wp_map", "eff_map"),

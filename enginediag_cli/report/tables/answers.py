@@ -360,7 +360,7 @@ def maintenance_row(
     form: str,
     others: Sequence[Mapping[str, Any]],
 ) -> dict[str, Any]:
-    """One row with the columns of the `others`, as far as they apply; form: as of `with_scope`."""
+    """One row with the columns of the `others`, as far as they apply; form: as of `work_scope_cells`."""
     window = series.stretches[engine][found.flight - 1].window
     reference = scoping.reference({})
     told = maintenance_sentence(found, series.parameters, reference)

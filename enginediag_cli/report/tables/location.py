@@ -152,18 +152,18 @@ def _hidden_places(hidden: HiddenFinding) -> Iterator[dict[str, Any]]:
 
 def sentences(located: Located, kind: Kind, engine: Engine) -> Iterator[str]:
     """What was found, for stderr."""
-    from enginediag_cli.mismatch.locate import verdict_kind as kinds
+    from enginediag_cli.mismatch.locate import verdict_kind
 
     if not located.converged or located.presence is None:
         yield f"no verdict: the model could not be fitted to these recordings: {located.reason}"
         return
     presence, name = located.presence, kind.names[0]
     tests = "; ".join(_test(t) for t in presence.tests)
-    if name == kinds.NOTHING:
+    if name == verdict_kind.NOTHING:
         yield f"no mismatch beyond noise and identified parameters ({tests})"
     else:
         yield f"model and recordings differ ({tests})"
-    if name == kinds.UNLOCATED:
+    if name == verdict_kind.UNLOCATED:
         yield (
             "nothing that was looked at explains it: the noise may be larger than stated or correlated in time "
             "(--noise estimate)"
@@ -229,24 +229,25 @@ def place_words(place: Place) -> str:
 
 
 def _kind(located: Located, kind: Kind) -> str:
-    from enginediag_cli.mismatch.locate import verdict_kind as kinds
+    from enginediag_cli.mismatch.locate import verdict_kind
 
     what = {
-        kinds.SENSOR_ERROR: "one sensor is wrong: its own error beats every change of the engine",
-        kinds.SENSOR_FAULT: "one sensor changed at some time and stays so: no effect",
-        kinds.FAULT: "the engine changed at some time and stays so: a fault, no missing physics",
-        kinds.EFFECT: "an effect in the engine that the model lacks",
-        kinds.COMMON_EFFECT: "an effect that the model lacks, common to all engines: one coefficient serves them all",
-        kinds.ONE_ENGINE: "an effect that the engines do not share",
-        kinds.SWITCH: "it follows a recorded switch",
+        verdict_kind.SENSOR_ERROR: "one sensor is wrong: its own error beats every change of the engine",
+        verdict_kind.SENSOR_FAULT: "one sensor changed at some time and stays so: no effect",
+        verdict_kind.FAULT: "the engine changed at some time and stays so: a fault, no missing physics",
+        verdict_kind.EFFECT: "an effect in the engine that the model lacks",
+        verdict_kind.COMMON_EFFECT: "an effect that the model lacks, common to all engines: "
+        "one coefficient serves them all",
+        verdict_kind.ONE_ENGINE: "an effect that the engines do not share",
+        verdict_kind.SWITCH: "it follows a recorded switch",
     }
     told = listed([what[n] for n in kind.names], "or")
     if not kind.certain:
         told = f"these flights do not separate them: {told}"
-    if kind.engines is not None and {kinds.COMMON_EFFECT, kinds.ONE_ENGINE} & set(kind.names):
+    if kind.engines is not None and {verdict_kind.COMMON_EFFECT, verdict_kind.ONE_ENGINE} & set(kind.names):
         own = ", ".join(f"{name} {rounded(T)}" for name, T in kind.engines.statistics.items())
         told += f" (χ² by engine: {own}; p of one coefficient for all {p_value(kind.engines.p)})"
-    if kinds.FAULT in kind.names or kinds.SENSOR_FAULT in kind.names:
+    if verdict_kind.FAULT in kind.names or verdict_kind.SENSOR_FAULT in kind.names:
         since = next(p.cell.driver.name for p in located.within if p.cell.driver.driver == TIME)
         told += f"; best onset: {since}"
     return told

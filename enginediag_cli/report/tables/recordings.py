@@ -165,7 +165,7 @@ def report_absent(messages: Messages, left: ExcludedData) -> None:
     """Sensors of the engine that a recording has no column of: nothing can be said of them."""
     if not left.absent:
         return
-    words = [a.column + (f" (did you mean {a.near!r}?)" if a.near else "") for a in left.absent]
+    words = [str(a) for a in left.absent]
     what = "columns" if len(words) > 1 else "column"
     messages.warning(
         f"{_place(left)}: no {what} {', '.join(words)}: judged without", file=left.file, engine=left.engine
