@@ -99,7 +99,8 @@ def command_part(command: click.Command, name: str, group: click.Context, common
         else:
             yield from (" ".join(paragraph.split()), "")
     general = {"quiet", "verbose", "color", "debug", "config", "log", "lock", "lock_wait", "print_config"}
-    options = [p for p in command.get_params(context) if isinstance(p, click.Option)]
+    # without click's option for help, whose names are those of the context that a command ran in first
+    options = [p for p in command.params if isinstance(p, click.Option)]
     for heading in HEADINGS:
         rows = []
         for option in (o for o in options if getattr(o, "heading", OPERATION) == heading):
@@ -112,6 +113,7 @@ def command_part(command: click.Command, name: str, group: click.Context, common
                 rows.append((f"`{record[0]}`", record[1]))
         if rows:
             yield from (f"**{heading}**", "", *table(("option", "meaning"), rows))
+    common.setdefault(", ".join(context.help_option_names), "Show this message and exit.")
 
 
 # -- YAML files
