@@ -34,7 +34,7 @@ def main() -> None:
     found = [judged(h) for h in fleet]
     print(f"e-value, health, margin: {1e3 * (time.process_time() - begin) / n:.1f} ms an engine of {FLIGHTS} flights")
     begin = time.process_time()
-    judge_fleet(found, QUICK, known().known)
+    judge_fleet(found, QUICK, known().parameters)
     print(f"list, ranking, what is common, forecasts: {1e3 * (time.process_time() - begin) / n:.1f} ms an engine")
     begin = time.process_time()
     judged(fleet[0], FleetSettings())

@@ -84,7 +84,7 @@ def main() -> None:
         series = build_series(WindowReader(intake, monitor, plan, series=True), law="none")
     settings = FleetSettings(thorough=False)
     histories = [EngineHistory(serial, "", mine, BASELINE) for serial, mine in series.stretches.items()]
-    fleet = judge_fleet([judge_engine(h, series, settings) for h in histories], settings, series.known)
+    fleet = judge_fleet([judge_engine(h, series, settings) for h in histories], settings, series.parameters)
     faulty = {f"e{k}" for k in range(asked.healthy, count)}
     healthy = [f for f in fleet.engines if f.serial not in faulty]
     others = [f for f in fleet.engines if f.serial in faulty]

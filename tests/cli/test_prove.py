@@ -31,6 +31,12 @@ def run(*arguments):
     return main(["prove", *map(str, arguments)])
 
 
+def resume(kept, *more):
+    """Go on from the trials in a file, with the plan that made them."""
+    plan = ("--trials", 2, "--seed", 4, "--kind", "null", "--truth", "same_model", "--no-sizes")
+    return run(*plan, "--trials-output", kept, "--resume", *more)
+
+
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     """Two null trials of the turbofan, their sheet and their file of trials."""
@@ -80,25 +86,7 @@ def test_a_resumed_run_takes_finished_trials_as_they_are(finished, tmp_path):
     second = finished[1].read_text(encoding="utf-8").splitlines()[2]
     kept.write_text("\n".join([head, json.dumps(changed), second]) + "\n", encoding="utf-8")
     out = tmp_path / "sheet.json"
-    assert (
-        run(
-            "--trials",
-            2,
-            "--seed",
-            4,
-            "--kind",
-            "null",
-            "--truth",
-            "same_model",
-            "--no-sizes",
-            "--trials-output",
-            kept,
-            "--resume",
-            "-o",
-            out,
-        )
-        == 0
-    )
+    assert resume(kept, "-o", out) == 0
     assert json.loads(out.read_text(encoding="utf-8"))["no_verdict"]["same_model"]["count"] == 1
 
 
@@ -122,25 +110,7 @@ def test_table_and_csv_tell_the_same_scores(finished, tmp_path, capsys):
     kept = tmp_path / "trials.jsonl"
     kept.write_text(finished[1].read_text(encoding="utf-8"), encoding="utf-8")
     for form in ("table", "csv"):
-        assert (
-            run(
-                "--trials",
-                2,
-                "--seed",
-                4,
-                "--kind",
-                "null",
-                "--truth",
-                "same_model",
-                "--no-sizes",
-                "--trials-output",
-                kept,
-                "--resume",
-                "--format",
-                form,
-            )
-            == 0
-        )
+        assert resume(kept, "--format", form) == 0
         told = capsys.readouterr().out
         assert "no_verdict" in told and "false_name" in told
 

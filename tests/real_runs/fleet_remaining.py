@@ -44,7 +44,7 @@ def rank(series: Series, seeds: int = 5) -> None:
             found.append(judge_engine(cut_at(history, cut), series, QUICK, scale))
             left.append(life - cut)
         rho = spearmanr([f.severity.value for f in found], left).statistic
-        fleet = judge_fleet(found, QUICK, series.known)
+        fleet = judge_fleet(found, QUICK, series.parameters)
         changed = sum(f.verdict == "changed" for f in found)
         print(
             f"seed {seed}: Spearman {rho:.3f} over {len(found)} engines; {changed} changed, "

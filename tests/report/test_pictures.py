@@ -61,4 +61,5 @@ def test_the_map_shows_every_place_and_marks_those_that_are_told():
 
 
 def test_a_map_without_anything_to_tell_is_a_picture_too():
-    minidom.parseString(mismatch_picture("title", [], build_heat_map([], [], 9.0), None))
+    document = minidom.parseString(mismatch_picture("title", [], build_heat_map([], [], 9.0), None))
+    assert document.documentElement.tagName == "svg"
