@@ -32,7 +32,7 @@ def shown(text: str) -> list[list[str]]:
 
 
 def test_fouling_and_a_wrong_thermocouple_are_found_and_told_apart(played):
-    summary = played[0][played[0].index("What was put in") :]
+    summary = played[0][played[0].index("Truth and findings") :]
     assert "flights 4, 5 and 6, something wrong: 3 of 3 detected, 3 isolated to exactly what was put in" in summary
     assert "found:  HPC flow capacity fell by" in summary
     assert "flights 3 and 4, something wrong: 2 of 2 detected, 2 isolated to exactly what was put in" in summary

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
+
 import pytest
 
 
@@ -14,7 +16,8 @@ def test_a_report_of_recordings_is_that_of_the_results_of_the_commands(run, tmp_
     identify = ("--no-cross-validation", "-q", "--picture", "fit.svg", "-o", "nominal.yaml")
     assert run("identify", "turbofan.yaml", "healthy.csv", *identify).exit_code == 0
     asked = ("-n", "nominal.yaml", "fouled.csv", "-q")
-    assert run("detect", *asked, "-o", "d.csv", "--picture", "d.png").exit_code == 0
+    picture = "d.png" if find_spec("resvg_py") else "d.svg"  # PNG takes a package that is no part of the tests
+    assert run("detect", *asked, "-o", "d.csv", "--picture", picture).exit_code == 0
     assert run("isolate", *asked, "-o", "i.json", "--picture", "i.svg").exit_code == 0
     assert run("trend", *asked, "-o", "t.csv", "--picture", "t.svg").exit_code == 0
     assert run("residual", "--sensors", *asked, "-o", "s.csv").exit_code == 0
@@ -25,7 +28,7 @@ def test_a_report_of_recordings_is_that_of_the_results_of_the_commands(run, tmp_
     assert verdicts[0] == verdicts[1] and "HPC isentropic efficiency fell by" in verdicts[0]
     for name in ("fit.svg", "i.svg", "t.svg"):
         assert (tmp_path / name).read_text().startswith("<svg")
-    assert (tmp_path / "d.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG" if picture == "d.png" else b"<svg")
     for said in ("Residuals over time", "Snapshots: cruise", "Health of the instruments", "Fingerprint of flight 5"):
         assert said in (tmp_path / "made.html").read_text()
 

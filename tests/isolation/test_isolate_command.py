@@ -196,7 +196,7 @@ def test_a_large_fault_is_judged_with_the_full_model_and_the_answer_says_so(isol
 def test_advice_names_operating_conditions_and_compares_them_with_more_of_the_same(isolate):
     _, rows, err = isolate("fouled", "--window", "10", "--advise", "--extra-sensor", "T4_K", "5")
     advice = rows[0]["advice"]
-    assert advice[0].startswith("to tell ")
+    assert advice[0].startswith("to separate ")
     assert any("altitude_m" in text for text in advice) and any("like these" in text for text in advice)
     assert any("T4_K" in text for text in advice) and advice[1] in err
     assert any("whole flight" in text for text in advice)
