@@ -10,13 +10,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from enginediag_cli.engine.atmosphere import P_ISA, T_ISA, saturated_water, standard_atmosphere
 from enginediag_cli.engine.components.combustion import Burner
-from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.nozzles import Nozzle
 from enginediag_cli.engine.components.passages import Ambient, Inlet
+from enginediag_cli.engine.components.turbomachinery import Compressor
 from enginediag_cli.engine.dual import value
-from enginediag_cli.engine.evaluation import reynolds_index_from_state
+from enginediag_cli.engine.evaluation import (
+    P_ISA,
+    T_ISA,
+    reynolds_index_from_state,
+    saturated_water,
+    standard_atmosphere,
+)
 from enginediag_cli.engine.term import Driver, DriverConditions, DriverValues
 from enginediag_cli.parameters import spelled
 from enginediag_cli.units import find_unit, split_column

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from enginediag_cli import shipped as module
-from enginediag_cli.cli.parameter_types import ConfigFile
+from enginediag_cli.cli.options import ConfigFile
 from enginediag_cli.errors import DataError
 from enginediag_cli.shipped import INSTALLED, shipped, shipped_folder
 

@@ -14,10 +14,9 @@ if TYPE_CHECKING:
     from enginediag_cli.api.inputs import *  # noqa: F403
     from enginediag_cli.api.isolation import *  # noqa: F403
     from enginediag_cli.api.refinement import *  # noqa: F403
-    from enginediag_cli.api.reporting import *  # noqa: F403
     from enginediag_cli.api.results import *  # noqa: F403
     from enginediag_cli.api.simulation import *  # noqa: F403
-    from enginediag_cli.api.trends import *  # noqa: F403
+    from enginediag_cli.api.trends import *  # noqa: F403  # noqa: F403
 
 MODULES = (
     "inputs",

@@ -86,7 +86,7 @@ class Inquiry:
 
     def head(self, command: str, inherited: Sequence[str], **notes: str) -> Callable[[], tuple[str, ...]]:
         """Make the header of a result: files, choices other than the default, and the headers of the recordings."""
-        from enginediag_cli.recordings.provenance import header_lines
+        from enginediag_cli.recordings.source import header_lines
 
         case, asked = self.case, self.case.asked
         made = {

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from enginediag_cli.engine.term import Site, Term
     from enginediag_cli.intake.acceptance import CheckedFile, CheckReference
     from enginediag_cli.recordings.draft import Draft
-    from enginediag_cli.recordings.engine_columns import EngineColumns
+    from enginediag_cli.recordings.recorder_file import EngineColumns
 
 __all__ = [
     "CheckResult",
@@ -374,7 +374,7 @@ def _engine_columns(model: Engine) -> EngineColumns:
     """Collect the columns that an engine needs, with the limits and design speeds of its file."""
     import os
 
-    from enginediag_cli.recordings.engine_columns import EngineColumns
+    from enginediag_cli.recordings.recorder_file import EngineColumns
 
     limits = {}
     for column, (low, high) in model.envelope.items():
@@ -576,7 +576,7 @@ def describe_component(name: str) -> Description:
 
 
 def _head(command: str, engine: Engine | None = None) -> tuple[str, ...]:
-    from enginediag_cli.recordings.provenance import header_lines
+    from enginediag_cli.recordings.source import header_lines
 
     return header_lines(command, configs=[] if engine is None else [engine.path])
 

@@ -361,7 +361,7 @@ def _provenance(source: RecordingSource, notes: Mapping[str, str]) -> dict[str, 
     import os
 
     from enginediag_cli import __version__
-    from enginediag_cli.recordings.provenance import current_notes, file_sha256
+    from enginediag_cli.recordings.source import current_notes, file_sha256
 
     made = {"enginediag": __version__}
     for number, path in enumerate(source.files, start=1):

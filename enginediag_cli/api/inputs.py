@@ -416,7 +416,7 @@ class Comparison:
 
         configs: further files; last: further notes; judging: where it is not that of the options.
         """
-        from enginediag_cli.recordings.provenance import header_lines
+        from enginediag_cli.recordings.source import header_lines
 
         made = {**table.notes, **notes, **self.source.notes, **(judging or self.judging).notes, **(last or {})}
         files = [*self.configs, *configs]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from enginediag_cli.api.inputs import SENTENCES, Comparison, NominalLike, RecordingsLike, compare, report_exclusions
 from enginediag_cli.api.results import Picture, Result, Row
 from enginediag_cli.errors import UsageError
-from enginediag_cli.faults.chances import INSTRUMENT, PARAMETER
+from enginediag_cli.parameters import INSTRUMENT, PARAMETER
 from enginediag_cli.progress import each
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.shipped import own_or_shipped

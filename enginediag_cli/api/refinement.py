@@ -88,7 +88,7 @@ class RefineResult(DocumentResult):
 
     def __init__(self, inquiry: Inquiry, choices: RefineChoices):
         from enginediag_cli.mismatch.fit.load import load_case
-        from enginediag_cli.report.tables.refinement import CONTROL, REFINE
+        from enginediag_cli.report.tables.identification import CONTROL, REFINE
 
         choices.check()
         case, self._inquiry, self._choices = inquiry.case, inquiry, choices
@@ -177,14 +177,14 @@ class RefineResult(DocumentResult):
         return list(named_effects(story)), None
 
     def _refusal(self) -> str:
-        from enginediag_cli.report.tables import refinement
+        from enginediag_cli.report.tables import identification as refinement
 
         if self._control is not None:
             return "" if self._control.accepted else refinement.control_refinement_refusal(self._control)
         return "" if self._refinement is None else refinement.refusal(self._refinement)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.report.tables import refinement
+        from enginediag_cli.report.tables import identification as refinement
 
         lines: list[str] = []
         if self._control is not None:
@@ -208,7 +208,7 @@ class RefineResult(DocumentResult):
         return super().summary() + ("" if self.accepted else f"\nnot accepted: {self.reason}")
 
     def _document(self, provenance: Sequence[str]) -> Mapping[str, Any]:
-        from enginediag_cli.report.tables import refinement
+        from enginediag_cli.report.tables import identification as refinement
 
         if self._control is not None:
             return refinement.control_refinement_document(self._control, tuple(provenance))
@@ -287,7 +287,7 @@ class RefineResult(DocumentResult):
         import os
 
         from enginediag_cli import __version__
-        from enginediag_cli.recordings.provenance import current_notes, file_sha256
+        from enginediag_cli.recordings.source import current_notes, file_sha256
 
         data = ", ".join(
             "standard input" if p == "-" else f"{os.path.basename(p)} sha256:{file_sha256(p)[:16]}"
@@ -318,7 +318,7 @@ class RefineResult(DocumentResult):
         A note says if there are none. Raises OSError.
         """
         from enginediag_cli.report.output import Output
-        from enginediag_cli.report.tables.refinement import state_rows
+        from enginediag_cli.report.tables.identification import state_rows
 
         if self._control is not None:
             self.messages.note(f"{path}: not written; what a control does in a record is in active_limit of simulate")

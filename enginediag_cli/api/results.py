@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from enginediag_cli.errors import EngineDiagError, NoVerdictError
-from enginediag_cli.recordings.provenance import header_lines, provenance_notes
+from enginediag_cli.recordings.source import header_lines, provenance_notes
 from enginediag_cli.report.messages import Messages
 
 if TYPE_CHECKING:

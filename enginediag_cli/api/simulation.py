@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
     from enginediag_cli.faults.catalogue import FaultSet
     from enginediag_cli.report.output import Output
-    from enginediag_cli.simulation.flights import FlightConditions
-    from enginediag_cli.simulation.noise import ColumnNoise
+    from enginediag_cli.simulation.flights import ColumnNoise, FlightConditions
     from enginediag_cli.simulation.simulate import Simulated
 
 __all__ = ["SimulationResult", "simulate"]
@@ -73,8 +72,7 @@ class SimulationChoices:
         """Return operating conditions, noise of each column, and provenance of the conditions."""
         from enginediag_cli.config.kinds import load_checked
         from enginediag_cli.errors import Mark
-        from enginediag_cli.simulation.flights import default_plan, generate_flights
-        from enginediag_cli.simulation.noise import KINDS, column_noise
+        from enginediag_cli.simulation.flights import KINDS, column_noise, default_plan, generate_flights
 
         mark, kind = Mark("--noise"), self.noise
         counts = {"flights": self.flights, "records": self.records}
@@ -114,7 +112,7 @@ class SimulationResult(Result):
     ):
         import numpy as np
 
-        from enginediag_cli.recordings.provenance import header_lines
+        from enginediag_cli.recordings.source import header_lines
         from enginediag_cli.report.tables import output
         from enginediag_cli.simulation.simulate import describe_states, is_dynamic, simulate_in_chunks
 

@@ -23,21 +23,19 @@ import click
 from click.core import ParameterSource
 
 from enginediag_cli.cli.options import (
+    FILE_OF_DEFAULTS,
     HEADINGS,
     OPERATION,
+    AppendedFile,
+    ConfigFile,
+    FiniteRange,
     GroupedOption,
+    OutputFile,
+    check_outputs,
     has_value,
     is_default,
     long_name,
     message_options,
-)
-from enginediag_cli.cli.parameter_types import (
-    FILE_OF_DEFAULTS,
-    AppendedFile,
-    ConfigFile,
-    FiniteRange,
-    OutputFile,
-    check_outputs,
 )
 from enginediag_cli.errors import ConfigError, DataError, ExitCode, Mark, Problem
 from enginediag_cli.report.messages import Messages
@@ -47,7 +45,7 @@ if TYPE_CHECKING:
 
     from enginediag_cli.api.results import Result
     from enginediag_cli.config.document import Node
-    from enginediag_cli.config.fields import Field, Section
+    from enginediag_cli.config.hints import Field, Section
     from enginediag_cli.config.validate import Checked
     from enginediag_cli.progress import Listener
     from enginediag_cli.report.output import Output
@@ -240,7 +238,7 @@ def _takes(params: Iterable[click.Parameter], name: str) -> bool:
 
 
 def _allow_outside(context: click.Context, parameter: click.Parameter, value: bool) -> None:
-    from enginediag_cli.config.reading import READING
+    from enginediag_cli.config.hints import READING
 
     before, READING.allow_outside = READING.allow_outside, bool(value)
     context.call_on_close(lambda: setattr(READING, "allow_outside", before))
@@ -343,7 +341,7 @@ def every_command() -> dict[str, click.Command]:
 
 def defaults_section(known: Mapping[str, click.Command], others: Iterable[str] = ()) -> Section:
     """The declaration of a file: the options of the `known` commands; of `others` only that there may be a section."""
-    from enginediag_cli.config.fields import Field, Section
+    from enginediag_cli.config.hints import Field, Section
 
     common: dict[str, Field] = {}
     fields = []
@@ -368,7 +366,7 @@ def defaults_section(known: Mapping[str, click.Command], others: Iterable[str] =
 
 def _make_field(word: str, option: click.Option) -> Field:
     """An option as a key. Bounds that a value must not reach are left to the option itself."""
-    from enginediag_cli.config.fields import Field
+    from enginediag_cli.config.hints import Field
 
     help, kind = (option.help or "").rstrip("."), option.type
     if option.multiple or option.nargs != 1:
@@ -387,7 +385,7 @@ def _common_field(one: Field, other: Field) -> Field:
     """The key under `all` of an option that two commands have, which each will check by itself."""
     from dataclasses import replace
 
-    from enginediag_cli.config.fields import Field
+    from enginediag_cli.config.hints import Field
 
     if one.kind != other.kind:
         return Field(one.name, "scalar", one.help, default=None)

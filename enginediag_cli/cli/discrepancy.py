@@ -10,10 +10,14 @@ import click
 
 from enginediag_cli.cli.config import choose_exit_code, command, write_result
 from enginediag_cli.cli.options import (
+    COUNT,
+    CSV_SUFFIXES,
+    EXISTING,
     INPUT,
     JUDGEMENT,
     MODEL,
     OUTPUT,
+    OutputFile,
     complete_terms,
     engine_argument,
     exit_code_option,
@@ -29,7 +33,6 @@ from enginediag_cli.cli.options import (
     recordings_options,
     seed_option,
 )
-from enginediag_cli.cli.parameter_types import COUNT, CSV_SUFFIXES, EXISTING, OutputFile
 from enginediag_cli.errors import ExitCode, NoVerdictError
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.output import Output

@@ -1,9 +1,13 @@
-"""`enginediag check` and `recorder`: files before they are used, and a recorder file for foreign recordings."""
+"""`enginediag check` and `recorder`: files before they are used, and a recorder file for foreign recordings.
+
+`enginediag schema`, `physics`, `components`, `glossary` and `man`: what there is, and what it means.
+"""
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -13,19 +17,25 @@ from enginediag_cli.cli.config import command
 from enginediag_cli.cli.options import (
     INPUT,
     MODEL,
+    OUTPUT,
+    PREFIX,
+    ConfigFile,
+    complete_terms,
+    completions,
     nominal_options,
     option,
     output_file_option,
     output_options,
     recorder_options,
 )
-from enginediag_cli.cli.parameter_types import ConfigFile
 from enginediag_cli.errors import ExitCode
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.output import Output
 from enginediag_cli.safe_text import visible
 
 if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
     from enginediag_cli.api.files import FileCheck
 
 
@@ -110,3 +120,202 @@ def recorder(messages: Messages, file: str, engine: str | None, output: str) -> 
     draft = draft_recorder(file, engine=engine)
     draft.save(output)
     messages.note(draft.summary())
+
+
+COMPONENT_COLUMNS = ("component", "title", "unknowns")
+
+
+def _schemas() -> Iterator[tuple[str, str]]:
+    """Every name that has a schema, and what it is."""
+    from enginediag_cli.config.kinds import FILE_KINDS
+    from enginediag_cli.report.tables import OUTPUTS, PREFIX, output
+
+    yield from ((kind.name, kind.help) for kind in FILE_KINDS.values())
+    yield from ((f"{PREFIX}{name}", output(name).help) for name in OUTPUTS)
+
+
+def _complete_schema(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    return completions(dict(_schemas()), incomplete)
+
+
+def _complete_component(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    from enginediag_cli.api.files import component_names
+
+    return completions(dict.fromkeys(component_names(), ""), incomplete)
+
+
+def _complete_word(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    from enginediag_cli.glossary import GLOSSARY
+
+    return completions({entry.word: entry.meaning for entry in GLOSSARY}, incomplete)
+
+
+def _complete_command(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    from enginediag_cli.cli.main import COMMANDS
+
+    return completions({name: entry.help for name, entry in COMMANDS.items()}, incomplete)
+
+
+@command()
+@click.argument("kind", required=False, shell_complete=_complete_schema)
+def schema(messages: Messages, kind: str | None) -> None:
+    """Print the JSON schema (draft-07) of a KIND of YAML file, or of an output; without KIND, list them.
+
+    \b
+    enginediag schema engine > engine.schema.json
+    enginediag schema output/detect > detect.schema.json
+
+    Schemas of outputs describe --format json and, under `csv`, the columns of the CSV: name, type, unit, and whether a
+    cell may be empty. `version` rises when a column is removed or changes its meaning, not when one is added. It is
+    `schema` in the header of a CSV and in JSON objects.
+
+    An editor with a YAML language server checks and completes a file whose first line is
+    # yaml-language-server: $schema=engine.schema.json
+    """
+    from enginediag_cli.config.hints import near
+    from enginediag_cli.config.kinds import FILE_KINDS, json_schema
+    from enginediag_cli.report.tables import OUTPUTS, PREFIX, output
+
+    if kind is None:
+        every = dict(_schemas())
+        width = max(map(len, every))
+        for name, help in every.items():
+            click.echo(f"{name:<{width}}  {help}")
+        return
+    name = kind.removeprefix(PREFIX)
+    if kind.startswith(PREFIX) and name in OUTPUTS:
+        found = output(name).schema()
+    elif kind in FILE_KINDS:
+        found = json_schema(FILE_KINDS[kind].load_section(), f"enginediag {kind} file")
+    else:
+        outputs = [f"{PREFIX}{known}" for known in OUTPUTS]
+        known, what = (outputs, "output") if kind.startswith(PREFIX) else ([*FILE_KINDS, *outputs], "kind of file")
+        raise click.UsageError(f"no {what} {kind!r}; {near(kind, known)}")
+    click.echo(json.dumps(found, indent=2, ensure_ascii=False))
+
+
+@command()
+@click.argument("name", required=False, shell_complete=complete_terms)
+@option(
+    MODEL,
+    "--engine",
+    metavar="ENGINE.yaml",
+    type=ConfigFile(),
+    help="List the places on this engine, and the effects that its model carries.",
+)
+@option(MODEL, "--variables", is_flag=True, help="List the variables of a `law:` of --engine instead.")
+@output_options
+def physics(messages: Messages, name: str | None, engine: str | None, variables: bool, output: Output) -> None:
+    """Show the physical effect NAME with its equation, coefficients, places and reference; or list all effects.
+
+    \b
+    enginediag physics
+    enginediag physics reynolds_efficiency
+    enginediag physics --engine turbofan.yaml
+    enginediag physics --engine turbofan.yaml --variables
+
+    Without --engine, the places are those on the shipped engines; with it, NAME may be a law of the engine file. As
+    CSV, NAME has one row per coefficient, with --engine one per place; JSON has everything.
+    """
+    from enginediag_cli.api.files import describe_effect, list_effects, list_law_variables
+    from enginediag_cli.report.reference import SITES_COLUMNS, TERMS_COLUMNS, VARIABLES_COLUMNS
+
+    whole = output.chosen_format() != "table" or output.wide or bool(output.columns)
+    if variables:
+        if engine is None or name is not None:
+            raise click.UsageError("--variables needs --engine, and no NAME")
+        listed = list_law_variables(engine)
+        output.write_rows(listed.rows, VARIABLES_COLUMNS, provenance=listed.provenance)
+    elif name is None:
+        listed = list_effects(engine)
+        # sentences and equations have no room in a table
+        columns = None if whole else SITES_COLUMNS if engine else TERMS_COLUMNS
+        output.write_rows(listed.rows, columns, provenance=listed.provenance)
+    else:
+        found = describe_effect(name, engine)
+        if whole:
+            found.write(output)
+        else:
+            output.write_text(found.page)
+
+
+@command()
+@click.argument("name", required=False, shell_complete=_complete_component)
+@output_options
+def components(messages: Messages, name: str | None, output: Output) -> None:
+    """Show the component type NAME with its equations, keys, parameters, columns and an example; or list all types.
+
+    \b
+    enginediag components
+    enginediag components turbine
+
+    Parameters, unknowns, balances and columns have the names of the example. As CSV, NAME has one row per key; JSON has
+    everything.
+    """
+    from enginediag_cli.api.files import describe_component, list_components
+
+    form = output.chosen_format()
+    if name is None:
+        listed = list_components()
+        columns = COMPONENT_COLUMNS if form == "table" else None
+        output.write_rows(listed.rows, columns, provenance=listed.provenance)
+        return
+    found = describe_component(name)
+    if form == "table":
+        output.write_text(found.page)
+    elif form == "json":
+        output.write_text(json.dumps(found.document, indent=1, ensure_ascii=False) + "\n")
+    else:
+        output.write_rows(found.rows, provenance=found.provenance)
+
+
+@command()
+@click.argument("word", required=False, shell_complete=_complete_word)
+@option(
+    OUTPUT,
+    "--format",
+    type=click.Choice(["text", "markdown"]),
+    default="text",
+    show_default=True,
+    help="markdown: as a page of the documents.",
+)
+def glossary(messages: Messages, word: str | None, format: str) -> None:
+    """Explain WORD, or all words of the field that the program uses. A misspelt WORD finds the nearest ones.
+
+    \b
+    enginediag glossary
+    enginediag glossary "ambiguity group"
+    enginediag glossary --format markdown
+    """
+    from enginediag_cli.glossary import GLOSSARY, as_markdown, as_text, search
+
+    entries = GLOSSARY if word is None else search(word)
+    if not entries:
+        raise click.UsageError(f"the glossary has no word like {word!r}; `enginediag glossary` lists all")
+    click.echo(as_markdown(entries) if format == "markdown" else as_text(entries), nl=False)
+
+
+@command()
+@click.argument("command", required=False, shell_complete=_complete_command)
+def man(messages: Messages, command: str | None) -> None:
+    """Print the manual page (roff) of COMMAND, or of the whole program.
+
+    \b
+    enginediag man detect | man -l -
+    enginediag man > ~/.local/share/man/man1/enginediag.1
+    """
+    from enginediag_cli.cli.main import COMMANDS, enginediag
+    from enginediag_cli.report.reference import command_page, program_page
+
+    group = click.Context(enginediag, info_name="enginediag", **enginediag.context_settings)
+    if command is None:
+        click.echo(program_page(group, {name: entry.help for name, entry in COMMANDS.items()}), nl=False)
+        return
+    found = enginediag.get_command(group, command)
+    if found is None:
+        from enginediag_cli.config.hints import near
+
+        raise click.UsageError(f"no such command {command!r}; {near(command, COMMANDS)}")
+    prefix = f"{PREFIX}_{command}"
+    context = click.Context(found, info_name=command, parent=group, auto_envvar_prefix=prefix)
+    click.echo(command_page(context), nl=False)

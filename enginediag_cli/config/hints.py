@@ -1,15 +1,244 @@
-"""The second half of an error message: how to fix it, and the line of the file with a caret under the place."""
+"""The second half of an error message: how to fix it, and the line of the file with a caret under the place.
+
+Which files may be read: regular ones of a sane size, and inside a YAML file only its own folder's.
+
+A YAML file may come from somebody else. What it names must not make this program read, and by a message show,
+files that its user did not mean.
+
+A file that a YAML file names: beside it, or one that comes with the program.
+
+The declarations from which YAML files are validated, documented and turned into a JSON schema.
+
+A `Field` is one key: its kind, unit, bounds, default and help. A `Section` is a mapping with known keys;
+`Variants` is a mapping whose `type:` key chooses the section. Every file kind and every engine component
+declares its own fields beside the code that reads them, so there is one list of keys and no second one.
+
+Patterns that a file gives, used in bounded time: regular expressions, and names of files with wildcards.
+"""
 
 from __future__ import annotations
 
+import fnmatch
+import os
 import re
-from collections.abc import Iterable, Sequence
+import signal
+import stat
+import threading
+import time
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from enginediag_cli.config.fields import Field
-from enginediag_cli.config.reading import MOST_YAML_BYTES, refuse_irregular
-from enginediag_cli.errors import ConfigError, Mark, Problem
+from enginediag_cli.errors import ConfigError, DataError, Mark, Problem
+from enginediag_cli.progress import touched
 from enginediag_cli.safe_text import SHORT
+from enginediag_cli.shipped import shipped
+
+MOST_YAML_BYTES = 20_000_000
+"""The largest nominal files, of thousands of operating points, have a tenth of it."""
+
+MOST_TABLE_BYTES = 20_000_000
+"""A component map of 500 × 500 points and five columns has less."""
+
+PEEKED_BYTES = 65_536
+"""The `kind:` of a file stands in its first lines, behind at most a page of comments."""
+
+
+@dataclass
+class Reading:
+    """What the run allows. `allow_outside`: a YAML file may name files anywhere."""
+
+    allow_outside: bool = False
+
+
+@contextmanager
+def outside_allowed() -> Iterator[None]:
+    """Within it a YAML file may name files anywhere, as with `--allow-outside`: for a caller who wrote that file."""
+    before, READING.allow_outside = READING.allow_outside, True
+    try:
+        yield
+    finally:
+        READING.allow_outside = before
+
+
+READING = Reading()
+"""Set by the command line for one run; strict for a library user who sets nothing."""
+
+
+def read_regular(path: str | Path, most: int = MOST_YAML_BYTES) -> bytes:
+    """The bytes of a regular file. Raises ConfigError for a device, pipe or folder, for more than `most` bytes, and
+    for a file that cannot be read; nothing is read of the first two."""
+    name = str(path)
+    try:
+        refuse_irregular(path, most)
+        touched("read:", name)
+        return Path(path).read_bytes()
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise ConfigError([Problem(Mark(name), f"cannot read the file: {reason}")]) from error
+    except ConfigError:
+        raise
+    except ValueError as error:  # a NUL in the name
+        raise ConfigError([Problem(Mark(name), f"cannot read the file: {error}")]) from error
+
+
+def refuse_irregular(path: str | Path, most: int, mark: Mark | None = None) -> None:
+    """Raises ConfigError (at `mark`, or at the file) unless this is a regular file of at most `most` bytes, and
+    OSError when it is not there."""
+    found = os.stat(path)
+    what, mark = ("the file", Mark(str(path))) if mark is None else (str(path), mark)
+    if not stat.S_ISREG(found.st_mode):
+        kind = "is a directory" if stat.S_ISDIR(found.st_mode) else "is a device or a pipe"
+        raise ConfigError([Problem(mark, f"cannot read {what}: {kind}", "a regular file is wanted here")])
+    if found.st_size > most:
+        size = f"it has {found.st_size / 1e6:.0f} MB, and at most {most / 1e6:.0f} MB are read"
+        raise ConfigError([Problem(mark, f"cannot read {what}: {size}", "is it the right one?")])
+
+
+def file_inside(owner: str | Path, name: str, mark: Mark | None = None) -> Path:
+    """The file `name` that the YAML file `owner` names, which must lie in the owner's folder or come with the program.
+
+    Links are followed before that is judged. Raises ConfigError at `mark` for one outside, unless the user allows it
+    (`--allow-outside`), and for a device, a pipe or a file that is too large; what is refused is not read.
+    """
+    mark = mark or Mark(str(owner))
+    folder = Path(owner).parent
+    path = folder / name
+    try:
+        if not READING.allow_outside and not _allowed(path, folder):
+            what = f"{name} lies outside the folder of this file"
+            raise ConfigError([Problem(mark, what, "put it beside this file, or allow it with --allow-outside")])
+        refuse_irregular(path, MOST_TABLE_BYTES, mark)
+    except OSError as error:
+        raise ConfigError([Problem(mark, f"cannot read {path}: {(error.strerror or str(error)).lower()}")]) from error
+    except ConfigError:
+        raise
+    except ValueError as error:  # a NUL in the name
+        raise ConfigError([Problem(mark, f"cannot read {name!r}: {error}")]) from error
+    return path
+
+
+def refuse_other_kind(path: str | Path, kind: str, mark: Mark) -> None:
+    """Raises ConfigError at `mark` unless this is a regular file that says `kind: <kind>`. For a file that may lie
+    anywhere because a user once named it: what is no such file is not quoted in a message."""
+    import re
+
+    try:
+        refuse_irregular(path, MOST_YAML_BYTES, mark)
+        with open(path, "rb") as stream:
+            head = stream.read(PEEKED_BYTES)
+    except OSError as error:
+        raise ConfigError([Problem(mark, f"cannot read {path}: {(error.strerror or str(error)).lower()}")]) from error
+    says = rb"^[\"']?kind[\"']?\s*:\s*[\"']?" + kind.encode() + rb"\b"
+    if not re.search(says, head.removeprefix(b"\xef\xbb\xbf"), re.MULTILINE):
+        raise ConfigError([Problem(mark, f"{path} is not a file of kind '{kind}'")])
+
+
+def _allowed(path: Path, folder: Path) -> bool:
+    """Whether the file lies, all links followed, in the folder or among the shipped files."""
+    from enginediag_cli.errors import DataError
+    from enginediag_cli.shipped import shipped_folder
+
+    real = path.resolve()
+    if real.is_relative_to(folder.resolve()):
+        return True
+    try:
+        return real.is_relative_to(shipped_folder().resolve())
+    except DataError:
+        return False
+
+
+def named_file(owner: Path, name: str, what: str, mark: Mark) -> Path:
+    """The file `name` beside the YAML file `owner`, or the shipped one of that name; `what` it is, for messages.
+    Raises ConfigError."""
+    beside = owner.parent / name
+    if beside.exists():
+        return file_inside(owner, name, mark)
+    try:
+        return shipped(name)
+    except DataError as error:
+        raise ConfigError([Problem(mark, f"there is no {what} {beside}", str(error))]) from None
+
+
+REQUIRED: Any = object()
+"""Default of a field that must be given."""
+
+KINDS = (
+    "number",
+    "integer",
+    "text",
+    "boolean",
+    "choice",
+    "numbers",  # list of numbers
+    "texts",  # list of texts
+    "scalar",  # a single value, taken as the text that stands there
+    "range",  # [low, high]
+    "number_map",  # mapping: any name -> number
+    "text_map",  # mapping: any name -> text
+    "any_map",  # mapping: any name -> scalar
+    "section",  # mapping with the fields of `section`
+    "sections",  # list of such mappings
+    "section_map",  # mapping: any name -> such a mapping
+    "named_sections",  # list of such mappings or of variants, each with a `name:`
+)
+
+
+@dataclass(frozen=True)
+class Field:
+    """One YAML key. `unit` is for documentation; the key itself carries it (`area_m2`)."""
+
+    name: str
+    kind: str
+    help: str
+    default: Any = REQUIRED
+    unit: str = ""
+    minimum: float | None = None
+    maximum: float | None = None
+    choices: tuple[str, ...] = ()
+    section: AnySection | None = None
+
+    @property
+    def required(self) -> bool:
+        return self.default is REQUIRED
+
+
+@dataclass(frozen=True)
+class Section:
+    """A mapping with known keys; anything else in it is an error."""
+
+    name: str
+    help: str
+    fields: tuple[Field, ...]
+
+
+@dataclass(frozen=True)
+class Either:
+    """A mapping whose section is given by which key is there: `term:` or `law:`."""
+
+    name: str
+    help: str
+    options: Mapping[str, Section]
+
+    def choose(self, keys: Collection[str]) -> Section | None:
+        """The one whose key is among these; None where there is none, or more than one."""
+        found = [section for key, section in self.options.items() if key in keys]
+        return found[0] if len(found) == 1 else None
+
+
+@dataclass(frozen=True)
+class Variants:
+    """A mapping whose key `key` names which section it is, e.g. `type: compressor`."""
+
+    name: str
+    help: str
+    options: Mapping[str, Section]
+    key: str = "type"
+
+
+AnySection = Section | Variants | Either
+
 
 SHOWN = 20
 """Names listed in a hint before the rest is only counted."""
@@ -104,7 +333,6 @@ def _converted(key: str, value: object, name: str) -> str:
 
 
 def _keys_inside(field: Field) -> tuple[str, ...]:
-    from enginediag_cli.config.fields import Section
 
     if field.kind == "section" and isinstance(field.section, Section):
         return tuple(inner.name for inner in field.section.fields)
@@ -184,3 +412,154 @@ def _source_line(mark: Mark, files: Lines) -> str | None:
     lines = files[mark.file]
     line = lines[mark.line - 1].rstrip("\r") if mark.line <= len(lines) else ""
     return line if line.strip() else None
+
+
+MATCH_S = 2.0
+"""Time for one match; an honest pattern finds a serial number in microseconds."""
+WALK_S = 30.0
+"""Time for one pattern of files: a station's disk has been seen to take a second for 100,000 entries."""
+MOST_ENTRIES = 1_000_000
+"""Entries of folders that one pattern looks at."""
+
+
+MOST_LEVELS = 100
+"""Folders within folders that ** goes down."""
+
+
+def compile_pattern(text: str) -> re.Pattern[str]:
+    """The regular expression. Raises ValueError for one that is none, and for one whose time may grow exponentially
+    with the text: a repetition of what itself may have several lengths or alternatives, as in (a+)+ or (a|aa)*."""
+    try:
+        pattern = re.compile(text)
+        parsed = _parser().parse(text)
+    except (re.error, OverflowError, RecursionError) as error:
+        raise ValueError(f"not a regular expression: {error}") from error
+    if _ambiguous(parsed, within=False):
+        raise ValueError(
+            "a repetition within a repetition, such as (a+)+ or (a|aa)*, can take longer than anybody waits: write it "
+            "without the inner or the outer one"
+        )
+    return pattern
+
+
+def search(pattern: re.Pattern[str], text: str, name: str) -> re.Match[str] | None:
+    """`pattern.search(text)`. Raises DataError, with the name of what gave the pattern, when it takes too long."""
+    with _limited(MATCH_S, f"{name}: the pattern {pattern.pattern!r} takes more than {MATCH_S:g} s; simplify it"):
+        return pattern.search(text)
+
+
+def matching(folder: Path, pattern: str) -> list[str]:
+    """Paths of all entries below a folder that a pattern names, sorted: * is any part of a name, ** any number of
+    folders (no hidden ones, and no links), MOST_LEVELS at the most. A pattern may begin with .. or be absolute. Raises
+    DataError where it looks at too many entries, or takes too long."""
+    every = Path(pattern).parts
+    parts = [part for k, part in enumerate(every) if part != "." and (part != "**" or every[k - 1 : k] != ("**",))]
+    return sorted(set(_matching(str(folder), parts, _FolderWalk(pattern))))
+
+
+class _FolderWalk:
+    """What a walk has looked at, and how long it may go on."""
+
+    def __init__(self, pattern: str):
+        self._pattern, self._entries, self._until = pattern, 0, time.monotonic() + WALK_S
+
+    def entries(self, folder: str) -> list[os.DirEntry[str]]:
+        """Those of a folder; none of what is no folder or cannot be read. Raises DataError."""
+        found = []
+        try:
+            with os.scandir(folder or ".") as every:
+                for entry in every:
+                    self._entries += 1
+                    if self._entries > MOST_ENTRIES or time.monotonic() > self._until:
+                        looked = f"looks at more than {min(self._entries, MOST_ENTRIES)} files, or for {WALK_S:g} s"
+                        raise DataError(f"the pattern {self._pattern!r} {looked}; name the folder of the recordings")
+                    found.append(entry)
+        except OSError:
+            return []
+        return found
+
+
+def _matching(folder: str, parts: list[str], walk: _FolderWalk) -> Iterator[str]:
+    if not parts:
+        yield folder
+        return
+    first, rest = parts[0], parts[1:]
+    if first == "**":
+        yield from _matching(folder, rest, walk) if rest else ()
+        for entry in walk.entries(folder):
+            if entry.is_dir(follow_symlinks=False):
+                if not _hidden(entry.name) and folder.count(os.sep) < MOST_LEVELS:
+                    yield from _matching(entry.path, parts, walk)
+            elif not rest and not _hidden(entry.name):
+                yield entry.path
+    elif any(mark in first for mark in "*?["):
+        for entry in walk.entries(folder):
+            if fnmatch.fnmatch(entry.name, first) and (_hidden(first) or not _hidden(entry.name)):
+                yield from _matching(entry.path, rest, walk)
+    else:
+        path = os.path.join(folder, first)
+        if os.path.lexists(path):
+            yield from _matching(path, rest, walk)
+
+
+def _hidden(name: str) -> bool:
+    return name[:1] == "."
+
+
+@contextmanager
+def _limited(seconds: float, message: str) -> Iterator[None]:
+    """Raises DataError with this message after so many seconds. The matcher of `re` looks for signals as it goes; where
+    there are none (another thread, another system) what `compile_pattern` has let pass goes on."""
+
+    def stop(*_: object) -> None:
+        raise DataError(message)
+
+    if not hasattr(signal, "setitimer") or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def _parser() -> Any:
+    """The module of the standard library that parses regular expressions, which 3.11 has renamed."""
+    import importlib
+
+    try:
+        return importlib.import_module("re._parser")
+    except ImportError:
+        return importlib.import_module("sre_parse")
+
+
+REPEATS = ("MAX_REPEAT", "MIN_REPEAT")
+"""Repetitions that give back what they have taken, as the parser calls them."""
+
+
+def _ambiguous(parsed: Any, *, within: bool) -> bool:
+    """Whether a repetition holds another one of several lengths, or alternatives. within: this is in a repetition."""
+    for op, value in parsed:
+        name = str(op)
+        if name in REPEATS:
+            low, high, inside = value
+            if (within and high > low) or _ambiguous(inside, within=within or high > 1):
+                return True
+        elif name == "BRANCH":
+            if within or any(_ambiguous(branch, within=within) for branch in value[1]):
+                return True
+        elif name == "SUBPATTERN":
+            if _ambiguous(value[-1], within=within):
+                return True
+        elif name in ("ASSERT", "ASSERT_NOT"):
+            if _ambiguous(value[1], within=within):
+                return True
+        elif name == "ATOMIC_GROUP":
+            if _ambiguous(value, within=within):
+                return True
+        elif name == "GROUPREF" and within:
+            return True
+    return False

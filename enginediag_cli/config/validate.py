@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from enginediag_cli.config.document import Node, document_problems
-from enginediag_cli.config.fields import AnySection, Either, Field, Section, Variants
-from enginediag_cli.config.hints import near, not_a_number, unknown_key
+from enginediag_cli.config.hints import AnySection, Either, Field, Section, Variants, near, not_a_number, unknown_key
 from enginediag_cli.errors import MOST_PROBLEMS, ConfigError, Mark, Problem
 from enginediag_cli.safe_text import shortened
 

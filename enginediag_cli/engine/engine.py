@@ -14,7 +14,7 @@ from enginediag_cli.engine import start as anchors
 from enginediag_cli.engine.dual import Array
 from enginediag_cli.engine.evaluation import Sensor
 from enginediag_cli.engine.network import Network
-from enginediag_cli.engine.recall import KnownLeaf, Recall
+from enginediag_cli.engine.recall import KnownLeaf, Recall, Tape, Tapes
 from enginediag_cli.engine.start import correction, total_ratios
 from enginediag_cli.engine.strategy import (
     INVALID_INPUT,
@@ -29,7 +29,6 @@ from enginediag_cli.engine.strategy import (
     Tries,
     chain_known_leaves,
 )
-from enginediag_cli.engine.tape import Tape, Tapes
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.parameters import Parameter
 

@@ -16,14 +16,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from enginediag_cli.config.fields import Field, Section
+from enginediag_cli.config.hints import Field, Section
 from enginediag_cli.engine.components import Unknown
 from enginediag_cli.engine.components.base import Component, scalar
 from enginediag_cli.engine.components.combustion import Afterburner, Burner
-from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.passages import Inlet
 from enginediag_cli.engine.components.shaft_loads import SURPLUS, Gearbox, Load, Propeller
-from enginediag_cli.engine.components.turbine import Turbine
+from enginediag_cli.engine.components.turbomachinery import Compressor, Turbine
 from enginediag_cli.engine.controls import Control, DerivedPosition, Governor
 from enginediag_cli.engine.dual import Array, Value, sqrt
 from enginediag_cli.engine.evaluation import Evaluation, Flow, Hooks, Shaft

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.engine.atmosphere import P_ISA, T_ISA, standard_atmosphere
 from enginediag_cli.engine.dual import Array, value
+from enginediag_cli.engine.evaluation import P_ISA, T_ISA, standard_atmosphere
 from enginediag_cli.engine.gas import COLUMNS
 from enginediag_cli.units import split_column
 

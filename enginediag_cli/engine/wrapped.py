@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from enginediag_cli.engine.engine import Engine, Prediction
 from enginediag_cli.engine.filters import Lag
-from enginediag_cli.engine.tape import MOMENT, PAST
+from enginediag_cli.engine.recall import MOMENT, PAST
 from enginediag_cli.parameters import Parameter
 
 

@@ -58,8 +58,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import legendre
 
-from enginediag_cli.engine.components.compressor import Compressor
-from enginediag_cli.engine.components.turbine import Turbine
+from enginediag_cli.engine.components.turbomachinery import Compressor, Turbine
 from enginediag_cli.engine.declaration import MISMATCH
 from enginediag_cli.engine.engine import Prediction
 from enginediag_cli.engine.wrapped import PredictionRequest, WrappedModel

@@ -21,25 +21,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import stdtr
 
-from enginediag_cli.detection.e_values import EPath, e_path, onset_posterior
+from enginediag_cli.detection.sequential import EPath, e_path, onset_posterior
 from enginediag_cli.detection.series import FEWEST, Series
 from enginediag_cli.fleets.findings import (
     CHANGED,
     HEALTHY,
     NO_VERDICT,
     EngineFinding,
+    EngineFlights,
     EngineHistory,
     EventRow,
     FinalReadings,
     FleetSettings,
     FlightRow,
     HealthChange,
+    HealthCourse,
     HealthRow,
     IntervalEstimate,
-)
-from enginediag_cli.fleets.health import (
-    EngineFlights,
-    HealthCourse,
     engine_flights,
     event_number,
     fit_course,
@@ -54,10 +52,10 @@ from enginediag_cli.fleets.margin import (
     margin_consumption,
     margin_scale,
 )
-from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.isolation.events import SeriesDiagnosis
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.isolation.timeline import OF_A_FLEET, TrendOptions, judge_series
+from enginediag_cli.probability import NORMAL_95
 
 
 def isolate_history(

@@ -1,17 +1,30 @@
 """What is found of an engine and of a fleet: plain values, for tables, files and reports.
 
 What is known of an engine by serial number: its flights in order, and what maintenance did to it.
+
+The course of an engine's health over its flights, and what maintenance brought: one Gaussian posterior.
+
+    z_i = B x_i + J_i δ(i) + ε_i,    δ(i) = Σ_k a_k φ_k(i) + Σ_e r_e 1(i ≥ t_e),    ε_i ~ N(0, Σ)
+
+with φ_k rising from 0 to 1 over the k-th piece of the flights after the baseline, a_k ~ N(0, D² Δ_k): a walk that by
+the end may be as far from nominal as a change plausibly is, straight within pieces; r_e what maintenance may have
+moved. B, level and what follows the conditions, is eliminated.
+
+What the readings of one engine are to its e-value and to the course of its health.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from math import nan
 
 import numpy as np
 
-from enginediag_cli.detection.series import FlightWindow
+from enginediag_cli.detection.sequential import FlightReadings, SuspectDirections
+from enginediag_cli.detection.series import FlightWindow, Readings, Series
+from enginediag_cli.engine.wrapped import WrappedModel
+from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.instruments import FaultInFlights
 
 KINDS = ("wash", "overhaul", "exchange")
@@ -234,3 +247,273 @@ class FleetSettings:
     consumed_limit_K: tuple[float, float] | None = None
     thorough: bool = True
     onsets: bool = True
+
+
+RENEWED = 25.0
+"""Variance of what a reading differs by after maintenance that may move it, in units of its scatter: as an engine that
+is new to the fleet."""
+
+
+@dataclass(frozen=True)
+class EngineFlights:
+    """The readings of the m output sensors alone, z (n, m), with the effects J (n, m, p) of all p parameters; steps
+    (n, e): 1 from the first flight after each of the `events` on; number (n,): of each flight, from 0."""
+
+    readings: Readings
+    z: np.ndarray
+    J: np.ndarray
+    noise: np.ndarray
+    described: tuple[Parameter, ...]
+    steps: np.ndarray
+    events: tuple[MaintenanceEvent, ...]
+    number: np.ndarray
+    weight: np.ndarray
+    baseline: int
+
+    def __len__(self) -> int:
+        return len(self.z)
+
+    @property
+    def health(self) -> np.ndarray:
+        """Positions of the parameters that are of no instrument."""
+        return np.array([i for i, p in enumerate(self.described) if not p.of_instrument], int)
+
+    def rows(self) -> FlightReadings:
+        """As the e-value reads them: what maintenance may have moved is a condition like any other."""
+        conditions = np.concatenate([self.readings.weather, np.sqrt(RENEWED) * self.steps], axis=1)
+        return FlightReadings(self.z, conditions, self.weight)
+
+    def suspects(self, instruments: bool) -> tuple[SuspectDirections, list[tuple[int, ...]]]:
+        """Directions of unit changes, on the average over the flights, and the positions of the parameters that change
+        in each: every parameter by one prior standard deviation, and every two of a component together, the same way
+        and opposite ways. Components and instruments have half of the weight each."""
+        J = self.J.mean(axis=0)
+        told = np.abs(J).max(axis=0) > 0
+        groups: dict[str, list[int]] = {}
+        for i, p in enumerate(self.described):
+            if told[i] and (instruments or not p.of_instrument):
+                groups.setdefault(p.component, []).append(i)
+        directions: list[np.ndarray] = []
+        members: list[tuple[int, ...]] = []
+        weights: list[float] = []
+        parts = {c: self.described[at[0]].of_instrument for c, at in groups.items()}
+        for component, at in groups.items():
+            own: list[tuple[np.ndarray, tuple[int, ...]]] = [(J[:, i], (i,)) for i in at]
+            if not parts[component]:
+                pairs = [(a, b) for k, a in enumerate(at) for b in at[k + 1 :]]
+                own += [((J[:, a] + sign * J[:, b]) / np.sqrt(2), (a, b)) for a, b in pairs for sign in (1, -1)]
+            alike = sum(x == parts[component] for x in parts.values())
+            directions += [d for d, _ in own]
+            members += [m for _, m in own]
+            weights += [1 / (alike * len(own))] * len(own)
+        w = np.array(weights)
+        return SuspectDirections(np.array(directions).reshape(-1, len(J)), w / w.sum()), members
+
+    def scatter(self) -> np.ndarray:
+        """Covariance (m, m) of what readings differ by from one flight to the next, with that of their noise as a prior
+        that counts for m + 3 flights."""
+        m = self.z.shape[1]
+        kept = np.abs(np.diff(self.steps, axis=0)).sum(axis=1) == 0 if self.steps.size else np.ones(len(self) - 1, bool)
+        d = (np.diff(self.z, axis=0) * self.weight[1:, None] / np.sqrt(2))[kept]
+        size = np.einsum("nm,mk,nk->n", d, np.linalg.inv(self.noise * _noise_share(d, self.noise)), d) / m
+        d = d * np.minimum(1.0, LARGE / np.sqrt(np.maximum(size, 1e-12)))[:, None]  # a jump is no scatter
+        return np.asarray((2 * self.noise + d.T @ d) / (2 + len(d)))
+
+
+LARGE = 3.0
+"""Standard deviations beyond which a difference of two flights is drawn in: no more than one of a hundred."""
+
+
+def _noise_share(d: np.ndarray, noise: np.ndarray) -> float:
+    """What differences (n, m) usually are of their noise."""
+    if not len(d):
+        return 1.0
+    square = np.einsum("nm,mk,nk->n", d, np.linalg.inv(noise), d) / len(noise)
+    return float(max(np.median(square), 0.25))
+
+
+def engine_flights(history: EngineHistory, series: Series) -> EngineFlights:
+    """The flights of a history. Raises DataError when they have statistics of different parameters."""
+    mine = replace(series, stretches={history.serial: history.stretches})
+    readings = mine.readings(history.serial)
+    m = readings.z.shape[1] - readings.inputs
+    described = tuple(series.parameters[name] for name in readings.parameters)
+    events, steps = _event_steps(history, readings)
+    return EngineFlights(
+        readings,
+        readings.z[:, :m],
+        readings.J[:, :m],
+        readings.noise[:m, :m],
+        described,
+        steps,
+        events,
+        readings.first,
+        _flight_weights(history, readings),
+        int(np.searchsorted(readings.first, history.baseline)),
+    )
+
+
+def _flight_weights(history: EngineHistory, readings: Readings) -> np.ndarray:
+    """Square root of how much each flight tells of what a usual one does, 1 at most: by its records."""
+    records = np.array([max(history.stretches[k].stored.n, 1) for k in readings.first], float)
+    return np.asarray(np.minimum(1.0, np.sqrt(records / np.median(records))))
+
+
+def event_number(event: MaintenanceEvent, history: EngineHistory) -> int:
+    """Number of the first flight after an event, from 0; the number of flights where none is after it. By the label of
+    the flight, by its count where flights have no labels, else by the time."""
+    windows = [x.window for x in history.stretches]
+    if event.flight:
+        labels = [w.flight for w in windows]
+        if event.flight in labels:
+            return labels.index(event.flight)
+        if not any(labels) and event.flight.isdigit():
+            return min(max(int(event.flight) - 1, 0), len(windows))
+        return len(windows)
+    after = [k for k, w in enumerate(windows) if w.start_s >= event.time_s]
+    return after[0] if after else len(windows)
+
+
+def _event_steps(history: EngineHistory, readings: Readings) -> tuple[tuple[MaintenanceEvent, ...], np.ndarray]:
+    told, columns = [], []
+    for event in history.events:
+        column = (readings.first >= event_number(event, history)).astype(float)
+        if column.any() and not column.all():
+            told.append(event)
+            columns.append(column)
+    return tuple(told), np.array(columns).T.reshape(len(readings), len(columns))
+
+
+def movable_parameters(
+    event: MaintenanceEvent, described: Sequence[Parameter], compressors: Collection[str]
+) -> Mapping[int, float]:
+    """Positions of the parameters that an event may have moved, with the standard deviation of that beforehand, in
+    prior standard deviations. A wash moves what fouling moves, an overhaul or an exchange all of its component."""
+    found = {}
+    for i, p in enumerate(described):
+        if p.of_instrument:
+            continue
+        if event.kind == "wash":
+            if p.component in compressors or not compressors:
+                found[i] = WASHED
+        elif not event.component or p.component == event.component:
+            found[i] = EXCHANGED
+    return found
+
+
+WASHED = 0.5
+"""What a wash brings, in prior standard deviations: half of what fouling plausibly takes."""
+EXCHANGED = 1.5
+"""What an exchange may bring: the wear of the old component and the difference of the new one."""
+
+
+def washable_components(series: Series) -> frozenset[str]:
+    """Components that a wash cleans; none where the engine is not at hand."""
+    engine = None if series.monitor is None else series.monitor.engine
+    while isinstance(engine, WrappedModel):
+        engine = engine.model
+    declared = getattr(engine, "declared", None)
+    return (
+        frozenset(c["name"] for c in declared["components"] if c["type"] == "compressor") if declared else frozenset()
+    )
+
+
+PIECES, FLIGHTS_PER_PIECE = 8, 6
+"""Pieces of the course at most, and flights that each has at least."""
+AT_A_TIME = 512
+"""Flights of which all columns are held at once: a few megabytes."""
+FAILED = 10.0
+"""Standard deviation of a suspected instrument's error, in prior standard deviations."""
+
+
+@dataclass(frozen=True)
+class HealthCourse:
+    """parameters (q,): positions among those of the flights; unit (q,): their prior standard deviations. phi (n, K);
+    mean (r,) and covariance (r, r) of the coefficients in these units: K pieces by q, then one for each `jumps`, pairs
+    of event and position among q. steps (n, e); level (m,): of the readings in the baseline; scatter (m, m)."""
+
+    parameters: np.ndarray
+    unit: np.ndarray
+    phi: np.ndarray
+    mean: np.ndarray
+    covariance: np.ndarray
+    jumps: tuple[tuple[int, int], ...]
+    steps: np.ndarray
+    level: np.ndarray
+    scatter: np.ndarray
+
+    def state_map(self, flight: int) -> np.ndarray:
+        """Map (q, r) from coefficients to the state at a flight."""
+        q = len(self.parameters)
+        T = np.zeros((q, len(self.mean)))
+        for k, value in enumerate(self.phi[flight]):
+            T[:, k * q : (k + 1) * q] = value * np.eye(q)
+        for j, (event, position) in enumerate(self.jumps):
+            T[position, self.phi.shape[1] * q + j] = self.steps[flight, event]
+        return T
+
+    @property
+    def path(self) -> np.ndarray:
+        """Mean of the state (n, q) at each flight."""
+        q, K = len(self.parameters), self.phi.shape[1]
+        found = self.phi @ self.mean[: K * q].reshape(K, q)
+        for j, (event, position) in enumerate(self.jumps):
+            found[:, position] += self.steps[:, event] * self.mean[K * q + j]
+        return np.asarray(found)
+
+    def event_map(self, event: int) -> np.ndarray:
+        """Map (q, r) from coefficients to what an event brought."""
+        q = len(self.parameters)
+        T = np.zeros((q, len(self.mean)))
+        for j, (e, position) in enumerate(self.jumps):
+            if e == event:
+                T[position, self.phi.shape[1] * q + j] = 1.0
+        return T
+
+    def evaluate(self, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean (q,) and covariance (q, q) of linear functions T (q, r), in prior standard deviations."""
+        return T @ self.mean, T @ self.covariance @ T.T
+
+
+def fit_course(
+    flights: EngineFlights, moved: Sequence[Mapping[int, float]], failed: Sequence[int] = ()
+) -> HealthCourse:
+    """moved: of each event of the flights, positions of the parameters that it may have moved with the standard
+    deviation of that; failed: positions of instruments that are suspected, whose errors are then states like health."""
+    n, m = flights.z.shape
+    own = np.array([*flights.health, *failed], int)
+    size = np.concatenate([np.ones(len(flights.health)), np.full(len(failed), FAILED)])
+    after = n - flights.baseline
+    pieces = int(np.clip(after // FLIGHTS_PER_PIECE, 1, PIECES))
+    edges = np.unique(np.linspace(0, after, pieces + 1).round())
+    since = np.arange(n)[:, None] - (flights.baseline - 1)
+    phi = np.clip((since - edges[:-1]) / np.maximum(np.diff(edges), 1), 0.0, 1.0)
+    place = {int(p): k for k, p in enumerate(own)}
+    jumps = tuple((e, place[p]) for e, one in enumerate(moved) for p in one)
+    spread = [one[p] for one in moved for p in one]
+    scatter = flights.scatter()
+    root = np.linalg.inv(np.linalg.cholesky(scatter))
+    z = flights.weight[:, None] * (flights.z @ root.T)
+    U = flights.weight[:, None] * np.concatenate([np.ones((n, 1)), flights.readings.weather], axis=1)
+    inner = U.T @ U + np.diag([1e-9, *np.ones(U.shape[1] - 1)])
+    variance = np.concatenate([np.outer(np.diff(edges) / max(after, 1), size**2).ravel(), np.square(spread)])
+    r = len(variance)
+    XX, Xz, UX = np.zeros((r, r)), np.zeros(r), np.zeros((U.shape[1], m, r))
+    for first in range(0, n, AT_A_TIME):
+        rows = slice(first, first + AT_A_TIME)
+        J = flights.weight[rows, None, None] * (root @ flights.J[rows][:, :, own])
+        columns = [phi[rows, k, None, None] * J for k in range(phi.shape[1])]
+        columns += [flights.steps[rows, e, None, None] * J[:, :, [k]] for e, k in jumps]
+        X = np.concatenate(columns, axis=2)  # (·, m, r)
+        UX += np.tensordot(U[rows].T, X, 1)
+        X = X.reshape(-1, r)
+        XX += X.T @ X
+        Xz += X.T @ z[rows].ravel()
+    of_X = np.linalg.solve(inner, UX.reshape(U.shape[1], -1)).reshape(UX.shape)
+    H = XX - np.tensordot(UX, of_X, ((0, 1), (0, 1))) + np.diag(1 / variance)
+    covariance = np.linalg.inv((H + H.T) / 2)
+    mean = covariance @ (Xz - np.tensordot(of_X, U.T @ z, ((0, 1), (0, 1))))
+    B = np.linalg.solve(inner, U.T @ z) - of_X @ mean
+    level = np.linalg.solve(root, B[0])
+    unit = flights.readings.D[own]
+    return HealthCourse(own, unit, phi, mean, covariance, jumps, flights.steps, level, scatter)

@@ -18,11 +18,8 @@ from math import isfinite, nan
 from pathlib import Path
 from typing import Any
 
-from enginediag_cli.config.fields import Field, Section
-from enginediag_cli.config.hints import near
+from enginediag_cli.config.hints import READING, Field, Section, compile_pattern, matching, named_file, near, search
 from enginediag_cli.config.kinds import load_checked
-from enginediag_cli.config.patterns import compile_pattern, matching, search
-from enginediag_cli.config.reading import READING, named_file
 from enginediag_cli.config.validate import Checked
 from enginediag_cli.errors import ConfigError, DataError, Mark, NoVerdictError, Problem
 from enginediag_cli.fleets.findings import KINDS, MaintenanceEvent

@@ -22,12 +22,19 @@ import numpy as np
 from enginediag_cli.config.hints import near
 from enginediag_cli.detection.forecast import FittedLaws, MarginCourse, Population, fit_laws, forecast, learn_population
 from enginediag_cli.detection.series import Series
-from enginediag_cli.engine.wiring import hot_columns
+from enginediag_cli.engine.load import hot_columns
 from enginediag_cli.engine.wrapped import WrappedModel
 from enginediag_cli.errors import DataError
-from enginediag_cli.fleets.findings import EngineFinding, FleetSettings, IntervalEstimate, Margin
-from enginediag_cli.fleets.health import FAILED, EngineFlights, HealthCourse
-from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.fleets.findings import (
+    FAILED,
+    EngineFinding,
+    EngineFlights,
+    FleetSettings,
+    HealthCourse,
+    IntervalEstimate,
+    Margin,
+)
+from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.residuals.monitor import Monitor
 
 POINTS = 200

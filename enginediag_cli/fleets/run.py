@@ -41,7 +41,7 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
-from enginediag_cli.detection.e_values import flag_engines
+from enginediag_cli.detection.sequential import flag_engines
 from enginediag_cli.detection.series import Series, build_series
 from enginediag_cli.errors import DataError, EngineDiagError, NoVerdictError
 from enginediag_cli.fleets.engine_judgement import judge_engine
@@ -60,8 +60,7 @@ from enginediag_cli.fleets.findings import (
 )
 from enginediag_cli.fleets.fleet_file import Fleet, FleetBaseline, FleetRecording, natural_order
 from enginediag_cli.fleets.margin import MarginScale, add_forecasts, learn_removal_limit, margin_scale
-from enginediag_cli.fleets.models import BuildModel, build_model
-from enginediag_cli.fleets.runners import Runner
+from enginediag_cli.fleets.models import BuildModel, Runner, build_model
 from enginediag_cli.fleets.store import (
     CondensedReader,
     CondenseOutcome,
@@ -70,9 +69,9 @@ from enginediag_cli.fleets.store import (
     condense,
     whole_monitor,
 )
-from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.isolation.timeline import GENERIC
 from enginediag_cli.parameters import Parameter, meanings
+from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.progress import each
 from enginediag_cli.residuals.files import Window
 from enginediag_cli.residuals.monitor import Monitor

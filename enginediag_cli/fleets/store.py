@@ -40,9 +40,9 @@ from enginediag_cli.errors import DataError, EngineDiagError
 from enginediag_cli.intake.loader import ExcludedData, GrossCounts, RecordingLoader
 from enginediag_cli.intake.selection import RecordingSource, required_columns
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.recordings.provenance import file_sha256
+from enginediag_cli.recordings.masking import GateReport
 from enginediag_cli.recordings.repeated import StuckRun
-from enginediag_cli.recordings.steady import GateReport
+from enginediag_cli.recordings.source import file_sha256
 from enginediag_cli.recordings.table import MissingColumn, ReadingCounts, Recording
 from enginediag_cli.recordings.write import open_binary_output
 from enginediag_cli.residuals.gross_gate import GrossErrorGate

@@ -49,7 +49,7 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.engine.instrument_errors import suspected
-from enginediag_cli.engine.tape import MOMENT, Tapes
+from enginediag_cli.engine.recall import MOMENT, Tapes
 from enginediag_cli.engine.wrapped import LAGS_S, LagModel
 from enginediag_cli.identification.gauss_newton import Fit
 from enginediag_cli.identification.normal_equations import NormalEquations

@@ -20,8 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.config.fields import Field, Section
-from enginediag_cli.config.reading import refuse_other_kind
+from enginediag_cli.config.hints import Field, Section, refuse_other_kind
 from enginediag_cli.config.validate import Checked
 from enginediag_cli.engine.load import EngineDescription
 from enginediag_cli.error_model.maps import ErrorModel, MapCurves, OperatingPoints
@@ -379,7 +378,7 @@ def refuse_changed_engine(
 
     Raises ConfigError, at its line of the nominal file where that is given, when it is not accepted, and OSError.
     """
-    from enginediag_cli.recordings.provenance import file_sha256
+    from enginediag_cli.recordings.source import file_sha256
 
     digest = file_sha256(engine_path)
     if digest == nominal.engine_sha256:

@@ -34,10 +34,9 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.engine.components.combustion import Burner
-from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.nozzles import Nozzle, throat
 from enginediag_cli.engine.components.passages import Bleed, Duct, Inlet
-from enginediag_cli.engine.components.turbine import Turbine
+from enginediag_cli.engine.components.turbomachinery import Compressor, Turbine
 from enginediag_cli.engine.dual import log, value
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.evaluation import Flow

@@ -45,7 +45,7 @@ import numpy as np
 
 from enginediag_cli.config.hints import near
 from enginediag_cli.engine.declaration import IDENTIFICATION, LOSSES
-from enginediag_cli.engine.tape import MOMENT, PAST
+from enginediag_cli.engine.recall import MOMENT, PAST
 from enginediag_cli.engine.wrapped import Model
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.noise import record_gaps, record_positions

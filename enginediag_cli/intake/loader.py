@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from enginediag_cli.engine.tape import MOMENT, NO_MOMENT
+from enginediag_cli.engine.recall import MOMENT, NO_MOMENT
 from enginediag_cli.errors import DataError, EngineDiagError, NoVerdictError
 from enginediag_cli.identification.problem import TrainingRecording, select_records, training_recordings
 from enginediag_cli.intake.agreement import SAMPLED, AgreementCheck, MismatchError, RecordingMismatch
@@ -37,10 +37,9 @@ from enginediag_cli.recordings.table import (
 )
 
 if TYPE_CHECKING:
-    from enginediag_cli.engine.tape import Tapes
-    from enginediag_cli.recordings.masking import MaskCounts
+    from enginediag_cli.engine.recall import Tapes
+    from enginediag_cli.recordings.masking import GateReport, MaskCounts
     from enginediag_cli.recordings.recorder import EngineMapper, Recorder
-    from enginediag_cli.recordings.steady import GateReport
 
 
 EXCURSION = 3

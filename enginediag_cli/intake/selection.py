@@ -16,7 +16,7 @@ from enginediag_cli.errors import DataError
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
-    from enginediag_cli.engine.tape import Tapes
+    from enginediag_cli.engine.recall import Tapes
     from enginediag_cli.engine.wrapped import Model
     from enginediag_cli.identification.nominal import Nominal
     from enginediag_cli.recordings.table import MissingColumn, Recording
@@ -75,7 +75,7 @@ def refuse_duplicates(files: Sequence[str]) -> None:
 
 
 def _digest(file: str) -> str:
-    from enginediag_cli.recordings.provenance import file_sha256
+    from enginediag_cli.recordings.source import file_sha256
 
     return file_sha256(file)
 
@@ -123,7 +123,7 @@ def required_columns(
 ) -> RequiredColumns:
     """What this engine reads; `sensors`: only these of its own; `past`: its tapes are kept although it has no
     memory as it is."""
-    from enginediag_cli.engine.tape import MOMENT
+    from enginediag_cli.engine.recall import MOMENT
 
     name = str(getattr(engine, "name", "the engine"))
     tapes = getattr(engine, "tapes", None) if past or MOMENT in engine.optional_inputs else None

@@ -21,8 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.planning.flights import flights
-from enginediag_cli.planning.separation import BEYOND, Outlook, Separation, Suggestion, best_first, fewest
+from enginediag_cli.planning.flights import BEYOND, Outlook, Separation, Suggestion, best_first, fewest, flights
 from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.score import Score

@@ -39,9 +39,9 @@ from enginediag_cli.faults.catalogue import FaultSet
 from enginediag_cli.isolation.posterior import SetPosterior, reweight, set_posterior
 from enginediag_cli.isolation.prior import DEFAULT_CATALOGUE_PRIOR, CataloguePrior, InstrumentForms, SetPrior
 from enginediag_cli.isolation.results import Explanation
-from enginediag_cli.isolation.slab_mixture import sets_by_size
-from enginediag_cli.log_weights import normalized_weights
+from enginediag_cli.isolation.subsets import sets_by_size
 from enginediag_cli.parameters import Parameter
+from enginediag_cli.probability import normalized_weights
 from enginediag_cli.residuals.score import Score
 
 if TYPE_CHECKING:

@@ -49,9 +49,8 @@ from enginediag_cli.isolation.results import (
     residual_fit,
     temper,
 )
-from enginediag_cli.isolation.slab_mixture import log_leading_factors
-from enginediag_cli.isolation.subsets import enumeration_plan, size_limit
-from enginediag_cli.log_weights import log_mean
+from enginediag_cli.isolation.subsets import enumeration_plan, log_leading_factors, size_limit
+from enginediag_cli.probability import log_mean
 from enginediag_cli.residuals.instruments import NoiseLevel
 from enginediag_cli.residuals.score import Score
 from enginediag_cli.residuals.statistics import LocalStatistics

@@ -23,7 +23,7 @@ import numpy as np
 
 from enginediag_cli.detection.wander import Courses, ScoreTable, course_sums
 from enginediag_cli.isolation.prior import SERIES_PRIOR, SetPrior
-from enginediag_cli.isolation.slab_mixture import piecewise_normal_moments
+from enginediag_cli.isolation.subsets import piecewise_normal_moments
 from enginediag_cli.parameters import Parameter
 
 CHANGED, STEADY, CANNOT_TELL = "changed", "steady", "cannot tell"

@@ -38,8 +38,8 @@ import numpy as np
 
 from enginediag_cli.isolation.posterior import SetPosterior, reweight, set_posterior
 from enginediag_cli.isolation.prior import InstrumentForms, SetPrior
-from enginediag_cli.isolation.slab_mixture import log_bound_factors
-from enginediag_cli.log_weights import log_mean
+from enginediag_cli.isolation.subsets import log_bound_factors
+from enginediag_cli.probability import log_mean
 from enginediag_cli.residuals.instruments import apply_weights
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.score import Score

@@ -44,8 +44,16 @@ import numpy as np
 from enginediag_cli.detection.verdict import required_changes
 from enginediag_cli.isolation.prior import InstrumentForms, SetPrior, are_sensors
 from enginediag_cli.isolation.results import ParameterChange
-from enginediag_cli.isolation.slab_mixture import log_leading_factors, log_normal_mass, slab_gaussians, wear_signs
-from enginediag_cli.isolation.subsets import MAX_SETS, enumerate_sets, enumeration_masks, size_limit
+from enginediag_cli.isolation.subsets import (
+    MAX_SETS,
+    enumerate_sets,
+    enumeration_masks,
+    log_leading_factors,
+    log_normal_mass,
+    size_limit,
+    slab_gaussians,
+    wear_signs,
+)
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.score import Score
 

@@ -35,9 +35,8 @@ from functools import cached_property
 
 import numpy as np
 
-from enginediag_cli.faults.chances import INSTRUMENT, MOST_AT_ONCE, PARAMETER
-from enginediag_cli.log_weights import log_mean
-from enginediag_cli.parameters import Parameter
+from enginediag_cli.parameters import INSTRUMENT, MOST_AT_ONCE, PARAMETER, Parameter
+from enginediag_cli.probability import log_mean
 from enginediag_cli.residuals.score import Score
 
 RISE, REACH = 2.5, 12.5
@@ -139,7 +138,7 @@ class SetPrior:
     Attributes
     ----------
     inclusion, sensor : float
-        Probability that a parameter changed, and that an instrument is wrong (`faults/chances.py`).
+        Probability that a parameter changed, and that an instrument is wrong (`parameters.py`).
     p_uniform_wear : float
         Probability of an engine on which any number of changes is equally probable.
     slabs : tuple of float

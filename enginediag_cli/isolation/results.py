@@ -53,12 +53,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from enginediag_cli.detection.verdict import lack_of_fit
-from enginediag_cli.faults.chances import UNLISTED
 from enginediag_cli.intake.agreement import RecordingMismatch
 from enginediag_cli.isolation.advice import ODDS
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.isolation.subsets import enumerate_sets
-from enginediag_cli.log_weights import log_mean
+from enginediag_cli.parameters import UNLISTED
+from enginediag_cli.probability import log_mean
 from enginediag_cli.residuals.instruments import NoiseLevel, level_of_ratio
 from enginediag_cli.residuals.score import Score
 from enginediag_cli.residuals.statistics import LocalStatistics

@@ -55,9 +55,9 @@ from enginediag_cli.isolation.posterior import (
     log_negligible_probability,
 )
 from enginediag_cli.isolation.prior import InstrumentForms, SetPrior, are_sensors
-from enginediag_cli.isolation.slab_mixture import FAINT, log_bound_factors, score_groups, slab_gaussians, wear_signs
-from enginediag_cli.log_weights import log_mean
+from enginediag_cli.isolation.subsets import FAINT, log_bound_factors, score_groups, slab_gaussians, wear_signs
 from enginediag_cli.parameters import Parameter
+from enginediag_cli.probability import log_mean
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.score import Score
 from enginediag_cli.residuals.windows import WindowStatistics

@@ -46,8 +46,7 @@ from enginediag_cli.isolation.sensitivity_analysis import (
 )
 from enginediag_cli.parallel import parallel_map, pieces_in_flight
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.planning.flights import conditions_grid
-from enginediag_cli.planning.separation import Suggestion, best_of_each_kind
+from enginediag_cli.planning.flights import Suggestion, best_of_each_kind, conditions_grid
 from enginediag_cli.residuals.files import Window, WindowReader
 from enginediag_cli.residuals.instruments import InstrumentFault
 from enginediag_cli.residuals.long_windows import RecordHistory

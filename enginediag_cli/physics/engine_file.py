@@ -22,22 +22,20 @@ from enginediag_cli.engine.dual import value
 from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.errors import Problem
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.physics.expression import (
+from enginediag_cli.physics.law import (
     FUNCTIONS,
     MEMORY_FUNCTIONS,
     Expression,
     ExpressionError,
-    format_unit,
-    parse_unit,
-)
-from enginediag_cli.physics.law import (
     Law,
     LawPlace,
     Variable,
     adjustable_effects,
     changes_variable,
     effect_place,
+    format_unit,
     formula_variables,
+    parse_unit,
 )
 from enginediag_cli.physics.registry import term, term_names
 from enginediag_cli.units import split_column

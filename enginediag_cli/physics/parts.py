@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 from enginediag_cli.engine.components.base import Component, scalar
 from enginediag_cli.engine.components.combustion import Burner
-from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.passages import Ambient, Bleed, Duct, Splitter
-from enginediag_cli.engine.components.turbine import Turbine
+from enginediag_cli.engine.components.turbomachinery import Compressor, Turbine
 from enginediag_cli.engine.dual import Value, sqrt
 from enginediag_cli.engine.evaluation import Evaluation, corrected_flow
 from enginediag_cli.engine.term import Place, Site

@@ -13,14 +13,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from enginediag_cli.recordings.engine_columns import (
+from enginediag_cli.recordings.header import CMAPSS_ORDER, Header, HeaderEntry, read_header
+from enginediag_cli.recordings.recorder_file import (
     HELPERS,
     EngineColumns,
     advise_on_missing,
     match_exactly,
     match_to_engine,
 )
-from enginediag_cli.recordings.header import CMAPSS_ORDER, Header, HeaderEntry, read_header
 from enginediag_cli.recordings.sniff import ClockColumns, SniffedTable, find_clock
 from enginediag_cli.recordings.table import DELIMITERS, THOUSANDS
 from enginediag_cli.recordings.unit_inference import (

@@ -28,7 +28,6 @@ import numpy as np
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.progress import touched
-from enginediag_cli.recordings.parquet import ParquetTable
 from enginediag_cli.recordings.source import (
     MOST_BLANK_LINES,
     Format,
@@ -59,6 +58,7 @@ from enginediag_cli.recordings.table import (
     rechunk,
 )
 from enginediag_cli.recordings.unit_words import parse_unit
+from enginediag_cli.recordings.write import ParquetTable
 from enginediag_cli.safe_text import shortened, unguarded
 from enginediag_cli.units import find_unit, is_numeric_column, split_column
 

@@ -30,16 +30,20 @@ from enginediag_cli.recordings.clocks import (
     text_cells,
 )
 from enginediag_cli.recordings.derived import RULES, GapFill, GapFiller
-from enginediag_cli.recordings.masking import LiveMasker, MaskCounts, MaskingRules, QualitySettings, RecordMasker
-from enginediag_cli.recordings.read import read
-from enginediag_cli.recordings.source import Source
-from enginediag_cli.recordings.steady import (
+from enginediag_cli.recordings.masking import (
     GateReport,
+    LiveMasker,
+    MaskCounts,
+    MaskingRules,
+    QualitySettings,
+    RecordMasker,
     SteadySettings,
     average_windows,
     count_first_reasons,
     find_failures,
 )
+from enginediag_cli.recordings.read import read
+from enginediag_cli.recordings.source import Source
 from enginediag_cli.recordings.table import (
     DELIMITERS,
     THOUSANDS,

@@ -16,7 +16,6 @@ import numpy as np
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.clocks import DAY_S
-from enginediag_cli.recordings.parquet import ParquetTable
 from enginediag_cli.recordings.quantities import parse_name
 from enginediag_cli.recordings.read import open_table
 from enginediag_cli.recordings.source import (
@@ -38,6 +37,7 @@ from enginediag_cli.recordings.table import (
     is_missing,
 )
 from enginediag_cli.recordings.unit_words import UnitWord, parse_unit, split_unit
+from enginediag_cli.recordings.write import ParquetTable
 
 LOOKED_AT = 1 << 18
 """Bytes of the file that are looked at, 256 KiB: some thousand records."""

@@ -77,8 +77,8 @@ PLACE = ("source", "flight", "first_line", "last_line", "parameter", "components
 
 def collect_evidence(results: Sequence[ResultFile], known: Mapping[str, Parameter] | None = None) -> ReportEvidence:
     """Raises DataError for damaged statistics."""
+    from enginediag_cli.residuals.files import Ledger, read_statistics
     from enginediag_cli.residuals.score import marginalise_nuisance
-    from enginediag_cli.residuals.statistics_file import Ledger, read_statistics
 
     found = ReportEvidence(results, {}, dict(known or {}))
     ledger = Ledger()

@@ -329,7 +329,7 @@ class RunLog:
 
     def add_output(self, path: str) -> None:
         """A file now stands complete under its name."""
-        from enginediag_cli.recordings.provenance import file_sha256
+        from enginediag_cli.recordings.source import file_sha256
 
         name = os.path.abspath(path)
         try:

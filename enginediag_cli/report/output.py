@@ -293,8 +293,7 @@ class Output:
         self, rows: Iterable[Mapping[str, Any]], columns: Sequence[str], provenance: Sequence[str]
     ) -> int:
         """Rows with lists and mappings as the texts that CSV has of them."""
-        from enginediag_cli.recordings.parquet import write_parquet
-        from enginediag_cli.recordings.write import open_binary_output
+        from enginediag_cli.recordings.write import open_binary_output, write_parquet
 
         notes = [line.removeprefix("#").strip() if line.startswith("#") else line for line in provenance]
         with open_binary_output(self.path) as stream:
@@ -342,7 +341,7 @@ def table_suffix(path: str) -> str:
 
 def check_parquet(path: str) -> None:
     """Raises DataError where Parquet cannot be written to `path`, for want of the package."""
-    from enginediag_cli.recordings.parquet import parquet_library
+    from enginediag_cli.recordings.write import parquet_library
 
     parquet_library(path, "write a .csv")
 

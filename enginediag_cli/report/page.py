@@ -15,8 +15,8 @@ from typing import Any
 
 from enginediag_cli import __version__
 from enginediag_cli.fleets.findings import IntervalEstimate
-from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.answer import FORMULA, IDENTIFIED, NO_DISCREPANCY, NOT_CONVERGED
+from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.report import result_files
 from enginediag_cli.report.engine_page import engine_lead, engine_section
 from enginediag_cli.report.evidence import EngineEvidence, ReportEvidence
@@ -33,15 +33,16 @@ from enginediag_cli.report.html import (
     next_step,
 )
 from enginediag_cli.report.plotting import ChartColumn, ChartTable, RowOrigin, Value, chart_columns
-from enginediag_cli.report.plotting.fleet import (
+from enginediag_cli.report.plotting.health import (
     FleetEngine,
     ParameterHealth,
     evidence_course,
     fleet_map,
     fleet_ranking,
+    maintenance_marks,
+    margin_forecast,
     read_engines,
 )
-from enginediag_cli.report.plotting.health import maintenance_marks, margin_forecast
 from enginediag_cli.report.plotting.models import flight_gains, law_curve, mismatch_places, refinement_fit
 from enginediag_cli.report.result_files import ResultFile, Row
 from enginediag_cli.report.sentences import change, count, format_quantity, listed, probability, rounded

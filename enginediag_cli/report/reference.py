@@ -19,8 +19,8 @@ import click
 import numpy as np
 
 from enginediag_cli import __version__
-from enginediag_cli.config.fields import Field, Section
-from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.config.hints import Field, Section
+from enginediag_cli.engine.recall import MOMENT
 from enginediag_cli.physics.law import formula_variables
 from enginediag_cli.report.sentences import format_quantity
 
@@ -177,7 +177,7 @@ def _input(name: str, default: float | None) -> str:
 
 def _station_columns(c: Component) -> list[str]:
     """Columns of the stations that the component delivers."""
-    from enginediag_cli.engine.wiring import outlets
+    from enginediag_cli.engine.load import outlets
 
     return [f"{what}{s}{unit}" for s in outlets(c.values) for what, unit in (("T", "_K"), ("P", "_Pa"), ("W", "_kg_s"))]
 

@@ -29,10 +29,10 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.isolation.results import restricted_change
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.recordings.provenance import file_sha256
+from enginediag_cli.probability import NORMAL_95
+from enginediag_cli.recordings.source import file_sha256
 from enginediag_cli.report.plotting import Axis, RowOrigin
 from enginediag_cli.residuals.flat import is_flat
 from enginediag_cli.residuals.windows import WindowStatistics
@@ -440,7 +440,7 @@ def nominal_result(path: str) -> ResultFile:
     """The nominal file with which recordings were judged, as one of the files of a report."""
     import os
 
-    from enginediag_cli.recordings.provenance import file_sha256
+    from enginediag_cli.recordings.source import file_sha256
 
     return ResultFile(NOMINAL, os.path.basename(path), sha256=file_sha256(path), path=path)
 

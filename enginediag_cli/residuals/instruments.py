@@ -34,7 +34,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from enginediag_cli.faults.chances import FORMS, INSTRUMENT, MOST_AT_ONCE
+from enginediag_cli.parameters import FORMS, INSTRUMENT, MOST_AT_ONCE
 from enginediag_cli.recordings.repeated import StuckRun
 from enginediag_cli.units import split_column
 

@@ -27,8 +27,7 @@ from enginediag_cli.faults.catalogue import (
 )
 from enginediag_cli.parameters import spelled
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.simulation.flights import LABELS, FlightConditions, engine_inputs
-from enginediag_cli.simulation.noise import ColumnNoise, noise_sources
+from enginediag_cli.simulation.flights import LABELS, ColumnNoise, FlightConditions, engine_inputs, noise_sources
 
 Columns = Mapping[str, NDArray[np.float64]]
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.engine.recall import MOMENT
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.errors import NoVerdictError
 from enginediag_cli.mismatch.fit.evidence import Flight
@@ -26,14 +26,6 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import CsvWriter, open_output
 from enginediag_cli.validation import kinds
-from enginediag_cli.validation.causes import (
-    Cause,
-    draw_memories,
-    draw_weights,
-    drawable_effects,
-    noise_free_fit,
-    true_readings,
-)
 from enginediag_cli.validation.concealed_formulas import (
     ConcealedFormula,
     FormulaDesign,
@@ -43,7 +35,18 @@ from enginediag_cli.validation.concealed_formulas import (
     draw_formula,
 )
 from enginediag_cli.validation.separability import combine_hypotheses
-from enginediag_cli.validation.trial_flights import draw_flights, draw_moving_flights, hour_columns, stack_flights
+from enginediag_cli.validation.trial_flights import (
+    Cause,
+    draw_flights,
+    draw_memories,
+    draw_moving_flights,
+    draw_weights,
+    drawable_effects,
+    hour_columns,
+    noise_free_fit,
+    stack_flights,
+    true_readings,
+)
 from enginediag_cli.validation.truth_engines import MapErrors, draw_map_errors
 from enginediag_cli.validation.truth_instruments import (
     RealisticErrors,

@@ -37,10 +37,14 @@ from enginediag_cli.mismatch.fit.options import effect_option, fault_options, op
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.laws.grammar import FORMS, Form, span
 from enginediag_cli.mismatch.laws.scan import KnownVariable, known_variables
-from enginediag_cli.physics.expression import Expression, ExpressionError
-from enginediag_cli.physics.law import Law, LawPlace, Variable
-from enginediag_cli.validation.causes import VISIBLE, drawable_effects, noise_free_fit, true_readings
-from enginediag_cli.validation.trial_flights import draw_higher
+from enginediag_cli.physics.law import Expression, ExpressionError, Law, LawPlace, Variable
+from enginediag_cli.validation.trial_flights import (
+    VISIBLE,
+    draw_higher,
+    drawable_effects,
+    noise_free_fit,
+    true_readings,
+)
 
 Columns = Mapping[str, np.ndarray]
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.report.sentences import rounded
 from enginediag_cli.units import split_column
 

@@ -46,13 +46,13 @@ from enginediag_cli.parallel import answer_questions
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import candidate_effects
-from enginediag_cli.recordings.provenance import file_sha256
+from enginediag_cli.recordings.source import file_sha256
 from enginediag_cli.residuals.files import WindowReader
 from enginediag_cli.residuals.long_windows import RecordHistory
 from enginediag_cli.residuals.monitor import build_monitor
 from enginediag_cli.units import split_column
-from enginediag_cli.validation.causes import causes_from_options, instrument_place
 from enginediag_cli.validation.formula_marks import formula_entries, formula_json
+from enginediag_cli.validation.trial_flights import causes_from_options, instrument_place
 from enginediag_cli.validation.trials import ISOLATE, LOCATE, PLAN
 
 

@@ -76,7 +76,6 @@ from enginediag_cli.mismatch.fit.identified import (
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.physics.engine_file import law_entry, load_engine
 from enginediag_cli.physics.law import Law, formula_variables
-from enginediag_cli.validation.causes import VISIBLE
 from enginediag_cli.validation.concealed_effects import ConcealedTruth, TrialFlights, true_flight_readings
 from enginediag_cli.validation.concealed_formulas import (
     ConcealedFormula,
@@ -98,6 +97,7 @@ from enginediag_cli.validation.separability import (
     residual_chi2,
     separability,
 )
+from enginediag_cli.validation.trial_flights import VISIBLE
 
 Entry = Mapping[str, Any]
 

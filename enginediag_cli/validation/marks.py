@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.engine.recall import MOMENT
 from enginediag_cli.mismatch.explain.answer import (
     FORMULA,
     HIDDEN_STATE,
@@ -46,7 +46,9 @@ from enginediag_cli.mismatch.fit.identified import (
 from enginediag_cli.mismatch.fit.load import MismatchQuery, build_dataset
 from enginediag_cli.mismatch.fit.options import FAULT, SENSOR_FAULT
 from enginediag_cli.validation import kinds
-from enginediag_cli.validation.causes import (
+from enginediag_cli.validation.concealed_effects import ConcealedTruth, TrialFlights, true_flight_readings
+from enginediag_cli.validation.separability import ALIAS, Separability, driver_is_right, separability
+from enginediag_cli.validation.trial_flights import (
     VISIBLE,
     Cause,
     CauseNames,
@@ -54,10 +56,8 @@ from enginediag_cli.validation.causes import (
     cause_components,
     cause_names,
     causes_hypothesis,
+    hour_columns,
 )
-from enginediag_cli.validation.concealed_effects import ConcealedTruth, TrialFlights, true_flight_readings
-from enginediag_cli.validation.separability import ALIAS, Separability, driver_is_right, separability
-from enginediag_cli.validation.trial_flights import hour_columns
 from enginediag_cli.validation.trials import short
 
 SILENT, SEPARATE = 5.0, 22.0

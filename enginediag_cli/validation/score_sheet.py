@@ -22,9 +22,8 @@ from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.report.tables.trials import PROVE
 from enginediag_cli.validation import kinds
-from enginediag_cli.validation.causes import drawable_effects, noise_free_fit
 from enginediag_cli.validation.concealed_effects import SIZE_STREAM, random_stream
-from enginediag_cli.validation.trial_flights import draw_flights
+from enginediag_cli.validation.trial_flights import draw_flights, drawable_effects, noise_free_fit
 from enginediag_cli.validation.trials import (
     TrialPlan,
     cell,

@@ -25,7 +25,7 @@ from itertools import combinations
 import numpy as np
 
 from enginediag_cli.drivers import CONSTANT, SAME, SWITCH, true_drivers
-from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.engine.recall import MOMENT
 from enginediag_cli.engine.term import Driver
 from enginediag_cli.mismatch.explain.worth_fitting import MUCH_LESS_LIKELY
 from enginediag_cli.mismatch.fit.columns import Columns
@@ -55,7 +55,7 @@ from enginediag_cli.mismatch.fit.options import (
 )
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.physics.registry import candidate_effects
-from enginediag_cli.validation.causes import (
+from enginediag_cli.validation.trial_flights import (
     Cause,
     CauseNames,
     FittedCauses,

@@ -30,8 +30,8 @@ import numpy as np
 
 from enginediag_cli import __version__
 from enginediag_cli.errors import DataError
-from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.parallel import QuestionProcess, run_tasks
+from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.recordings.write import open_output
 from enginediag_cli.validation import kinds
 

@@ -42,13 +42,11 @@ import numpy as np
 
 from enginediag_cli.config.document import Node, dump, load_document
 from enginediag_cli.drivers import CORRECTED_SPEED
-from enginediag_cli.engine.atmosphere import P_ISA, T_ISA
 from enginediag_cli.engine.components.base import scalar
-from enginediag_cli.engine.components.compressor import Compressor
-from enginediag_cli.engine.components.turbine import Turbine
+from enginediag_cli.engine.components.turbomachinery import Compressor, Turbine
 from enginediag_cli.engine.dual import Value, chain, exp, log, sqrt, value
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.evaluation import Evaluation
+from enginediag_cli.engine.evaluation import P_ISA, T_ISA, Evaluation
 from enginediag_cli.engine.maps import relative_capacity, relative_efficiency, work_and_loss
 from enginediag_cli.engine.term import Coefficient, Effect, Place, Site, Term
 from enginediag_cli.physics.engine_file import load_engine

@@ -37,7 +37,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from enginediag_cli.engine.components.turbine import Turbine
+from enginediag_cli.engine.components.turbomachinery import Turbine
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.units import split_column
 from enginediag_cli.validation.truth_engines import tabulate_engine

@@ -25,7 +25,7 @@ from end_to_end import end_to_end
 from linear_twin import Flown, draw_noise, fly, identified
 
 from enginediag_cli.detection.verdict import critical_value, is_noise_unknown
-from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.monitor import noise_model
 from enginediag_cli.residuals.score import fisher_score, marginalise, score_map

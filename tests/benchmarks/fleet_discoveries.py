@@ -18,8 +18,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "fleets"))
 
 from turbofan_fleet import engine_history, fault, series
 
-from enginediag_cli.detection.e_values import e_path, flag_engines
-from enginediag_cli.fleets.health import engine_flights
+from enginediag_cli.detection.sequential import e_path, flag_engines
+from enginediag_cli.fleets.findings import engine_flights
 
 LEVEL = 0.05
 FLEETS = 200

@@ -26,7 +26,7 @@ from enginediag_cli.isolation.nonlinear import WindowModel
 from enginediag_cli.isolation.posterior import set_posterior
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.simulation.noise import ColumnNoise
+from enginediag_cli.simulation.flights import ColumnNoise
 from enginediag_cli.validation.studies import known_nominal
 
 RECORDS = 20

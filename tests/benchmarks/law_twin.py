@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from enginediag_cli.cli.trials import SEVERAL_ENGINES
+from enginediag_cli.cli.validation import SEVERAL_ENGINES
 from enginediag_cli.mismatch.laws.at_place import all_said
 from enginediag_cli.mismatch.laws.average import Sought, with_smooth
 from enginediag_cli.mismatch.laws.carried import Carried

@@ -26,12 +26,11 @@ from enginediag_cli.__main__ import main as enginediag
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.errors import ExitCode
 from enginediag_cli.faults.catalogue import FaultSet
-from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.physics.engine_file import load_engine
+from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import CsvWriter, open_output
-from enginediag_cli.simulation.flights import FlightConditions, default_plan, generate_flights
-from enginediag_cli.simulation.noise import KINDS, column_noise
+from enginediag_cli.simulation.flights import KINDS, FlightConditions, column_noise, default_plan, generate_flights
 from enginediag_cli.simulation.simulate import simulate, to_recording
 from enginediag_cli.validation.truth_engines import tabulate_engine
 

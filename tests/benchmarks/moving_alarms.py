@@ -27,7 +27,7 @@ from end_to_end import ROOT, run
 from false_alarms import Tally, realised
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.engine.recall import MOMENT
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
 from enginediag_cli.recordings.table import Recording

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.engine.recall import MOMENT
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
 from enginediag_cli.validation.trial_flights import draw_moving_flights

@@ -89,7 +89,7 @@ def test_what_was_wrong_is_in_the_log_even_of_a_command_line_that_could_not_be_r
 
 
 def test_an_internal_error_leaves_its_traceback_in_the_log_and_not_on_the_terminal(run, log, monkeypatch):
-    from enginediag_cli.cli import reference
+    from enginediag_cli.cli import files as reference
 
     monkeypatch.setattr(reference.schema, "callback", lambda *_, **__: 1 // 0)
     ended = run("schema", "--log", log)

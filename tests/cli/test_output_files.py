@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from enginediag_cli.cli.main import COMMANDS, enginediag
-from enginediag_cli.cli.parameter_types import FiniteRange, OutputFile
+from enginediag_cli.cli.options import FiniteRange, OutputFile
 from enginediag_cli.shipped import shipped
 
 

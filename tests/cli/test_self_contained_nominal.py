@@ -17,7 +17,7 @@ from enginediag_cli.errors import ConfigError
 from enginediag_cli.identification.nominal_file import format_nominal, read_nominal, write_nominal
 from enginediag_cli.intake.selection import open_baseline
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.recordings.provenance import file_sha256
+from enginediag_cli.recordings.source import file_sha256
 
 MAP = "turbine_map.csv"
 

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from scipy.integrate import dblquad
 
-from enginediag_cli.detection import e_values
-from enginediag_cli.detection.e_values import (
+from enginediag_cli.detection import sequential as e_values
+from enginediag_cli.detection.sequential import (
     CONDITIONS,
-    LAWS,
     LEVEL,
     FlightReadings,
     SuspectDirections,
@@ -21,6 +20,7 @@ from enginediag_cli.detection.e_values import (
     flag_engines,
     onset_posterior,
 )
+from enginediag_cli.detection.sequential import E_VALUES_LAWS as LAWS
 
 M = 4
 DIRECTIONS = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [1, -2, 3, 1], [0.5, 1, 0, -1]])

@@ -19,7 +19,7 @@ import click
 
 from enginediag_cli.cli.main import COMMANDS, enginediag
 from enginediag_cli.cli.options import HEADINGS, OPERATION
-from enginediag_cli.config.fields import AnySection, Either, Field, Section, Variants
+from enginediag_cli.config.hints import AnySection, Either, Field, Section, Variants
 from enginediag_cli.config.kinds import FILE_KINDS
 from enginediag_cli.config.validate import NAME
 from enginediag_cli.glossary import GLOSSARY, as_markdown
@@ -77,7 +77,7 @@ def commands() -> Iterator[str]:
         command = enginediag.get_command(group, name)
         assert command is not None
         yield from command_part(command, name, group, common)
-        from enginediag_cli.cli.fleet import PARTS
+        from enginediag_cli.cli.over_time import PARTS
 
         for part, below in PARTS.items() if name == "fleet" else ():
             yield from command_part(below, f"{name} {part}", group, common)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from engine_makers import fourth_order, gradient, seeds
 
-from enginediag_cli.engine.atmosphere import P_TROPOPAUSE, standard_atmosphere
+from enginediag_cli.engine.evaluation import P_TROPOPAUSE, standard_atmosphere
 
 ISO_2533 = {  # geopotential height m: T K, p Pa
     0.0: (288.15, 101325.0),

@@ -8,7 +8,7 @@ from driven_engines import CORE, turboprop
 from engine_makers import CONFIGS, fourth_order
 from test_gearbox import loaded, message
 
-from enginediag_cli.engine.wiring import power_settings
+from enginediag_cli.engine.load import power_settings
 
 TURBOSHAFT = (CONFIGS / "turboshaft.yaml").read_text(encoding="utf-8")
 GEARBOX = "  - {type: load, name: gearbox, shaft: rotor, law: surplus, efficiency: 0.98}\n"

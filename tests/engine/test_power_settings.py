@@ -10,7 +10,7 @@ import pytest
 from engine_makers import CONFIGS
 
 from enginediag_cli.engine.controls import SetPointControl
-from enginediag_cli.engine.wiring import power_settings
+from enginediag_cli.engine.load import power_settings
 from enginediag_cli.errors import ConfigError
 from enginediag_cli.physics.engine_file import load_engine
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from engine_makers import TURBOFAN, operating_points, take, turbofan
 
-from enginediag_cli.engine.atmosphere import P_ISA, standard_atmosphere
+from enginediag_cli.engine.evaluation import P_ISA, standard_atmosphere
 from enginediag_cli.physics.engine_file import load_engine
 
 N = 120

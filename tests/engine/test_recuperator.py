@@ -9,7 +9,7 @@ import pytest
 from engine_makers import GAS
 from recuperated import RECUPERATED, WITHOUT
 
-from enginediag_cli.engine.components.heat_exchangers import counterflow, transfer_units
+from enginediag_cli.engine.components.passages import counterflow, transfer_units
 from enginediag_cli.engine.dual import Dual
 from enginediag_cli.engine.gas import DRY_AIR, Mixture
 from enginediag_cli.errors import ConfigError

@@ -10,8 +10,8 @@ import small_fleet
 
 from enginediag_cli.detection.series import build_series
 from enginediag_cli.fleets import store as module
+from enginediag_cli.fleets.models import SerialRunner
 from enginediag_cli.fleets.run import RecordingParts, _StoredWindows, condense_all, engine_tasks
-from enginediag_cli.fleets.runners import SerialRunner
 from enginediag_cli.fleets.store import CondensedReader, CondenseTask, FleetStore, condense, whole_monitor
 from enginediag_cli.intake.loader import RecordingLoader
 from enginediag_cli.intake.selection import RecordingSource, required_columns

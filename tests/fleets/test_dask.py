@@ -9,8 +9,8 @@ import pytest
 import small_fleet
 
 from enginediag_cli.errors import DataError
+from enginediag_cli.fleets.models import SerialRunner
 from enginediag_cli.fleets.run import condense_all, engine_tasks, judge_task
-from enginediag_cli.fleets.runners import SerialRunner
 from enginediag_cli.fleets.store import FleetStore
 
 distributed = pytest.importorskip("distributed", reason="pip install 'enginediag[fleet]' for tests with Dask")
@@ -35,7 +35,7 @@ def killed_once(task):
 @pytest.mark.parametrize("workers", [2, 8])
 def test_a_cluster_that_loses_a_worker_finds_what_one_process_finds(fleet_file, tmp_path, monkeypatch, workers):
     from enginediag_cli.fleets import run
-    from enginediag_cli.fleets.runners import DaskRunner
+    from enginediag_cli.fleets.models import DaskRunner
 
     monkeypatch.setattr(run, "BATCH_FILES", 1)
     fleet, recordings, models, alone = small_fleet.opened(fleet_file, tmp_path / "alone")
@@ -63,7 +63,7 @@ def test_a_cluster_that_loses_a_worker_finds_what_one_process_finds(fleet_file, 
 
 
 def test_a_scheduler_that_does_not_answer_is_told(monkeypatch):
-    from enginediag_cli.fleets import runners as on_dask
+    from enginediag_cli.fleets import models as on_dask
 
     monkeypatch.setattr(on_dask, "CONNECT_S", 0.2)
     with pytest.raises(DataError, match="no Dask scheduler answers"):

@@ -13,9 +13,8 @@ import small_fleet
 from enginediag_cli.errors import DataError
 from enginediag_cli.fleets import run
 from enginediag_cli.fleets.fleet_file import find_recordings, load_fleet
-from enginediag_cli.fleets.models import merge_stores, prune_store, store_status
+from enginediag_cli.fleets.models import SerialRunner, merge_stores, open_runner, prune_store, store_status
 from enginediag_cli.fleets.run import condense_all
-from enginediag_cli.fleets.runners import SerialRunner, open_runner
 from enginediag_cli.fleets.store import FleetStore
 from enginediag_cli.parallel import ProcessPool
 

@@ -8,8 +8,8 @@ import pytest
 from enginediag_cli.errors import DataError
 from enginediag_cli.fleets.fleet_file import find_recordings, load_fleet
 from enginediag_cli.fleets.margin import learnt_limit
+from enginediag_cli.fleets.models import SerialRunner
 from enginediag_cli.fleets.run import run_fleet
-from enginediag_cli.fleets.runners import SerialRunner
 from enginediag_cli.fleets.store import FleetStore
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.identification.nominal import Estimate, Nominal, SensorNoise, learn_envelope
-from enginediag_cli.recordings.provenance import file_sha256
+from enginediag_cli.recordings.source import file_sha256
 
 ESTIMATED = {"compressor.efficiency": 0.004, "turbine.efficiency": 0.004, "nozzle.area": 0.003}
 """Parameter of the turbojet → standard error of its nominal value."""

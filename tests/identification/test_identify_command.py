@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 from identification_toy import PARAMETERS, TRUTH, ToyEngine, fly, health
 
-from enginediag_cli.cli.identify import identify
+from enginediag_cli.cli.model import identify
 from enginediag_cli.errors import ExitCode, UsageError
 from enginediag_cli.identification.nominal_file import engine_file, read_nominal, refuse_changed_engine
 

@@ -23,7 +23,7 @@ from enginediag_cli.identification.nominal_file import (
     refuse_changed_engine,
     write_nominal,
 )
-from enginediag_cli.recordings.provenance import file_sha256
+from enginediag_cli.recordings.source import file_sha256
 
 
 @pytest.fixture(scope="module")

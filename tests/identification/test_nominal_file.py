@@ -17,7 +17,7 @@ from enginediag_cli.identification.nominal_file import (
     write_nominal,
 )
 from enginediag_cli.identification.problem import IdentificationSettings
-from enginediag_cli.recordings.provenance import file_sha256
+from enginediag_cli.recordings.source import file_sha256
 
 
 @pytest.fixture(scope="module")

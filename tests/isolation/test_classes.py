@@ -17,7 +17,7 @@ from enginediag_cli.isolation.results import CONVINCED, AmbiguityGroup, ambiguit
 from enginediag_cli.isolation.windows import find_separating_sensors
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.report.sentences import ambiguity_words
-from enginediag_cli.simulation.noise import ColumnNoise
+from enginediag_cli.simulation.flights import ColumnNoise
 from enginediag_cli.validation.studies import known_nominal
 
 NAMES = ("a", "b", "c", "d")

@@ -13,7 +13,7 @@ from score_makers import linear_score, sensitivities
 from enginediag_cli.isolation.catalogue import sign_factors
 from enginediag_cli.isolation.posterior import set_posterior
 from enginediag_cli.isolation.prior import REACH, RISE, SetPrior
-from enginediag_cli.isolation.slab_mixture import log_bound_factors, log_leading_factors, wear_signs
+from enginediag_cli.isolation.subsets import log_bound_factors, log_leading_factors, wear_signs
 
 NAMES = ("fan.efficiency", "fan.flow_capacity", "hpc.efficiency", "hpc.flow_capacity", "hpt.efficiency", "nozzle.area")
 SURE = 1e-9

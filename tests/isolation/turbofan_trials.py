@@ -12,7 +12,7 @@ from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.relinearise import relinearise
 from enginediag_cli.residuals.score import Score, fisher_score
-from enginediag_cli.simulation.noise import ColumnNoise
+from enginediag_cli.simulation.flights import ColumnNoise
 from enginediag_cli.validation.studies import known_nominal
 
 ENGINE = Path(__file__).parents[2] / "configs" / "turbofan.yaml"

@@ -12,12 +12,12 @@ import pytest
 from click.shell_completion import ShellComplete
 
 from enginediag_cli.__main__ import main
-from enginediag_cli.cli.detect import detect
+from enginediag_cli.cli.diagnosis import detect
 from enginediag_cli.identification.nominal import Nominal, SensorNoise, learn_envelope
 from enginediag_cli.identification.nominal_file import write_nominal
 from enginediag_cli.methods.registry import METHODS
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.recordings.provenance import file_sha256
+from enginediag_cli.recordings.source import file_sha256
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv
 

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.engine.recall import MOMENT
 from enginediag_cli.intake.selection import RecordingSource
 from enginediag_cli.mismatch.explain.answer import IDENTIFIED, NO_DISCREPANCY, Coefficient, Explanation
 from enginediag_cli.mismatch.explain.plan import advise_flights_for_explanations

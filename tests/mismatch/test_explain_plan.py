@@ -12,7 +12,7 @@ from refine_flights import ENGINE, engine, evidence, library, write_csv
 
 from enginediag_cli.__main__ import main
 from enginediag_cli.cli.discrepancy import explain
-from enginediag_cli.cli.simulate import simulate
+from enginediag_cli.cli.model import simulate
 from enginediag_cli.engine.term import Coefficient as Declared
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.explain.answer import Coefficient, Explanation
@@ -23,11 +23,9 @@ from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, Hypothesis, identify_with, nuisance
 from enginediag_cli.mismatch.fit.options import FORMULA_OPTION, Option, effect_option
-from enginediag_cli.physics.expression import Expression
-from enginediag_cli.physics.law import Law, LawPlace, formula_variables
+from enginediag_cli.physics.law import Expression, Law, LawPlace, formula_variables
 from enginediag_cli.physics.registry import effect, term_names
-from enginediag_cli.planning.flights import SWEEP
-from enginediag_cli.planning.separation import SENSOR
+from enginediag_cli.planning.flights import SENSOR, SWEEP
 
 RIVALS = ("bearing_loss@hp", "power_offtake@hp")
 TRUE = {"bearing_loss.hp.fraction": 0.006}

@@ -15,7 +15,7 @@ from enginediag_cli.mismatch.explain.story import explain_mismatch, named_effect
 from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.options import effect_option
-from enginediag_cli.planning.separation import SAME, SWITCH, best_of_each_kind
+from enginediag_cli.planning.flights import SAME, SWITCH, best_of_each_kind
 from enginediag_cli.report.output import finite, plain
 from enginediag_cli.report.tables.explanation import document, rows
 from enginediag_cli.report.tables.explanation_text import sentences

@@ -23,8 +23,7 @@ from enginediag_cli.mismatch.laws.scan import Scan, known_variables, scored
 from enginediag_cli.mismatch.laws.search import LawSearch
 from enginediag_cli.mismatch.laws.shortlist import Proposal, proposal
 from enginediag_cli.mismatch.laws.summary import summary
-from enginediag_cli.physics.expression import Expression
-from enginediag_cli.physics.law import Law, LawPlace, formula_variables
+from enginediag_cli.physics.law import Expression, Law, LawPlace, formula_variables
 
 WAVE = "a * ((mach - 0.5) / 0.15) * exp(-((mach - 0.5) / 0.15) ** 2)"
 STEP, SINCE, RECORDS = 0.004, 3, 40

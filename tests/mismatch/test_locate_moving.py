@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.drivers import LAGGING, RATE
-from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.engine.recall import MOMENT
 from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.mismatch.fit.load import build_dataset
 from enginediag_cli.mismatch.locate.locate import locate

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from enginediag_cli.engine.tape import PAST
+from enginediag_cli.engine.recall import PAST
 from enginediag_cli.mismatch.fit.attempt import _one_behind_the_other
 from enginediag_cli.mismatch.fit.options import EFFECT, FORMULA_OPTION
 from enginediag_cli.mismatch.laws.search import LawSearch

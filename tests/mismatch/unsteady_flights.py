@@ -19,7 +19,7 @@ from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, IdentifiedHy
 from enginediag_cli.mismatch.fit.identified import nuisance as along_of
 from enginediag_cli.mismatch.unrecorded.finding import HiddenFinding, Switch
 from enginediag_cli.mismatch.unrecorded.switched import switched_effect, switched_trials
-from enginediag_cli.recordings.steady import SteadySettings, average_windows, find_failures
+from enginediag_cli.recordings.masking import SteadySettings, average_windows, find_failures
 from enginediag_cli.recordings.table import Recording
 
 BLEED = ("customer_bleed", "hpc")

@@ -10,7 +10,7 @@ import yaml
 
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect, term
-from enginediag_cli.physics.terms.environment import recorded_altitude
+from enginediag_cli.physics.terms.control import recorded_altitude
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 

@@ -15,7 +15,7 @@ from term_makers import COLUMN_RANGES, drawn, own_inputs, shipped
 
 from enginediag_cli.drivers import DRIVERS
 from enginediag_cli.engine import solver
-from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.engine.recall import MOMENT
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.physics.registry import candidate_effects, effect, term, term_names
 

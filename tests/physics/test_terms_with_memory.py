@@ -9,7 +9,7 @@ import pytest
 from term_makers import shipped
 
 from enginediag_cli.engine.controls import RecordedPosition
-from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.engine.recall import MOMENT
 from enginediag_cli.physics.registry import effect, term, term_names
 
 BEFORE, AFTER, RECORDS = 20, 3, 400  # records of 1 s before a step of power, behind it, and in all

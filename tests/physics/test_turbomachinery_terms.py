@@ -8,7 +8,7 @@ import pytest
 from mixed_flow import MIXED_FLOW
 from term_makers import drawn, own_inputs, shipped
 
-from enginediag_cli.engine.atmosphere import saturated_water
+from enginediag_cli.engine.evaluation import saturated_water
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect, term
 

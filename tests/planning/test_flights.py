@@ -14,6 +14,7 @@ from enginediag_cli.config.kinds import load_checked
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.planning.flights import (
     AIRLINER,
+    BEYOND,
     CLIMB,
     DESCENT,
     DURATION_S,
@@ -24,9 +25,9 @@ from enginediag_cli.planning.flights import (
     SWEEP,
     WEATHER,
     flights,
+    is_inside_flown,
     manoeuvres,
 )
-from enginediag_cli.planning.separation import BEYOND, is_inside_flown
 from enginediag_cli.simulation.flights import generate_flights
 
 CONFIGS = Path(__file__).parents[2] / "configs"

@@ -29,7 +29,7 @@ from citation_mismatch import B22, BLEED, ENGINE, N2_POINT_RPM, RECORDER, REF, S
 from ground_recordings import public_data
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.engine.recall import MOMENT
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.nominal import Nominal
 from enginediag_cli.identification.nominal_file import read_nominal

@@ -11,8 +11,7 @@ from enginediag_cli.cli.main import enginediag
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.derived import isa_pressure, isa_temperature
 from enginediag_cli.recordings.draft import draft_yaml, make_draft
-from enginediag_cli.recordings.engine_columns import EngineColumns
-from enginediag_cli.recordings.recorder_file import load_recorder
+from enginediag_cli.recordings.recorder_file import EngineColumns, load_recorder
 from enginediag_cli.recordings.sniff import sniff
 from enginediag_cli.recordings.unit_inference import PRIORS, UnitColumn, infer_units, unit_axis
 from enginediag_cli.units import find_unit

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.provenance import header_lines
 from enginediag_cli.recordings.read import open_table, read, read_all
 from enginediag_cli.recordings.recorder_file import load_recorder
 from enginediag_cli.recordings.sniff import sniff
+from enginediag_cli.recordings.source import header_lines
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import open_recording_output, write_csv
 

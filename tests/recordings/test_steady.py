@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.recordings.steady import (
+from enginediag_cli.recordings.masking import (
     SteadySettings,
     TrailingWindows,
     average_windows,

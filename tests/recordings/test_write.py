@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.provenance import file_sha256, header_lines
 from enginediag_cli.recordings.read import read_all
+from enginediag_cli.recordings.source import file_sha256, header_lines
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import CsvWriter, open_output, write_csv
 

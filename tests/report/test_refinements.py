@@ -11,7 +11,7 @@ from enginediag_cli.mismatch.refine.criteria import Prediction, Records, Signifi
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
 from enginediag_cli.report.plotting.discrepancy import MOST_FLIGHTS, picture
-from enginediag_cli.report.tables.refinement import sentences
+from enginediag_cli.report.tables.identification import sentences
 from enginediag_cli.shipped import shipped
 
 

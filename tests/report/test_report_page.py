@@ -182,7 +182,7 @@ def test_every_chart_has_its_table_with_the_place_of_each_row(tmp_path) -> None:
 
 
 def test_the_page_says_the_command_the_hashes_and_what_the_files_say_of_themselves(tmp_path) -> None:
-    from enginediag_cli.recordings.provenance import file_sha256
+    from enginediag_cli.recordings.source import file_sha256
 
     file = detected(tmp_path)
     page = report(tmp_path, file)

@@ -8,8 +8,7 @@ import pytest
 
 from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.mismatch.laws.finding import LawFinding, Share
-from enginediag_cli.physics.expression import Expression
-from enginediag_cli.physics.law import Law, LawPlace
+from enginediag_cli.physics.law import Expression, Law, LawPlace
 from enginediag_cli.report.tables.formulas import LONG, equation, is_long, law_sentences, law_statement
 
 EFFECT = SimpleNamespace(term=SimpleNamespace(STATEMENT="Efficiency changes with Mach number.", EQUATION="eta (1 + f)"))

@@ -14,10 +14,10 @@ from toy_engine import toy_monitor, toy_recording
 
 from enginediag_cli.isolation.methods import IsolationOptions, best_set, sensitivity_test
 from enginediag_cli.report.output import cell
+from enginediag_cli.residuals.files import count_nuisance, keep_nuisance
 from enginediag_cli.residuals.flat import flat_columns, flat_row, read_flat
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.score import drop_nuisance, fisher_score, marginalise, marginalise_nuisance
-from enginediag_cli.residuals.statistics_file import count_nuisance, keep_nuisance
 from enginediag_cli.residuals.windows import plan_windows
 
 SUMS = ("s", "F", "V", "n", "chi2", "dof")

@@ -11,7 +11,7 @@ import pytest
 
 from enginediag_cli.detection.verdict import judge
 from enginediag_cli.engine.filters import FilterClock, Lag
-from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.engine.recall import MOMENT
 from enginediag_cli.engine.wrapped import LAGS_S, LagModel
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.nominal_file import read_nominal, write_nominal

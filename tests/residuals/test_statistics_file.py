@@ -12,6 +12,7 @@ from toy_engine import toy_monitor, toy_recording
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.source import PeekedLines
 from enginediag_cli.report.output import write_csv
+from enginediag_cli.residuals.files import Ledger, read_statistics, refuse_ignored_options
 from enginediag_cli.residuals.flat import (
     CHECKSUM,
     ORIGIN_COLUMNS,
@@ -23,7 +24,6 @@ from enginediag_cli.residuals.flat import (
     plan_cells,
 )
 from enginediag_cli.residuals.pipeline import window_statistics
-from enginediag_cli.residuals.statistics_file import Ledger, read_statistics, refuse_ignored_options
 from enginediag_cli.residuals.windows import plan_windows
 
 MADE = StatisticsOrigin("0123", window="20", step="20")

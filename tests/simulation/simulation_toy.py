@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from enginediag_cli.engine.atmosphere import P_ISA, T_ISA, standard_atmosphere
+from enginediag_cli.engine.evaluation import P_ISA, T_ISA, standard_atmosphere
 from enginediag_cli.parameters import Parameter
 
 CONFIGS = Path(__file__).parents[2] / "configs"

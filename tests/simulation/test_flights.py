@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from simulation_toy import CONFIGS, ToyEngine
 
-from enginediag_cli.engine.atmosphere import P_ISA, standard_atmosphere
+from enginediag_cli.engine.evaluation import P_ISA, standard_atmosphere
 from enginediag_cli.errors import DataError
 from enginediag_cli.simulation.flights import generate_flights, outside_envelope
 from enginediag_cli.simulation.missions import KNOT_M_S, SOUND_SPEED_ISA_M_S, humidity, wander

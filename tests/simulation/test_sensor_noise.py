@@ -5,7 +5,7 @@ import pytest
 from simulation_toy import SENSORS, ToyEngine
 
 from enginediag_cli.errors import ConfigError
-from enginediag_cli.simulation.noise import KINDS, NONE, ColumnNoise, column_noise, noise_sources
+from enginediag_cli.simulation.flights import KINDS, NONE, ColumnNoise, column_noise, noise_sources
 
 
 def draw(noise: ColumnNoise, n: int, seed: int = 0, chunks: int = 1) -> np.ndarray:

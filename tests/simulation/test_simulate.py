@@ -6,8 +6,7 @@ from simulation_toy import CONFIGS, SENSORS, ToyEngine
 
 from enginediag_cli.errors import ConfigError, DataError
 from enginediag_cli.faults.catalogue import STEP, ComponentFault, FaultSet, SensorFault, load_faults
-from enginediag_cli.simulation.flights import FlightConditions, generate_flights
-from enginediag_cli.simulation.noise import KINDS, column_noise
+from enginediag_cli.simulation.flights import KINDS, FlightConditions, column_noise, generate_flights
 from enginediag_cli.simulation.simulate import simulate, simulate_in_chunks
 
 HEALTHY = FaultSet()

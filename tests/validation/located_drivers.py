@@ -23,7 +23,6 @@ from enginediag_cli.mismatch.locate.locate import Located, locate
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
 from enginediag_cli.validation import kinds
-from enginediag_cli.validation.causes import cause_components
 from enginediag_cli.validation.concealed_effects import (
     ConcealedTruth,
     TrialFlights,
@@ -33,7 +32,7 @@ from enginediag_cli.validation.concealed_effects import (
 )
 from enginediag_cli.validation.marks import LOCATABLE, trial_dataset
 from enginediag_cli.validation.separability import UNDRIVEN, driver_is_right
-from enginediag_cli.validation.trial_flights import hour_columns
+from enginediag_cli.validation.trial_flights import cause_components, hour_columns
 
 ENGINE = shipped("turbofan.yaml")
 

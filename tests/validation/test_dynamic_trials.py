@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from enginediag_cli.cli.trials import prove
-from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.cli.validation import prove
+from enginediag_cli.engine.recall import MOMENT
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import term_names
 from enginediag_cli.validation import diagnoser as explainer
 from enginediag_cli.validation import kinds
 from enginediag_cli.validation import trial_flights as moving_flights
-from enginediag_cli.validation.causes import SIZES, Cause, causes_hypothesis, draw_memories, drawable_memories
 from enginediag_cli.validation.concealed_effects import (
     draw_truth,
     record_trial,
@@ -24,7 +23,17 @@ from enginediag_cli.validation.concealed_effects import (
 )
 from enginediag_cli.validation.explain_trials import run_trial
 from enginediag_cli.validation.score_sheet import sheet
-from enginediag_cli.validation.trial_flights import LEAST_CHANGE, POWER, draw_moving_flights, power_profile
+from enginediag_cli.validation.trial_flights import (
+    LEAST_CHANGE,
+    POWER,
+    SIZES,
+    Cause,
+    causes_hypothesis,
+    draw_memories,
+    draw_moving_flights,
+    drawable_memories,
+    power_profile,
+)
 from enginediag_cli.validation.trials import TrialPlan
 
 CONFIGS = Path(__file__).parents[2] / "configs"

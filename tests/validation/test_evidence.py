@@ -11,9 +11,8 @@ from enginediag_cli.methods.estimation import linearise_windows, scored_windows
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.residuals.score import fisher_score
 from enginediag_cli.residuals.statistics import block_statistics
-from enginediag_cli.simulation.noise import KINDS, column_noise
-from enginediag_cli.validation.studies import build_case, known_nominal
-from enginediag_cli.validation.study_runs import make_trials
+from enginediag_cli.simulation.flights import KINDS, column_noise
+from enginediag_cli.validation.studies import build_case, known_nominal, make_trials
 
 ENGINE = load_engine(Path(__file__).parents[2] / "configs" / "turbofan.yaml")
 NOISE = column_noise(KINDS["uniform"], ENGINE)

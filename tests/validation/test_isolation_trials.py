@@ -12,7 +12,6 @@ import pytest
 from enginediag_cli.__main__ import main
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.validation import kinds
-from enginediag_cli.validation.causes import instrument_place
 from enginediag_cli.validation.diagnoser import answer
 from enginediag_cli.validation.isolation_trials import (
     CANNOT_TELL,
@@ -20,13 +19,16 @@ from enginediag_cli.validation.isolation_trials import (
     NO_VERDICT,
     NOT_IDENTIFIED,
     NOTHING,
+    ConcealedChange,
+    draw_changes,
     isolation_sheet,
     marks,
     outcome,
     outcomes_by_kind,
+    record_trial,
     reliability,
 )
-from enginediag_cli.validation.isolation_truths import ConcealedChange, draw_changes, record_trial
+from enginediag_cli.validation.trial_flights import instrument_place
 from enginediag_cli.validation.trials import TrialPlan
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -179,7 +181,7 @@ def test_a_class_that_stands_is_cannot_tell_with_a_probability_of_its_own(turboj
 
 def test_of_physics_a_name_is_right_where_the_effect_acts(turbojet):
     concealed = drawn(turbojet, kinds.PHYSICS)
-    from enginediag_cli.validation.causes import drawable_effects
+    from enginediag_cli.validation.trial_flights import drawable_effects
 
     effect = next(e for e in drawable_effects(turbojet) if e.label == "reynolds_efficiency@compressor")
     concealed = replace(concealed, effects=(effect,), changes=(ConcealedChange(effect.label, 0.0),))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from enginediag_cli.cli.trials import prove
+from enginediag_cli.cli.validation import prove
 from enginediag_cli.mismatch.explain.answer import (
     FORMULA,
     IDENTIFIED,
@@ -27,8 +27,7 @@ from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.laws.finding import FittedLaw, LawFinding
 from enginediag_cli.mismatch.laws.scan import KnownVariable
 from enginediag_cli.physics.engine_file import law_entry, load_engine
-from enginediag_cli.physics.expression import Expression
-from enginediag_cli.physics.law import formula_variables
+from enginediag_cli.physics.law import Expression, formula_variables
 from enginediag_cli.validation import concealed_formulas as forms
 from enginediag_cli.validation import diagnoser as explainer
 from enginediag_cli.validation import kinds

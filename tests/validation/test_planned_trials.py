@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from enginediag_cli.cli.trials import prove
+from enginediag_cli.cli.validation import prove
 from enginediag_cli.mismatch.explain.answer import IDENTIFIED, NO_DISCREPANCY
 from enginediag_cli.parallel import QuestionProcess
 from enginediag_cli.physics.engine_file import load_engine

@@ -13,15 +13,6 @@ from enginediag_cli.mismatch.explain.answer import HIDDEN_STATE, IDENTIFIED, NO_
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import term_names
 from enginediag_cli.validation import kinds
-from enginediag_cli.validation.causes import (
-    SELDOM,
-    Cause,
-    cause_names,
-    causes_hypothesis,
-    check_engine,
-    draw_weights,
-    drawable_effects,
-)
 from enginediag_cli.validation.concealed_effects import (
     draw_truth,
     record_trial,
@@ -31,7 +22,17 @@ from enginediag_cli.validation.concealed_effects import (
 from enginediag_cli.validation.marks import ExplainAnswer, hidden_marks, interval_marks, marks, trial_dataset
 from enginediag_cli.validation.score_sheet import sheet
 from enginediag_cli.validation.separability import Separability, separability
-from enginediag_cli.validation.trial_flights import draw_flights, stack_flights
+from enginediag_cli.validation.trial_flights import (
+    SELDOM,
+    Cause,
+    cause_names,
+    causes_hypothesis,
+    check_engine,
+    draw_flights,
+    draw_weights,
+    drawable_effects,
+    stack_flights,
+)
 from enginediag_cli.validation.trials import rate, target_met, trials_journal, wilson
 from enginediag_cli.validation.truth_engines import draw_map_errors
 

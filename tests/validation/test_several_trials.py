@@ -15,13 +15,12 @@ from enginediag_cli.physics.law import Law
 from enginediag_cli.validation import concealed_effects as sealing
 from enginediag_cli.validation import explain_trials as trials
 from enginediag_cli.validation import kinds
-from enginediag_cli.validation.causes import Cause, drawable_effects
 from enginediag_cli.validation.concealed_effects import SHOWS, SIZE, ConcealedPart, draw_truth, record_trial
 from enginediag_cli.validation.concealed_formulas import NothingVisibleError
-from enginediag_cli.validation.explain_trials import run_trial
+from enginediag_cli.validation.explain_trials import independent_variables, match_causes, named_causes, run_trial
 from enginediag_cli.validation.marks import ExplainAnswer
 from enginediag_cli.validation.score_sheet import sheet
-from enginediag_cli.validation.several_marks import independent_variables, match_causes, named_causes
+from enginediag_cli.validation.trial_flights import Cause, drawable_effects
 from enginediag_cli.validation.trials import TrialPlan
 
 CONFIGS = Path(__file__).parents[2] / "configs"

@@ -13,8 +13,7 @@ from pathlib import Path
 import pytest
 
 from enginediag_cli.__main__ import main
-from enginediag_cli.validation.studies import load_study
-from enginediag_cli.validation.study_runs import StudyRunner, batches
+from enginediag_cli.validation.studies import StudyRunner, batches, load_study
 
 ENGINE = Path(__file__).parents[2] / "configs" / "turbofan.yaml"
 

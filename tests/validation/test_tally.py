@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from enginediag_cli.validation.study_runs import EDGES, MethodAnswers, Tally, tally
+from enginediag_cli.validation.studies import EDGES, MethodAnswers, Tally, tally
 from enginediag_cli.validation.trials import clopper_pearson, design_effect, exact_rate, rate
 
 CHANGES = np.array([[0.0, -0.01, 0.0], [0.0, 0.0, 0.0], [0.02, 0.0, 0.01], [0.01, 0.0, 0.0]])

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from enginediag_cli.mismatch.explain.answer import IDENTIFIED
-from enginediag_cli.validation.causes import Cause
+from enginediag_cli.validation.explain_trials import FormulaMatch, NamedCause
 from enginediag_cli.validation.formula_marks import AnsweredFormula
 from enginediag_cli.validation.marks import ExplainAnswer
-from enginediag_cli.validation.several_marks import FormulaMatch, NamedCause
+from enginediag_cli.validation.trial_flights import Cause
 
 STEP, EFFECT, LAW = "sensor.T3.scale", "fouling@hpc", "bump@hpc.efficiency"
 

@@ -9,9 +9,8 @@ import pytest
 
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.validation import kinds
-from enginediag_cli.validation.causes import drawable_effects
 from enginediag_cli.validation.concealed_effects import draw_truth, record_trial, write_trial_files
-from enginediag_cli.validation.trial_flights import draw_flights, stack_flights
+from enginediag_cli.validation.trial_flights import draw_flights, drawable_effects, stack_flights
 from enginediag_cli.validation.truth_engines import ENGINE_FILE, FlownRange, draw_distortion, tabulate_engine
 from enginediag_cli.validation.truth_instruments import (
     SHAPE,

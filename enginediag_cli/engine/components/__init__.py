@@ -4,12 +4,20 @@ from __future__ import annotations
 
 from enginediag_cli.engine.components.base import Actuator, Component, Unknown
 from enginediag_cli.engine.components.combustion import Afterburner, Burner, WaterInjection
-from enginediag_cli.engine.components.compressor import Compressor
-from enginediag_cli.engine.components.heat_exchangers import Intercooler, Recuperator, RecuperatorHotSide
 from enginediag_cli.engine.components.nozzles import CondiNozzle, Exhaust, Nozzle
-from enginediag_cli.engine.components.passages import Ambient, Bleed, Duct, Inlet, Mixer, Splitter
+from enginediag_cli.engine.components.passages import (
+    Ambient,
+    Bleed,
+    Duct,
+    Inlet,
+    Intercooler,
+    Mixer,
+    Recuperator,
+    RecuperatorHotSide,
+    Splitter,
+)
 from enginediag_cli.engine.components.shaft_loads import Gearbox, Load, Propeller
-from enginediag_cli.engine.components.turbine import Turbine
+from enginediag_cli.engine.components.turbomachinery import Compressor, Turbine
 
 _TYPES: tuple[type[Component], ...] = (
     Ambient,

@@ -26,7 +26,7 @@ import numpy as np
 from enginediag_cli.engine import solver
 from enginediag_cli.engine.dual import Array, value
 from enginediag_cli.engine.engine import NOT_CONVERGED, Engine, Prediction
-from enginediag_cli.engine.tape import MOMENT, NO_MOMENT
+from enginediag_cli.engine.recall import MOMENT, NO_MOMENT
 from enginediag_cli.engine.transient.integrate import (
     RADAU,
     TOLERANCE,

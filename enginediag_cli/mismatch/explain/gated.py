@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.engine.recall import MOMENT
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.intake.loader import RecordingLoader
 from enginediag_cli.mismatch.fit.evidence import Dataset

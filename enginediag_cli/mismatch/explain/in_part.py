@@ -22,7 +22,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.drivers import TIME
-from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.few import Few
 from enginediag_cli.mismatch.explain.fitted_sets import FittedSets
@@ -34,6 +33,7 @@ from enginediag_cli.mismatch.fit.needed import is_needed
 from enginediag_cli.mismatch.fit.options import FREE, Option
 from enginediag_cli.mismatch.fit.remainder import remainder
 from enginediag_cli.mismatch.fit.trial import HypothesisFit
+from enginediag_cli.probability import NORMAL_95
 
 NEARLY_AS_LIKELY = 4.6
 """ln of the odds, a hundred to one, within which sets must agree on a member. Judgement."""

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.engine.recall import MOMENT
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.foreseen import PredictedReadings, Rival
@@ -24,17 +24,19 @@ from enginediag_cli.mismatch.fit.evidence import Dataset, Flight
 from enginediag_cli.mismatch.fit.extended import NUMBER
 from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis, input_values, nuisance, stack_column
 from enginediag_cli.physics.law import Law
-from enginediag_cli.planning.flights import PlannedFlight, flights, manoeuvres
-from enginediag_cli.planning.separation import (
+from enginediag_cli.planning.flights import (
     SAME,
     SENSOR,
     SWITCH,
     Adaptation,
     Outlook,
+    PlannedFlight,
     Separation,
     Suggestion,
     best_first,
+    flights,
     is_inside_flown,
+    manoeuvres,
 )
 from enginediag_cli.progress import stage
 from enginediag_cli.units import split_column

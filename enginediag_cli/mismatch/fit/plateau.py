@@ -14,9 +14,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from enginediag_cli.identification.normal_equations import normal_equations
-from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis
 from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.probability import NORMAL_95
 
 RISEN = 0.5 * NORMAL_95**2
 """Of χ², half of what it has risen by at the end of a 95 % interval: less is no parabola."""

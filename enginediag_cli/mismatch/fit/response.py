@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.engine.recall import MOMENT
 from enginediag_cli.mismatch.fit.families import Scored
 from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis
 from enginediag_cli.mismatch.fit.projection import Score

@@ -17,7 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.engine.recall import MOMENT
 from enginediag_cli.mismatch.fit.evidence import Dataset, Flight
 
 MANY, SHARE = 5000, 2000

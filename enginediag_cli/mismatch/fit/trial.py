@@ -8,9 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.engine.recall import MOMENT
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.fit.identified import Hypothesis, IdentifiedHypothesis
 from enginediag_cli.mismatch.fit.options import FORMULA_OPTION, Option
 from enginediag_cli.mismatch.fit.plateau import interval_at
@@ -18,6 +17,7 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.response import response_error
 from enginediag_cli.mismatch.fit.spread import spread_of
 from enginediag_cli.mismatch.fit.unmet import UNTOLD, largest
+from enginediag_cli.probability import NORMAL_95
 
 MEMORY_PRICE = 6.0
 """χ² that a further coefficient of an effect with memory must gain to put it before one that needs none: by chance it

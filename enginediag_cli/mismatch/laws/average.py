@@ -24,8 +24,7 @@ from enginediag_cli.mismatch.laws.scan import Candidate, Formula, KnownVariable,
 from enginediag_cli.mismatch.laws.shortlist import Proposal, carrying, proposal
 from enginediag_cli.mismatch.laws.smooth import prior_of_variables
 from enginediag_cli.mismatch.laws.steps import OWN, Bends
-from enginediag_cli.physics.expression import Expression
-from enginediag_cli.physics.law import Law
+from enginediag_cli.physics.law import Expression, Law
 
 MOST_VARIABLES = 2
 """Of a law: of more no smooth curves are weighed."""

@@ -17,8 +17,7 @@ from enginediag_cli.engine.dual import value
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.scan import KnownVariable, past_of
-from enginediag_cli.physics.expression import Past
-from enginediag_cli.physics.law import Law
+from enginediag_cli.physics.law import Law, Past
 
 POINTS = 25
 """Of a band."""

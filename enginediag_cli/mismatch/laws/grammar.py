@@ -14,7 +14,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from enginediag_cli.physics.expression import Expression
+from enginediag_cli.physics.law import Expression
 
 WITHIN = (0.1, 0.3, 0.5, 0.7, 0.9)
 """Quantiles of a variable over the records at which a form may have its place."""

@@ -37,7 +37,7 @@ from enginediag_cli.mismatch.fit.any_curve import AnyCurve
 from enginediag_cli.mismatch.laws.posterior import shares
 from enginediag_cli.mismatch.laws.proposed import DIGITS
 from enginediag_cli.mismatch.laws.scan import KnownVariable
-from enginediag_cli.physics.expression import LONGEST
+from enginediag_cli.physics.law import LONGEST
 
 COARSE = 0.5
 """Power of the evidence that is a form's weight. Chosen in the twin, where 0.3 does as well."""

@@ -14,9 +14,9 @@ import numpy as np
 
 from enginediag_cli.engine.dual import Dual, Value, value
 from enginediag_cli.engine.filters import Filter, FilterClock
-from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.engine.recall import MOMENT
 from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis
-from enginediag_cli.physics.expression import MemoryCall, Past
+from enginediag_cli.physics.law import MemoryCall, Past
 
 COURSE = 8
 """Records that a stretch has on average, from which a recording tells a course."""

@@ -12,8 +12,7 @@ from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.laws.grammar import Form
 from enginediag_cli.mismatch.laws.scan import Candidate, KnownVariable
 from enginediag_cli.parameters import Parameter, spelled
-from enginediag_cli.physics.expression import Expression
-from enginediag_cli.physics.law import Law, LawPlace, changes_variable, effect_place
+from enginediag_cli.physics.law import Expression, Law, LawPlace, changes_variable, effect_place
 
 AMPLITUDE = "a"
 """The letter of every form that is its size."""

@@ -29,8 +29,7 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.laws.grammar import FORMS, Form, Shape
 from enginediag_cli.mismatch.laws.past import clock_of, past_along
 from enginediag_cli.mismatch.laws.within import Room, ends_of
-from enginediag_cli.physics.expression import Past
-from enginediag_cli.physics.law import Variable, formula_variables
+from enginediag_cli.physics.law import Past, Variable, formula_variables
 from enginediag_cli.progress import stage
 
 PAIRS = 0.25

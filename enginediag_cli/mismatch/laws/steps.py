@@ -26,8 +26,7 @@ from enginediag_cli.mismatch.laws.said import Says
 from enginediag_cli.mismatch.laws.scan import Candidate, Formula, KnownVariable, share_of_variables
 from enginediag_cli.mismatch.laws.shortlist import Proposal, carrying
 from enginediag_cli.mismatch.laws.smooth import prior_of_variables
-from enginediag_cli.physics.expression import LONGEST, Expression
-from enginediag_cli.physics.law import Law
+from enginediag_cli.physics.law import LONGEST, Expression, Law
 
 ALONE = (4, 6, 8, 11, 15)
 """Steps along one variable, of which the likeliest number is taken."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from enginediag_cli.drivers import LAGGING, RATE
 from enginediag_cli.engine.filters import Lag, RateOfChange
-from enginediag_cli.engine.tape import MOMENT, NO_MOMENT, Tape
+from enginediag_cli.engine.recall import MOMENT, NO_MOMENT, Tape
 from enginediag_cli.engine.term import DriverValues
 from enginediag_cli.identification.instruments import number_stretches
 from enginediag_cli.mismatch.fit.evidence import Dataset

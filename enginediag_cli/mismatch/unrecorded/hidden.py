@@ -20,7 +20,6 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.fit.believable import switching
 from enginediag_cli.mismatch.fit.freeform import Location, locations, of_effect
 from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis, Nuisance, nuisance, stack_column
@@ -34,6 +33,7 @@ from enginediag_cli.mismatch.unrecorded.refit import Refit, believed_of, bounds_
 from enginediag_cli.mismatch.unrecorded.states import first_guesses, two_states
 from enginediag_cli.mismatch.unrecorded.whitened_rows import Basis, Direction, basis, direction
 from enginediag_cli.physics.registry import effect, term, term_names
+from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.progress import stage
 
 __all__ = ["HiddenFinding", "Switch", "effects_at", "hidden_amplitudes", "hidden_gate", "null_ratios"]

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import COMPRESSOR_PRESSURE, CORRECTED_SPEED, RATE, SWITCH
 from enginediag_cli.engine.components.base import Component, scalar
-from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.passages import Bleed
+from enginediag_cli.engine.components.turbomachinery import Compressor
 from enginediag_cli.engine.dual import Value, exp, power
 from enginediag_cli.engine.evaluation import Evaluation, Flow
 from enginediag_cli.engine.filters import Hysteresis, Scaled
-from enginediag_cli.engine.tape import PAST
+from enginediag_cli.engine.recall import PAST
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term, shape_coefficient
 from enginediag_cli.physics.parts import (
     Quantity,

@@ -10,8 +10,8 @@ import numpy as np
 
 from enginediag_cli.drivers import BYPASS_RATIO, CORRECTED_SPEED, HOURS, POWER
 from enginediag_cli.engine.components.base import scalar
-from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.passages import Inlet, Splitter
+from enginediag_cli.engine.components.turbomachinery import Compressor
 from enginediag_cli.engine.dual import Value, exp, log, select, value
 from enginediag_cli.engine.evaluation import Evaluation, Flow
 from enginediag_cli.engine.maps import closed_efficiency, closed_flow

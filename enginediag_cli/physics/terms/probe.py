@@ -13,7 +13,7 @@ from enginediag_cli.engine.dual import Value, exp, log, sqrt
 from enginediag_cli.engine.evaluation import Evaluation, Flow, ValueHook
 from enginediag_cli.engine.filters import Delay, Lag
 from enginediag_cli.engine.network import STATION_COLUMN
-from enginediag_cli.engine.tape import PAST
+from enginediag_cli.engine.recall import PAST
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term, shape_coefficient
 from enginediag_cli.physics.parts import burners, flies, is_hot, relative_flow
 

@@ -14,7 +14,7 @@ from enginediag_cli.engine.components.passages import Splitter
 from enginediag_cli.engine.dual import Array, Value, exp, log, power
 from enginediag_cli.engine.evaluation import Evaluation, Flow, reynolds_index, viscosity_ratio
 from enginediag_cli.engine.filters import Lag, RateOfChange, Scaled, ScaledIntegrated
-from enginediag_cli.engine.tape import PAST
+from enginediag_cli.engine.recall import PAST
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term, shape_coefficient
 from enginediag_cli.physics.parts import (
     compressors,

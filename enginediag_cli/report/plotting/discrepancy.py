@@ -19,13 +19,18 @@ import numpy as np
 
 from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.identification.nominal import EVERYTHING
-from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.report.plotting import BLUE, FAINT, INK, ORANGE, PAPER, padded
 from enginediag_cli.report.plotting.svg import HEADING, SMALL, TITLE, Drawing, Edge, Letters, Panel, shade, ticks
 from enginediag_cli.report.sentences import count
 from enginediag_cli.report.tables.explanation_text import control_headline
 from enginediag_cli.report.tables.formulas import equation
-from enginediag_cli.report.tables.refinement import alarms_in_words, fall_in_words, named_effect, unseen_flights_words
+from enginediag_cli.report.tables.identification import (
+    alarms_in_words,
+    fall_in_words,
+    named_effect,
+    unseen_flights_words,
+)
 
 if TYPE_CHECKING:
     from enginediag_cli.identification.nominal import SensorQuality

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.errors import NoVerdictError
 from enginediag_cli.identification.nominal import EVERYTHING, SensorQuality
-from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.report.plotting import (
     Axis,
     Band,

@@ -23,9 +23,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.isolation.results import fingerprint as isolation_fingerprint
 from enginediag_cli.parameters import Parameter, meanings
+from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.report.plotting import (
     Axis,
     Bars,

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 from enginediag_cli.detection.series import Series
 from enginediag_cli.fleets.maintenance import MaintenanceEffect
 from enginediag_cli.fleets.work_scope import POWER, Gain, PowerReference, Quantity, WorkScope, WorkScopeEstimator
-from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.isolation.sensitivity_analysis import (
     ACCURACY,
     INPUT,
@@ -25,6 +24,7 @@ from enginediag_cli.isolation.sensitivity_analysis import (
 )
 from enginediag_cli.isolation.windows import NextRecording
 from enginediag_cli.parameters import Parameter
+from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.sentences import (
     change,

@@ -11,13 +11,13 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.drivers import CONSTANT
-from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.controlled.fitted import BLOCKS
 from enginediag_cli.mismatch.explain.answer import FORMULA, HIDDEN_STATE, IDENTIFIED, NO_DISCREPANCY, NOT_CONVERGED
 from enginediag_cli.mismatch.explain.curves import best_places
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.fit.options import FORMULA_OPTION as LAW_OPTION
 from enginediag_cli.physics.registry import separate_effects
+from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.report.sentences import change, count, format_quantity, listed, probability, rounded, spelled
 from enginediag_cli.report.tables.answers import explanation_flips
 from enginediag_cli.report.tables.formulas import (

@@ -1,11 +1,15 @@
 """What identification found, in lines of text for people.
 
 Probes that the heat balances contradict, in words.
+
+`refine`: its tables, words and document: what unseen flights say before and after, of effects or of a control.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,8 +20,21 @@ from enginediag_cli.identification.nominal import EVERYTHING, Estimate, SensorQu
 from enginediag_cli.identification.passes import Simplification
 from enginediag_cli.identification.probes import WrongProbe
 from enginediag_cli.identification.problem import Repeat
-from enginediag_cli.report.sentences import rounded
+from enginediag_cli.mismatch.controlled.fitted import BLOCKS
+from enginediag_cli.mismatch.refine.criteria import BETTER, LEVEL, Criterion, Records, Significance, Verdict
+from enginediag_cli.probability import NORMAL_95
+from enginediag_cli.report.output import short_cell
+from enginediag_cli.report.sentences import count, format_quantity, p_value, rounded, spelled
+from enginediag_cli.report.tables import Table, column, part
+from enginediag_cli.report.tables.explanation_text import control_headline, rate_words
 from enginediag_cli.units import split_column
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.term import Coefficient, Effect
+    from enginediag_cli.mismatch.refine.alarms import Alarms
+    from enginediag_cli.mismatch.refine.controlled import ControlRefinement
+    from enginediag_cli.mismatch.refine.refine import Refinement
+
 
 SHAPES_AS_STATED = "map shapes were not estimated and are as the engine file states them"
 GIVEN_UP = {
@@ -264,3 +281,353 @@ def probe_lines(found: Iterable[WrongProbe], *, kept: bool) -> Iterator[str]:
             continue
         ends = "it stays in the fit (--keep-probes)" if kept else "it is excluded from the fit (--keep-probes keeps it)"
         yield f"heat balances contradict {w.columns[0]} {numbers} {told}; {ends}"
+
+
+_WHAT = (
+    column("what", "text", "the figure: rms, chi2 per reading, log likelihood …"),
+    column("of", "text", "sensor, flight or setting that it is of"),
+)
+_FIGURES = (
+    column("unit", "text", "unit of before and after"),
+    column("before", "number?", "with the engine file as it was", "unit"),
+    column("after", "number?", "with what was put in", "unit"),
+    column("n", "integer?", "readings, or windows, that it is of"),
+)
+_SAID = (
+    column("sentences", "texts", "the result in words"),
+    column("provenance", "texts", "what made it, as the head of a CSV"),
+)
+_SCHEMA = column("schema", "text", "name and version of this schema")
+
+REFINE: Table[Mapping[str, Any]] = Table(
+    "refine",
+    1,
+    "refine --report: figures of flights that were not fitted",
+    (*_WHAT, *_FIGURES),
+    terminal=("what", "of", "before", "after", "unit", "n"),
+    document=(
+        _SCHEMA,
+        column("verdict", "text", "accepted, refused or cannot be judged"),
+        column("refused", "text?", "why nothing was written"),
+        column("still_missing", "text?", "what the fitted flights show beyond"),
+        part("effects", "terms with their coefficients", many=True),
+        part("standard_errors", "of the coefficients"),
+        part("criteria", "what was required, what was found", many=True),
+        column("log_likelihood_gain", "number?", "on unseen flights"),
+        part("flights", "log likelihood of each unseen flight", many=True),
+        part("chi2_per_reading", "on unseen flights", empty=True),
+        part("detect", "false alarms before and after", empty=True),
+        part("rows", "the rows of the CSV", (*_WHAT, *_FIGURES), many=True),
+        *_SAID,
+    ),
+)
+
+CONTROL: Table[Mapping[str, Any]] = Table(
+    "refine/control",
+    1,
+    "refine --report, where a control is put into the engine file",
+    (*_WHAT, column("where", "text", "regime of the control, or everything"), *_FIGURES),
+    document=(
+        _SCHEMA,
+        column("accepted", "boolean", "whether the file was written"),
+        column("failed", "text?", "why not"),
+        column("control", "text", "the control in words"),
+        part("standard_errors", "of set point and stops"),
+        part("rows", "the rows of the CSV", many=True),
+        column("errors_smaller_by", "number?", "factor on unseen flights, mean over the sensors"),
+        column("runs_gained", "number?", "share of runs of records that gain"),
+        *_SAID,
+    ),
+)
+
+ABOUT = {Records.ALL: "", Records.ON: ", where it is on", Records.CONTRAST: ", on against off"}
+"""Behind "Unseen flights"."""
+NOTHING_TO_TELL = {
+    Records.ALL: "no record is predicted otherwise",
+    Records.ON: "it is not on in any of them",
+    Records.CONTRAST: "none of them holds both states, and instruments' zeros may do what a whole flight's state does",
+}
+
+
+def rows(r: Refinement) -> Iterator[dict[str, Any]]:
+    """RMS and χ²/N by sensor, then totals, gains by flight, and what `detect` does."""
+    u = r.unseen
+    if u is None:
+        return
+    for one, other in zip(u.quality_before, u.quality_after, strict=True):
+        yield _row("rms", one.sensor, one.unit, one.rms, other.rms, one.n)
+    for one, other in zip(u.quality_before, u.quality_after, strict=True):
+        yield _row("chi2 per reading", one.sensor, "1", one.chi2, other.chi2, one.n)
+    yield _row("chi2 per reading", "all", "1", u.chi2_before, u.chi2_after, u.readings)
+    for label, one_l, other_l in zip(u.labels, u.flights_before, u.flights_after, strict=True):
+        yield _row("log likelihood", label, "1", float(one_l), float(other_l), None)
+    for name, (before, after) in (u.states or {}).items():
+        for one, other in zip(before, after, strict=True):
+            yield _row("rms", f"{one.sensor} {name}", one.unit, one.rms, other.rms, one.n)
+            yield _row("chi2 per reading", f"{one.sensor} {name}", "1", one.chi2, other.chi2, one.n)
+    if r.alarms_before is not None and r.alarms_after is not None:
+        one_a, other_a = r.alarms_before, r.alarms_after
+        yield _row("false-alarm rate of detect", "nominal 1 %", "1", one_a.rate, other_a.rate, one_a.judged)
+        yield _row("windows that do not fit", "at 1 %", "1", _share(one_a), _share(other_a), one_a.judged)
+        yield _row("fit of detect", "median", "1", one_a.fit, other_a.fit, one_a.judged)
+
+
+def comparison_lines(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """The rows as lines of a table."""
+    width = max((len(f"{r['what']}, {r['of']}") for r in rows), default=0)
+    if rows:
+        yield f"{'on unseen flights':{width}}  {'before':>10}  {'after':>10}"
+    for r in rows:
+        unit = "" if r["unit"] == "1" else f" {r['unit']}"
+        what = f"{r['what']}, {r['of']}"
+        yield f"{what:{width}}  {short_cell(r['before']):>10}  {short_cell(r['after']):>10}{unit}"
+
+
+def sentences(r: Refinement) -> Iterator[str]:
+    """Coefficients, gains and alarms, or why nothing is written."""
+    for e in r.effects:
+        yield f"{named_effect(e)}:"
+        for c in e.term.COEFFICIENTS:
+            if c.name in e.values:
+                error = r.standard_errors.get(e.parameter_name(c.name))
+                half, value = NORMAL_95 * (error or 0.0), e.values[c.name]
+                yield f"  {_coefficient(c, value, error)}{rate_words(e, c, (value, value - half, value + half))}"
+    yield from map(criterion_in_words, r.criteria)
+    if r.unseen is not None:
+        yield f"{unseen_flights_words(r)}."
+        if r.unseen.lost:
+            yield f"{count(r.unseen.lost, 'unseen record')} could not be computed by both models."
+        for name, (before, after) in (r.unseen.states or {}).items():
+            told = (f"{x.sensor} {_size(x)} → {_size(y)}" for x, y in zip(before, after, strict=True))
+            yield f"RMS where it is {name}, by the states that other sensors show: {', '.join(told)}."
+    if r.alarms_before is not None and r.alarms_after is not None:
+        yield f"{alarms_in_words(r)}."
+        one, other = r.alarms_before, r.alarms_after
+        yield (
+            f"Windows that the model does not fit, at a level of 1 %: {one.misfits} of {one.judged} before, "
+            f"{other.misfits} of {other.judged} after."
+        )
+    if r.still_missing:
+        yield f"The fitted flights show more than that: {r.still_missing}."
+
+
+def named_effect(e: Effect) -> str:
+    """ "Reynolds number, compressor efficiency at HPC (reynolds_efficiency@hpc)"."""
+    return f"{e.term.TITLE} at {spelled(e.site.name)} ({e.label})"
+
+
+def _coefficient(declared: Coefficient, value: float, error: float | None) -> str:
+    """A coefficient with what it is, its unit and its 95 % interval."""
+    unit = "" if declared.unit == "1" else declared.unit
+    size = format_quantity(value, unit, NORMAL_95 * error if error else None)
+    return f"{declared.name} = {size}{' (95 %)' if error else ''}: {declared.description}"
+
+
+def criterion_in_words(c: Criterion) -> str:
+    """What was asked, what was found, and whether it is enough."""
+    if isinstance(c, Significance):
+        differs = "differs" if c.met else "does not differ"
+        asked = f"Wald's test, p {_equal(c.p)}; below {LEVEL:g} is required"
+        return f"Fitted flights: {c.label} {differs} from nothing ({asked})."
+    about = ABOUT[c.of]
+    if not c.information > 0.0:
+        return f"Unseen flights{about}: cannot be judged, {NOTHING_TO_TELL[c.of]}."
+    share = f"{rounded(c.share, c.standard_error)} ± {rounded(c.standard_error, c.standard_error)}"
+    found = (
+        f"Unseen flights{about}: the readings ask for {share} of the change that is predicted, where χ² falls above "
+        f"{BETTER:g} (p {_equal(c.p)}; below {LEVEL:g} is required)"
+    )
+    if c.met is None:
+        return f"{found}: too few records to judge."
+    return f"{found}: predicted better." if c.met else f"{found}: not predicted better."
+
+
+def refusal(r: Refinement) -> str:
+    """Why nothing may be written, or nothing."""
+    if r.failed:
+        return r.failed
+    if r.verdict is Verdict.ACCEPTED:
+        return ""
+    refused = r.verdict is Verdict.REFUSED
+    wrong = [criterion_in_words(c) for c in r.criteria if (c.met is False if refused else c.met is None)]
+    text = " ".join(wrong) or "no unseen record could be computed by both models."
+    return text.removesuffix(".") if refused else f"cannot be judged on these flights. {text.removesuffix('.')}"
+
+
+def unseen_flights_words(r: Refinement) -> str:
+    """What the unseen flights say of the fit, or nothing."""
+    u = r.unseen
+    if u is None:
+        return ""
+    return (
+        f"Unseen flights: χ² per reading {u.chi2_before:.3f} before, {u.chi2_after:.3f} after; log likelihood "
+        f"{u.gain:+.1f}"
+    )
+
+
+def alarms_in_words(r: Refinement) -> str:
+    """False alarms on the unseen flights, or nothing."""
+    if r.alarms_before is None or r.alarms_after is None:
+        return ""
+    return (
+        f"False alarms of detect on them at nominal 1 %: {_rate(r.alarms_before)} before, {_rate(r.alarms_after)} after"
+    )
+
+
+def state_rows(r: Refinement) -> Iterator[dict[str, Any]]:
+    """States of a switched effect in every record of every flight, in the order of the flights."""
+    column = next((e.switch for e in r.effects if e.switch), "")
+    for f in r.flights if column else ():
+        time = f.columns.get("time_s")
+        for k, state in enumerate(f.columns[column].tolist()):
+            yield {
+                "engine": f.engine,
+                "flight": f.label,
+                "record": k + 1,
+                "time_s": None if time is None else float(time[k]),
+                column: int(state),
+            }
+
+
+def document(r: Refinement, provenance: tuple[str, ...]) -> dict[str, Any]:
+    """Everything as one object."""
+    u = r.unseen
+    return {
+        "schema": REFINE.id,
+        "verdict": r.verdict.value,
+        "refused": refusal(r) or None,
+        "still_missing": r.still_missing or None,
+        "sentences": list(sentences(r)),
+        "effects": [{"term": e.term.NAME, "at": e.site.name, "coefficients": dict(e.values)} for e in r.effects],
+        "standard_errors": r.standard_errors,
+        "criteria": [_criterion(c) for c in r.criteria],
+        "log_likelihood_gain": None if u is None else u.gain,
+        "flights": []
+        if u is None
+        else [
+            {"flight": label, "before": a, "after": b, "gain": b - a}
+            for label, a, b in zip(u.labels, u.flights_before, u.flights_after, strict=True)
+        ],
+        "chi2_per_reading": None if u is None else {"before": u.chi2_before, "after": u.chi2_after, "of": u.readings},
+        "detect": None
+        if r.alarms_before is None or r.alarms_after is None
+        else {"before": _alarms(r.alarms_before), "after": _alarms(r.alarms_after)},
+        "rows": list(rows(r)),
+        "provenance": list(provenance),
+    }
+
+
+def _row(what: str, of: str, unit: str, before: float, after: float, n: int | None) -> dict[str, Any]:
+    return REFINE.row({"what": what, "of": of, "unit": unit, "before": before, "after": after, "n": n})
+
+
+def _alarms(a: Alarms) -> dict[str, Any]:
+    low, high = a.interval
+    return {
+        "rate": a.rate,
+        "count": a.alarms,
+        "of": a.judged,
+        "low": low,
+        "high": high,
+        "misfits": a.misfits,
+        "fit": a.fit,
+        "without_verdict": a.without_verdict,
+        "reason": a.reason,
+    }
+
+
+def _share(a: Alarms) -> float:
+    return a.misfits / a.judged if a.judged else float("nan")
+
+
+def _rate(a: Alarms) -> str:
+    if not a.judged:
+        return f"none judged ({a.reason or 'no window'})"
+    low, high = a.interval
+    interval = f"95 % interval {100 * low:.0f} to {100 * high:.0f} %"
+    return f"{a.alarms} of {a.judged} windows ({100 * a.rate:.0f} %, {interval})"
+
+
+def _criterion(c: Criterion) -> dict[str, Any]:
+    asked = {"p": c.p, "met": c.met, "effective_stretches": c.effective}
+    if isinstance(c, Significance):
+        return {"criterion": "significance", "of": c.label, "coefficients": c.coefficients, **asked}
+    known = c.information > 0.0
+    return {
+        "criterion": "prediction",
+        "of": c.of.value,
+        "share": c.share if known else None,
+        "standard_error": c.standard_error if known else None,
+        "chi2_fall": c.fall if known else None,
+        "records": c.records,
+        **asked,
+    }
+
+
+def _size(q: SensorQuality) -> str:
+    return f"{rounded(q.rms)} {q.unit}".removesuffix(" 1")
+
+
+def _equal(p: float) -> str:
+    text = p_value(p)
+    return text if text.startswith("<") else f"= {text}"
+
+
+FEWEST = 30
+"""Records of a regime below which its figures are not told in a sentence; rows have them."""
+
+
+def control_refinement_rows(r: ControlRefinement) -> Iterator[dict[str, Any]]:
+    """RMS by sensor, over all unseen records and by what the control does."""
+    after = {(q.sensor, q.regime): q for q in r.after}
+    for one in r.before:
+        other = after.get((one.sensor, one.regime))
+        if other is not None:
+            yield dict(
+                zip(CONTROL.names, ("rms", one.sensor, one.regime, one.unit, one.rms, other.rms, one.n), strict=True)
+            )
+
+
+def control_refinement_sentences(r: ControlRefinement) -> Iterator[str]:
+    """What unseen flights say."""
+    if r.unconverged:
+        yield "The model without the control could not be fitted; its errors are those where the fit ended."
+    told = [row for row in control_refinement_rows(r) if row["n"] >= FEWEST]
+    names = [f"{row['of']}{'' if row['where'] == EVERYTHING else ', ' + row['where']}" for row in told]
+    width = max(map(len, names), default=0)
+    if told:
+        yield f"{'RMS on unseen flights':{width}}  {'before':>10}  {'after':>10}  {'records':>8}"
+    for name, row in zip(names, told, strict=True):
+        one, other = (format_quantity(row[k], row["unit"]) for k in ("before", "after"))
+        yield f"{name:{width}}  {one:>10}  {other:>10}  {row['n']:>8,}"
+    yield from fall_in_words(r)
+
+
+def fall_in_words(r: ControlRefinement) -> Iterator[str]:
+    """By how much errors on unseen flights fall, where that was judged."""
+    if math.isfinite(r.fall):
+        yield (
+            f"Errors on unseen flights are {rounded(math.exp(r.fall))} times smaller (mean over the sensors), in "
+            f"{rounded(100.0 * r.runs, digits=2)} % of {BLOCKS} runs of records."
+        )
+
+
+def control_refinement_refusal(r: ControlRefinement) -> str:
+    """Why nothing is written."""
+    return r.failed or f"unseen flights are not predicted better with {control_headline(r.law)}"
+
+
+def control_refinement_document(r: ControlRefinement, head: tuple[str, ...]) -> dict[str, Any]:
+    """Everything as one object."""
+    return {
+        "schema": CONTROL.id,
+        "accepted": r.accepted,
+        "failed": r.failed,
+        "control": control_headline(r.law),
+        "standard_errors": dict(r.standard_errors),
+        "rows": list(control_refinement_rows(r)),
+        "errors_smaller_by": math.exp(r.fall) if math.isfinite(r.fall) else None,
+        "runs_gained": r.runs if math.isfinite(r.runs) else None,
+        "sentences": list(control_refinement_sentences(r)),
+        "provenance": list(head),
+    }

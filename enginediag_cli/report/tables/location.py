@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from enginediag_cli.drivers import CONSTANT, TIME
-from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.report.sentences import format_quantity, listed, p_value, rounded
 from enginediag_cli.report.tables import Columns, Table, column
 

@@ -10,8 +10,8 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from enginediag_cli.detection.series import estimate_flight_change, has_times
-from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.isolation.events import CANNOT_TELL, HALF
+from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.sentences import (
     change,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine import solver
-from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.engine.recall import MOMENT
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
 

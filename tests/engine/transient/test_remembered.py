@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.engine.recall import MOMENT
 from enginediag_cli.engine.transient.moving_engine import MovingEngine
 from enginediag_cli.engine.transient.states import TransientInputs
 from enginediag_cli.physics.engine_file import load_engine

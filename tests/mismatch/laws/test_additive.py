@@ -16,7 +16,7 @@ from enginediag_cli.mismatch.laws.polynomials import Polynomials
 from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import KnownVariable, known_variables
 from enginediag_cli.mismatch.laws.steps import bends_of
-from enginediag_cli.physics.expression import Expression
+from enginediag_cli.physics.law import Expression
 
 
 class Ground:

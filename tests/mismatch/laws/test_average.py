@@ -26,8 +26,7 @@ from enginediag_cli.mismatch.laws.said import Said, Says
 from enginediag_cli.mismatch.laws.scan import Candidate, KnownVariable, Scan, formulas_of, known_variables
 from enginediag_cli.mismatch.laws.shortlist import proposal
 from enginediag_cli.physics.engine_file import law_entry
-from enginediag_cli.physics.expression import LONGEST, Expression
-from enginediag_cli.physics.law import Law, LawPlace, formula_variables
+from enginediag_cli.physics.law import LONGEST, Expression, Law, LawPlace, formula_variables
 from enginediag_cli.validation.formula_marks import build_formulas
 
 SWING = "a * (mach - 0.55) / 0.15 * exp(-((mach - 0.55) / 0.15) ** 2)"

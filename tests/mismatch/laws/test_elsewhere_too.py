@@ -16,8 +16,7 @@ from enginediag_cli.mismatch.laws.elsewhere_too import elsewhere_too
 from enginediag_cli.mismatch.laws.posterior import evidence_of
 from enginediag_cli.mismatch.laws.scan import formulas, known_variables, scored
 from enginediag_cli.mismatch.laws.shortlist import proposal
-from enginediag_cli.physics.expression import Expression
-from enginediag_cli.physics.law import Law, LawPlace, formula_variables
+from enginediag_cli.physics.law import Expression, Law, LawPlace, formula_variables
 
 
 def _truth(place: str, slope: float) -> Effect:

@@ -20,8 +20,7 @@ from enginediag_cli.mismatch.laws.past import past_along
 from enginediag_cli.mismatch.laws.proposed import proposed
 from enginediag_cli.mismatch.laws.scan import Candidate, Formula, KnownVariable, formulas
 from enginediag_cli.physics.engine_file import law_entry, load_engine
-from enginediag_cli.physics.expression import parse_unit
-from enginediag_cli.physics.law import Law, formula_variables
+from enginediag_cli.physics.law import Law, formula_variables, parse_unit
 
 TURBOFAN = Path(__file__).parents[3] / "configs" / "turbofan.yaml"
 EACH = pytest.mark.parametrize("form", FORMS, ids=[f.name for f in FORMS])

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.engine.recall import MOMENT
 from enginediag_cli.intake.selection import RecordingSource
 from enginediag_cli.mismatch.explain.answer import FORMULA, HIDDEN_STATE
 from enginediag_cli.mismatch.explain.explain import Search

@@ -14,8 +14,7 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial import HypothesisFit
 from enginediag_cli.mismatch.laws.scan import formulas, known_variables, scored
 from enginediag_cli.mismatch.laws.shortlist import proposal
-from enginediag_cli.physics.expression import Expression
-from enginediag_cli.physics.law import Law, LawPlace, formula_variables
+from enginediag_cli.physics.law import Expression, Law, LawPlace, formula_variables
 
 CLEAR = 8.0
 """−ln p of a size that is needed."""

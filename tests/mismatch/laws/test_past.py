@@ -10,10 +10,10 @@ import pytest
 
 from enginediag_cli.engine.dual import Dual
 from enginediag_cli.engine.filters import Backlash, FilterClock, Lag
-from enginediag_cli.engine.tape import MOMENT, NO_MOMENT
+from enginediag_cli.engine.recall import MOMENT, NO_MOMENT
 from enginediag_cli.mismatch.laws.past import clock_of, past_along
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.physics.expression import Expression
+from enginediag_cli.physics.law import Expression
 
 N = 60
 TURBOJET = Path(__file__).parents[3] / "configs" / "turbojet.yaml"

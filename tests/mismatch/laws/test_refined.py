@@ -22,8 +22,7 @@ from enginediag_cli.mismatch.laws.refined import refined
 from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import Candidate, formulas, formulas_of, known_variables, scored
 from enginediag_cli.mismatch.laws.shortlist import proposal
-from enginediag_cli.physics.expression import Expression
-from enginediag_cli.physics.law import Law, LawPlace, formula_variables
+from enginediag_cli.physics.law import Expression, Law, LawPlace, formula_variables
 
 LISTED = ("reynolds_index", "power", "mach")
 NARROW = "a * (exp(-((mach - 0.55) / 0.07) ** 2) - exp(-((0 - 0.55) / 0.07) ** 2))"

@@ -16,8 +16,7 @@ from enginediag_cli.mismatch.laws.band import summed
 from enginediag_cli.mismatch.laws.carried import Carried, carried
 from enginediag_cli.mismatch.laws.scan import formulas, known_variables, scored, seen_at
 from enginediag_cli.mismatch.laws.shortlist import proposal
-from enginediag_cli.physics.expression import Expression
-from enginediag_cli.physics.law import Law, LawPlace, formula_variables
+from enginediag_cli.physics.law import Expression, Law, LawPlace, formula_variables
 
 ALONG, READING = "reynolds_index_3", "P3_Pa"
 

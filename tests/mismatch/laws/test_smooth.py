@@ -20,8 +20,7 @@ from enginediag_cli.mismatch.laws.scan import KnownVariable, formulas_of, known_
 from enginediag_cli.mismatch.laws.shortlist import proposal
 from enginediag_cli.mismatch.laws.smooth import Smooth, prior_of_variables, smooth_evidence
 from enginediag_cli.mismatch.laws.steps import bends_of
-from enginediag_cli.physics.expression import Expression
-from enginediag_cli.physics.law import Law, LawPlace, formula_variables
+from enginediag_cli.physics.law import Expression, Law, LawPlace, formula_variables
 
 LISTED = ("reynolds_index", "power", "mach")
 

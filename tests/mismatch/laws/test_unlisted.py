@@ -11,8 +11,7 @@ from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_wit
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.laws.scan import known_variables, scanned
 from enginediag_cli.mismatch.laws.unlisted import any_curve_at_all
-from enginediag_cli.physics.expression import Expression
-from enginediag_cli.physics.law import Law, LawPlace, formula_variables
+from enginediag_cli.physics.law import Expression, Law, LawPlace, formula_variables
 
 TWO_WAVES = "a * mach * (mach - 0.25) * (mach - 0.4) * (mach - 0.55) * (mach - 0.7) * (mach - 0.85)"
 

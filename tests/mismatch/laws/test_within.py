@@ -18,8 +18,7 @@ from enginediag_cli.mismatch.laws.posterior import evidence_of
 from enginediag_cli.mismatch.laws.scan import Candidate, formulas, known_variables, scored
 from enginediag_cli.mismatch.laws.shortlist import proposal
 from enginediag_cli.mismatch.laws.within import Room
-from enginediag_cli.physics.expression import Expression
-from enginediag_cli.physics.law import Law, LawPlace, effect_place, formula_variables
+from enginediag_cli.physics.law import Expression, Law, LawPlace, effect_place, formula_variables
 from enginediag_cli.physics.registry import effect
 
 BEYOND_SATURATED = 20.0

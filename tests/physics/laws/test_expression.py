@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine.dual import Dual, value
-from enginediag_cli.physics.expression import LONGEST, Expression, ExpressionError, parse_unit
+from enginediag_cli.physics.law import LONGEST, Expression, ExpressionError, parse_unit
 
 FORMULAS = {
     "a * (x - 1) + b": lambda a, b, x: a * (x - 1) + b,

@@ -9,11 +9,10 @@ import pytest
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.load import EngineDescription
-from enginediag_cli.engine.tape import MOMENT
+from enginediag_cli.engine.recall import MOMENT
 from enginediag_cli.errors import ConfigError
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.physics.expression import Expression, ExpressionError
-from enginediag_cli.physics.law import formula_variables
+from enginediag_cli.physics.law import Expression, ExpressionError, formula_variables
 
 TURBOJET = Path(__file__).parents[3] / "configs" / "turbojet.yaml"
 SHAPES = {

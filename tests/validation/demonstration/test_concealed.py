@@ -12,7 +12,7 @@ from xml.dom import minidom
 import pytest
 
 from enginediag_cli.__main__ import main
-from enginediag_cli.cli.demo import copy_shipped, run
+from enginediag_cli.cli.validation import copy_shipped, run
 from enginediag_cli.errors import NoVerdictError
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import term
