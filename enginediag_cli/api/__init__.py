@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from enginediag_cli.api.refinement import *  # noqa: F403
     from enginediag_cli.api.results import *  # noqa: F403
     from enginediag_cli.api.simulation import *  # noqa: F403
-    from enginediag_cli.api.trends import *  # noqa: F403  # noqa: F403
+    from enginediag_cli.api.trends import *  # noqa: F403
 
 MODULES = (
     "inputs",
@@ -29,7 +29,6 @@ MODULES = (
     "fleets",
     "discrepancy",
     "refinement",
-    "reporting",
     "files",
 )
 """In the order in which a name is looked for; a module is loaded when a name is first sought there."""

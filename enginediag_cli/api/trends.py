@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from enginediag_cli.report.result_files import ResultFile
     from enginediag_cli.residuals.files import WindowReader
 
+__all__ = ["MarginOptions", "ReportPage", "TrendResult", "forecast", "make_report", "trend"]
 
 WHAT = ("trend", "flights", "margin")
 
