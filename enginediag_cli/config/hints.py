@@ -434,7 +434,7 @@ def compile_pattern(text: str) -> re.Pattern[str]:
         parsed = _parser().parse(text)
     except (re.error, OverflowError, RecursionError) as error:
         raise ValueError(f"not a regular expression: {error}") from error
-    if _ambiguous(parsed, within=False):
+    if _ambiguous(parsed, repeated=False):
         raise ValueError(
             "a repetition within a repetition, such as (a+)+ or (a|aa)*, can take longer than anybody waits: write it "
             "without the inner or the outer one"
@@ -540,26 +540,30 @@ REPEATS = ("MAX_REPEAT", "MIN_REPEAT")
 """Repetitions that give back what they have taken, as the parser calls them."""
 
 
-def _ambiguous(parsed: Any, *, within: bool) -> bool:
-    """Whether a repetition holds another one of several lengths, or alternatives. within: this is in a repetition."""
+def _ambiguous(parsed: Any, *, repeated: bool) -> bool:
+    """Whether a repetition contains another one of several lengths, or alternatives. repeated: this is inside one."""
     for op, value in parsed:
         name = str(op)
         if name in REPEATS:
             low, high, inside = value
-            if (within and high > low) or _ambiguous(inside, within=within or high > 1):
+            if (repeated and high > low) or _ambiguous(inside, repeated=repeated or high > 1):
                 return True
-        elif name == "BRANCH":
-            if within or any(_ambiguous(branch, within=within) for branch in value[1]):
-                return True
-        elif name == "SUBPATTERN":
-            if _ambiguous(value[-1], within=within):
-                return True
-        elif name in ("ASSERT", "ASSERT_NOT"):
-            if _ambiguous(value[1], within=within):
-                return True
-        elif name == "ATOMIC_GROUP":
-            if _ambiguous(value, within=within):
-                return True
-        elif name == "GROUPREF" and within:
+        elif repeated and name in ("BRANCH", "GROUPREF"):
+            return True
+        elif any(_ambiguous(part, repeated=repeated) for part in _parts(name, value)):
             return True
     return False
+
+
+def _parts(name: str, value: Any) -> Sequence[Any]:
+    """The parsed expressions that an item of a pattern consists of."""
+    match name:
+        case "BRANCH":
+            return tuple(value[1])
+        case "SUBPATTERN":
+            return (value[-1],)
+        case "ASSERT" | "ASSERT_NOT":
+            return (value[1],)
+        case "ATOMIC_GROUP":
+            return (value,)
+    return ()

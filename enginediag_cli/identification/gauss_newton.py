@@ -393,6 +393,123 @@ class _SearchState:
         return projected_step(self.pieces.S / boldness, gradient, self.at_bound, x, low, high)
 
 
+class _Search:
+    """A search on its way: the point (x, z), what is known of the misfit around it, and the length of the next step."""
+
+    def __init__(
+        self,
+        problem: IdentificationProblem,
+        start: tuple[np.ndarray, np.ndarray] | None,
+        equations: NormalEquations | None,
+        derivatives: Derivatives,
+        tolerance: float,
+    ) -> None:
+        self.problem, self.derivatives, self.tolerance = problem, derivatives, tolerance
+        self.each_point = derivatives is Derivatives.EACH
+        self.low = (problem.lower - problem.prior_mean) / problem.prior_sigma
+        self.high = (problem.upper - problem.prior_mean) / problem.prior_sigma
+        zeros = np.zeros(len(problem.parameters)), np.zeros((len(problem.labels), len(problem.offsets)))
+        x, z = zeros if start is None else (start[0].copy(), start[1].copy())
+        self.x, self.z = np.clip(x, self.low, self.high), z
+        if equations is None or not np.array_equal(self.x, x):
+            equations = normal_equations(problem, self.x, z) if self.each_point else fresh_equations(problem, self.x, z)
+        self.now = equations
+        self.kinks = GradientBundle()
+        self.boldness = 1.0
+        self.rejected = 0  # in a row
+        self.walls = 0  # steps that lost records
+        self.is_walled = False
+        self.history: list[Iteration] = []
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the optimum is near, or nothing is expected of another step."""
+        return self.here.decrement < self.tolerance or self.rejected >= MAX_REJECTED or self.is_walled
+
+    def is_hopeless(self, limit: float) -> bool:
+        """Whether χ² stays above this limit even if HOPE times what the next step promises is gained."""
+        chi2 = 2.0 * total_cost(self.now, self.x, self.z)
+        return len(self.history) > LOOKED and chi2 - HOPE * self.here.decrement**2 > limit
+
+    def look(self, evaluated: NormalEquations, accepted: bool) -> None:
+        """Update what is known at the point, with derivatives of its own where the search would end and they are
+        required. evaluated: the equations that this iteration has computed."""
+        self.here = self._state()
+        confirms = self.derivatives is Derivatives.KEPT and not has_exact_gradient(self.now)
+        if confirms and self.here.decrement < self.tolerance:
+            self._renew()
+        self._record(evaluated, accepted)
+
+    def advance(self) -> None:
+        """Try one step, and go to its end where it lowers the misfit."""
+        x, z, here = self.x, self.z, self.here
+        dx = here.step(self.boldness, x, np.maximum(self.low, x - FARTHEST), np.minimum(self.high, x + FARTHEST))
+        change = dx, offset_step(self.now, z, dx)
+        step = try_step(self.problem, self.now, (x, z), change, (here.pieces, here.offsets), self.each_point)
+        if not step.accepted and not has_exact_gradient(self.now):
+            # no judgement of the step: the derivatives may be what misleads
+            self._renew()
+            self._record(self.now, False)
+            return
+        if not step.accepted and not step.lost_records and not self.each_point:
+            step = correct_step(self.problem, self.now, (x, z), step, (self.low, self.high))
+        trial = self._evaluate_end(step)
+        if step.accepted:
+            self.x, self.z, self.now = np.clip(x + step.change[0], self.low, self.high), z + step.change[1], trial
+            self.rejected = 0
+            self.boldness = min(1.0, self.boldness * (BOLDER if step.gain > 0.5 * step.promised else 1.0))
+        else:
+            self.rejected += 1
+            self.walls += step.lost_records
+            self.is_walled = step.lost_records and self.boldness < CREEPING
+            self.boldness *= SHORTENED if step.lost_records else SHORTER
+        self.look(trial, step.accepted)
+
+    def _evaluate_end(self, step: Step) -> NormalEquations:
+        """The equations at the end of a step; its gradient there, or here, joins the pieces of the misfit."""
+        (dx, dz), trial = step.change, step.trial
+        x, z = self.x + dx, self.z + dz
+        is_near = self.each_point or dx @ self.here.pieces.S @ dx <= NEAR**2
+        is_exact = has_exact_gradient(self.now)
+        if not self.each_point and step.accepted:
+            trial = equations_after_step(self.problem, np.clip(x, self.low, self.high), z, step, is_exact)
+        elif not self.each_point and is_near:
+            trial = normal_equations(self.problem, x, z)
+        if not np.array_equal(self.now.ok, trial.ok):
+            self.kinks.clear()
+        elif step.accepted and is_exact:
+            self.kinks.add(BundlePiece(self.x, self.here.gradient, total_cost(self.now, self.x, self.z)))
+        elif is_near and not step.accepted:
+            self.kinks.add(BundlePiece(x, eliminate_offsets(trial, x, z).g, total_cost(trial, x, z)))
+        return trial
+
+    def _renew(self) -> None:
+        """Take new derivatives at the point."""
+        self.now = fresh_equations(self.problem, self.x, self.z)
+        self.here = self._state()
+
+    def _state(self) -> _SearchState:
+        """What is known at the point."""
+        x, z, now = self.x, self.z, self.now
+        arrow = eliminate_offsets(now, x, z)
+        fixed = ((x <= self.low) & (arrow.g > 0)) | ((x >= self.high) & (arrow.g < 0))
+        pieces = self.kinks.pieces_near(BundlePiece(x, arrow.g, total_cost(now, x, z)), arrow.S, ~fixed)
+        # z moves with x: the rest of its own gradient is part of the distance to the optimum
+        offsets = offset_squared(now, z)
+        return _SearchState(pieces, arrow.g, fixed, offsets, float(np.sqrt(pieces.combined()[1] + offsets)))
+
+    def _record(self, evaluated: NormalEquations, accepted: bool) -> None:
+        cost, failed = total_cost(self.now, self.x, self.z), int((~evaluated.ok).sum())
+        self.history.append(Iteration(cost, self.here.decrement, failed, self.boldness, accepted))
+
+    def result(self) -> Fit:
+        """The fit where the search is, with its verdict."""
+        at_bound = self.here.at_bound & (self.low < self.high)
+        end = Fit(self.x, self.z, self.now, at_bound, False, "", tuple(self.history))
+        in_vain = self.rejected if self.rejected >= MAX_REJECTED or self.is_walled else 0
+        return _conclude(end, self.tolerance, in_vain, self.walls)
+
+
 def solve(
     problem: IdentificationProblem,
     start: tuple[np.ndarray, np.ndarray] | None = None,
@@ -400,74 +517,49 @@ def solve(
     max_iterations: int = 40,
     tolerance: float = 1e-3,
     derivatives: Derivatives = Derivatives.EACH,
-    begin: NormalEquations | None = None,
+    equations: NormalEquations | None = None,
     hopeless: float = np.inf,
 ) -> Fit:
-    """Most probable x and z from `start` (default: prior mean); `begin`: the equations there, where they are known;
-    `hopeless`: χ² of readings and priors (twice the cost) above which nobody is interested in the optimum: the search
-    is given up, not converged, where HOPE times what is promised does not lead below it.
+    """Find the most probable parameters and offsets.
 
-    Converged when the optimum is less than `tolerance` standard errors away, or less than `STALL` where no step lowers
-    the misfit any more. Never raises for a model that does not converge: the reason is in the result. Derivatives that
-    are kept take the memory of all records.
+    A model that does not converge raises nothing: the reason is in the result. Derivatives that are kept take the
+    memory of all records.
+
+    Parameters
+    ----------
+    problem : IdentificationProblem
+    start : tuple of ndarray, optional
+        x (p,) and z (R, q) in prior standard deviations; the prior mean by default.
+    max_iterations : int
+        Largest number of steps.
+    tolerance : float
+        Standard errors. The search has converged where the optimum is nearer, or nearer than ``STALL`` where no step
+        lowers the misfit any more.
+    derivatives : Derivatives
+        Where derivatives are taken.
+    equations : NormalEquations, optional
+        The equations at `start`, where they are known.
+    hopeless : float
+        χ² of readings and priors (twice the cost) above which the optimum is of no interest. The search is given up,
+        not converged, where ``HOPE`` times what the next step promises does not lead below it.
+
+    Returns
+    -------
+    Fit
+        Where the search ended and why; look at ``converged`` first.
     """
-    p, shape = len(problem.parameters), (len(problem.labels), len(problem.offsets))
-    low = (problem.lower - problem.prior_mean) / problem.prior_sigma
-    high = (problem.upper - problem.prior_mean) / problem.prior_sigma
-    x, z = (np.zeros(p), np.zeros(shape)) if start is None else (start[0].copy(), start[1].copy())
-    inside, each_point = np.clip(x, low, high), derivatives is Derivatives.EACH
-    if begin is None or not np.array_equal(inside, x):
-        begin = normal_equations(problem, inside, z) if each_point else fresh_equations(problem, inside, z)
-    x, now = inside, begin
-    del begin
-    if not now.ok.any():
-        return Fit(x, z, now, np.zeros(p, bool), False, "no record converged at the starting point", ())
-    kinks, boldness, rejected, walls, walled = GradientBundle(), 1.0, 0, 0, False
-    now, here = _confirm_convergence(problem, now, (x, z), (low, high), kinks, derivatives, tolerance)
-    history = [Iteration(total_cost(now, x, z), here.decrement, int((~now.ok).sum()), boldness, True)]
+    search = _Search(problem, start, equations, derivatives, tolerance)
+    del equations  # the search replaces them: their memory is free from then on
+    if not search.now.ok.any():
+        no_bound = np.zeros(len(problem.parameters), bool)
+        reason = "no record converged at the starting point"
+        return Fit(search.x, search.z, search.now, no_bound, False, reason, ())
+    search.look(search.now, True)
     for _ in each(range(max_iterations), "iterations of the fit"):
-        if here.decrement < tolerance or rejected >= MAX_REJECTED or walled:
+        if search.is_over or search.is_hopeless(hopeless):
             break
-        if len(history) > LOOKED and 2.0 * total_cost(now, x, z) - HOPE * here.decrement**2 > hopeless:
-            break
-        dx = here.step(boldness, x, np.maximum(low, x - FARTHEST), np.minimum(high, x + FARTHEST))
-        dz = offset_step(now, z, dx)
-        step = try_step(problem, now, (x, z), (dx, dz), (here.pieces, here.offsets), each_point)
-        if not step.accepted and not has_exact_gradient(now):
-            # no judgement of the step: the derivatives may be what misleads
-            now = fresh_equations(problem, x, z)
-            here = _search_state(now, x, z, (low, high), kinks)
-            history.append(Iteration(total_cost(now, x, z), here.decrement, int((~now.ok).sum()), boldness, False))
-            continue
-        if not step.accepted and not step.lost_records and not each_point:
-            step = correct_step(problem, now, (x, z), step, (low, high))
-        trial, (dx, dz) = step.trial, step.change
-        near = each_point or dx @ here.pieces.S @ dx <= NEAR**2
-        if not each_point and step.accepted:
-            trial = equations_after_step(problem, np.clip(x + dx, low, high), z + dz, step, has_exact_gradient(now))
-        elif not each_point and near:
-            trial = normal_equations(problem, x + dx, z + dz)
-        if not np.array_equal(now.ok, trial.ok):
-            kinks.clear()
-        elif step.accepted and has_exact_gradient(now):
-            kinks.add(BundlePiece(x, here.gradient, total_cost(now, x, z)))
-        elif near and not step.accepted:
-            kinks.add(
-                BundlePiece(x + dx, eliminate_offsets(trial, x + dx, z + dz).g, total_cost(trial, x + dx, z + dz))
-            )
-        if step.accepted:
-            x, z, now = np.clip(x + dx, low, high), z + dz, trial
-            rejected = 0
-            boldness = min(1.0, boldness * (BOLDER if step.gain > 0.5 * step.promised else 1.0))
-        else:
-            rejected, walls, walled = rejected + 1, walls + step.lost_records, step.lost_records and boldness < CREEPING
-            boldness *= SHORTENED if step.lost_records else SHORTER
-        now, here = _confirm_convergence(problem, now, (x, z), (low, high), kinks, derivatives, tolerance)
-        history.append(
-            Iteration(total_cost(now, x, z), here.decrement, int((~trial.ok).sum()), boldness, step.accepted)
-        )
-    end = Fit(x, z, now, here.at_bound & (low < high), False, "", tuple(history))
-    return _conclude(end, tolerance, rejected if rejected >= MAX_REJECTED or walled else 0, walls)
+        search.advance()
+    return search.result()
 
 
 def resume_equations(
@@ -480,23 +572,6 @@ def resume_equations(
     if at is None or not at.matches(problem) or (taken and not at.exact):
         return None
     return normal_equations(problem, *start, at)
-
-
-def _confirm_convergence(
-    problem: IdentificationProblem,
-    now: NormalEquations,
-    point: tuple[np.ndarray, np.ndarray],
-    box: tuple[np.ndarray, np.ndarray],
-    kinks: GradientBundle,
-    derivatives: Derivatives,
-    tolerance: float,
-) -> tuple[NormalEquations, _SearchState]:
-    """Where the search stands; with derivatives of this point where it would be over and they are asked for."""
-    here = _search_state(now, *point, box, kinks)
-    if derivatives is Derivatives.KEPT and not has_exact_gradient(now) and here.decrement < tolerance:
-        now = fresh_equations(problem, *point)
-        here = _search_state(now, *point, box, kinks)
-    return now, here
 
 
 def _conclude(fit: Fit, tolerance: float, in_vain: int, walls: int) -> Fit:
@@ -518,15 +593,3 @@ def _conclude(fit: Fit, tolerance: float, in_vain: int, walls: int) -> Fit:
 def _describe_lost_records(count: int) -> str:
     """What stood in the way, when steps were refused because records stopped converging."""
     return f"; {count} steps lost too many converged records" if count else ""
-
-
-def _search_state(
-    now: NormalEquations, x: np.ndarray, z: np.ndarray, box: tuple[np.ndarray, np.ndarray], kinks: GradientBundle
-) -> _SearchState:
-    """What is known at one point."""
-    arrow = eliminate_offsets(now, x, z)
-    held = ((x <= box[0]) & (arrow.g > 0)) | ((x >= box[1]) & (arrow.g < 0))
-    pieces = kinks.pieces_near(BundlePiece(x, arrow.g, total_cost(now, x, z)), arrow.S, ~held)
-    # z moves with x: what is left of its own gradient is part of the distance to the optimum
-    offsets = offset_squared(now, z)
-    return _SearchState(pieces, arrow.g, held, offsets, float(np.sqrt(pieces.combined()[1] + offsets)))

@@ -126,7 +126,7 @@ def cross_validate(
                 max_iterations=max_iterations,
                 tolerance=TOLERANCE,
                 derivatives=derivative_modes(problem)[0],
-                begin=_equations_without(rest, fit, out),
+                equations=_equations_without(rest, fit, out),
             )
         return part.equations.predicted[out] if part.converged else None
 

@@ -14,7 +14,7 @@ deviations, where P = 1). What the records alone said is C⁻¹ − 1 and C⁻¹
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -65,9 +65,23 @@ def checksum_problems(checked: Checked, text: str) -> Iterator[Problem]:
 def value_problems(checked: Checked) -> Iterator[Problem]:
     """Values that no identification can have found."""
     v = checked.values
-    if not v["noise"]:
+    yield from _noise_problems(checked, v["noise"])
+    for name, estimate in v["estimates"].items():
+        for key in ("value", "standard_error", "prior_mean", "prior_sigma"):
+            if abs(estimate[key]) > LARGEST:
+                yield checked.problem(("estimates", name, key), f"{key} of {name} is beyond {LARGEST:g}")
+    yield from _offset_problems(checked, v["offsets"], (*v["noise"], *v["inputs"]))
+    for reason, number in v["records"].items():
+        if isinstance(number, bool) or not isinstance(number, int) or number < 0:
+            yield checked.problem(("records", reason), f"records.{reason} must be a number of records")
+    yield from _envelope_problems(checked, v["envelope"])
+    yield from _matrix_problems(checked, v)
+
+
+def _noise_problems(checked: Checked, noise_of_sensors: Mapping[str, Any]) -> Iterator[Problem]:
+    if not noise_of_sensors:
         yield Problem(checked.mark(("noise",)), "noise names no sensor, and nothing can be judged without one")
-    for column, noise in v["noise"].items():
+    for column, noise in noise_of_sensors.items():
         if not SMALLEST <= noise["sigma"] <= LARGEST:
             yield checked.problem(
                 ("noise", column, "sigma"), f"sigma of {column} must lie between {SMALLEST:g} and {LARGEST:g}"
@@ -76,24 +90,19 @@ def value_problems(checked: Checked) -> Iterator[Problem]:
             yield checked.problem(
                 ("noise", column, "rho1"), f"rho1 of {column} must lie between -1 and 1, and not be either"
             )
-    for name, estimate in v["estimates"].items():
-        for key in ("value", "standard_error", "prior_mean", "prior_sigma"):
-            if abs(estimate[key]) > LARGEST:
-                yield checked.problem(("estimates", name, key), f"{key} of {name} is beyond {LARGEST:g}")
-    for k, offset in enumerate(v["offsets"]):
-        if offset["sensor"] not in (*v["noise"], *v["inputs"]):
+
+
+def _offset_problems(checked: Checked, offsets: Sequence[Any], columns: Sequence[str]) -> Iterator[Problem]:
+    """columns: those that may have an offset, sensors with noise and inputs."""
+    for k, offset in enumerate(offsets):
+        if offset["sensor"] not in columns:
             yield checked.problem(
                 ("offsets", k, "sensor"),
                 f"the offset is of {offset['sensor']!r}, which has no noise here and is no input",
-                near(offset["sensor"], (*v["noise"], *v["inputs"])),
+                near(offset["sensor"], columns),
             )
         if not SMALLEST <= offset["prior_sigma"] <= LARGEST:
             yield checked.problem(("offsets", k, "prior_sigma"), f"prior_sigma must be {SMALLEST:g} to {LARGEST:g}")
-    for reason, number in v["records"].items():
-        if isinstance(number, bool) or not isinstance(number, int) or number < 0:
-            yield checked.problem(("records", reason), f"records.{reason} must be a number of records")
-    yield from _envelope_problems(checked, v["envelope"])
-    yield from _matrix_problems(checked, v)
 
 
 def _envelope_problems(checked: Checked, envelope: Mapping[str, Any]) -> Iterator[Problem]:

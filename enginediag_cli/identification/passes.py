@@ -121,18 +121,9 @@ def fit_and_noise(problem: IdentificationProblem, settings: IdentificationSettin
     the settings allow."""
     stated, estimated, usual = problem.sigma, settings.noise == "estimate", problem.offsets
     floor = np.maximum(SIGMA_FLOOR * stated, quantisation_sigma(problem.measured))
-    zeros = (np.zeros(len(problem.parameters)), np.zeros((len(problem.labels), len(problem.offsets))))
-    # as correlated as it looks, too: a first fit that took every record at its word would chase the error of
-    # the model far from what is plausible, where the search is slow
-    described = predict(problem, *zeros)[0]
-    start = (zeros[0], initial_offsets(problem, described))
-    predicted, _ = predict(problem, *start)
-    residual = problem.measured - predicted
-    noise = initial_noise(residual, problem.gap, stated)
-    problem = problem.replace_noise(noise.sigma if estimated else stated, np.ones(len(stated)))
-    problem = problem.replace_noise(
-        problem.sigma, *_tempering(problem, noise, described, predicted, np.zeros(len(stated)))
-    )
+    described = predict(problem, *_zeros(problem))[0]
+    start = (np.zeros(len(problem.parameters)), initial_offsets(problem, described))
+    problem, noise = _add_initial_noise(problem, described, start, estimated)
     rho = noise.rho1
     lent, kept = derivative_modes(problem)
     fit: Fit | None = None
@@ -145,15 +136,13 @@ def fit_and_noise(problem: IdentificationProblem, settings: IdentificationSettin
             max_iterations=settings.max_iterations - steps,
             tolerance=PASS_TOLERANCE,
             derivatives=lent if number == 1 else kept,
-            begin=resume_equations(problem, start, fit),
+            equations=resume_equations(problem, start, fit),
         )
         steps += fit.steps
         # noise, sizes and fit feed back on each other; ever shorter steps end a swing between two states
         damping = max(1.0 / max(number - UNDAMPED_PASSES + 1, 1), LEAST_SHARE)
         if number <= GROSS_PASSES and problem.loss.robust:
-            gross = gross_readings((as_read - fit.equations.predicted) / problem.sigma, problem.recording)
-            problem = replace(problem, measured=np.where(gross, np.nan, as_read))
-            fit = replace(fit, equations=normal_equations(problem, fit.x, fit.z, fit.equations.prediction))
+            problem, fit, gross = _exclude_gross_errors(problem, fit, as_read)
         if problem.offsets and number == 1:
             # offsets take the more of noise the longer it remembers: from above that would confirm itself, up to ρ = 1
             plain = estimate_noise(fit.equations.residual, problem.gap, np.zeros(len(rho)), floor)
@@ -176,16 +165,55 @@ def fit_and_noise(problem: IdentificationProblem, settings: IdentificationSettin
             break
     assert fit is not None
     problem, fit, found, more = _final_fit(problem, start, fit, noise, settings.reduce_iterations(steps))
-    widths = edge_widths(problem, fit.equations, fit.x, fit.z, accuracy)
-    if np.any(widths > 1.0):
-        wide = replace(problem, prior_sigma=problem.prior_sigma * widths)
-        other = uncertainty(wide, replace(fit, x=fit.x / widths), noise.rho1, noise.used)
-        covariance = other.covariance * widths * widths[:, None]
-        found = replace(found, covariance=covariance, from_data=other.from_data, widths=widths)
+    found = _widen_at_edges(problem, fit, found, noise, accuracy)
     problem = add_size_spreads(problem, fit.equations, fit.x, fit.z)
     outliers = noise.outliers + gross.sum(axis=0)
     noise = replace(noise, outliers=outliers, sigma=problem.sigma, sigma_from="fit" if estimated else "stated")
     return Passes(problem, fit, noise, found, number, settled, steps + more)
+
+
+def _zeros(problem: IdentificationProblem) -> tuple[np.ndarray, np.ndarray]:
+    """The engine as its file describes it: x (p,) and z (R, q)."""
+    return np.zeros(len(problem.parameters)), np.zeros((len(problem.labels), len(problem.offsets)))
+
+
+def _add_initial_noise(
+    problem: IdentificationProblem, described: np.ndarray, start: tuple[np.ndarray, np.ndarray], estimated: bool
+) -> tuple[IdentificationProblem, NoiseEstimate]:
+    """The problem with the noise of the readings about the engine as described, and that noise.
+
+    The noise is as correlated as it looks, too: a first fit that took every record at its word would chase the error
+    of the model far from what is plausible, where the search is slow.
+    """
+    stated = problem.sigma
+    predicted, _ = predict(problem, *start)
+    noise = initial_noise(problem.measured - predicted, problem.gap, stated)
+    problem = problem.replace_noise(noise.sigma if estimated else stated, np.ones(len(stated)))
+    tempering = _tempering(problem, noise, described, predicted, np.zeros(len(stated)))
+    return problem.replace_noise(problem.sigma, *tempering), noise
+
+
+def _exclude_gross_errors(
+    problem: IdentificationProblem, fit: Fit, as_read: np.ndarray
+) -> tuple[IdentificationProblem, Fit, np.ndarray]:
+    """Problem and fit without gross errors among all readings (N, m), and which readings are such, (N, m)."""
+    gross = gross_readings((as_read - fit.equations.predicted) / problem.sigma, problem.recording)
+    problem = replace(problem, measured=np.where(gross, np.nan, as_read))
+    equations = normal_equations(problem, fit.x, fit.z, fit.equations.prediction)
+    return problem, replace(fit, equations=equations), gross
+
+
+def _widen_at_edges(
+    problem: IdentificationProblem, fit: Fit, found: Uncertainty, noise: NoiseEstimate, accuracy: float
+) -> Uncertainty:
+    """The uncertainty with map errors as wide as they may be at the edges of what was flown."""
+    widths = edge_widths(problem, fit.equations, fit.x, fit.z, accuracy)
+    if not np.any(widths > 1.0):
+        return found
+    wide = replace(problem, prior_sigma=problem.prior_sigma * widths)
+    other = uncertainty(wide, replace(fit, x=fit.x / widths), noise.rho1, noise.used)
+    covariance = other.covariance * widths * widths[:, None]
+    return replace(found, covariance=covariance, from_data=other.from_data, widths=widths)
 
 
 def _noise_change(problem: IdentificationProblem, sigma: np.ndarray, inflation: np.ndarray) -> float:
@@ -241,16 +269,17 @@ def _final_fit(
     """The fit from where the last one has ended, with parameters that it leaves at a bound but hardly determines held
     at what was assumed; its covariance, and how many steps that took."""
     search = partial(solve, tolerance=FINAL_TOLERANCE, derivatives=derivative_modes(problem)[1])
-    begin, steps = resume_equations(problem, start, last, taken=True), 0
+    equations, steps = resume_equations(problem, start, last, taken=True), 0
     for turn in range(ROUNDS + 1):
-        fit = search(problem, start, max_iterations=settings.reduce_iterations(steps).max_iterations, begin=begin)
+        left = settings.reduce_iterations(steps).max_iterations
+        fit = search(problem, start, max_iterations=left, equations=equations)
         steps += fit.steps
         found = uncertainty(problem, fit, noise.rho1, noise.used)
         freed = fix_weak_parameters(problem, fit, found)
         if freed is None or not fit.converged or turn == ROUNDS:
             break
         problem, start = freed, (fit.x, fit.z)
-        begin = resume_equations(problem, start, fit)
+        equations = resume_equations(problem, start, fit)
     return problem, fit, found, steps
 
 
@@ -335,8 +364,7 @@ def _attempts(problem: IdentificationProblem, settings: IdentificationSettings, 
 
 def operating_points(problem: IdentificationProblem) -> int:
     """How many operating points the records are at, as far as the readings tell them apart."""
-    zeros = np.zeros(len(problem.parameters)), np.zeros((len(problem.labels), len(problem.offsets)))
-    predicted, status = predict(problem, *zeros)
+    predicted, status = predict(problem, *_zeros(problem))
     there = status <= 1
     return len(np.unique(assign_cells(predicted[there]))) if there.any() else 0
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import os
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -379,7 +379,30 @@ def _add_probes(result: Draft, groups: Sequence[Sequence[HeaderEntry]], engine: 
 
 
 def _derive(result: Draft, engine: EngineColumns | None) -> None:
-    """Rules for what is not recorded but follows from what is."""
+    """Add rules for what is not recorded but follows from what is."""
+    _add_ambient_to_gauges(result)
+    needed = set(engine.columns) if engine else set()
+    _derive_mach(result, engine is None or "mach" in needed)
+    made = {*result.columns, *result.derived}
+    total = next((t for t in ("TAT_K", "T2_K", "T1_K") if t in made), "")
+    needs_static = not engine or needed & {"dT_isa_K", "ambient_temperature_K"}
+    if "ambient_temperature_K" not in made and total and "mach" in made and needs_static:
+        result.derived["ambient_temperature_K"] = f"rule: static_temperature, total: {total}"
+    made = {*result.columns, *result.derived}
+    needs_deviation = "dT_isa_K" not in made and (not engine or "dT_isa_K" in needed)
+    if {"altitude_m", "ambient_temperature_K"} <= made and needs_deviation:
+        result.derived["dT_isa_K"] = "rule: isa_deviation"
+    if {"relative_humidity", "ambient_pressure_Pa", "ambient_temperature_K"} <= made:
+        result.derived["humidity_kg_kg"] = "rule: humidity_ratio"
+    if {"fuel_ratio_kg_s_Pa", "Ps3_Pa"} <= made and "Wf_kg_s" not in made:
+        result.derived["Wf_kg_s"] = "rule: product, of: [fuel_ratio_kg_s_Pa, Ps3_Pa]"
+    if "torque_Nm" in made and "power_W" not in made and (not engine or "power_W" in needed):
+        _derive_power(result, made)
+
+
+def _add_ambient_to_gauges(result: Draft) -> None:
+    """Make absolute pressures of gauge pressures: by the recorded ambient pressure, else by an offset of one
+    atmosphere."""
     derived: dict[str, str] = {}
     for target, guess in [(t, g) for t, g in result.columns.items() if g.gauge_of]:
         name = guess.gauge_of
@@ -394,9 +417,12 @@ def _derive(result: Draft, engine: EngineColumns | None) -> None:
                 guess, target=name, offset=float(f"{offset:.6g}"), doubts=(*guess.doubts, doubt)
             )
     result.derived = {**derived, **result.derived}
+
+
+def _derive_mach(result: Draft, needed: bool) -> None:
+    """Add the rule of the Mach number; an airspeed from which nothing is computed leaves no doubt that matters."""
     made = {*result.columns, *result.derived}
-    wanted = set(engine.columns) if engine else set()
-    if "mach" not in made and (not engine or "mach" in wanted):
+    if "mach" not in made and needed:
         static = "ambient_temperature_K" in made
         if {"cas_m_s", "altitude_m"} <= made:
             result.derived["mach"] = "rule: mach_from_cas"
@@ -405,29 +431,15 @@ def _derive(result: Draft, engine: EngineColumns | None) -> None:
             result.derived["mach"] = f"rule: mach_from_tas{which}"
     airspeed = result.columns.get("cas_m_s")
     if airspeed and "mach" in made and result.derived.get("mach") != "rule: mach_from_cas":
-        # nothing is computed from it
         result.columns["cas_m_s"] = replace(airspeed, doubts=(), remarks=(*airspeed.remarks, *airspeed.doubts))
-    made = {*result.columns, *result.derived}
-    total = next((t for t in ("TAT_K", "T2_K", "T1_K") if t in made), "")
-    needs_static = not engine or wanted & {"dT_isa_K", "ambient_temperature_K"}
-    if "ambient_temperature_K" not in made and total and "mach" in made and needs_static:
-        result.derived["ambient_temperature_K"] = f"rule: static_temperature, total: {total}"
-    made = {*result.columns, *result.derived}
-    if (
-        {"altitude_m", "ambient_temperature_K"} <= made
-        and "dT_isa_K" not in made
-        and (not engine or "dT_isa_K" in wanted)
-    ):
-        result.derived["dT_isa_K"] = "rule: isa_deviation"
-    if {"relative_humidity", "ambient_pressure_Pa", "ambient_temperature_K"} <= made:
-        result.derived["humidity_kg_kg"] = "rule: humidity_ratio"
-    if {"fuel_ratio_kg_s_Pa", "Ps3_Pa"} <= made and "Wf_kg_s" not in made:
-        result.derived["Wf_kg_s"] = "rule: product, of: [fuel_ratio_kg_s_Pa, Ps3_Pa]"
+
+
+def _derive_power(result: Draft, made: Collection[str]) -> None:
+    """Add the rule of shaft power, the torque times a speed, where both are known in units and not in per cent."""
     speed = next((s for s in ("N2_rpm", "N1_rpm") if s in made), "")
-    if "torque_Nm" in made and "power_W" not in made and speed and (not engine or "power_W" in wanted):
-        if not any(g.full_scale for g in (result.columns.get("torque_Nm"), result.columns.get(speed)) if g):
-            result.derived["power_W"] = f"rule: product, of: [torque_Nm, {speed}], factor: 0.10471975511965977"
-            result.open.append(f"power_W: torque times {speed}; is that the shaft whose torque is measured?")
+    if speed and not any(g.full_scale for t in ("torque_Nm", speed) if (g := result.columns.get(t))):
+        result.derived["power_W"] = f"rule: product, of: [torque_Nm, {speed}], factor: 0.10471975511965977"
+        result.open.append(f"power_W: torque times {speed}; is that the shaft whose torque is measured?")
 
 
 def _report_rest(result: Draft, engine: EngineColumns | None) -> None:

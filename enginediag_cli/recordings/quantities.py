@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 from enginediag_cli.recordings.unit_words import UnitWord, split_unit
 
@@ -461,49 +462,67 @@ def _interpret(text: str, pieces: Sequence[_NamePiece], ignored: Features) -> Pa
     pieces = _drop_symbol(pieces)
     while k < len(pieces):
         piece, lowered = pieces[k], pieces[k].text.casefold()
-        after = pieces[k + 1] if k + 1 < len(pieces) else None
         k += 1
         if lowered in ignored and piece.kind != "number":
             continue
-        if piece.kind == "number" or piece.kind == "letter":
-            marks.append(NameMark(piece.text, piece.start, piece.end, False))
-        elif lowered in SIDES:
-            marks.append(NameMark(piece.text, piece.start, piece.end, True))
-        elif (
-            lowered in ("eng", "engine", "e", "engines", "ac", "gt", "unit", "motor")
-            and after
-            and _is_mark(piece, after)
-        ):
-            marks.append(NameMark(after.text, after.start, after.end, lowered != "unit"))
-            k += 1
-        elif lowered == "n" and after and after.kind == "number" and after.chunk == piece.chunk:
-            k += 1
-            features |= {"N", after.text[0]}
-            if len(after.text) == 2:
-                marks.append(NameMark(after.text[1], after.start + 1, after.end, False))
-        elif station and lowered in ("t", "p") and after and after.kind == "number" and after.chunk == piece.chunk:
-            features.add("other station")  # `T3/T2`, `P3-P2`
-            k += 1
-        elif lowered in _KIND_LETTERS and after and after.kind == "number" and not station:
-            if len(lowered) > 2 and after.chunk != piece.chunk:
-                features |= LEXICON[lowered]
-                continue
-            k += 1
-            station, more = _station(after, pieces[k : k + 1])
-            k += more
-            features |= {"T" if lowered[0] == "t" else "P" if lowered[0] == "p" else "flow"}
-            features |= {"static"} if lowered == "ps" else {"total"} if lowered in ("pt", "tt") else set()
+        if piece.kind in ("number", "letter") or lowered in SIDES:
+            marks.append(NameMark(piece.text, piece.start, piece.end, lowered in SIDES))
+        elif (group := _read_group(piece, pieces[k : k + 2], station)) is not None:
+            features |= group.features
+            marks += group.marks
+            station = group.station or station
+            k += group.taken
         elif piece.kind == "word":
             features |= LEXICON[lowered]
         else:
             unknown.append(piece.text)
-    _settle(features)
+    _resolve_abbreviations(features)
     if not features and not unknown and [m.text.casefold() for m in marks] == ["rh"]:
         features, marks = {"humidity", "relative"}, []  # not the right-hand engine's
     return ParsedName(text, frozenset(features), station, tuple(marks), tuple(unknown))
 
 
-def _settle(features: set[str]) -> None:
+_ENGINE_WORDS = ("eng", "engine", "e", "engines", "ac", "gt", "unit", "motor")
+"""Words that a number or letter of an engine follows."""
+
+
+class _PieceGroup(NamedTuple):
+    """What a piece means together with those that follow it, of which `taken` belong to it."""
+
+    taken: int
+    features: Features = frozenset()
+    marks: tuple[NameMark, ...] = ()
+    station: str = ""
+
+
+def _read_group(piece: _NamePiece, following: Sequence[_NamePiece], station: str) -> _PieceGroup | None:
+    """A word with its number: an engine, a shaft's speed, a station; None where the piece is read by itself.
+    station: the name's so far."""
+    lowered, after = piece.text.casefold(), following[0] if following else None
+    if after is None:
+        return None
+    if lowered in _ENGINE_WORDS and _is_mark(piece, after):
+        return _PieceGroup(1, marks=(NameMark(after.text, after.start, after.end, lowered != "unit"),))
+    if after.kind != "number":
+        return None
+    is_joined = after.chunk == piece.chunk
+    if lowered == "n" and is_joined:
+        mark = (NameMark(after.text[1], after.start + 1, after.end, False),) if len(after.text) == 2 else ()
+        return _PieceGroup(1, frozenset({"N", after.text[0]}), mark)
+    if station:
+        is_ratio = lowered in ("t", "p") and is_joined  # `T3/T2`, `P3-P2`
+        return _PieceGroup(1, frozenset({"other station"})) if is_ratio else None
+    if lowered not in _KIND_LETTERS:
+        return None
+    if len(lowered) > 2 and not is_joined:
+        return _PieceGroup(0, LEXICON[lowered])
+    number, more = _station(after, following[1:])
+    kind = "T" if lowered[0] == "t" else "P" if lowered[0] == "p" else "flow"
+    state = {"static"} if lowered == "ps" else {"total"} if lowered in ("pt", "tt") else set()
+    return _PieceGroup(1 + more, frozenset({kind, *state}), station=number)
+
+
+def _resolve_abbreviations(features: set[str]) -> None:
     """Abbreviations of two meanings, by the words beside them."""
     if "either pt" in features:
         features |= {"pt"} if features & {"T", "N", "speed", "P", "in", "out"} else {"P", "total"}

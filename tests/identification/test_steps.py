@@ -80,7 +80,7 @@ def test_a_fit_goes_on_with_other_noise_where_another_one_ended():
     fit = solve(problem, derivatives=Derivatives.KEPT)
     other = problem.replace_noise(1.3 * problem.sigma, problem.inflation)
     begin = resume_equations(other, (fit.x, fit.z), fit)
-    again = solve(other, (fit.x, fit.z), derivatives=Derivatives.KEPT, begin=begin)
+    again = solve(other, (fit.x, fit.z), derivatives=Derivatives.KEPT, equations=begin)
     alone = solve(other, derivatives=Derivatives.KEPT)
     assert again.converged
     assert again.x == pytest.approx(alone.x, abs=1e-3)
