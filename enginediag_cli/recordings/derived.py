@@ -48,20 +48,30 @@ WATER_TO_AIR = 18.015268 / 28.9652
 """Ratio of the molar masses of water and dry air."""
 
 
+AIR_C = 100.0
+"""°C, below and above zero: no air that an engine breathes is outside. The formula has a pole at −241 °C, and does not
+hold for water that boils."""
+
+
 def saturation_pressure(temperature_K: np.ndarray, pressure_Pa: np.ndarray) -> np.ndarray:
-    """Vapour pressure over water in moist air, in Pa, −20 to 50 °C within 0.1 %.
+    """Vapour pressure over water in moist air, in Pa, −20 to 50 °C within 0.1 %; NaN outside ±AIR_C.
 
     e_s = f · 6.1121 hPa · exp(17.502 t / (240.97 + t)), f = 1.0007 + 3.46e-6 p, with t in °C and p in hPa
     (Buck 1981, J. Appl. Meteorol. 20, curves ew1 and fw3).
     """
     t = temperature_K - 273.15
+    t = np.where(np.abs(t) <= AIR_C, t, np.nan)
     enhancement = 1.0007 + 3.46e-6 * pressure_Pa / 100.0
     return enhancement * 611.21 * np.exp(17.502 * t / (240.97 + t))
 
 
 def humidity_ratio(relative: np.ndarray, temperature_K: np.ndarray, pressure_Pa: np.ndarray) -> np.ndarray:
-    """w = 0.622 e / (p − e) in kg/kg, with e = φ e_s; φ cut to 0 to 1 (sensors read up to 1.002)."""
+    """w = 0.622 e / (p − e) in kg/kg, with e = φ e_s; φ cut to 0 to 1 (sensors read up to 1.002).
+
+    NaN where e ≥ p: no air is at such a pressure and temperature.
+    """
     vapour = np.clip(relative, 0.0, 1.0) * saturation_pressure(temperature_K, pressure_Pa)
+    vapour = np.where(vapour < pressure_Pa, vapour, np.nan)
     return WATER_TO_AIR * vapour / (pressure_Pa - vapour)
 
 

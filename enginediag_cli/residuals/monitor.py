@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from enginediag_cli.config.hints import near
 from enginediag_cli.engine.instrument_errors import DRIFT, InputErrors, InstrumentDrifts
 from enginediag_cli.engine.wrapped import LagModel, MonitoredModel
 from enginediag_cli.error_model.sizes import MapSlopes, map_slopes
@@ -336,11 +337,7 @@ def match_parameters(engine: MonitoredModel, patterns: Sequence[str]) -> tuple[s
     for pattern in patterns:
         hits = matching(list(engine.parameters), pattern)
         if not hits:
-            from difflib import get_close_matches
-
-            near = get_close_matches(pattern, engine.parameters, n=1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise DataError(f"no parameter of {engine.name} matches {pattern!r}{hint}")
+            raise DataError(f"no parameter of {engine.name} matches {pattern!r}; {near(pattern, engine.parameters)}")
         chosen.update(hits)
     return tuple(name for name in engine.parameters if name in chosen)
 

@@ -32,7 +32,7 @@ from enginediag_cli.error_model.maps import MapErrorModel
 from enginediag_cli.errors import DataError
 from enginediag_cli.intake.agreement import RecordingMismatch
 from enginediag_cli.intake.loader import GrossCounts
-from enginediag_cli.recordings.table import Recording
+from enginediag_cli.recordings.table import Recording, find_missing_columns
 from enginediag_cli.residuals.instruments import InstrumentFault
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.statistics import LocalStatistics
@@ -237,13 +237,9 @@ class WindowAssembler(Generic[Piece]):
 
 def check_inputs(monitor: Monitor, recording: Recording) -> None:
     """DataError unless the recording has every input column and at least one sensor of the monitor."""
-    missing = [c for c in monitor.engine.inputs if c not in recording.columns]
-    if missing:
-        from difflib import get_close_matches
-
-        near = {c: get_close_matches(c, recording.order, n=1) for c in missing}
-        words = [c + (f" (did you mean {near[c][0]!r}?)" if near[c] else "") for c in missing]
-        raise DataError(f"{recording.source}: no column {', '.join(words)}, which {monitor.engine.name} needs")
+    if missing := find_missing_columns(monitor.engine.inputs, recording.columns):
+        words = ", ".join(map(str, missing))
+        raise DataError(f"{recording.source}: no column {words}, which {monitor.engine.name} needs")
     if not any(c in recording.columns for c in monitor.sensors):
         raise DataError(f"{recording.source}: none of the sensors {', '.join(monitor.sensors)}")
 

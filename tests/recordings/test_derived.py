@@ -44,6 +44,14 @@ def test_humidity_ratio_of_saturated_air_is_that_of_the_psychrometric_chart():
     assert humidity_ratio(np.array([1.002]), np.array([293.15]), np.array([101325.0]))[0] == ratio[0]
 
 
+@pytest.mark.filterwarnings("error")
+def test_no_air_is_as_hot_or_thin_as_a_fill_value():
+    temperature = np.array([-9999.0, 0.0, 32.18, 9999.0, 372.0, np.nan])
+    pressure = np.full(6, 2e4)
+    assert np.isnan(humidity_ratio(np.ones(6), temperature, pressure)).all()
+    assert np.isnan(saturation_pressure(temperature, pressure)).tolist() == [True, True, True, True, False, True]
+
+
 def test_total_and_static_temperature_agree_at_mach_one():
     assert static_temperature(np.array([300.0]), np.array([1.0]))[0] == pytest.approx(250.0)
 
