@@ -170,7 +170,7 @@ class IsolationResult(Result):
         It depends on the number of the window, from 1, and on whether a change was isolated in it.
         """
         if form not in FORMS:
-            raise UsageError(f"flips and work_scope must be one of {', '.join(map(repr, FORMS))}, not {form!r}")
+            raise UsageError(f"`flips` and `work_scope` must be one of {', '.join(map(repr, FORMS))}, not {form!r}")
         in_words = form != "" and not self._quiet
         return lambda number, named: form in ("nested", "cell") or (in_words and named and number <= SENTENCES)
 

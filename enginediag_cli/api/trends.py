@@ -71,7 +71,7 @@ class MarginOptions:
         made = {
             "limit": limits,
             "consumed limit": consumed and f"{consumed} K",
-            "taken off": ", ".join(self.taken_off),
+            "removed from wing": ", ".join(self.taken_off),
             "baseline": self.baseline and f"first {self.baseline} flights",
         }
         return {name: str(value) for name, value in made.items() if value}

@@ -86,10 +86,16 @@ WHILE = Section(
     "acts_while",
     "when a control acts; else its actuator rests at the stop nearest to where nothing sets it",
     (
-        Field("column", "text", "model column or input of the engine that tells"),
+        Field("column", "text", "model column or input whose value decides"),
         Field("side", "choice", "it acts while the column is", choices=SIDES),
         Field("value", "number", "this, in the column's unit"),
-        Field("margin", "number", "nearer to it than this nobody can tell whether it acts", 0.0, minimum=0.0),
+        Field(
+            "margin",
+            "number",
+            "distance from that value within which it is unknown whether the control acts",
+            0.0,
+            minimum=0.0,
+        ),
         Field(
             "rest_sigma",
             "number",
@@ -486,7 +492,7 @@ TERM = Section(
         Field("term", "text", "name of the effect"),
         Field("at", "text", "where it acts: a component, a shaft or a sensor"),
         Field(
-            "coefficients", "number_map", "its coefficients; those left out are absent", {}, unit="the coefficient's"
+            "coefficients", "number_map", "its coefficients; those not stated are absent", {}, unit="the coefficient's"
         ),
         Field(
             "standard_errors", "number_map", "of the coefficients, when they were fitted", {}, unit="the coefficient's"

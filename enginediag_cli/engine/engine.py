@@ -202,7 +202,7 @@ class Engine:
                 np.isfinite(k.value) if n != self.network.power_setting else k.value > 0.0 for n, k in known.items()
             ]
             for k in np.flatnonzero(valid & unsettled).tolist():
-                reasons[k] = "what it remembers of its past did not settle"
+                reasons[k] = "its dynamic effects did not converge"
             valid &= ~unsettled
             start = self._recall.begin({**inputs}, size) if start is None else start
             for (n, of), good in zip(known.items(), wrong, strict=True):

@@ -80,7 +80,7 @@ def _machines(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:
         elif takes_rest and shaft in geared:
             yield Problem(
                 place,
-                f"{c['name']}: a machine behind gearbox {geared[shaft]} cannot take what is left",
+                f"{c['name']}: a machine behind gearbox {geared[shaft]} cannot take the surplus power of its shaft",
                 "state its design_power_W, with a law of its own (cube, torque, given)",
             )
         elif takes_rest and shaft not in turned:

@@ -180,7 +180,7 @@ def judge_engine(
         return replace(nothing, reason=f"{max(after, 0)} flights{new} beside the baseline are too few, {FEWEST} needed")
     flights = engine_flights(current, series)
     if len(flights) - flights.baseline < FEWEST:
-        return replace(nothing, reason="too few flights tell of all readings")
+        return replace(nothing, reason="too few flights have all readings")
     suspects, members = flights.suspects(settings.sensors)
     path = e_path(flights.rows(), suspects, flights.baseline)
     chance = _change_probability(path.log_e[-1])

@@ -1,4 +1,4 @@
-"""What a fleet file describes, checked: builds, how engines are told apart, baseline, maintenance, what is judged.
+"""What a fleet file describes, checked: builds, how engines are distinguished, baseline, maintenance, what is judged.
 
 Declaration of the YAML file that describes a fleet.
 
@@ -51,7 +51,7 @@ BUILD = Section("build", "engines of one build: what they are, and which recordi
 
 ENGINES = Section(
     "engines",
-    "how engines are told apart",
+    "how engines are distinguished",
     (
         Field(
             "serial_from",
@@ -132,19 +132,25 @@ JUDGE = Section(
         Field(
             "consumed_limit_K",
             "numbers",
-            "margin that engines have lost when they are taken off, and its standard deviation, where no temperature "
-            "limit is known: [25, 3]",
+            "EGT margin that engines have used when they are removed from wing, and its standard deviation, where no "
+            "temperature limit is known: [25, 3]",
             None,
             unit="K",
         ),
         Field(
             "taken_off",
             "texts",
-            "serial numbers of engines whose recordings end where they were taken off because they were worn, three at "
-            "least: what they had lost by then is the limit of all others, in place of consumed_limit_K",
+            "serial numbers of engines whose recordings end where they were removed from wing because they were worn, "
+            "three at least: the margin that they had used by then is the limit of all others, in place of "
+            "consumed_limit_K",
             (),
         ),
-        Field("thorough", "boolean", "engines that stand out are judged as `trend` does, at a second each", True),
+        Field(
+            "thorough",
+            "boolean",
+            "engines with a significant change are judged as `trend` does, at a second each",
+            True,
+        ),
     ),
 )
 
@@ -157,7 +163,7 @@ FLEET_FILE = Section(
         Field("sources", "texts", "where its recordings come from", ()),
         *_OF_A_BUILD,
         Field("builds", "section_map", "several builds by name, in place of the four keys above", {}, section=BUILD),
-        Field("engines", "section", "how engines are told apart", {}, section=ENGINES),
+        Field("engines", "section", "how engines are distinguished", {}, section=ENGINES),
         Field("baseline", "section", "early life, believed healthy", section=BASELINE),
         Field("identify", "section", "the common model", {}, section=IDENTIFY),
         Field(
@@ -387,7 +393,9 @@ def _key_problems(checked: Checked) -> Iterator[Problem]:
         yield checked.problem(("judge", "taken_off"), "both 'taken_off' and 'consumed_limit_K' are given", hint)
     if taken_off and len(set(taken_off)) < LIVES:
         hint = f"name {LIVES} at least, or state 'consumed_limit_K'"
-        yield checked.problem(("judge", "taken_off"), f"{len(set(taken_off))} engines do not tell a limit", hint)
+        yield checked.problem(
+            ("judge", "taken_off"), f"{len(set(taken_off))} engines are too few to learn a limit from", hint
+        )
     if values["judge"]["window"]:
         try:
             plan_windows(values["judge"]["window"])

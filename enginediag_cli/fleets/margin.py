@@ -71,7 +71,7 @@ def margin_scale(series: Series, among: Collection[str] = ()) -> MarginScale:
     """The scale of the engine that a series is of; among: columns one of which it is, where that is wished."""
     monitor = series.monitor
     if monitor is None or monitor.envelope is None:
-        return MarginScale(reason="statistics without their engine do not tell what a change means for temperatures")
+        return MarginScale(reason="without the engine of the statistics, the temperature effect of a change is unknown")
     engine: Any = monitor.engine
     while isinstance(engine, WrappedModel):
         engine = engine.model
@@ -311,7 +311,7 @@ def _add_forecast(
         return _no_forecast(finding, "no limit is stated")
     course = consumption_course(finding)
     if course is None:
-        return _no_forecast(finding, "too few flights tell of the margin")
+        return _no_forecast(finding, "too few flights show the margin")
     found = forecast(fit_laws(course, reference), population, *limit)
     half = NORMAL_95 * found.rate_error
     margin = replace(

@@ -399,7 +399,7 @@ def _folder_files(folder: Path) -> Iterator[Path]:
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-ADVICE = "what was condensed is kept with --store; use fewer --jobs"
+ADVICE = "finished recordings are kept with --store; use fewer --jobs"
 """Where worker processes keep dying."""
 
 
@@ -453,7 +453,7 @@ RETRIES = 1
 whose worker died is begun again by the cluster's own rule."""
 CONNECT_S = 5
 """Seconds that a scheduler may take to answer, and its first worker to be there."""
-KEPT = "what was condensed is kept with --store"
+KEPT = "finished recordings are kept with --store"
 HINT = "pip install 'enginediag[fleet]'"
 
 

@@ -196,7 +196,7 @@ def _interpretation(mean: float, parameter: Parameter, among: int) -> str:
         what = "wear that all engines share, or physics that the model lacks"
     else:
         what = "physics that the model lacks, or an error of the recorder; no wear of single engines"
-    return f"{what}{'; it, or another of those told beside it' if among > 1 else ''}: see locate and explain"
+    return f"{what}{'; of this one or of another reported with it' if among > 1 else ''}: see locate and explain"
 
 
 def judge_fleet(
@@ -422,7 +422,7 @@ def condense_all(
     """What became of each recording. Raises OSError when the store cannot be written."""
     tasks = list(_batches([r for r in recordings if not r.trouble], models, store))
     found = {r.path: CondenseOutcome(r.path, trouble=r.trouble) for r in recordings if r.trouble}
-    for _, outcomes in each(runner.run(condense, tasks), "batches of recordings condensed", len(tasks)):
+    for _, outcomes in each(runner.run(condense, tasks), "batches of recordings reduced to statistics", len(tasks)):
         found |= {outcome.path: outcome for outcome in outcomes}
     _check_there(store, found.values())
     return [found[r.path] for r in recordings]

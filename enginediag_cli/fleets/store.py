@@ -151,7 +151,7 @@ class CondensedReader:
             left_out = tuple(map(_excluded_from_mapping, x["left_out"]))
             self.condensed = Condensed(x["key"], x["sha256"], parts, x["counts"], left_out)
         except (OSError, zipfile.BadZipFile, KeyError, ValueError, TypeError) as error:
-            raise DataError(f"{path}: not a whole condensed recording ({error})") from None
+            raise DataError(f"{path}: not a complete file of sufficient statistics ({error})") from None
 
     def __enter__(self) -> CondensedReader:
         return self

@@ -201,7 +201,7 @@ NOMINAL_FILE = Section(
         Field("unidentified", "sections", "what the recordings leave open", default=(), section=COMBINATION),
         Field("error_model", "section", "by how much the maps may be wrong", None, section=ERROR_MODEL),
         Field("envelope", "section", "operating points seen", section=ENVELOPE),
-        Field("records", "any_map", "records used, and left out by reason", default={}),
+        Field("records", "any_map", "records used, and excluded ones by reason", default={}),
         Field("provenance", "text_map", "version, command, files", default={}),
         Field(
             "smooth",

@@ -117,7 +117,7 @@ class PlannedFlight:
         return {
             "kind": "flight",
             "description": f"planned: {self.words}",
-            "source": "planned between rival explanations",
+            "source": "planned to separate alternative explanations",
             "flights": 1,
             "mission": {"type": "manoeuvres", "record_interval_s": self.interval_s, "set_points": points},
             **({"constants": {c: float(f"{v:.6g}") for c, v in self.constants.items()}} if self.constants else {}),

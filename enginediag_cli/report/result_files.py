@@ -249,7 +249,7 @@ SIGMAS, RESIDUAL = ":sigmas", ":residual"
 
 STATISTICS = _kind("statistics", "residual", "source n chi2 dof", is_flat)
 RECORDS = _kind("residuals of records", "residual --what records", "source line state", _has_residuals)
-ISOLATED = _kind("isolated parameters", "isolate", "verdict isolated parameter inclusion change lower upper rivals")
+ISOLATED = _kind("isolated parameters", "isolate", "verdict isolated parameter inclusion change lower upper")
 COMPONENTS = _kind("isolated components", "isolate --by component", "verdict components inclusion fit_before records")
 TREND = _kind("trend", "trend", "parameter kind onset change change_low change_high verdict")
 EVENTS = _kind("trend by component", "trend --by component", "components kind onset onset_flight flights")

@@ -159,7 +159,7 @@ class Ledger:
         spans.append(span)
         if shared and self.summed:
             raise DataError(
-                f"{place}: lines {span[0]} to {span[1]} of {window.source} stand in another window, too, and would "
+                f"{place}: lines {span[0]} to {span[1]} of {window.source} belong to another window, too, and would "
                 "count twice: windows that overlap, or two recordings of one name, cannot be added up"
             )
         self.overlapping += shared
@@ -263,7 +263,7 @@ def _header_difference(header: Sequence[str], cells: Sequence[str]) -> str:
     more = [c for c in cells if c not in header]
     fewer = [c for c in header if c not in cells]
     if not more and not fewer:
-        return "its columns stand in another order"
+        return "its columns are in another order"
     return "; ".join(f"{what} {', '.join(names[:3])}" for what, names in (("new", more), ("gone", fewer)) if names)
 
 

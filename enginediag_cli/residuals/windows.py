@@ -523,6 +523,6 @@ def _grid_positions(timeline: Timeline, part: Recording, plan: WindowPlan) -> tu
     if plan.in_time and timeline.breaks:
         raise DataError(
             f"{part.source}: time_s runs backwards; windows in time need one stretch of "
-            "time per flight (a column `flight` tells flights apart)"
+            "time per flight (a column `flight` separates flights)"
         )
     return position, lags

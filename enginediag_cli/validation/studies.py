@@ -200,7 +200,7 @@ STUDY_FILE = Section(
             "operating conditions, drawn anew for every diagnosis",
             section=MISSION,
         ),
-        Field("constants", "number_map", "further inputs of the engine, each held at one value", {}),
+        Field("constants", "number_map", "further inputs of the engine, each constant", {}),
         Field("noise", "section", "sensor noise; its size is known to the methods", {}, section=NOISE),
         Field("cases", "named_sections", "what is wrong with the engine", section=CASE),
         Field("methods", "named_sections", "who diagnoses", section=Variants("method", "kind of method", SECTIONS)),

@@ -104,7 +104,7 @@ def test_a_machine_behind_its_gearbox_is_refused(tmp_path):
 
 def test_a_load_behind_a_gearbox_that_takes_what_is_left_is_refused(tmp_path):
     load = "  - {type: load, name: propeller, shaft: propeller, law: surplus}\n"
-    assert "cannot take what is left" in message(tmp_path, turboprop(propeller=load))
+    assert "cannot take the surplus power of its shaft" in message(tmp_path, turboprop(propeller=load))
 
 
 def test_shafts_that_turn_together_have_one_speed_given_at_most(tmp_path):

@@ -179,7 +179,7 @@ class Component(ABC):
 VALVE = Field(
     "valve",
     "choice",
-    "moved by the actuator <component>.<port>.opening: `throttle` stands at 1, the stated fraction; `closed` at 0, and "
+    "moved by the actuator <component>.<port>.opening: `throttle` starts at 1, the stated fraction; `closed` at 0, and "
     "the fraction is that of the open valve (a handling bleed)",
     "none",
     choices=("none", "throttle", "closed"),

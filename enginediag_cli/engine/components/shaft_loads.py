@@ -100,7 +100,9 @@ class Load(Component):
         if self.speeds.size == 1 or self.speeds.size != self.torques.size or (np.diff(self.speeds) <= 0.0).any():
             raise ValueError(f"{self.name}: speeds_rpm must rise, with one of torques_N_m for each, at least two")
         if self.values["law"] == SURPLUS and self.values["design_power_W"] is not None:
-            raise ValueError(f"{self.name}: design_power_W is not of a load that takes what is left (law surplus)")
+            raise ValueError(
+                f"{self.name}: a load of law surplus takes what its shaft has to spare, and has no design_power_W"
+            )
 
     @property
     def demand_column(self) -> str | None:

@@ -247,7 +247,7 @@ class MemoryState(TransientState):
     def __init__(self, memory: Memory, number: int, network: Network):
         filter = memory.filter
         if not isinstance(filter, DynamicFilter):
-            raise TypeError(f"what {memory.name} remembers has no states")
+            raise TypeError(f"the dynamic effect {memory.name} has no states")
         self.memory, self.number, self.filter = memory, number, filter
         self.follows = isinstance(filter, Following)
         self.beside = tuple(f"{memory.name}.state_{k + 1}" for k in range(filter.STATES))
@@ -338,8 +338,8 @@ def transient_states(engine: Engine, varied: Sequence[str] = ()) -> tuple[Transi
             continue
         if not m.filter.STATES and not m.column and not m.recorded:
             raise ValueError(
-                f"{engine.name}: what {m.name} remembers acts back on the engine, and its filter has no states to be "
-                "integrated; take every record as steady with --steady, or leave the term out"
+                f"{engine.name}: the dynamic effect {m.name} acts back on the engine, and its filter has no states to "
+                "integrate; take every record as steady with --steady, or remove the term"
             )
         found += [MemoryState(m, k, network) for k in range(m.filter.STATES)]
     return tuple(found)

@@ -45,7 +45,7 @@ class AmbientPressureScale(InputScale):
     TITLE = "Scale error of the ambient pressure"
     STATEMENT = (
         "The barometer beside the machine reads a constant share too high or too low, for instance because it "
-        "stands at another height than the inlet."
+        "is at another height than the inlet."
     )
     EQUATION = "p_0 = p_0,recorded/(1 + s)"
     COEFFICIENTS = (scale_coefficient(0.02, sigma=0.005),)
@@ -269,7 +269,7 @@ class EgtProfile(ProbeTerm):
     NAME = "egt_profile"
     TITLE = "Temperature profile at the exhaust-gas probes"
     STATEMENT = (
-        "The probes of the exhaust-gas temperature do not stand at the mean of the gas: hot and cold streaks "
+        "The probes of the exhaust-gas temperature do not read the mean of the gas: hot and cold streaks "
         "behind the burner shift the reading in proportion to its temperature rise."
     )
     EQUATION = "reading = T + k [(T_4 − T_3) − (T_4 − T_3)_design]"

@@ -198,10 +198,10 @@ def _neg_log_p(row: Row) -> float:
 
 
 def identified_fit(key: str, result: Identification) -> Chart:
-    """Records that were fitted, left out in turn, and held out, as far as there are."""
+    """Records that were fitted, cross-validated, and held out, as far as there are."""
     sets = {
         "fitted": result.in_sample,
-        "left out in turn": result.cross_validated,
+        "cross-validated": result.cross_validated,
         "held out": result.held_out,
     }
     names = [q.sensor for q in _all_regimes(result.in_sample)]

@@ -259,7 +259,7 @@ _MADE = {
     "window": "length of the windows; empty for whole flights",
     "step": "from one window to the next",
     "linearise": "where the model was linearised",
-    "monitor": "parameters monitored, as they were asked for",
+    "monitor": "monitored parameters, as requested",
     "reference": "records that the window was compared with, 0 for nominal",
     "last": "records at the end of each flight that alone were judged, 0 for all",
     "model_error": "accuracy of the maps, where it was set by hand",

@@ -408,7 +408,7 @@ def _hidden_row(f: HiddenFinding) -> dict[str, Any]:
         "high": f.interval[1],
         "unit": f.unit,
         "gain": 2.0 * f.lr,
-        "statement": f"rivals: {', '.join(r.name for r in f.rivals)}" if f.rivals else "",
+        "statement": f"alternatives: {', '.join(r.name for r in f.rivals)}" if f.rivals else "",
         "log_likelihood_ratio": f.lr,
         "threshold": f.threshold,
     }

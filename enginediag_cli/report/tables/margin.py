@@ -317,7 +317,7 @@ def margin_words(m: Margin | MarginRecord) -> str:
         if not m.reason and not math.isnan(m.remaining_flights.value):
             return f"{used}; {remaining_words(m.remaining_flights, AS_MUCH)}"
         mend = f": --limit {m.column} KELVIN states it" if m.reason == NO_LIMIT else ""
-        return f"{used}; what is left is unknown: {m.reason or NO_LIMIT}{mend}"
+        return f"{used}; the remaining margin is unknown: {m.reason or NO_LIMIT}{mend}"
     if m.now_K.value <= 0:
         over = IntervalEstimate(-m.now_K.value, -m.now_K.high, -m.now_K.low)
         return f"{quantity} has passed its limit of {m.limit_K:g} K by {_size(over)} at the reference condition"
