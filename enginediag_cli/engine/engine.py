@@ -273,30 +273,10 @@ class Engine:
     def _checked(
         self, inputs: Mapping[str, Any], parameters: Mapping[str, Any], columns: tuple[str, ...], wrt: tuple[str, ...]
     ) -> tuple[dict[str, Any], dict[str, Any], int, Array, dict[int, str]]:
-        missing = [c for c in self.inputs if c not in inputs]
-        if missing:
-            raise KeyError(f"input columns missing: {', '.join(missing)}")
-        unknown = [n for n in parameters if n not in self.parameters]
-        unknown += [
-            n
-            for n in wrt
-            if n not in self.parameters
-            and n not in self.inputs
-            and n not in self.optional_inputs
-            and n not in self._trials
-        ]
-        if unknown:
-            raise KeyError(f"{self.name} has no parameter {', '.join(unknown)}")
-        for column in columns:
-            self._known_column(column)
+        """Inputs and parameters as `size` records, which of them (N,) are valid, and why the others are not."""
+        self._check_names(inputs, parameters, columns, wrt)
+        size = common_length({**inputs, **parameters})
         points: dict[str, Any] = {}
-        lengths = {c: np.size(v) for c, v in (*inputs.items(), *parameters.items()) if np.ndim(v)}
-        sizes = {n for n in lengths.values() if n != 1} or {1}
-        if len(sizes) > 1:
-            raise ValueError(
-                f"inputs and parameters differ in length: {', '.join(f'{c} {n}' for c, n in lengths.items())}"
-            )
-        size = sizes.pop()
         for c in (*self.inputs, *self.optional_inputs):
             v = np.asarray(inputs.get(c, self.optional_inputs.get(c)), dtype=float)
             if c not in inputs:
@@ -304,10 +284,33 @@ class Engine:
             else:
                 points[c] = v.ravel() if v.size == size else np.broadcast_to(v.ravel(), (size,))
         theta: dict[str, Any] = dict(self._nominal)
-        for name, given in parameters.items():
-            theta[name] = np.asarray(given, dtype=float) if np.size(given) == size > 1 else float(np.ravel(given)[0])
+        for name, v in parameters.items():
+            theta[name] = np.asarray(v, dtype=float) if np.size(v) == size > 1 else float(np.ravel(v)[0])
+        valid, reasons = self._valid_records(points, {p: theta[p] for p in parameters}, size)
+        return points, theta, size, valid, reasons
+
+    def _check_names(
+        self, inputs: Mapping[str, Any], parameters: Mapping[str, Any], columns: Sequence[str], wrt: Sequence[str]
+    ) -> None:
+        """Raises KeyError for input columns that are missing, and for parameters and columns that do not exist."""
+        missing = [c for c in self.inputs if c not in inputs]
+        if missing:
+            raise KeyError(f"input columns missing: {', '.join(missing)}")
+        directions = {*self.parameters, *self.inputs, *self.optional_inputs, *self._trials}
+        unknown = [n for n in parameters if n not in self.parameters] + [n for n in wrt if n not in directions]
+        if unknown:
+            raise KeyError(f"{self.name} has no parameter {', '.join(unknown)}")
+        for column in columns:
+            if column not in self.sensors and column not in self.model_columns:
+                raise KeyError(f"{self.name} has no model column {column}")
+
+    def _valid_records(
+        self, points: Mapping[str, Any], parameters: Mapping[str, Any], size: int
+    ) -> tuple[Array, dict[int, str]]:
+        """Records (N,) whose values are finite, whose power is positive and whose switches are 0 or 1; why others are
+        not."""
         valid, reasons = np.ones(size, dtype=bool), {}
-        for name, v in (*points.items(), *((p, theta[p]) for p in parameters)):
+        for name, v in (*points.items(), *parameters.items()):
             good = np.isfinite(v)
             if name == self.network.power_setting:
                 good = good & (np.nan_to_num(v) > 0.0)
@@ -322,11 +325,7 @@ class Engine:
             between = valid & (v != 0.0) & (v != 1.0)
             reasons |= {k: f"column {column} is a switch and holds {v[k]:g}" for k in np.flatnonzero(between).tolist()}
             valid &= ~between
-        return points, theta, size, valid, reasons
-
-    def _known_column(self, column: str) -> None:
-        if column not in self.sensors and column not in self.model_columns:
-            raise KeyError(f"{self.name} has no model column {column}")
+        return valid, reasons
 
     @property
     def model_columns(self) -> tuple[str, ...]:
@@ -344,6 +343,15 @@ class Engine:
         x = np.array([[u.start] for u in self.unknowns])
         e = solver.evaluate(self.network, points, self._nominal, x, frozenset())
         return tuple(e.balances), self.network.columns(e)
+
+
+def common_length(values: Mapping[str, Any]) -> int:
+    """Number of records of values that are numbers or arrays (N,). Raises ValueError where they differ."""
+    lengths = {c: np.size(v) for c, v in values.items() if np.ndim(v)}
+    sizes = {n for n in lengths.values() if n != 1} or {1}
+    if len(sizes) > 1:
+        raise ValueError(f"inputs and parameters differ in length: {', '.join(f'{c} {n}' for c, n in lengths.items())}")
+    return sizes.pop()
 
 
 class _Request(NamedTuple):

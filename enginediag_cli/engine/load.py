@@ -14,7 +14,7 @@ Checks of an engine file about what its shafts drive: loads, propellers and gear
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -565,14 +565,34 @@ def _bisected(surplus: Callable[[float], float], low: float, high: float) -> flo
     return 0.5 * (low + high)
 
 
-Carried = Callable[[Sequence[Mapping[str, Any]], Network, Checked], tuple[list[Effect], list[Problem]]]
+EffectReader = Callable[[Sequence[Mapping[str, Any]], Network, Checked], tuple[list[Effect], list[Problem]]]
 """Entries of a `physics:` block, the sized network and the file → the effects at their sites, and what is wrong."""
 
 
-def build_engine(source: str | Path | EngineDescription, carried: Carried, power_setting: str | None = None) -> Engine:
-    """Reads, checks and sizes an engine, from its file or from a description that travels; `power_setting` replaces
-    the file's, `carried` knows the effects that the file may name. Raises ConfigError, at places in the description's
-    own text. `physics.engine_file.load_engine` is this with the library of effects."""
+def build_engine(
+    source: str | Path | EngineDescription, read_effects: EffectReader, power_setting: str | None = None
+) -> Engine:
+    """Read, check and size an engine. `physics.engine_file.load_engine` is this with the library of effects.
+
+    Parameters
+    ----------
+    source
+        An engine file, or a description of one that has been sent to another process.
+    read_effects
+        Makes the effects of the `physics:` block.
+    power_setting
+        Column that sets the power, in the place of the file's.
+
+    Returns
+    -------
+    Engine
+        The sized engine with its effects, at nominal parameters.
+
+    Raises
+    ------
+    ConfigError
+        For anything wrong in the file, with its line and column.
+    """
     described = source if isinstance(source, EngineDescription) else None
     path = described.file if described else str(source)
     if described is None:
@@ -585,24 +605,45 @@ def build_engine(source: str | Path | EngineDescription, carried: Carried, power
         own = (values["power_setting"], (values["power_demand"] or {}).get("column"))
         values["envelope"] = {c: r for c, r in values["envelope"].items() if c not in own}
         values["power_setting"], values["power_range"], values["power_demand"] = power_setting, None, None
-    problems = wiring_problems(values, checked)
-    if problems:
+    _raise_problems(wiring_problems(values, checked))
+    network = _sized_network(values, checked, _components(values, checked, path, described))
+    engine = Engine(network, values, path)  # gives the network its sensors, which effects may name
+    effects, problems = read_effects(values["physics"], network, checked)
+    _raise_problems(problems)
+    engine = engine.replace_effects(effects)
+    _raise_problems(_reference_problems(engine, values, checked))
+    return engine
+
+
+def _raise_problems(problems: Iterable[Problem]) -> None:
+    if problems := list(problems):
         raise ConfigError(problems)
+
+
+def _components(
+    values: Mapping[str, Any], checked: Checked, path: str, described: EngineDescription | None
+) -> list[Component]:
+    """The components of an engine file, with their map tables: from files beside it, or from its description."""
     components: list[Component] = []
     for k, c in enumerate(values["components"]):
-        about: dict[str, Any] = {**c, "directory": str(Path(path).parent)}
+        declared: dict[str, Any] = {**c, "directory": str(Path(path).parent)}
         if c.get("table"):
             name, mark = c["table"]["file"], checked.mark(("components", k, "table", "file"))
             if described is None:
                 file_inside(path, name, mark)
             else:
-                about["table_text"] = described.table(name, mark)
+                declared["table_text"] = described.table(name, mark)
         try:
-            components.append(COMPONENTS[c["type"]](about))
+            components.append(COMPONENTS[c["type"]](declared))
         except ConfigError:
             raise
         except ValueError as error:
             raise ConfigError([Problem(checked.mark(("components", k)), str(error))]) from error
+    return components
+
+
+def _sized_network(values: dict[str, Any], checked: Checked, components: list[Component]) -> Network:
+    """The network of these components at its design point, with its controls and its set point of power."""
     network = Network(
         shared_gas(values["fuel_hydrogen_carbon_ratio"]),
         components,
@@ -618,18 +659,10 @@ def build_engine(source: str | Path | EngineDescription, carried: Carried, power
             network.demand = Demand.declared(values["power_demand"], values["power_setting"])
         except ValueError as error:
             raise ConfigError([Problem(checked.mark(("power_demand",)), str(error))]) from error
-    engine = Engine(network, values, path)
-    effects, problems = carried(values["physics"], network, checked)
-    if problems:
-        raise ConfigError(problems)
-    engine = engine.replace_effects(effects)
-    problems = list(_references(engine, values, checked))
-    if problems:
-        raise ConfigError(problems)
-    return engine
+    return network
 
 
-def _references(engine: Engine, values: dict[str, Any], checked: Any) -> Any:
+def _reference_problems(engine: Engine, values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:
     """Names of parameters, columns and inputs, and as many balances as unknowns."""
     for k, name in enumerate(values["monitored"]):
         if name not in engine.parameters:

@@ -37,6 +37,7 @@ from enginediag_cli.engine.filters import Filter, FilterClock
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
+    from enginediag_cli.engine.strategy import Prediction
 
 
 MOMENT = "moment"
@@ -238,7 +239,7 @@ class Recall:
     """Remembers for one engine, and its copies at other parameters."""
 
     tapes: Tapes
-    _found: OrderedDict[tuple[Any, ...], Recalled] = field(default_factory=OrderedDict)
+    _cache: OrderedDict[tuple[Any, ...], Recalled] = field(default_factory=OrderedDict)
     _starts: dict[tuple[int, int], Array] = field(default_factory=dict)
 
     def begin(self, points: Mapping[str, Any], size: int) -> Array | None:
@@ -256,14 +257,14 @@ class Recall:
     @property
     def memory(self) -> tuple[OrderedDict[tuple[Any, ...], Recalled], dict[tuple[int, int], Array]]:
         """All that is remembered, for another process."""
-        return self._found, self._starts
+        return self._cache, self._starts
 
     def restore(self, kept: tuple[OrderedDict[tuple[Any, ...], Recalled], dict[tuple[int, int], Array]]) -> None:
         """Go on where another process has ended."""
-        self._found, self._starts = kept
+        self._cache, self._starts = kept
 
     def forget(self) -> None:
-        self._found.clear()
+        self._cache.clear()
         self._starts.clear()
 
     def known_leaves(
@@ -310,149 +311,172 @@ class Recall:
         theta: Mapping[str, Any],
         wrt: Sequence[str],
         memories: Sequence[Memory],
-        asked: tuple[Array, Array],
+        requested: tuple[Array, Array],
     ) -> Recalled:
-        """Of one tape, from what was found last where nothing has changed."""
+        """Memories along tape k; from the cache where nothing has changed."""
         tape = self.tapes.tapes[k]
         states = [m for m in memories if not m.column]
-        names = list(theta) if states else [*_asking(engine), *(c for m in memories for c in m.coefficients)]
+        demand = engine.network.demand.names if engine.network.demand is not None else ()
+        names = list(theta) if states else [*demand, *(c for m in memories for c in m.coefficients)]
         numbers = tuple(theta[n].tobytes() if np.ndim(theta[n]) else theta[n] for n in names)
-        rows = asked[1].tobytes() if any(np.ndim(theta[n]) for n in names) else b""
+        rows = requested[1].tobytes() if any(np.ndim(theta[n]) for n in names) else b""
         key = (k, len(tape), tuple(m.name for m in memories), tuple(wrt), numbers, rows)
-        if key in self._found:
-            self._found.move_to_end(key)
-            return self._found[key]
-        along = {n: _tape_values(theta[n], asked, len(tape)) if np.ndim(theta[n]) else theta[n] for n in theta}
-        recalled = self._input_memories(engine, tape, along, wrt, [m for m in memories if m.column])
+        if key in self._cache:
+            self._cache.move_to_end(key)
+            return self._cache[key]
+        on_tape = {n: _tape_values(x, requested, len(tape)) if np.ndim(x) else x for n, x in theta.items()}
+        recalled, leaves = self._input_memories(engine, tape, on_tape, wrt, [m for m in memories if m.column])
         if states:
-            self._sweep(engine, (k, tape), along, wrt, states, recalled)
-        self._found[key] = recalled
-        while len(self._found) > 1 and sum(f.size for f in self._found.values()) > KEPT:
-            self._found.popitem(last=False)
+            points = self._tape_points(engine, tape, on_tape, recalled)
+            iteration = TapeIteration(engine, tape, on_tape, states, points, self._starts.get((k, len(tape))))
+            iteration.run()
+            if iteration.unknowns is not None:
+                self._starts[k, len(tape)] = iteration.unknowns
+            recalled.values |= iteration.values
+            recalled.slopes |= iteration.slopes(wrt, {n: leaf.slopes for n, leaf in leaves.items()})
+            recalled.converged = iteration.converged
+        self._cache[key] = recalled
+        while len(self._cache) > 1 and sum(r.size for r in self._cache.values()) > KEPT:
+            self._cache.popitem(last=False)
         return recalled
 
     def _input_memories(
         self, engine: Engine, tape: Tape, theta: Mapping[str, Any], wrt: Sequence[str], memories: Sequence[Memory]
-    ) -> Recalled:
-        """Memories of what the network is told, one behind the other where they are of one column."""
-        found = Recalled({}, {})
-        told: dict[str, KnownLeaf] = {}
+    ) -> tuple[Recalled, dict[str, KnownLeaf]]:
+        """Memories of inputs, one behind the other where they are of one column, and the inputs that they change."""
+        recalled = Recalled({}, {})
+        leaves: dict[str, KnownLeaf] = {}
         if engine.network.demand is not None:
-            told[engine.network.power_setting] = demanded_power(engine, tape.columns, theta, wrt, len(tape))
+            leaves[engine.network.power_setting] = demanded_power(engine, tape.columns, theta, wrt, len(tape))
+        zero = np.zeros(len(tape))
         for m in memories:
-            signal = told.get(m.column)
-            if signal is None:
-                signal = KnownLeaf(tape.columns.get(m.column, np.zeros(len(tape))), {})
+            signal = leaves.get(m.column, KnownLeaf(tape.columns.get(m.column, zero), {}))
             value, slopes = filtered(m, tape, signal, theta, wrt)
-            found.values[m.name], found.slopes[m.name] = value, slopes
-            every = dict.fromkeys((*signal.slopes, *slopes))
-            zero = np.zeros(len(tape))
-            told[m.column] = KnownLeaf(
-                signal.value + value, {n: signal.slopes.get(n, zero) + slopes.get(n, zero) for n in every}
-            )
-        return found
+            recalled.values[m.name], recalled.slopes[m.name] = value, slopes
+            names = dict.fromkeys((*signal.slopes, *slopes))
+            sums = {n: signal.slopes.get(n, zero) + slopes.get(n, zero) for n in names}
+            leaves[m.column] = KnownLeaf(signal.value + value, sums)
+        return recalled, leaves
 
-    def _sweep(
-        self,
-        engine: Engine,
-        of: tuple[int, Tape],
-        theta: Mapping[str, Any],
-        wrt: Sequence[str],
-        states: Sequence[Memory],
-        recalled: Recalled,
-    ) -> None:
-        """Memories of the solution into `recalled`."""
-        k, tape = of
-        N = len(tape)
+    def _tape_points(self, engine: Engine, tape: Tape, theta: Mapping[str, Any], recalled: Recalled) -> dict[str, Any]:
+        """Inputs of the network along a tape, after the set point and the memories of inputs."""
         points = engine.tape_points(tape)
         if engine.network.demand is not None:
-            points[engine.network.power_setting] = demanded_power(engine, tape.columns, theta, (), N).value
-        given: dict[str, dict[str, Array]] = {}  # derivatives of what the network is told
-        if engine.network.demand is not None:
-            given[engine.network.power_setting] = dict(demanded_power(engine, tape.columns, theta, wrt, N).slopes)
+            setting = engine.network.power_setting
+            points[setting] = demanded_power(engine, tape.columns, theta, (), len(tape)).value
         for m in engine.network.memories:
             if m.name in recalled.values:
                 points[m.column] = points[m.column] + recalled.values[m.name]
-                before = given.get(m.column, {})
-                zero = np.zeros(N)
-                both = dict.fromkeys((*before, *recalled.slopes[m.name]))
-                given[m.column] = {n: before.get(n, zero) + recalled.slopes[m.name].get(n, zero) for n in both}
-        names = tuple(m.name for m in states)
-        m_now = {n: np.zeros(N) for n in names}
-        start = self._starts.get((k, N))
-        s = np.zeros((N, len(states)))
-        recalled.converged = False
-        measured = [bool(m.recorded and tape.has_column(m.recorded)) for m in states]
-        if all(measured):  # no signal comes from the solution: nothing has to be solved
-            nothing = np.full(N, np.nan)
-            found = {m.name: filtered(m, tape, KnownLeaf(_signal(m, tape, nothing), {}), theta, wrt) for m in states}
-            recalled.values |= {n: value for n, (value, _) in found.items()}
-            recalled.slopes |= {n: slopes for n, (_, slopes) in found.items()}
-            recalled.converged = True
+        return points
+
+
+@dataclass
+class TapeIteration:
+    """Fixed-point iteration for K memories `states` of the solution along one tape of N records.
+
+    `points`: inputs of the network there. `unknowns` (nx, N): where to begin, then those of the last sweep. Its results
+    are `values` (N,) by name of the memory, `converged`, and `slopes`.
+    """
+
+    engine: Engine
+    tape: Tape
+    theta: Mapping[str, Any]
+    states: Sequence[Memory]
+    points: Mapping[str, Any]
+    unknowns: Array | None
+    values: dict[str, Array] = field(default_factory=dict)
+    converged: bool = False
+    _signals: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def __post_init__(self) -> None:
+        N = len(self.tape)
+        self.names = tuple(m.name for m in self.states)
+        self.values = {n: np.zeros(N) for n in self.names}
+        self.measured = [bool(m.recorded and self.tape.has_column(m.recorded)) for m in self.states]
+        self.present = any(is_present(m, self.theta) for m in self.states)
+
+    def run(self) -> None:
+        """Solve and filter until nothing changes, or until it is clear that this takes too long."""
+        if all(self.measured):  # no signal comes from the solution: nothing has to be solved
+            nothing = np.full(len(self.tape), np.nan)
+            self._signals = np.stack([_signal(m, self.tape, nothing) for m in self.states], axis=1)
+            self.values = {m.name: self._filter(i, {}, ())[0] for i, m in enumerate(self.states)}
+            self.converged = True
             return
-        held = any(is_present(m, theta) for m in states)
         changes: list[float] = []
-        back = np.zeros((N, len(states), len(states)))  # how signals follow what is remembered, at the first sweep
-        for sweep in range(SWEEPS):
-            # what no way has led to is tried again from its neighbours, not in every way once a sweep
-            follow = names if held and not sweep else ()
-            p = engine.solved({**points, **m_now}, theta, N, names, follow, start, walk=sweep == 0)
-            start = np.where(np.isfinite(p.x), p.x, np.nan)
-            s = np.stack([_signal(m, tape, p.y[:, i]) for i, m in enumerate(states)], axis=1)
-            if not held:  # nothing is passed on, whatever the signals are and follow
-                recalled.converged = True
-                break
-            if not sweep:
-                back = np.nan_to_num(p.jacobian) * ~np.array(measured)[:, None]
-            new = _consistent(states, tape, theta, s, back, m_now)
-            changes.append(max(_change(new[n], m_now[n]) for n in names))
-            m_now = new
+        feedback = np.zeros((len(self.tape), len(self.states), len(self.states)))
+        while len(changes) < SWEEPS:
+            first = not changes
+            # a point that no way has led to is tried again from its neighbours, not in every way in each sweep
+            p = self._solve(self.names if self.present and first else (), walk=first)
+            self.unknowns = np.where(np.isfinite(p.x), p.x, np.nan)
+            self._signals = np.stack([_signal(m, self.tape, p.y[:, i]) for i, m in enumerate(self.states)], axis=1)
+            if not self.present:  # nothing is passed on, whatever the signals are
+                self.converged = True
+                return
+            if first:
+                feedback = np.nan_to_num(p.jacobian) * ~np.array(self.measured)[:, None]
+            new = _consistent(self.states, self.tape, self.theta, self._signals, feedback, self.values)
+            changes.append(max(_change(new[n], self.values[n]) for n in self.names))
+            self.values = new
             if changes[-1] < SETTLED:
-                recalled.converged = True
-                break
-            if sweep >= STUCK and changes[-1] > 0.5 * changes[-1 - STUCK]:
-                break
-        if start is not None:
-            self._starts[k, N] = start
-        recalled.values |= m_now
-        recalled.slopes |= {n: {} for n in names}
+                self.converged = True
+                return
+            if len(changes) > STUCK and changes[-1] > 0.5 * changes[-1 - STUCK]:
+                return
+
+    def slopes(
+        self, wrt: Sequence[str], input_slopes: Mapping[str, Mapping[str, Array]]
+    ) -> dict[str, dict[str, Array]]:
+        """Derivatives (N,) of each memory by name, along `wrt`; `input_slopes`: those of the inputs of the network."""
         if not wrt:
-            return
-        if not held:
-            for i, m in enumerate(states):
-                recalled.slopes[m.name] = filtered(m, tape, KnownLeaf(s[:, i], {}), theta, wrt)[1]
-            return
-        leaves = tuple(dict.fromkeys((*given, *names)))
-        p = engine.solved(
-            {**points, **m_now}, theta, N, names, (*wrt, *(n for n in leaves if n not in wrt)), start, walk=False
-        )
-        J = p.jacobian  # (N, states, directions)
-        at = {n: j for j, n in enumerate(p.wrt)}
-        s_theta = {n: J[:, :, at[n]].copy() for n in wrt}
-        for leaf, slopes in given.items():
-            for n, slope in slopes.items():
-                s_theta[n] = s_theta[n] + J[:, :, at[leaf]] * slope[:, None]
-        s_m = {n: J[:, :, at[n]] for n in names}
-        m_theta: dict[str, dict[str, Array]] = {n: {} for n in names}
+            return {n: {} for n in self.names}
+        if not self.present or all(self.measured):
+            return {m.name: self._filter(i, {}, wrt)[1] for i, m in enumerate(self.states)}
+        leaves = tuple(dict.fromkeys((*input_slopes, *self.names)))
+        p = self._solve((*wrt, *(n for n in leaves if n not in wrt)), walk=False)
+        J = {n: p.jacobian[:, :, j] for j, n in enumerate(p.wrt)}  # (N, K) along each direction
+        direct = {n: J[n].copy() for n in wrt}
+        for leaf, own in input_slopes.items():
+            for n, slope in own.items():
+                direct[n] = direct[n] + J[leaf] * slope[:, None]
+        slopes: dict[str, dict[str, Array]] = {n: {} for n in self.names}
         for _ in range(SWEEPS):
-            total: dict[str, Array] = {}
-            for n in wrt:
-                x = s_theta[n]
-                for name in names:
-                    if n in m_theta[name]:
-                        x = x + s_m[name] * m_theta[name][n][:, None]
-                total[n] = x
-            new_slopes = {}
-            for i, m in enumerate(states):
-                own = {} if measured[i] else {n: _bridged(x[:, i]) for n, x in total.items()}
-                new_slopes[m.name] = filtered(m, tape, KnownLeaf(s[:, i], own), theta, wrt)[1]
-            moved = [
-                _change(d, m_theta[name].get(n, np.zeros(N))) for name, of in new_slopes.items() for n, d in of.items()
-            ]
-            m_theta = new_slopes
-            if max(moved, default=0.0) < SETTLED:
+            new = self._slopes_once(direct, J, slopes, wrt)
+            zero = np.zeros(len(self.tape))
+            changes = [_change(d, slopes[name].get(n, zero)) for name, own in new.items() for n, d in own.items()]
+            slopes = new
+            if max(changes, default=0.0) < SETTLED:
                 break
-        recalled.slopes |= m_theta
+        return slopes
+
+    def _slopes_once(
+        self,
+        direct: Mapping[str, Array],
+        J: Mapping[str, Array],
+        slopes: Mapping[str, Mapping[str, Array]],
+        wrt: Sequence[str],
+    ) -> dict[str, dict[str, Array]]:
+        """F'(∂s/∂θ + ∂s/∂m dm/dθ) + ∂F/∂c dc/dθ with these dm/dθ; `direct`: ∂s/∂θ (N, K) by name."""
+        total = dict(direct)
+        for n in wrt:
+            for name in self.names:
+                if n in slopes[name]:
+                    total[n] = total[n] + J[name] * slopes[name][n][:, None]
+        new = {}
+        for i, m in enumerate(self.states):
+            own = {} if self.measured[i] else {n: _bridged(x[:, i]) for n, x in total.items()}
+            new[m.name] = self._filter(i, own, wrt)[1]
+        return new
+
+    def _solve(self, wrt: Sequence[str], walk: bool) -> Prediction:
+        """The signals of the memories at all records, with what is remembered now."""
+        points = {**self.points, **self.values}
+        return self.engine.solved(points, self.theta, len(self.tape), self.names, wrt, self.unknowns, walk=walk)
+
+    def _filter(self, i: int, slopes: Mapping[str, Array], wrt: Sequence[str]) -> tuple[Array, dict[str, Array]]:
+        """What memory i makes of its signal, whose derivatives (N,) are `slopes`."""
+        return filtered(self.states[i], self.tape, KnownLeaf(self._signals[:, i], slopes), self.theta, wrt)
 
 
 def _consistent(
@@ -519,10 +543,6 @@ def filtered(
         if name in wrt:
             slopes[name] = m.filter(clock, signal.value, np.zeros((0, len(tape))), values).value - one.value
     return one.value, slopes
-
-
-def _asking(engine: Engine) -> tuple[str, ...]:
-    return engine.network.demand.names if engine.network.demand is not None else ()
 
 
 def _tape_values(values: Array, asked: tuple[Array, Array], N: int) -> Array:

@@ -201,8 +201,9 @@ def format_unit(unit: Unit) -> str:
 
 
 def _check(node: ast.expr, names: set[str], depth: int) -> None:
+    """Raises ExpressionError for what has no place in a formula; adds the names that it has."""
     if depth > DEEPEST:
-        raise ExpressionError(f"more than {DEEPEST} operations stand within each other", node.col_offset)
+        raise ExpressionError(f"more than {DEEPEST} operations are nested", node.col_offset)
     match node:
         case ast.Constant(value=bool()) | ast.Constant(value=complex()):
             raise ExpressionError("a formula has numbers, no other constants", node.col_offset)
@@ -211,26 +212,33 @@ def _check(node: ast.expr, names: set[str], depth: int) -> None:
                 raise ExpressionError(f"a number is larger than {LARGEST:g}", node.col_offset)
         case ast.Name(id=name):
             names.add(name)
-        case ast.UnaryOp(op=ast.USub() | ast.UAdd(), operand=a):
-            _check(a, names, depth + 1)
-        case ast.BinOp(left=a, op=ast.Add() | ast.Sub() | ast.Mult() | ast.Div() | ast.Pow(), right=b):
-            _check(a, names, depth + 1)
-            _check(b, names, depth + 1)
-        case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if name in FUNCTIONS:
-            if len(arguments) != FUNCTIONS[name][1]:
-                raise ExpressionError(f"{name} takes {FUNCTIONS[name][1]}, not {len(arguments)}", node.col_offset)
-            for a in arguments:
-                _check(a, names, depth + 1)
-        case ast.Call(func=ast.Name(id=name), args=[signal, *by], keywords=[]) if name in MEMORY_FUNCTIONS:
-            wanted = len(MEMORY_FUNCTIONS[name].units)
-            if len(by) != wanted or not all(isinstance(b, ast.Name) for b in by):
-                told = f"{name} takes what it follows and {wanted} name{'s' * (wanted > 1)} of coefficients behind it"
-                raise ExpressionError(told, node.col_offset)
-            for a in (signal, *by):
-                _check(a, names, depth + 1)
+        case ast.UnaryOp(op=ast.USub() | ast.UAdd()):
+            pass
+        case ast.BinOp(op=ast.Add() | ast.Sub() | ast.Mult() | ast.Div() | ast.Pow()):
+            pass
+        case ast.Call(func=ast.Name(id=name), keywords=[]) if name in FUNCTIONS or name in MEMORY_FUNCTIONS:
+            _check_arguments(node, name)
         case _:
             allowed = f"numbers, names, + - * / **, parentheses and {', '.join((*FUNCTIONS, *MEMORY_FUNCTIONS))}"
             raise ExpressionError(f"a formula has {allowed}, nothing else", node.col_offset)
+    for part in _parts(node):
+        _check(part, names, depth + 1)
+
+
+def _check_arguments(call: ast.Call, name: str) -> None:
+    """Raises ExpressionError where a function has the wrong number of arguments, or numbers for coefficients."""
+    if name in FUNCTIONS:
+        number = FUNCTIONS[name][1]
+        if len(call.args) != number:
+            raise ExpressionError(f"{name} takes {number}, not {len(call.args)}", call.col_offset)
+        return
+    number = len(MEMORY_FUNCTIONS[name].units)
+    coefficients = call.args[1:]
+    if len(coefficients) != number or not all(isinstance(c, ast.Name) for c in coefficients):
+        plural = "s" * (number > 1)
+        raise ExpressionError(
+            f"{name} takes a variable and then the name{plural} of {number} coefficient{plural}", call.col_offset
+        )
 
 
 def _check_numbers(node: ast.expr) -> bool:

@@ -45,8 +45,8 @@ def test_every_power_setting_given_back_makes_the_same_point_over_the_whole_enve
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(path.stem for path in CONFIGS.glob("*.yaml")))
-def test_of_many_points_of_every_shipped_engine_all_but_a_few_at_a_fold_come_back(name):
-    comes_back(name, 15_000, 1.0 - 10 / 15_000)
+def test_of_many_points_of_every_shipped_engine_all_but_a_few_near_idle_come_back(name):
+    comes_back(name, 15_000, 0.998)
 
 
 def comes_back(name, n, share):
@@ -57,7 +57,7 @@ def comes_back(name, n, share):
     settings = [s for s in power_settings(engine.declared) if s not in {engine.power_setting, *held, *turning}]
     jet = any(c.TYPE in ("nozzle", "condi_nozzle") for c in engine.network.components)
     assert {"T4_K", "T5_K", *(["EPR"] if jet else [])} <= {*settings, engine.power_setting}
-    columns = list(dict.fromkeys(["P3_Pa", "W2_kg_s", *settings]))
+    columns = list(dict.fromkeys(["P3_Pa", "W2_kg_s", *settings, engine.power_setting]))
     answers = engine.predict(points, sensors=columns, wrt=[engine.power_setting])
     assert answers.ok.all()
     for setting in settings:
@@ -69,6 +69,20 @@ def comes_back(name, n, share):
         assert back.ok[told].mean() >= share, setting
         same = np.abs(back.y / answers.y - 1.0).max(axis=1) < 1e-6
         assert same[told & back.ok].mean() >= share, setting
+        other = told & back.ok & ~same
+        assert_other_points_lie_beyond_idle(engine, {c: x[other] for c, x in points.items()}, back.y[other], columns, k)
+
+
+def assert_other_points_lie_beyond_idle(engine, points, y, columns, k):
+    """Column k has the same value once more below the idle of these points, where it falls with power: an answer, but
+    of another point."""
+    power = engine.power_setting
+    own = engine.power_from_fraction(0.1, points)
+    assert (points[power] < own).all()
+    assert (y[:, columns.index(power)] < points[power]).all()
+    below = engine.predict({**points, power: y[:, columns.index(power)]}, sensors=[columns[k]], wrt=[power])
+    assert below.y[:, 0] == pytest.approx(y[:, k], rel=1e-6)
+    assert (below.jacobian[:, 0, 0] < 0.0).all()
 
 
 def turning_with(engine, column):

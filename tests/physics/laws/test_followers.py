@@ -117,10 +117,10 @@ def test_without_a_past_a_law_is_in_equilibrium(name: str) -> None:
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("lagged(mach)", "1 name of coefficients"),
-        ("lagged(mach, 3)", "1 name of coefficients"),
-        ("limited(mach, s)", "2 names of coefficients"),
-        ("lagged(mach, t + 1)", "1 name of coefficients"),
+        ("lagged(mach)", "the name of 1 coefficient"),
+        ("lagged(mach, 3)", "the name of 1 coefficient"),
+        ("limited(mach, s)", "the names of 2 coefficients"),
+        ("lagged(mach, t + 1)", "the name of 1 coefficient"),
     ],
 )
 def test_what_a_follower_takes_is_told(text: str, told: str) -> None:
