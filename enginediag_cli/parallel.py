@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     import subprocess
     from concurrent.futures import Future, ProcessPoolExecutor
 
-    from enginediag_cli.config.hints import Reading
+    from enginediag_cli.config.files import Reading
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -360,7 +360,7 @@ class ProcessPool:
         from concurrent.futures import ProcessPoolExecutor
         from multiprocessing import get_context
 
-        from enginediag_cli.config.hints import READING
+        from enginediag_cli.config.files import READING
 
         if self._pool is None:
             self._pool = ProcessPoolExecutor(
@@ -417,7 +417,7 @@ def _start_worker(reading: Reading) -> None:
     the first one acts on it; a killed parent, which can end nobody any more, takes its workers with it."""
     from multiprocessing import parent_process
 
-    from enginediag_cli.config.hints import READING
+    from enginediag_cli.config.files import READING
 
     READING.allow_outside = reading.allow_outside
     signal.signal(signal.SIGINT, signal.SIG_IGN)

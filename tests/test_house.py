@@ -398,7 +398,7 @@ READS_MEANING = re.compile(
 """What reads meaning back out of a name or a sentence: a parameter, a driver and a reason say what they are."""
 
 MATCHED_PATTERNS = (
-    "config/hints.py",
+    "config/files.py",
     "detection/verdict.py",
     "identification/problem.py",
     "mismatch/fit/load.py",

@@ -447,7 +447,7 @@ def chosen_method(name: str, linearise: str = "estimate") -> Method:
     from enginediag_cli.methods.registry import METHODS
 
     if name not in METHODS:
-        from enginediag_cli.config.hints import near
+        from enginediag_cli.config.fields import near
 
         raise UsageError(f"there is no method {name!r} ({near(name, METHODS)})")
     return METHODS[name].with_options({"linearise": linearise})

@@ -185,7 +185,7 @@ def effect_names() -> tuple[str, ...]:
 
 def check_effects(option: str, labels: Sequence[str]) -> None:
     """Raise UsageError for an unknown term, or term@site."""
-    from enginediag_cli.config.hints import near
+    from enginediag_cli.config.fields import near
 
     known = effect_names() if labels else ()
     for label in labels:

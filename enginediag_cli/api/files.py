@@ -245,7 +245,7 @@ def _page(report: CheckedFile) -> Iterator[tuple[str, str]]:
 
 def _yaml(file: str) -> FileCheck:
     """Check a YAML file, with the design table of an engine. Raises ConfigError."""
-    from enginediag_cli.config.kinds import check_file
+    from enginediag_cli.config.validate import check_file
 
     kind, remarks = check_file(file).name, []
     undecided: tuple[str, ...] = ()
@@ -486,7 +486,7 @@ def describe_effect(name: str, engine: EngineLike | None = None) -> Description:
     model = None if engine is None else resolve_engine(engine)
     laws = {law.NAME: law for law in (_laws(model) if model is not None else ())}
     if name not in term_names() and name not in laws:
-        from enginediag_cli.config.hints import near
+        from enginediag_cli.config.fields import near
 
         raise UsageError(f"no physics term {name!r}; {near(name, [*term_names(), *laws])}")
     engines = {model.name: model} if model is not None else _shipped_engines()
@@ -566,7 +566,7 @@ def describe_component(name: str) -> Description:
     from enginediag_cli.report.reference import component_row, key_rows, page, parameter_rows
 
     if name not in COMPONENTS:
-        from enginediag_cli.config.hints import near
+        from enginediag_cli.config.fields import near
 
         raise UsageError(f"no component {name!r}; {near(name, COMPONENTS)}")
     kind, found = COMPONENTS[name], component_example(name)

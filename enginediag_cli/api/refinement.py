@@ -342,7 +342,7 @@ class RefineResult(DocumentResult):
 
 def _asked(evidence: Dataset, terms: Sequence[str]) -> list[Effect]:
     """Find the effects that the user names. Raises UsageError for unknown ones and for those carried already."""
-    from enginediag_cli.config.hints import near
+    from enginediag_cli.config.fields import near
     from enginediag_cli.physics.registry import candidate_effects, effect
 
     engine = evidence.engine

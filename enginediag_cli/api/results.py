@@ -211,7 +211,7 @@ class Result(ABC):
 
         names = list(dict.fromkeys(chain.from_iterable(self.rows)))
         if column not in names:
-            from enginediag_cli.config.hints import near
+            from enginediag_cli.config.fields import near
 
             raise KeyError(f"there is no column {column!r} ({near(column, names)})")
         cells = [row.get(column) for row in self.rows]

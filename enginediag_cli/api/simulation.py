@@ -55,7 +55,7 @@ class SimulationChoices:
     def check(self) -> None:
         """Raise UsageError for choices that exclude each other."""
         if self.noise is not None and self.noise not in NOISES:
-            from enginediag_cli.config.hints import near
+            from enginediag_cli.config.fields import near
 
             raise UsageError(f"--noise: there is no {self.noise!r} ({near(self.noise, NOISES)})")
         if self.flight is not None and self.conditions is not None:
@@ -70,7 +70,7 @@ class SimulationChoices:
         self, engine: Engine, rng: np.random.Generator
     ) -> tuple[FlightConditions, dict[str, ColumnNoise], tuple[str, ...]]:
         """Return operating conditions, noise of each column, and provenance of the conditions."""
-        from enginediag_cli.config.kinds import load_checked
+        from enginediag_cli.config.validate import load_checked
         from enginediag_cli.errors import Mark
         from enginediag_cli.simulation.flights import KINDS, column_noise, default_plan, generate_flights
 

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
     from enginediag_cli.api.results import Result
     from enginediag_cli.config.document import Node
-    from enginediag_cli.config.hints import Field, Section
+    from enginediag_cli.config.fields import Field, Section
     from enginediag_cli.config.validate import Checked
     from enginediag_cli.progress import Listener
     from enginediag_cli.report.output import Output
@@ -238,7 +238,7 @@ def _takes(params: Iterable[click.Parameter], name: str) -> bool:
 
 
 def _allow_outside(context: click.Context, parameter: click.Parameter, value: bool) -> None:
-    from enginediag_cli.config.hints import READING
+    from enginediag_cli.config.files import READING
 
     before, READING.allow_outside = READING.allow_outside, bool(value)
     context.call_on_close(lambda: setattr(READING, "allow_outside", before))
@@ -341,7 +341,7 @@ def every_command() -> dict[str, click.Command]:
 
 def defaults_section(known: Mapping[str, click.Command], others: Iterable[str] = ()) -> Section:
     """The declaration of a file: the options of the `known` commands; of `others` only that there may be a section."""
-    from enginediag_cli.config.hints import Field, Section
+    from enginediag_cli.config.fields import Field, Section
 
     common: dict[str, Field] = {}
     fields = []
@@ -366,7 +366,7 @@ def defaults_section(known: Mapping[str, click.Command], others: Iterable[str] =
 
 def _make_field(word: str, option: click.Option) -> Field:
     """An option as a key. Bounds that a value must not reach are left to the option itself."""
-    from enginediag_cli.config.hints import Field
+    from enginediag_cli.config.fields import Field
 
     help, kind = (option.help or "").rstrip("."), option.type
     if option.multiple or option.nargs != 1:
@@ -385,7 +385,7 @@ def _common_field(one: Field, other: Field) -> Field:
     """The key under `all` of an option that two commands have, which each will check by itself."""
     from dataclasses import replace
 
-    from enginediag_cli.config.hints import Field
+    from enginediag_cli.config.fields import Field
 
     if one.kind != other.kind:
         return Field(one.name, "scalar", one.help, default=None)
@@ -401,8 +401,7 @@ def read_defaults(path: str, name: str, command: click.Command, *, unnamed: bool
 
     from enginediag_cli.cli.main import COMMANDS
     from enginediag_cli.config.document import load_document
-    from enginediag_cli.config.kinds import require_kind
-    from enginediag_cli.config.validate import validate
+    from enginediag_cli.config.validate import require_kind, validate
 
     document = load_document(path)
     require_kind(document, KIND)

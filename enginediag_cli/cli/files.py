@@ -127,7 +127,7 @@ COMPONENT_COLUMNS = ("component", "title", "unknowns")
 
 def _schemas() -> Iterator[tuple[str, str]]:
     """Every name that has a schema, and what it is."""
-    from enginediag_cli.config.kinds import FILE_KINDS
+    from enginediag_cli.config.validate import FILE_KINDS
     from enginediag_cli.report.tables import OUTPUTS, PREFIX, output
 
     yield from ((kind.name, kind.help) for kind in FILE_KINDS.values())
@@ -172,8 +172,8 @@ def schema(messages: Messages, kind: str | None) -> None:
     An editor with a YAML language server checks and completes a file whose first line is
     # yaml-language-server: $schema=engine.schema.json
     """
-    from enginediag_cli.config.hints import near
-    from enginediag_cli.config.kinds import FILE_KINDS, json_schema
+    from enginediag_cli.config.fields import json_schema, near
+    from enginediag_cli.config.validate import FILE_KINDS
     from enginediag_cli.report.tables import OUTPUTS, PREFIX, output
 
     if kind is None:
@@ -313,7 +313,7 @@ def man(messages: Messages, command: str | None) -> None:
         return
     found = enginediag.get_command(group, command)
     if found is None:
-        from enginediag_cli.config.hints import near
+        from enginediag_cli.config.fields import near
 
         raise click.UsageError(f"no such command {command!r}; {near(command, COMMANDS)}")
     prefix = f"{PREFIX}_{command}"

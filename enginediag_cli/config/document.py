@@ -16,7 +16,7 @@ from typing import Any
 
 import yaml
 
-from enginediag_cli.config.hints import read_regular
+from enginediag_cli.config.files import read_regular
 from enginediag_cli.errors import ConfigError, DataError, Mark, Problem
 from enginediag_cli.safe_text import shortened
 

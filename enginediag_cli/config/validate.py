@@ -1,7 +1,10 @@
-"""Checks a document against the declared fields of its section and fills in the defaults.
+"""Validation: a document is checked against the fields that its kind of file declares, and defaults are filled in.
 
 All problems of a file are found in one pass and raised together. Defaults have the form of a given value, so that
-nothing downstream distinguishes the two. The result has the values, and the place of each of them.
+nothing downstream distinguishes the two. The result, `Checked`, has the values and the place of each of them.
+
+`FILE_KINDS` lists the kinds of YAML file and where the code that declares each of them is. Declarations are imported
+when a file of their kind is read. A new kind of file is one entry there.
 """
 
 from __future__ import annotations
@@ -9,10 +12,23 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
 from typing import Any
 
-from enginediag_cli.config.document import Node, document_problems
-from enginediag_cli.config.hints import AnySection, Either, Field, Section, Variants, near, not_a_number, unknown_key
+from enginediag_cli.config.document import Node, document_problems, load_document
+from enginediag_cli.config.fields import (
+    NAME,
+    AnySection,
+    Either,
+    Field,
+    Section,
+    Variants,
+    near,
+    not_a_number,
+    plain,
+    unknown_key,
+)
 from enginediag_cli.errors import MOST_PROBLEMS, ConfigError, Mark, Problem
 from enginediag_cli.safe_text import shortened
 
@@ -210,15 +226,6 @@ def default_value(field: Field) -> Any:
     if field.kind == "section" and isinstance(field.default, Mapping) and field.section is not None:
         return _filled(field.section, field.default)
     return plain(field.default, floats=field.kind in FLOATS)
-
-
-def plain(value: Any, *, floats: bool = False) -> Any:
-    """Tuples as lists, mappings as dicts, all copied; with `floats`, whole numbers as floats."""
-    if isinstance(value, Mapping):
-        return {key: plain(item, floats=floats) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(item, floats=floats) for item in value]
-    return float(value) if floats and isinstance(value, int) else value
 
 
 def _filled(section: AnySection, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -448,9 +455,6 @@ class _Validator:
         return replaced
 
 
-NAME = Field("name", "text", "name by which other parts of the file refer to this one")
-
-
 def _type_field(variants: Variants) -> Field:
     return Field(variants.key, "choice", variants.help, choices=tuple(variants.options))
 
@@ -466,3 +470,145 @@ def _inside(where: str) -> str:
 
 def _lacks_space(node: Node) -> bool:
     return isinstance(node.value, str) and ":" in node.value.strip(":") and " " not in node.value
+
+
+@dataclass(frozen=True)
+class FileKind:
+    """`section` is the "module:attribute" of the declaration. `build` is the "module:function" that turns a
+    path into the object that the file describes; it raises ConfigError for what one key alone cannot show."""
+
+    name: str
+    help: str
+    section: str
+    build: str = ""
+
+    def load_section(self) -> Section:
+        section: Section = _attribute(self.section)
+        return section
+
+    def load_build(self) -> Callable[[Path], Any] | None:
+        return _attribute(self.build) if self.build else None
+
+
+FILE_KINDS: dict[str, FileKind] = {
+    kind.name: kind
+    for kind in (
+        FileKind(
+            "engine",
+            "an engine: its components, shafts, sensors and parameters",
+            "enginediag_cli.engine.declaration:ENGINE_FILE",
+            "enginediag_cli.physics.engine_file:load_engine",
+        ),
+        FileKind(
+            "faults",
+            "faults: named directions in parameter space, their size and onset",
+            "enginediag_cli.faults.catalogue:FAULT_FILE",
+            "enginediag_cli.faults.catalogue:load_faults",
+        ),
+        FileKind(
+            "recorder",
+            "a recorder: the columns and units of foreign recordings",
+            "enginediag_cli.recordings.recorder_file:RECORDER_FILE",
+            "enginediag_cli.recordings.recorder_file:load_recorder",
+        ),
+        FileKind(
+            "nominal",
+            "the nominal state of an engine, identified from healthy recordings",
+            "enginediag_cli.identification.nominal_file:NOMINAL_FILE",
+            "enginediag_cli.identification.nominal_file:read_nominal",
+        ),
+        FileKind(
+            "study",
+            "a Monte-Carlo study: fault cases, methods of diagnosis and repetitions",
+            "enginediag_cli.validation.studies:STUDY_FILE",
+            "enginediag_cli.validation.studies:load_study",
+        ),
+        FileKind(
+            "fleet",
+            "a fleet: engines by serial number, their recordings, maintenance and what to judge",
+            "enginediag_cli.fleets.fleet_file:FLEET_FILE",
+            "enginediag_cli.fleets.fleet_file:load_fleet",
+        ),
+        FileKind(
+            "flight",
+            "a flight to simulate: altitude, speed and power along time",
+            "enginediag_cli.simulation.flights:FLIGHT_FILE",
+        ),
+        FileKind(
+            "defaults",
+            "options of commands, for enginediag.yaml beside the data",
+            "enginediag_cli.cli.config:DEFAULTS_FILE",
+            "enginediag_cli.cli.config:check_defaults",
+        ),
+    )
+}
+
+
+def load_checked(path: str | Path, kind: str) -> Checked:
+    """Read and validate a YAML file that must be of one kind.
+
+    Raises ConfigError with every problem of the file, or with the one problem that it is of another kind.
+    """
+    return check_document(load_document(path), kind)
+
+
+def check_document(document: Node, kind: str) -> Checked:
+    """Validate a document that must be of one kind; raises ConfigError as `load_checked`."""
+    require_kind(document, kind)
+    return validate(document, FILE_KINDS[kind].load_section())
+
+
+def require_kind(document: Node, kind: str) -> None:
+    """Raises ConfigError for a document that says it is of another kind."""
+    found = _kind_node(document)
+    if found is not None and found.text in FILE_KINDS and found.text != kind:
+        raise ConfigError(
+            [
+                Problem(
+                    found.mark,
+                    f"this is a file of kind '{found.value}', and one of kind '{kind}' is wanted here",
+                    f"give {FILE_KINDS[kind].help}",
+                )
+            ]
+        )
+
+
+def file_kind(document: Node) -> FileKind:
+    """The kind that a document says it is of; raises ConfigError if it says none or an unknown one."""
+    found = _kind_node(document)
+    if found is None:
+        what = (
+            "the file does not say its kind"
+            if document.is_mapping
+            else (f"the file must be a mapping of keys, not {document.describe()}")
+        )
+        raise ConfigError([Problem(document.mark, what, f"begin it with 'kind:' and one of {', '.join(FILE_KINDS)}")])
+    if not isinstance(found.value, str) or found.value not in FILE_KINDS:
+        raise ConfigError(
+            [Problem(found.mark, f"unknown kind of file, {found.describe()}", near(found.text, FILE_KINDS))]
+        )
+    return FILE_KINDS[found.value]
+
+
+def check_file(path: str | Path) -> FileKind:
+    """Validate a YAML file by the kind that it names, then build what it describes.
+
+    Returns the kind; raises ConfigError with the problems of the declarations, or if there are none, with
+    those of the build.
+    """
+    document = load_document(path)
+    kind = file_kind(document)
+    validate(document, kind.load_section())
+    build = kind.load_build()
+    if build is not None:
+        build(Path(path))
+    return kind
+
+
+def _kind_node(document: Node) -> Node | None:
+    return document.value.get("kind") if document.is_mapping else None
+
+
+def _attribute(where: str) -> Any:
+    module, _, name = where.partition(":")
+    return getattr(import_module(module), name)

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from enginediag_cli.config.hints import Either, Field, Section, Variants, near
+from enginediag_cli.config.fields import Either, Field, Section, Variants, near
 from enginediag_cli.config.validate import Checked
 from enginediag_cli.engine.components import COMPONENTS, Component
 from enginediag_cli.engine.components.base import Actuator

@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.config.document import parse_document
-from enginediag_cli.config.hints import MOST_TABLE_BYTES, file_inside, near, read_regular
-from enginediag_cli.config.kinds import check_document, load_checked
-from enginediag_cli.config.validate import Checked
+from enginediag_cli.config.fields import near
+from enginediag_cli.config.files import MOST_TABLE_BYTES, file_inside, read_regular
+from enginediag_cli.config.validate import Checked, check_document, load_checked
 from enginediag_cli.engine.components import COMPONENTS, Component
 from enginediag_cli.engine.components.combustion import Burner
 from enginediag_cli.engine.components.passages import ColdGasError, Mixer, PressureMismatchError, Splitter

@@ -64,7 +64,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.config.hints import Field, Section
+from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.dual import Array, Dual, Value, chain, exp, log, power, sqrt, value
 from enginediag_cli.errors import ConfigError, Mark, Problem
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from enginediag_cli.config.hints import Field, Section
+from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.components import Unknown
 from enginediag_cli.engine.components.base import Component, scalar
 from enginediag_cli.engine.components.combustion import Afterburner, Burner

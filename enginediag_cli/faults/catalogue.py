@@ -27,8 +27,8 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from enginediag_cli.config.hints import Field, Section, Variants, near
-from enginediag_cli.config.kinds import load_checked
+from enginediag_cli.config.fields import Field, Section, Variants, near
+from enginediag_cli.config.validate import load_checked
 from enginediag_cli.engine.wrapped import EngineLike
 from enginediag_cli.errors import ConfigError, DataError, Mark, Problem
 from enginediag_cli.parameters import Parameter

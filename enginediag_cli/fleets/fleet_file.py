@@ -18,9 +18,9 @@ from math import isfinite, nan
 from pathlib import Path
 from typing import Any
 
-from enginediag_cli.config.hints import READING, Field, Section, compile_pattern, matching, named_file, near, search
-from enginediag_cli.config.kinds import load_checked
-from enginediag_cli.config.validate import Checked
+from enginediag_cli.config.fields import Field, Section, near
+from enginediag_cli.config.files import READING, compile_pattern, matching, named_file, search
+from enginediag_cli.config.validate import Checked, load_checked
 from enginediag_cli.errors import ConfigError, DataError, Mark, NoVerdictError, Problem
 from enginediag_cli.fleets.findings import KINDS, MaintenanceEvent
 from enginediag_cli.fleets.margin import LIVES

@@ -34,7 +34,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from enginediag_cli.config.hints import near
+from enginediag_cli.config.fields import near
 from enginediag_cli.detection.series import FlightWindow, Series, WindowSource, build_series
 from enginediag_cli.errors import DataError
 from enginediag_cli.fleets.engine_judgement import changes_at_events, judge_engine

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.config.hints import near
+from enginediag_cli.config.fields import near
 from enginediag_cli.detection.forecast import FittedLaws, MarginCourse, Population, fit_laws, forecast, learn_population
 from enginediag_cli.detection.series import Series
 from enginediag_cli.engine.load import hot_columns

@@ -21,7 +21,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from enginediag_cli.config.hints import near, refuse_other_kind
+from enginediag_cli.config.fields import near
+from enginediag_cli.config.files import refuse_other_kind
 from enginediag_cli.config.validate import Checked
 from enginediag_cli.engine.load import EngineDescription
 from enginediag_cli.engine.wrapped import MonitoredModel

@@ -20,7 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.config.hints import Field, Section, refuse_other_kind
+from enginediag_cli.config.fields import Field, Section
+from enginediag_cli.config.files import refuse_other_kind
 from enginediag_cli.config.validate import Checked
 from enginediag_cli.engine.load import EngineDescription
 from enginediag_cli.error_model.maps import ErrorModel, MapCurves, OperatingPoints
@@ -252,7 +253,7 @@ HEADER = """\
 def read_nominal(path: str | Path) -> Nominal:
     """Read a nominal file. Raises ConfigError with every problem in it: a key that is wrong, a value that cannot be,
     any edit since `identify` wrote it. A file without a checksum is read, and its nominal is not `sealed`."""
-    from enginediag_cli.config.kinds import load_checked
+    from enginediag_cli.config.validate import load_checked
 
     checked = load_checked(path, "nominal")
     _refuse_impossible(checked, Path(path).read_text(encoding="utf-8-sig"))
@@ -348,7 +349,7 @@ def format_nominal(nominal: Nominal) -> str:
 def write_nominal(nominal: Nominal, path: str | Path) -> None:
     """Write the file completely or not at all. Raises OSError, NoVerdictError for a state that could not be read."""
     from enginediag_cli.config.document import parse_document
-    from enginediag_cli.config.kinds import check_document
+    from enginediag_cli.config.validate import check_document
     from enginediag_cli.recordings.write import open_output
 
     text = format_nominal(nominal)

@@ -43,7 +43,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from enginediag_cli.config.hints import near
+from enginediag_cli.config.fields import near
 from enginediag_cli.engine.declaration import IDENTIFICATION, LOSSES
 from enginediag_cli.engine.recall import MOMENT, PAST
 from enginediag_cli.engine.wrapped import Model

@@ -203,7 +203,10 @@ class AgreementCheck:
         found = self._judge(sample, np.ones(len(sample.flights), bool), misfit, origin, place)
         if found is None:
             own = self.yardstick.recentred(misfit.values)
-            return self._compare_flights(sample, own, NEAR_GENERIC, origin, place) if len(sample.labels) > 1 else []
+            apart = self._compare_flights(sample, own, NEAR_GENERIC, origin, place) if len(sample.labels) > 1 else []
+            # a fit to flights of which some are wrong lies between the two, and is near to neither
+            between = not apart and misfit.missing >= NAMED
+            return self._compare_by_fitting_flights(sample, origin, place) if between else apart
         if found.trial is None and (apart := self._compare_by_fitting_flights(sample, origin, place)):
             return apart
         return [found]
@@ -343,8 +346,8 @@ def _room(trial: MistakeTrial, odds: float, share: float = OF_THE_REST) -> float
 
 
 def _enough(trial: MistakeTrial, share: float) -> bool:
-    """Whether a mistake brings enough to be named, of a file whose records the model then computes."""
-    return trial.gain >= _room(trial, NAMED, share) and trial.misfit.computed >= COMPUTED
+    """Whether a mistake brings enough to be named, and the file, with it put right, can be of this engine."""
+    return trial.gain >= _room(trial, NAMED, share) and not _worlds_apart(trial.misfit)
 
 
 def _fits(misfit: Misfit) -> bool:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.config.hints import near
+from enginediag_cli.config.fields import near
 from enginediag_cli.detection.verdict import Verdict, judge
 from enginediag_cli.engine.instrument_errors import DRIFT
 from enginediag_cli.errors import DataError

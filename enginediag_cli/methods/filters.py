@@ -48,7 +48,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from enginediag_cli.config.hints import Field
+from enginediag_cli.config.fields import Field
 from enginediag_cli.methods.base import (
     PARAMETERS,
     DetectionTest,

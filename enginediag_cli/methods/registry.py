@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.config.hints import Field, Section
+from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.detection.verdict import NOISE_UNKNOWN, glr_test, is_noise_unknown, threshold
 from enginediag_cli.isolation.methods import NAMING, IsolationOptions, Named, single_minmax, single_sensitivities
 from enginediag_cli.isolation.prior import SetPrior

@@ -49,7 +49,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from enginediag_cli.config.hints import Field
+from enginediag_cli.config.fields import Field
 from enginediag_cli.errors import DataError
 from enginediag_cli.methods.base import (
     NOTHING,

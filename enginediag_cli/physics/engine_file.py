@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from enginediag_cli.config.hints import near
+from enginediag_cli.config.fields import near
 from enginediag_cli.config.validate import Checked
 from enginediag_cli.engine.dual import value
 from enginediag_cli.engine.term import Coefficient, Effect

@@ -22,7 +22,7 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError, available_timezones
 
 import numpy as np
 
-from enginediag_cli.config.hints import closest
+from enginediag_cli.config.fields import closest
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.table import (
     NATIVE_DIALECT,

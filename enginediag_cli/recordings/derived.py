@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.config.hints import Field, Section
+from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.recordings.table import Recording, concat
 
 Columns = Mapping[str, np.ndarray]

@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.config.hints import Field, Section, Variants, near
-from enginediag_cli.config.kinds import load_checked
-from enginediag_cli.config.validate import Checked
+from enginediag_cli.config.fields import Field, Section, Variants, near
+from enginediag_cli.config.validate import Checked, load_checked
 from enginediag_cli.errors import ConfigError, Problem
 from enginediag_cli.recordings.clocks import NUMBERS, parse_zone
 from enginediag_cli.recordings.derived import RULES, GapFill

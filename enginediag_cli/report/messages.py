@@ -70,7 +70,7 @@ class Messages:
 
     def problems(self, error: ConfigError) -> None:
         """The problems of a configuration file, each with its place and its line of source; the first of very many."""
-        from enginediag_cli.config.hints import render_all
+        from enginediag_cli.config.files import render_all
 
         for mark, text, hint in error.shown_problems:
             self.record("error", text, file=mark.file, line=mark.line or None, column=mark.column or None, hint=hint)

@@ -328,7 +328,7 @@ class Output:
             return tuple(columns or ())
         for name in self.columns:
             if name not in columns:
-                from enginediag_cli.config.hints import near
+                from enginediag_cli.config.fields import near
 
                 raise DataError(f"--columns: there is no column {name!r} ({near(name, columns)})")
         return self.columns

@@ -19,7 +19,7 @@ import click
 import numpy as np
 
 from enginediag_cli import __version__
-from enginediag_cli.config.hints import Field, Section
+from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.recall import MOMENT
 from enginediag_cli.physics.law import formula_variables
 from enginediag_cli.report.sentences import format_quantity

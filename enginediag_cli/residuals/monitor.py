@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from enginediag_cli.config.hints import near
+from enginediag_cli.config.fields import near
 from enginediag_cli.engine.instrument_errors import DRIFT, InputErrors, InstrumentDrifts
 from enginediag_cli.engine.wrapped import LagModel, MonitoredModel
 from enginediag_cli.error_model.sizes import MapSlopes, map_slopes

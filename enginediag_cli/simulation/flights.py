@@ -17,7 +17,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from enginediag_cli.config.hints import REQUIRED, Field, Section, Variants, near
+from enginediag_cli.config.fields import REQUIRED, Field, Section, Variants, near
 from enginediag_cli.engine.evaluation import standard_atmosphere
 from enginediag_cli.engine.wrapped import EngineLike
 from enginediag_cli.errors import ConfigError, DataError, Mark, Problem

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
-from enginediag_cli.config.hints import Field, Section
+from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.evaluation import P_ISA, R_AIR, T_ISA, standard_atmosphere
 from enginediag_cli.engine.wrapped import EngineLike
 from enginediag_cli.errors import DataError

@@ -22,8 +22,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from enginediag_cli import __version__
-from enginediag_cli.config.hints import Field, Section, Variants, named_file, near
-from enginediag_cli.config.kinds import load_checked
+from enginediag_cli.config.fields import Field, Section, Variants, near
+from enginediag_cli.config.files import named_file
+from enginediag_cli.config.validate import load_checked
 from enginediag_cli.errors import ConfigError, DataError, Problem
 from enginediag_cli.isolation.prior import InstrumentForms, SetPrior
 from enginediag_cli.methods.base import PARAMETERS, FittedMethod, RecordWindows, Verdicts

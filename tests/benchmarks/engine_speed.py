@@ -26,7 +26,7 @@ import jt9d_npss
 import numpy as np
 import shared_data
 
-from enginediag_cli.config.hints import outside_allowed
+from enginediag_cli.config.files import outside_allowed
 from enginediag_cli.engine import solver
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.physics.engine_file import load_engine

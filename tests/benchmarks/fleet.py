@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.config.kinds import load_checked
+from enginediag_cli.config.validate import load_checked
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from enginediag_cli.cli.main import COMMANDS
-from enginediag_cli.config.kinds import check_file
+from enginediag_cli.config.validate import check_file
 from enginediag_cli.errors import ConfigError
 from enginediag_cli.shipped import shipped
 

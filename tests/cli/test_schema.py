@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from enginediag_cli.config.kinds import FILE_KINDS
+from enginediag_cli.config.validate import FILE_KINDS
 from enginediag_cli.report.tables import OUTPUTS
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from enginediag_cli.config.hints import Field, Section, Variants
+from enginediag_cli.config.fields import Field, Section, Variants
 
 MAP = Section(
     "map",

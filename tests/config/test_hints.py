@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from enginediag_cli.config.hints import Field, near, same_quantity, unknown_key
+from enginediag_cli.config.fields import Field, near, same_quantity, unknown_key
 
 FIELDS = (
     Field("area_m2", "number", "", unit="m²"),

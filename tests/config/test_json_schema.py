@@ -7,8 +7,7 @@ import pytest
 from config_declarations import FILE, GOOD
 
 from enginediag_cli.config.document import Node, document_problems, parse_document
-from enginediag_cli.config.hints import KINDS, Field, Section
-from enginediag_cli.config.kinds import SHAPES, json_schema
+from enginediag_cli.config.fields import KINDS, SHAPES, Field, Section, json_schema
 from enginediag_cli.config.validate import LEAVES, WANTED, validate
 from enginediag_cli.errors import ConfigError
 

@@ -10,10 +10,9 @@ from typing import Any
 import pytest
 from config_declarations import GOOD
 
-from enginediag_cli.config import kinds
+from enginediag_cli.config import validate as kinds
 from enginediag_cli.config.document import parse_document
-from enginediag_cli.config.hints import KINDS, AnySection, Field, Section
-from enginediag_cli.config.kinds import json_schema
+from enginediag_cli.config.fields import KINDS, AnySection, Field, Section, json_schema
 from enginediag_cli.config.validate import default_value, validate
 from enginediag_cli.errors import ConfigError, Mark, Problem
 

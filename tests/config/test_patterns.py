@@ -8,8 +8,8 @@ import time
 
 import pytest
 
-from enginediag_cli.config import hints as patterns
-from enginediag_cli.config.hints import compile_pattern, matching, search
+from enginediag_cli.config import files as patterns
+from enginediag_cli.config.files import compile_pattern, matching, search
 from enginediag_cli.errors import DataError
 
 

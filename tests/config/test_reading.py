@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from enginediag_cli.config import hints as reading
+from enginediag_cli.config import files as reading
 from enginediag_cli.config.document import load_document
-from enginediag_cli.config.hints import READING, file_inside, render_all
-from enginediag_cli.config.kinds import check_file
+from enginediag_cli.config.files import READING, file_inside, render_all
+from enginediag_cli.config.validate import check_file
 from enginediag_cli.errors import MOST_PROBLEMS, ConfigError
 from enginediag_cli.identification.nominal_file import engine_file
 from enginediag_cli.physics.engine_file import load_engine

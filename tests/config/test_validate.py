@@ -6,7 +6,8 @@ import pytest
 from config_declarations import COMPONENT, FILE, GOOD
 
 from enginediag_cli.config.document import parse_document
-from enginediag_cli.config.hints import Field, Section, near, render
+from enginediag_cli.config.fields import Field, Section, near
+from enginediag_cli.config.files import render
 from enginediag_cli.config.validate import Checked, validate
 from enginediag_cli.errors import ConfigError, Mark
 

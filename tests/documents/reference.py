@@ -19,9 +19,8 @@ import click
 
 from enginediag_cli.cli.main import COMMANDS, enginediag
 from enginediag_cli.cli.options import HEADINGS, OPERATION
-from enginediag_cli.config.hints import AnySection, Either, Field, Section, Variants
-from enginediag_cli.config.kinds import FILE_KINDS
-from enginediag_cli.config.validate import NAME
+from enginediag_cli.config.fields import NAME, AnySection, Either, Field, Section, Variants
+from enginediag_cli.config.validate import FILE_KINDS
 from enginediag_cli.glossary import GLOSSARY, as_markdown
 from enginediag_cli.report.tables import OUTPUTS, output
 

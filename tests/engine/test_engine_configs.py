@@ -257,7 +257,7 @@ def test_a_propeller_of_cube_law_lets_the_power_turbine_find_its_speed(tmp_path)
     [("power_plant", "power_plant"), ("naval_gas_generator", "naval"), ("turbojet", "business_jet")],
 )
 def test_the_flights_that_come_with_the_project_fly_with_their_engines(engine_file, flight):
-    from enginediag_cli.config.kinds import load_checked
+    from enginediag_cli.config.validate import load_checked
     from enginediag_cli.simulation.flights import generate_flights
 
     engine = engine_of(next(p for p in CONFIGS if p.stem == engine_file))

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from enginediag_cli.config.hints import Field, Section
+from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.components import COMPONENTS
 from enginediag_cli.engine.components.base import FROM, HEALTH_ROAMS, NAME, TO, Component
 from enginediag_cli.engine.term import Driver, Term

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from enginediag_cli.config.hints import outside_allowed
+from enginediag_cli.config.files import outside_allowed
 from enginediag_cli.errors import ConfigError, DataError, NoVerdictError
 from enginediag_cli.fleets.fleet_file import FleetBaseline, find_recordings, load_fleet, natural_order
 from enginediag_cli.fleets.models import _choose_lives, _EarlyLife, _evenly_spaced

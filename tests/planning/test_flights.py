@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.config.document import dump
-from enginediag_cli.config.kinds import load_checked
+from enginediag_cli.config.validate import load_checked
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.planning.flights import (
     AIRLINER,

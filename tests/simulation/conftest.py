@@ -12,6 +12,6 @@ def engine() -> ToyEngine:
 @pytest.fixture
 def flight_values():
     """Values of a flight file of configs/flights by its name, without the constants that only its engine takes."""
-    from enginediag_cli.config.kinds import load_checked
+    from enginediag_cli.config.validate import load_checked
 
     return lambda name: {**load_checked(CONFIGS / "flights" / f"{name}.yaml", "flight").values, "constants": {}}

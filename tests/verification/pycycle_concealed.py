@@ -19,7 +19,7 @@ import pycycle_hbtf
 import shared_data
 import yaml
 
-from enginediag_cli.config.hints import outside_allowed
+from enginediag_cli.config.files import outside_allowed
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.mismatch.explain.answer import HIDDEN_STATE, IDENTIFIED, Answer
 from enginediag_cli.mismatch.explain.explain import Search

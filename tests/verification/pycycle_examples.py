@@ -21,7 +21,7 @@ import yaml
 from pycycle_hbtf import EFFECTIVE_HEATING_VALUE, LB, _write_map
 from scipy.optimize import brentq
 
-from enginediag_cli.config.hints import outside_allowed
+from enginediag_cli.config.files import outside_allowed
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.physics.engine_file import load_engine
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from enginediag_cli.config.hints import outside_allowed
+from enginediag_cli.config.files import outside_allowed
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.physics.engine_file import load_engine
 

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from enginediag_cli.config.hints import Field, Section
+from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.dual import Value, value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.parameters import Parameter, spelled

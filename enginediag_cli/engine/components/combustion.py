@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.config.hints import Field, Section
+from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.components.base import FROM, NAME, TO, Actuator, Component, Design, Unknown, scalar
 from enginediag_cli.engine.dual import Dual, Value, chain, select, sqrt, value
 from enginediag_cli.engine.evaluation import (

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from enginediag_cli.config.hints import Field, Section
+from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.components.base import FROM, NAME, Actuator, Component, Design, scalar
 from enginediag_cli.engine.dual import Value, chain, exp, log, maximum, select, sqrt, value
 from enginediag_cli.engine.evaluation import Evaluation, Flow

@@ -30,7 +30,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.config.hints import Field, Section
+from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.components.base import (
     FROM,
     LEAST_BLEED,

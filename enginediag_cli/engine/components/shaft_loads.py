@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.config.hints import Field, Section
+from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.components.base import NAME, Actuator, Component, Design, scalar
 from enginediag_cli.engine.dual import Value, chain, power, sqrt, value
 from enginediag_cli.engine.evaluation import Evaluation, Shaft

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.config.hints import Field, Section
+from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine import maps
 from enginediag_cli.engine.components.base import (
     FROM,

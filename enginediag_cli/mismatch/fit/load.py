@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.config.hints import near
+from enginediag_cli.config.fields import near
 from enginediag_cli.engine.declaration import MISMATCH
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.load import EngineDescription

@@ -15,10 +15,10 @@ from importlib import import_module
 from operator import attrgetter, itemgetter
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from enginediag_cli.config.hints import REQUIRED, Field, Section
+from enginediag_cli.config.fields import REQUIRED, Field, Section
 
 if TYPE_CHECKING:
-    from enginediag_cli.config.kinds import Schema
+    from enginediag_cli.config.fields import Schema
 
 Source = TypeVar("Source")
 Row = dict[str, Any]
@@ -154,7 +154,7 @@ class Table(Generic[Source]):
 
     def schema(self) -> Schema:
         """JSON schema (draft-07) of what `--format json` writes, with the columns of the CSV beside it."""
-        from enginediag_cli.config.kinds import DIALECT, section_schema
+        from enginediag_cli.config.fields import DIALECT, section_schema
 
         row = self._row_schema()
         head: Schema = {
@@ -195,7 +195,7 @@ def _schema_line(c: Column) -> Schema:
 
 
 def _with_unit(c: Column) -> Schema:
-    from enginediag_cli.config.kinds import field_schema
+    from enginediag_cli.config.fields import field_schema
 
     return {**field_schema(c), "unit": c.unit} if c.unit else field_schema(c)
 

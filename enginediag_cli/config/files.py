@@ -1,19 +1,8 @@
-"""The second half of an error message: how to fix it, and the line of the file with a caret under the place.
+"""Files: which ones a run may read, the line of a file under a message, and patterns that are used in bounded time.
 
-Which files may be read: regular ones of a sane size, and inside a YAML file only its own folder's.
-
-A YAML file may come from somebody else. What it names must not make this program read, and by a message show,
-files that its user did not mean.
-
-A file that a YAML file names: beside it, or one that comes with the program.
-
-The declarations from which YAML files are validated, documented and turned into a JSON schema.
-
-A `Field` is one key: its kind, unit, bounds, default and help. A `Section` is a mapping with known keys;
-`Variants` is a mapping whose `type:` key chooses the section. Every file kind and every engine component
-declares its own fields beside the code that reads them, so there is one list of keys and no second one.
-
-Patterns that a file gives, used in bounded time: regular expressions, and names of files with wildcards.
+Regular files of a sane size are read. A YAML file may come from somebody else: what it names must lie in its own
+folder or come with the program, so that nothing else is read or quoted in a message. Regular expressions and wildcards
+that a file gives are refused, or given up, where they would take too long.
 """
 
 from __future__ import annotations
@@ -25,7 +14,7 @@ import signal
 import stat
 import threading
 import time
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,7 +22,6 @@ from typing import Any
 
 from enginediag_cli.errors import ConfigError, DataError, Mark, Problem
 from enginediag_cli.progress import touched
-from enginediag_cli.safe_text import SHORT
 from enginediag_cli.shipped import shipped
 
 MOST_YAML_BYTES = 20_000_000
@@ -123,8 +111,6 @@ def file_inside(owner: str | Path, name: str, mark: Mark | None = None) -> Path:
 def refuse_other_kind(path: str | Path, kind: str, mark: Mark) -> None:
     """Raises ConfigError at `mark` unless this is a regular file that says `kind: <kind>`. For a file that may lie
     anywhere because a user once named it: what is no such file is not quoted in a message."""
-    import re
-
     try:
         refuse_irregular(path, MOST_YAML_BYTES, mark)
         with open(path, "rb") as stream:
@@ -138,7 +124,6 @@ def refuse_other_kind(path: str | Path, kind: str, mark: Mark) -> None:
 
 def _allowed(path: Path, folder: Path) -> bool:
     """Whether the file lies, all links followed, in the folder or among the shipped files."""
-    from enginediag_cli.errors import DataError
     from enginediag_cli.shipped import shipped_folder
 
     real = path.resolve()
@@ -160,211 +145,6 @@ def named_file(owner: Path, name: str, what: str, mark: Mark) -> Path:
         return shipped(name)
     except DataError as error:
         raise ConfigError([Problem(mark, f"there is no {what} {beside}", str(error))]) from None
-
-
-REQUIRED: Any = object()
-"""Default of a field that must be given."""
-
-KINDS = (
-    "number",
-    "integer",
-    "text",
-    "boolean",
-    "choice",
-    "numbers",  # list of numbers
-    "texts",  # list of texts
-    "scalar",  # a single value, taken as the text that stands there
-    "range",  # [low, high]
-    "number_map",  # mapping: any name -> number
-    "text_map",  # mapping: any name -> text
-    "any_map",  # mapping: any name -> scalar
-    "section",  # mapping with the fields of `section`
-    "sections",  # list of such mappings
-    "section_map",  # mapping: any name -> such a mapping
-    "named_sections",  # list of such mappings or of variants, each with a `name:`
-)
-
-
-@dataclass(frozen=True)
-class Field:
-    """One YAML key. `unit` is for documentation; the key itself carries it (`area_m2`)."""
-
-    name: str
-    kind: str
-    help: str
-    default: Any = REQUIRED
-    unit: str = ""
-    minimum: float | None = None
-    maximum: float | None = None
-    choices: tuple[str, ...] = ()
-    section: AnySection | None = None
-
-    @property
-    def required(self) -> bool:
-        return self.default is REQUIRED
-
-
-@dataclass(frozen=True)
-class Section:
-    """A mapping with known keys; anything else in it is an error."""
-
-    name: str
-    help: str
-    fields: tuple[Field, ...]
-
-
-@dataclass(frozen=True)
-class Either:
-    """A mapping whose section is given by which key is there: `term:` or `law:`."""
-
-    name: str
-    help: str
-    options: Mapping[str, Section]
-
-    def choose(self, keys: Collection[str]) -> Section | None:
-        """The one whose key is among these; None where there is none, or more than one."""
-        found = [section for key, section in self.options.items() if key in keys]
-        return found[0] if len(found) == 1 else None
-
-
-@dataclass(frozen=True)
-class Variants:
-    """A mapping whose key `key` names which section it is, e.g. `type: compressor`."""
-
-    name: str
-    help: str
-    options: Mapping[str, Section]
-    key: str = "type"
-
-
-AnySection = Section | Variants | Either
-
-
-SHOWN = 20
-"""Names listed in a hint before the rest is only counted."""
-
-SUPERSCRIPTS = str.maketrans(
-    {"²": "2", "³": "3", "°": "", "(": "", ")": "", "^": "", "·": "_", "/": "_", "*": "_", " ": "_"}
-)
-
-
-def near(word: str, known: Iterable[str]) -> str:
-    """Hint for a name that does not exist: the nearest known one, otherwise the list of all of them."""
-    names = list(known)
-    close = closest(word, names)
-    if close:
-        return f"did you mean '{close}'?"
-    if not names:
-        return "there are none"
-    rest = f", … ({len(names)} in all)" if len(names) > SHOWN else ""
-    return ("one of: " if len(names) > 1 else "the only one is ") + ", ".join(names[:SHOWN]) + rest
-
-
-def closest(word: str, names: Sequence[str]) -> str | None:
-    """The known name nearest to a misspelt one, or None if nothing is near. Case does not count."""
-    import difflib
-
-    if len(word) > SHORT:
-        return None
-    folded = {name.casefold(): name for name in reversed(names)}
-    match = difflib.get_close_matches(word.casefold(), list(folded), n=1, cutoff=0.6)
-    return folded[match[0]] if match else None
-
-
-def same_quantity(key: str, fields: Sequence[Field]) -> Field | None:
-    """The field that holds the same quantity in another unit: `area_in2` or `area` for `area_m2`."""
-    best: tuple[int, Field] | None = None
-    for field in fields:
-        stem = _stem(field)
-        if stem and _is_stem_with_unit(key, stem) and (best is None or len(stem) > best[0]):
-            best = (len(stem), field)
-    return best[1] if best else None
-
-
-def _stem(field: Field) -> str:
-    """The name without its unit: `fuel_flow_kg_s` [kg/s] → `fuel_flow`; empty if it carries none."""
-    if not field.unit:
-        return ""
-    suffix = "_" + field.unit.translate(SUPERSCRIPTS)
-    if field.name.casefold().endswith(suffix.casefold()):
-        return field.name[: -len(suffix)]
-    return field.name.rpartition("_")[0]
-
-
-def _is_stem_with_unit(key: str, stem: str) -> bool:
-    folded, stem = key.casefold(), stem.casefold()
-    if folded == stem:
-        return True
-    # unit symbols are short: in2, ft, lb_s, psi, degC, kPa, inHg
-    return folded.startswith(stem + "_") and all(0 < len(part) <= 5 for part in folded[len(stem) + 1 :].split("_"))
-
-
-def unknown_key(key: str, value: object, fields: Sequence[Field], known: Sequence[str]) -> tuple[str, str | None]:
-    """(hint, the key that was probably meant or None) for a key that the section does not have.
-
-    `known` are the declared keys that the file does not give yet: what is given already was not meant.
-    """
-    field = same_quantity(key, [field for field in fields if field.name in known])
-    if field is not None:
-        converted = _converted(key, value, field.name)
-        return f"did you mean '{field.name}{converted}'? this key wants {field.unit}", field.name
-    close = closest(key, known)
-    if close is None:
-        inside = next((f.name for f in fields if key in _keys_inside(f)), None)
-        if inside is not None:
-            return f"it belongs under '{inside}:'; indent it further", None
-    return near(key, known), close
-
-
-def _converted(key: str, value: object, name: str) -> str:
-    """ ": 10668" for `altitude_ft: 35000` where `altitude_m` is wanted; empty where units are not known."""
-    from enginediag_cli.units import UnitError, convert, find_unit, split_column
-
-    given, wanted = split_column(key)[1], split_column(name)[1]
-    if not isinstance(value, (int, float)) or isinstance(value, bool) or not given or not wanted:
-        return ""
-    try:
-        # a temperature may be a point or a difference; only the reader knows which
-        if find_unit(wanted).dimension == "temperature":
-            return ""
-        return f": {convert(float(value), given, wanted):.6g}"
-    except UnitError:
-        return ""
-
-
-def _keys_inside(field: Field) -> tuple[str, ...]:
-
-    if field.kind == "section" and isinstance(field.section, Section):
-        return tuple(inner.name for inner in field.section.fields)
-    return ()
-
-
-LONGEST_NUMBER = 60
-"""Characters beyond which nobody has meant a number: a float has 17 digits, sign, point and exponent."""
-
-
-def not_a_number(text: str, unit: str) -> str:
-    """Why a text is not a number: decimal comma, unit after the number, percent sign, digit groups."""
-    import re
-
-    plain = text.strip()
-    if len(plain) > LONGEST_NUMBER:  # the patterns below take quadratic time, and say nothing about such a text
-        return f"give a number{_unit_phrase(unit)}"
-    if re.fullmatch(r"[-+]?\d+,\d+", plain):
-        return "write a decimal point instead of the comma"
-    if re.fullmatch(r"[-+]?[\d.]+\s*%", plain):
-        return f"write it without '%'{_unit_phrase(unit)}"
-    if re.fullmatch(r"[-+]?\d{1,3}([_' ]\d{3})+(\.\d*)?", plain):
-        return "write the digits without separators"
-    if re.fullmatch(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", plain):
-        return "remove the quotes"
-    if re.match(r"^[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*[A-Za-z°/]", plain):
-        return f"write the number alone{_unit_phrase(unit)}; the key says the unit"
-    return f"give a number{_unit_phrase(unit)}"
-
-
-def _unit_phrase(unit: str) -> str:
-    return f", in {unit}" if unit else ""
 
 
 WORD = re.compile(r"'[^']*'|\"[^\"]*\"|[^\s,:\[\]{}#]+")
