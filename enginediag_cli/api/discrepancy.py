@@ -69,7 +69,7 @@ class Inquiry:
     messages: Messages
     scratch: tuple[Any, ...] = ()  # keeps the files of what was given as objects alive
 
-    def tell(self, loaded: LoadedCase) -> None:
+    def report_loading(self, loaded: LoadedCase) -> None:
         """Report doubts about the nominal state, and excluded data."""
         from enginediag_cli.report.tables.recordings import (
             report_baseline,
@@ -216,7 +216,7 @@ class LocateResult(Result):
         from enginediag_cli.report.tables.location import LOCATE as DECLARED
 
         loaded = load_case(inquiry.case)
-        inquiry.tell(loaded)
+        inquiry.report_loading(loaded)
         self.evidence: Dataset = loaded.evidence
         self.located: Located = run(loaded.evidence)
         self.converged = self.located.converged
@@ -333,7 +333,7 @@ class PerRecordResult(Result):
         if every < 1:
             raise UsageError(f"--per-record: {every} is no number of records")
         loaded = load_case(inquiry.case)
-        inquiry.tell(loaded)
+        inquiry.report_loading(loaded)
         self.evidence: Dataset = thin_records(loaded.evidence, every)
         self._along = nuisance(self.evidence)
         places = list_locations(self.evidence.engine, tuple(self.evidence.noise.sigma))
@@ -425,7 +425,7 @@ class ExplainResult(DocumentResult):
         from enginediag_cli.report.tables.explanation import EXPLAIN
 
         loaded = load_case(inquiry.case, identified=True, controls=True)
-        inquiry.tell(loaded)
+        inquiry.report_loading(loaded)
         effects = list(candidate_effects(loaded.evidence.engine, tuple(without)))
         story = explain_mismatch(loaded.evidence, effects, advise=advice, intake=loaded.intake)
         self.story: ExplanationResult = replace(story, control=loaded.control, planned=every_plan)

@@ -172,7 +172,7 @@ def check(
     several = [files] if isinstance(files, (str, Path)) else files
     paths = tuple(map(str, several))
     messages = messages if messages is not None else MessageLog()
-    against = _held_against(paths, nominal, engine, recorder, engine_instance, accept_changed_engine, messages)
+    against = _check_reference(paths, nominal, engine, recorder, engine_instance, accept_changed_engine, messages)
     return CheckResult(paths, against, messages).complete(stream)
 
 
@@ -181,7 +181,7 @@ def recordings_among(files: Sequence[str]) -> list[str]:
     return [file for file in files if not file.lower().endswith(YAML_SUFFIXES)]
 
 
-def _held_against(
+def _check_reference(
     files: Sequence[str],
     nominal: NominalLike,
     engine: EngineLike | None,
@@ -214,7 +214,7 @@ def _held_against(
     return CheckReference(None if engine is None else resolve_engine(engine), None, mapped, instance)
 
 
-def _shown(file: str) -> str:
+def _display_name(file: str) -> str:
     return "<stdin>" if file == "-" else file
 
 
@@ -228,7 +228,7 @@ def _recording(file: str, against: CheckReference) -> FileCheck:
     for report in check_file(file, against):
         rows += acceptance_rows(report)
         lines += _page(report)
-    return FileCheck(_shown(file), tuple(rows), tuple(lines))
+    return FileCheck(_display_name(file), tuple(rows), tuple(lines))
 
 
 def _page(report: CheckedFile) -> Iterator[tuple[str, str]]:
@@ -238,7 +238,7 @@ def _page(report: CheckedFile) -> Iterator[tuple[str, str]]:
     yield "note", headline(report)
     for remark in remarks(report):
         if remark.level == PROBLEM:
-            yield "error", f"{_shown(report.file)}: {remark.text_with_hint}"
+            yield "error", f"{_display_name(report.file)}: {remark.text_with_hint}"
         else:
             yield "note", f"  {remark.line}"
 
@@ -273,8 +273,8 @@ def _yaml(file: str) -> FileCheck:
 def _unusable(file: str, error: EngineDiagError) -> FileCheck:
     """Make a row per problem, with its place if known; for a recording it is in the text."""
     if not isinstance(error, ConfigError):
-        row = {"file": _shown(file), "ok": False, "level": "problem", "problem": str(error)}
-        return FileCheck(_shown(file), (row,), (("error", str(error)),))
+        row = {"file": _display_name(file), "ok": False, "level": "problem", "problem": str(error)}
+        return FileCheck(_display_name(file), (row,), (("error", str(error)),))
     rows = tuple(
         {
             "file": problem.mark.file,
@@ -287,7 +287,7 @@ def _unusable(file: str, error: EngineDiagError) -> FileCheck:
         }
         for problem in error.problems
     )
-    return FileCheck(_shown(file), rows, (("error", str(error)),), error)
+    return FileCheck(_display_name(file), rows, (("error", str(error)),), error)
 
 
 def _repeated(recordings: Sequence[str]) -> Iterator[FileCheck]:

@@ -49,10 +49,10 @@ class FleetResult(DocumentResult):
         from enginediag_cli.report.tables.margin import report_fleet, report_models
 
         report_models(self.messages, self.run)
-        yield from self.table_of(self._what)
+        yield from self.tabulate(self._what)
         report_fleet(self.messages, self.run)
 
-    def table_of(self, what: str) -> list[Row]:
+    def tabulate(self, what: str) -> list[Row]:
         """Return the rows of one of the tables.
 
         Parameters
@@ -71,17 +71,17 @@ class FleetResult(DocumentResult):
     @property
     def engines(self) -> list[Row]:
         """One row per engine, worst first."""
-        return self.table_of("engines")
+        return self.tabulate("engines")
 
     @property
     def health(self) -> list[Row]:
         """One row per engine and parameter: its change, with unit and 95 % interval, onset and rate."""
-        return self.table_of("health")
+        return self.tabulate("health")
 
     @property
     def flights(self) -> list[Row]:
         """One row per engine and flight."""
-        return self.table_of("flights")
+        return self.tabulate("flights")
 
     def _document(self, provenance: Sequence[str]) -> Mapping[str, Any]:
         from enginediag_cli.report.tables.margin import document

@@ -145,8 +145,8 @@ class IsolationResult(Result):
         self._monitor = monitor = comparison.monitor(sensors=watched, drifts=True)
         self._files = files = comparison.files(monitor, drifts=True)
         self._diagnosis = choices.diagnosis_options(judging.linearise, options)
-        kept = _kept_records(comparison, choices, monitor)
-        flips = self._looked_for(choices.flips)
+        kept = _record_history(comparison, choices, monitor)
+        flips = self._addition_filter(choices.flips)
         self._isolating: WindowIsolation = WindowIsolation(
             files,
             self._diagnosis,
@@ -164,8 +164,8 @@ class IsolationResult(Result):
         super().__init__(table=table, head=head, messages=comparison.messages)
         self.unread = files.intake.unread
 
-    def _looked_for(self, form: str) -> Any:
-        """Return whether an addition to the answer is computed for a window.
+    def _addition_filter(self, form: str) -> Any:
+        """Return a function: whether an addition to the answer is computed for a window.
 
         It depends on the number of the window, from 1, and on whether a change was isolated in it.
         """
@@ -201,7 +201,7 @@ class IsolationResult(Result):
         return None if self._monitor is None else WorkScopeEstimator(self._monitor)
 
     def _work_scope(self, number: int, found: IsolatedWindow) -> WorkScope | None:
-        if self._scoping is None or not self._looked_for(self._choices.work_scope)(number, found.named):
+        if self._scoping is None or not self._addition_filter(self._choices.work_scope)(number, found.named):
             return None
         return self._scoping.window_scope(found, self._options.prior, self._options.largest)
 
@@ -213,7 +213,7 @@ class IsolationResult(Result):
         return Picture(chart_svg(isolation_chart(self._drawn)))
 
 
-def _kept_records(comparison: Comparison, choices: IsolationChoices, monitor: Monitor | None) -> RecordHistory | None:
+def _record_history(comparison: Comparison, choices: IsolationChoices, monitor: Monitor | None) -> RecordHistory | None:
     from enginediag_cli.residuals.long_windows import RecordHistory
 
     judging = comparison.judging

@@ -55,7 +55,7 @@ class RefineChoices:
             raise UsageError("--switched goes with one --term")
         check_effects("--without", self.without)
 
-    def unseen(self, flights: Sequence[Flight]) -> list[int]:
+    def test_positions(self, flights: Sequence[Flight]) -> list[int]:
         """Positions of the flights to judge by."""
         from enginediag_cli.mismatch.refine.refine import last_flights
 
@@ -63,9 +63,9 @@ class RefineChoices:
             return last_flights(flights, self.holdout_last)
         return [k for k, flight in enumerate(flights) if flight.file in self.test]
 
-    def fitted(self, flights: Sequence[Flight]) -> list[Flight]:
+    def training_flights(self, flights: Sequence[Flight]) -> list[Flight]:
         """Return the flights to fit; all, if none are held out."""
-        unseen = set(self.unseen(flights))
+        unseen = set(self.test_positions(flights))
         return [f for k, f in enumerate(flights) if k not in unseen] or list(flights)
 
 
@@ -93,11 +93,11 @@ class RefineResult(DocumentResult):
         choices.check()
         case, self._inquiry, self._choices = inquiry.case, inquiry, choices
         source = replace(case.source, files=(*case.source.files, *choices.test))
-        loaded = load_case(replace(case, source=source), choices.fitted, controls=not choices.terms)
-        inquiry.tell(loaded)
+        loaded = load_case(replace(case, source=source), choices.training_flights, controls=not choices.terms)
+        inquiry.report_loading(loaded)
         self.messages, self.evidence = inquiry.messages, loaded.evidence
-        self._unseen = choices.unseen(loaded.evidence.flights)
-        if len(self._unseen) == len(loaded.evidence.flights):
+        self._test_positions = choices.test_positions(loaded.evidence.flights)
+        if len(self._test_positions) == len(loaded.evidence.flights):
             raise UsageError("no flight is left to fit the effects to")
         self._control, self._refinement, self.reason = None, None, ""
         if loaded.control is not None:
@@ -106,7 +106,7 @@ class RefineResult(DocumentResult):
             self._refinement = self._fit_effects()
         self.reason = self.reason or self._refusal()
         self.accepted = not self.reason
-        labels = ", ".join(loaded.evidence.flights[k].label for k in self._unseen)
+        labels = ", ".join(loaded.evidence.flights[k].label for k in self._test_positions)
         super().__init__(
             table=REFINE if self._control is None else CONTROL,
             head=inquiry.head("refine", loaded.intake.provenance, unseen=labels),
@@ -130,8 +130,8 @@ class RefineResult(DocumentResult):
         assert loaded.control is not None and loaded.as_described is not None
         described, engine = self._described = loaded.as_described
         flights = recordings_of(loaded.evidence.flights)
-        training = [f for k, f in enumerate(flights) if k not in self._unseen]
-        found = refine_control(loaded.control, described, engine, training, [flights[k] for k in self._unseen])
+        training = [f for k, f in enumerate(flights) if k not in self._test_positions]
+        found = refine_control(loaded.control, described, engine, training, [flights[k] for k in self._test_positions])
         for line in control_sentences(loaded.control):
             self.messages.note(line)
         return found
@@ -142,10 +142,10 @@ class RefineResult(DocumentResult):
         from enginediag_cli.mismatch.refine.switch import find_switch, judged_by_trained_noise
 
         choices, hidden = self._choices, None
-        self.evidence = evidence = judged_by_trained_noise(self.evidence, self._unseen)
-        training = evidence.only([k for k in range(len(evidence.flights)) if k not in self._unseen])
+        self.evidence = evidence = judged_by_trained_noise(self.evidence, self._test_positions)
+        training = evidence.only([k for k in range(len(evidence.flights)) if k not in self._test_positions])
         if choices.terms:
-            effects = _asked(evidence, choices.terms)
+            effects = _requested_effects(evidence, choices.terms)
             if choices.switched:
                 hidden = find_switch(training, effects[0])
                 if hidden is None:
@@ -157,7 +157,7 @@ class RefineResult(DocumentResult):
                 self.reason = "explain names no effect that a model could carry"
                 return None
         try:
-            return run(evidence, self._unseen, effects, hidden=hidden, window=choices.window)
+            return run(evidence, self._test_positions, effects, hidden=hidden, window=choices.window)
         except ValueError as error:
             raise UsageError(str(error)) from None
 
@@ -294,10 +294,10 @@ class RefineResult(DocumentResult):
             for p in self._inquiry.case.source.files
         )
         command = self._choices.command + "".join(f", {key} {text}" for key, text in current_notes().items())
-        fitted = len(self.evidence.flights) - len(self._unseen)
+        fitted = len(self.evidence.flights) - len(self._test_positions)
         return (
             f"enginediag {__version__} {command}; fitted to {fitted} flights of {data}, "
-            f"judged by {len(self._unseen)} that were not fitted"
+            f"judged by {len(self._test_positions)} that were not fitted"
         )
 
     def save_report(self, path: str | Path) -> None:
@@ -340,7 +340,7 @@ class RefineResult(DocumentResult):
         raise NoVerdictError("no unseen flight was predicted before and after")
 
 
-def _asked(evidence: Dataset, terms: Sequence[str]) -> list[Effect]:
+def _requested_effects(evidence: Dataset, terms: Sequence[str]) -> list[Effect]:
     """Find the effects that the user names. Raises UsageError for unknown ones and for those carried already."""
     from enginediag_cli.config.fields import near
     from enginediag_cli.physics.registry import candidate_effects, effect

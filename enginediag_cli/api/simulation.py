@@ -66,7 +66,7 @@ class SimulationChoices:
             if count is not None and count < 1:
                 raise UsageError(f"--{name}: {count} is not a number of {name}, from 1 on")
 
-    def flown(
+    def operating_conditions(
         self, engine: Engine, rng: np.random.Generator
     ) -> tuple[FlightConditions, dict[str, ColumnNoise], tuple[str, ...]]:
         """Return operating conditions, noise of each column, and provenance of the conditions."""
@@ -117,7 +117,7 @@ class SimulationResult(Result):
         from enginediag_cli.simulation.simulate import describe_states, is_dynamic, simulate_in_chunks
 
         flying, noisy = (np.random.default_rng([choices.seed, stream]) for stream in (0, 1))
-        given, noise, inherited = choices.flown(engine, flying)
+        given, noise, inherited = choices.operating_conditions(engine, flying)
         self.engine, self.records = engine, len(given)
         self._states = describe_states(engine) if not choices.steady and is_dynamic(engine, given) else None
         made = {"noise": choices.noise, "flights": choices.flights, "records": choices.records, "states": self._states}
@@ -134,7 +134,7 @@ class SimulationResult(Result):
     def complete(self: Flown, stream: bool = False) -> Flown:
         """Simulate all records, unless they are to come as a stream; return the result."""
         if not stream:
-            self._done += self._flown()
+            self._done += self._simulate_pieces()
         return self
 
     def pieces(self) -> Iterator[Simulated]:
@@ -156,9 +156,9 @@ class SimulationResult(Result):
             yield from self._done
             return
         self._streamed = True
-        yield from self._flown()
+        yield from self._simulate_pieces()
 
-    def _flown(self) -> Iterator[Simulated]:
+    def _simulate_pieces(self) -> Iterator[Simulated]:
         """Simulate the pieces; report on all of them after the last."""
         reasons: Counter[str] = Counter()
         for piece in each(self._pieces, "records simulated", size=len):
@@ -216,7 +216,7 @@ class SimulationResult(Result):
         dict of str to ndarray, shape (records,)
             Units are in the names; NaN where there is no reading; columns of text (``flight``, ``status``) as text.
         """
-        return self._joined("columns")
+        return self._concatenate("columns")
 
     @property
     def truth(self) -> dict[str, NDArray[Any]]:
@@ -224,9 +224,9 @@ class SimulationResult(Result):
 
         Parameters are in their units; 1 is healthy for an efficiency.
         """
-        return self._joined("truth")
+        return self._concatenate("truth")
 
-    def _joined(self, what: str) -> dict[str, NDArray[Any]]:
+    def _concatenate(self, what: str) -> dict[str, NDArray[Any]]:
         import numpy as np
 
         parts = [getattr(piece, what) for piece in self.pieces()]
@@ -275,7 +275,7 @@ class SimulationResult(Result):
         with ExitStack() as files:
             hidden = files.enter_context(open_recording_output(truth, head)) if truth else None
 
-            def both() -> Iterator[Simulated]:
+            def write_truth() -> Iterator[Simulated]:
                 for piece in chain([first], pieces):
                     if hidden is not None:
                         hidden.write(to_recording(piece.truth))
@@ -283,11 +283,11 @@ class SimulationResult(Result):
 
             if output.chosen_format() in RECORDING_FORMATS and not output.columns:
                 writer = files.enter_context(output.open_recording(head))
-                for piece in both():
+                for piece in write_truth():
                     writer.write(to_recording(piece.columns))
                 return
             names = tuple(first.columns)
-            output.write_rows(_rows(both()), names, summary=(*self.summary_columns, *names), provenance=head)
+            output.write_rows(_rows(write_truth()), names, summary=(*self.summary_columns, *names), provenance=head)
 
 
 def _rows(pieces: Iterable[Simulated]) -> Iterator[Row]:

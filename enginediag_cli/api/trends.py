@@ -217,10 +217,10 @@ class TrendResult(Result):
         )
         rows: list[Row] = []
         for engine, story in stories:
-            rows += self._of_engine(engine, story, scoping, rows)
+            rows += self._engine_rows(engine, story, scoping, rows)
         return iter(rows)
 
-    def _of_engine(
+    def _engine_rows(
         self, engine: str, story: Any, scoping: WorkScopeEstimator | None, before: Sequence[Row]
     ) -> list[Row]:
         from enginediag_cli.fleets.maintenance import maintenance_effects, mean_conditions

@@ -483,17 +483,19 @@ def _draw_noise(engine: Engine, variant: str, rng: np.random.Generator) -> Reali
 
 @dataclass(frozen=True)
 class TrialFlights:
-    """Flights with noise, and without, both of the same records; `kept` (N,): their place among those drawn; `failed`:
-    how many the truth engine could not compute."""
+    """Flights with noise, and without, both of the same records.
+
+    `used_records` (N,): their positions among those drawn; `failed`: how many the truth engine could not compute.
+    """
 
     noisy: tuple[Flight, ...]
     clean: tuple[Flight, ...]
-    kept_records: np.ndarray
+    used_records: np.ndarray
     failed: int
 
     def place_cause(self, cause: Cause) -> Cause:
         """The cause with its step counted among the kept records."""
-        return cause if not cause.is_step else Cause(cause.name, int(np.searchsorted(self.kept_records, cause.first)))
+        return cause if not cause.is_step else Cause(cause.name, int(np.searchsorted(self.used_records, cause.first)))
 
 
 def true_flight_readings(engine: Engine, concealed: ConcealedTruth, *, exact_model: bool) -> np.ndarray:

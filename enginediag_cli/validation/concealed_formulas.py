@@ -161,7 +161,7 @@ def draw_grammar_form(of: Sequence[KnownVariable], rng: np.random.Generator) -> 
     """A form that the search has, with a shape that it need not try."""
     pairs = len(of) == 2
     static = (f for f in FORMS if not f.remembers)  # marks compare curves over what variables are
-    usable = [f for f in static if f.pairs == pairs and not (f.ratios and _any_recorded(of))]
+    usable = [f for f in static if f.pairs == pairs and not (f.ratios and _has_recorded(of))]
     form = usable[int(rng.integers(len(usable)))]
     return FormText(form.name, False, _substitute(form.text, of, _shape(form, of, rng)))
 
@@ -170,7 +170,7 @@ def draw_foreign_form(of: Sequence[KnownVariable], rng: np.random.Generator) -> 
     """A form that the grammar does not have."""
     pairs = len(of) == 2
     usable = [
-        n for n, t in OUTSIDE.items() if _has_two_variables(t) == pairs and not (n in RATIOS and _any_recorded(of))
+        n for n, t in OUTSIDE.items() if _has_two_variables(t) == pairs and not (n in RATIOS and _has_recorded(of))
     ]
     name = usable[int(rng.integers(len(usable)))]
     text = re.sub(r"\bs\b", "max(min(u, 1), -1)", OUTSIDE[name])
@@ -224,7 +224,7 @@ def _has_two_variables(text: str) -> bool:
     return bool(re.search(r"\b[yv]\b", text))
 
 
-def _any_recorded(of: Sequence[KnownVariable]) -> bool:
+def _has_recorded(of: Sequence[KnownVariable]) -> bool:
     return any(k.variable.recorded for k in of)
 
 

@@ -84,7 +84,7 @@ from enginediag_cli.validation.concealed_formulas import (
     formula_term,
     spline_basis,
 )
-from enginediag_cli.validation.marks import ExplainAnswer, Marks, UnseenFlights, short, trial_dataset, trial_record
+from enginediag_cli.validation.marks import ExplainAnswer, HeldOutFlights, Marks, short, trial_dataset, trial_record
 from enginediag_cli.validation.separability import (
     ALIAS,
     Separability,
@@ -206,7 +206,7 @@ NONE, FOUND, TRUE, SPLINE = "none", "found", "true", "spline"
 class ForecastExcess:
     """Excess of models on unseen flights of several kinds; `rows`: of each kind, its place among these flights."""
 
-    unseen: UnseenFlights
+    held_out: HeldOutFlights
     rows: Mapping[str, slice]
 
     @staticmethod
@@ -214,16 +214,18 @@ class ForecastExcess:
         """`flights`: with their true readings, by kind."""
         ends = np.cumsum([0, *(sum(map(len, own)) for own in flights.values())])
         rows = {name: slice(a, b) for name, a, b in zip(flights, ends[:-1], ends[1:], strict=True)}
-        return ForecastExcess(UnseenFlights.from_flights(fitted, [f for own in flights.values() for f in own]), rows)
+        return ForecastExcess(HeldOutFlights.from_flights(fitted, [f for own in flights.values() for f in own]), rows)
 
     def squares(self, sought: Hypothesis = NULL_HYPOTHESIS, engine: Engine | None = None) -> np.ndarray | None:
         """((ŷ − y)/σ)² of each unseen record (n,), summed over sensors, NaN without a prediction; None where the fit
         does not converge. `engine`: one that carries more than that of the recordings."""
-        unseen = self.unseen
-        both = unseen.both if engine is None else replace(unseen.both, engine=engine)
+        held_out = self.held_out
+        both = held_out.extended if engine is None else replace(held_out.extended, engine=engine)
         plain = sought is NULL_HYPOTHESIS and engine is None
-        fit = unseen.base if plain else best_fit(both, sought, unseen.nuisance, unseen.base, 0.0)
-        return np.asarray(np.sum(replace(unseen, both=both).squared_errors(fit), axis=1)) if fit.converged else None
+        fit = held_out.base if plain else best_fit(both, sought, held_out.nuisance, held_out.base, 0.0)
+        return (
+            np.asarray(np.sum(replace(held_out, extended=both).squared_errors(fit), axis=1)) if fit.converged else None
+        )
 
     def excess(self, models: Mapping[str, np.ndarray | None]) -> dict[str, dict[str, float]]:
         """E of each model by kind of unseen flights. A model without a fit, or without a prediction of a record, has
@@ -320,7 +322,7 @@ def curve_error(found: np.ndarray, true: np.ndarray) -> float:
     return float(np.std(off[good]) / max(float(np.ptp(true[good])), 1e-300)) if good.any() else float("nan")
 
 
-def unseen_marks(excess: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
+def gain_marks(excess: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
     """Gains of the law and of the spline on each kind of unseen flights, and whether they are worse than no law."""
     marks: dict[str, Any] = {}
     for model, words in ((FOUND, "law"), (SPLINE, "spline")):
@@ -452,7 +454,7 @@ class FormulaScorer:
             "alike": sorted(alike),
             "excess": {name: {m: short(x) for m, x in e.items()} for name, e in excess.items()},
         }
-        return marks | unseen_marks(excess), kept
+        return marks | gain_marks(excess), kept
 
     def distance(self, laws: Sequence[Effect] | None, sought: bool = False) -> float:
         """D of `marks`; infinite where the laws cannot be carried or fitted. `sought`: with their coefficients fitted
@@ -497,12 +499,12 @@ class FormulaScorer:
         of = [known[g[0]] for g in groups if g and g[0] in known]
         if len(of) < len(groups) or not of:
             return None
-        x = evaluate_variables(self.engine, input_values(ahead.unseen.both), ahead.unseen.base.theta, of)
+        x = evaluate_variables(self.engine, input_values(ahead.held_out.extended), ahead.held_out.base.theta, of)
         curves = {f"{n} {k}": c for n, v in x.items() for k, c in enumerate(spline_basis(v, v[:fitted]).T)}
         if len(x) == 2:
             a, b = ((v - np.nanmean(v[:fitted])) / max(float(np.nanstd(v[:fitted])), 1e-12) for v in x.values())
             curves["product"] = a * b
-        return free_curve(place, {n: np.where(np.isfinite(c), c, 0.0) for n, c in curves.items()}, ahead.unseen.base)
+        return free_curve(place, {n: np.where(np.isfinite(c), c, 0.0) for n, c in curves.items()}, ahead.held_out.base)
 
     def _true_flights(self, name: str, flights: Sequence[Mapping[str, np.ndarray]]) -> list[Flight]:
         """Flights with what the truth engine's sensors read without noise; records that it cannot compute are

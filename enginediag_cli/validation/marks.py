@@ -216,17 +216,17 @@ def location_marks(
 
 
 @dataclass(frozen=True)
-class UnseenFlights:
-    """Flights that nothing is fitted to. `both`: the fitted recordings, and behind them these flights without their
+class HeldOutFlights:
+    """Flights that nothing is fitted to. `extended`: the fitted recordings, and behind them these flights without their
     readings; `base`: the fit without a hypothesis; `readings` (n, m): of the fitted sensors, in these flights."""
 
-    both: Dataset
+    extended: Dataset
     nuisance: Nuisance
     base: IdentifiedHypothesis
     readings: np.ndarray
 
     @staticmethod
-    def from_flights(fitted: Dataset, flights: Sequence[Flight]) -> UnseenFlights:
+    def from_flights(fitted: Dataset, flights: Sequence[Flight]) -> HeldOutFlights:
         """Behind the recordings `fitted`; `flights` have their readings."""
         sensors = list(fitted.noise.sigma)
         blank = [
@@ -237,15 +237,17 @@ class UnseenFlights:
         free = nuisance(both)
         base = identify_with(both, NULL_HYPOTHESIS, free)
         readings = [np.column_stack([f.columns[c] for c in base.problem.sensors]) for f in flights]
-        return UnseenFlights(both, free, base, np.concatenate(readings))
+        return HeldOutFlights(both, free, base, np.concatenate(readings))
 
     def squared_errors(self, fit: IdentifiedHypothesis) -> np.ndarray:
         """((ŷ − y)/σ)² (n, m) of a fit, NaN without a prediction or where the fit did not converge."""
         if not fit.converged:
             return np.full_like(self.readings, np.nan)
         curves = {**self.nuisance.curves, **fit.hypothesis.curves}
-        inputs = {c: stack_column(self.both, c) for c in fit.model.inputs}
-        inputs |= {c: stack_column(self.both, c, d) for c, d in fit.model.optional_inputs.items() if c not in curves}
+        inputs = {c: stack_column(self.extended, c) for c in fit.model.inputs}
+        inputs |= {
+            c: stack_column(self.extended, c, d) for c, d in fit.model.optional_inputs.items() if c not in curves
+        }
         now = {c: v[-len(self.readings) :] for c, v in {**inputs, **curves}.items()}
         p = fit.model.predict(now, fit.theta, sensors=fit.problem.sensors)
         return np.asarray(np.where(p.ok[:, None], ((p.y - self.readings) / fit.problem.sigma) ** 2, np.nan))
@@ -256,7 +258,7 @@ def held_out_misfit(
 ) -> dict[str, list[float]]:
     """χ² per reading of each held-back flight: `before`, with the model as it is; `after`, with what was named; `true`,
     with the truth. Everything identified is fitted to the training flights alone; NaN where a fit does not converge."""
-    unseen = UnseenFlights.from_flights(fitted, flights)
+    unseen = HeldOutFlights.from_flights(fitted, flights)
     ends = np.cumsum([len(f) for f in flights])[:-1]
 
     def misfit(fit: IdentifiedHypothesis) -> list[float]:
@@ -267,8 +269,8 @@ def held_out_misfit(
     found = {cause_names(()): misfit(unseen.base)}
     for causes, values in (named, truth):
         if cause_names(causes) not in found:
-            sought = causes_hypothesis(unseen.both.engine, causes, unseen.both.records, values)
-            found[cause_names(causes)] = misfit(identify_with(unseen.both, sought, unseen.nuisance, unseen.base))
+            sought = causes_hypothesis(unseen.extended.engine, causes, unseen.extended.records, values)
+            found[cause_names(causes)] = misfit(identify_with(unseen.extended, sought, unseen.nuisance, unseen.base))
     return {
         "before": found[cause_names(())],
         "after": found[cause_names(named[0])],
@@ -332,7 +334,7 @@ def mark_trial(
     found = marks(concealed, separation, answer)
     held: dict[str, Any] = {}
     if kind == kinds.HIDDEN_SWITCH and concealed.states is not None:
-        kept = recorded.kept_records[recorded.kept_records < int(concealed.records[: concealed.training].sum())]
+        kept = recorded.used_records[recorded.used_records < int(concealed.records[: concealed.training].sum())]
         snr = snr[kept]
         found |= hidden_marks(cause_components(engine, truth[0]), concealed.states[kept], snr, answer)
     elif separation is not None and separation.ok and min(separation.conditional) >= VISIBLE:

@@ -640,7 +640,7 @@ def _entry(case: str, method: str, x: Tally, names: tuple[str, ...], reliability
     per = {name: x.counts_by_batch(name) for name in BLOCK}
     per["changed"], per["seen"] = per["repetitions"] - per["unchanged"], per["detected"] - per["false_alarms"]
 
-    def rate_from(hits: str, of: str) -> dict[str, float] | None:
+    def exact_share(hits: str, of: str) -> dict[str, float] | None:
         return exact_rate(int(per[hits].sum()), int(per[of].sum()), design_effect(per[hits], per[of]))
 
     entry: dict[str, Any] = {
@@ -657,10 +657,10 @@ def _entry(case: str, method: str, x: Tally, names: tuple[str, ...], reliability
         "parameter_counts_contained": dict(zip(names, map(int, x.counts_contained), strict=True)) if named else None,
         "unchanged": x.unchanged,
         "false_alarms": x.false_alarms,
-        "false_alarm_rate": rate_from("false_alarms", "unchanged"),
-        "detected_rate": rate_from("seen", "changed"),
-        "exact_rate": rate_from("exact", "repetitions") if named else None,
-        "contained_rate": rate_from("contained", "repetitions") if named else None,
+        "false_alarm_rate": exact_share("false_alarms", "unchanged"),
+        "detected_rate": exact_share("seen", "changed"),
+        "exact_rate": exact_share("exact", "repetitions") if named else None,
+        "contained_rate": exact_share("contained", "repetitions") if named else None,
         "failed_records": x.failed_records,
     }
     if reliability and x.bins[:, 0].any():

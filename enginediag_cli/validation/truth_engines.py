@@ -207,7 +207,7 @@ class FlownRange:
 class Distortion:
     """A drawn error: `at` gives it as a share. Amplitudes are those before scaling, `factor` and `shift` scale."""
 
-    where: FlownRange
+    range: FlownRange
     waves: np.ndarray
     middle: float
     kink: float
@@ -217,7 +217,7 @@ class Distortion:
 
     def evaluate(self, speed: np.ndarray, position: np.ndarray) -> np.ndarray:
         """The error at points of the map, of the shape of both coordinates together."""
-        return self.evaluate_scaled(*self.where.scaled(speed, position))
+        return self.evaluate_scaled(*self.range.scaled(speed, position))
 
     def evaluate_scaled(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         """The same at scaled coordinates."""

@@ -155,7 +155,7 @@ def test_isolation_is_scored_with_targets_and_reliability(tmp_path):
     assert run(*common, "--jobs", 1, "--trials-output", trials, "-o", out) == 0
     found = json.loads(out.read_text(encoding="utf-8"))
     assert found["sheet"]["right_when_sure"]["target"] == ">= 0.88" and found["kinds"]["all"]["trials"] == 2
-    assert set(found["reliability"]) <= {"all", "nothing", "null", "component"}
+    assert set(found["reliability"]) <= {"all", "null", "component", "class", "nothing", "changed"}
     lines = [json.loads(line) for line in trials.read_text(encoding="utf-8").splitlines()[1:]]
     assert all(r["truth"] == "realistic" and r["engine"] == "turbojet" and r["outcome"] for r in lines)
     again = tmp_path / "again.csv"

@@ -41,7 +41,7 @@ LOCATE: Table[Mapping[str, Any]] = Table(
         column("share", "number?", "share of the excess χ² that it takes away"),
         column("stability", "number?", "share of resamples of whole flights in which it comes first"),
         column("driver_stability", "number?", "share of resamples in which its driver comes first"),
-        column("refit", "number?", "fall of χ² after a refit inside the model"),
+        column("refit", "text?", "converged, or did not converge, where the place was refitted inside the model"),
     ),
     terminal=(
         "rank",

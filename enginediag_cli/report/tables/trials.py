@@ -73,7 +73,7 @@ ISOLATED: Table[Mapping[str, Any]] = Table(
     document=(
         _SCHEMA,
         part("sheet", "scores with their intervals and targets"),
-        part("reliability", "bins of stated probability, by kind of name"),
+        part("reliability", "bins of stated probability: all names, by kind of trial, classes, no change, changes"),
         part("kinds", "outcomes by kind of trial"),
         part("engines", "outcomes by engine"),
         column("chosen_kinds", "texts", "kinds of trials that were drawn"),
