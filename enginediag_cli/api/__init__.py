@@ -1,4 +1,10 @@
-"""The public functions and classes of the library: the names in ``__all__`` of the modules beside this one."""
+"""The library: one function and one result class for each verb of the command line.
+
+`from enginediag_cli import …` gives the names in ``__all__`` of the modules beside this one. The functions take paths,
+results of other functions, dicts of arrays or DataFrames; `inputs` reads these. Every result has the methods of
+`Result` in `results`: rows, arrays, a summary, a picture, and files. Open these two first; the other modules are one
+per verb or two. Public names have numpydoc sections, which ruff checks.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
-"""`enginediag detect`: has the engine departed from its nominal state? Window by window, live, or by another method.
+"""Commands that judge recordings against a nominal engine: `detect` and `isolate`.
 
-`enginediag isolate`: which parameters changed, by how much, how surely, and what else it could be.
+`detect` tests whether the engine has departed from its nominal state: by window, live, or by another method. `isolate`
+searches the parameters that changed, with sizes, probabilities and alternatives.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""`enginediag check` and `recorder`: files before they are used, and a recorder file for foreign recordings.
+"""Commands for files and for reference.
 
-`enginediag schema`, `physics`, `components`, `glossary` and `man`: what there is, and what it means.
+`check` tests files before they are used, and `recorder` drafts a description of foreign recordings. `schema`,
+`physics`, `components`, `glossary` and `man` list what there is, and what it means.
 """
 
 from __future__ import annotations

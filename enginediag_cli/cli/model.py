@@ -1,8 +1,8 @@
-"""`enginediag simulate`: fly an engine, healthy or faulty, and write what its sensors record.
+"""Commands that make and use an engine model: `simulate`, `identify` and `residual`.
 
-`enginediag identify`: nominal parameters and noise of an engine from healthy recordings.
-
-`enginediag residual`: reduce recordings to sufficient statistics, or list residuals record by record.
+`simulate` flies an engine, healthy or faulty, and writes what its sensors record. `identify` estimates nominal
+parameters and sensor noise from healthy recordings. `residual` reduces recordings to sufficient statistics, or lists
+residuals by record.
 """
 
 from __future__ import annotations

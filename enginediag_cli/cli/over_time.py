@@ -1,8 +1,7 @@
-"""`enginediag trend`: health over flights, since when and how fast it changes, and the EGT margin.
+"""Commands that follow engines over time: `trend`, `fleet` and `report`.
 
-`enginediag fleet`: many engines, from their recordings to a ranking; `status`, `prune` and `merge` of its store.
-
-`enginediag report`: results of other commands, or recordings, as one page that opens offline.
+`trend` follows health over flights: onset, rate, and EGT margin. `fleet` ranks many engines from their recordings;
+`status`, `prune` and `merge` maintain its store. `report` puts results, or recordings, on one page that opens offline.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""`enginediag study` and `prove`: how often diagnosis is right, over engines whose truth is known.
+"""Commands that measure how often the diagnosis is right: `study`, `prove` and `demo`.
 
-`enginediag demo`: the whole chain on simulated flights, command by command, with its results in words.
+`study` and `prove` diagnose engines whose truth is known. `demo` shows the whole chain on simulated flights, command by
+command, with the results in words.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Trials of `explain`, from the seed to the marks; and trials of planning.
+"""Trials of `explain`: recordings, answers, and marks where several causes act; and trials of planning.
 
 A trial of planning explains, plans, flies the plan on the concealed truth, and explains again. Its first flights are
 recorded in cruise alone, as many an airline records them, and show an effect that has alternatives; trials are drawn
@@ -6,9 +6,8 @@ until there is one. Beside the planned flight others of the same candidates are 
 flight, a power sweep, and the best in hindsight, which sets the truth farthest from its nearest alternative. All have
 the same number of records.
 
-Marks of trials with several causes: which were named, what was named besides, what stays unexplained.
-
-An alternative r of the true cause t is an alias where, given all other true causes, χ² of the flights without noise
+Marks of trials with several causes count which causes were named, what else was named, and what stays unexplained. An
+alternative r of the true cause t is an alias where, given all other true causes, χ² of the flights without noise
 with r in place of t, everything identified refitted, is below 11.
 
     several_all          every true cause is named, or one of its aliases         each λ given the others ≥ 40

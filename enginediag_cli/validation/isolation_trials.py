@@ -1,4 +1,4 @@
-"""Trials of `isolate`, from the seed to the marks, and their sheet: is it right as often as it states?
+"""Trials of `isolate`: concealed changes, recordings, marks, and the score sheet.
 
 T are the locations that have changed, A those of the answer and R its alternatives (sets of locations each).
 
@@ -15,9 +15,7 @@ T are the locations that have changed, A those of the answer and R its alternati
 An instrument is right by its column, whether the error is reported as a bias or as a scale. A size is marked only where
 it is reported in the form in which the error was made.
 
-What is concealed in a trial of isolation, and its recordings as files.
-
-Drawn from the trial's own seed, never shown to the process that isolates.
+What is concealed is drawn from the trial's own seed, and is never shown to the process that isolates.
 """
 
 from __future__ import annotations

@@ -1,12 +1,9 @@
-"""The file of a Monte-Carlo study: its declaration, its fault cases, and the monitor that it judges by.
+"""Monte-Carlo studies: the study file, its batches of diagnoses, and the counts as rows.
 
 Fault cases are changes of parameters that are given, or drawn for every diagnosis. The monitor knows nominal state and
-noise exactly, as in the published experiment.
-
-A Monte-Carlo study run: batches of diagnoses of engines with known faults, counted, and the counts as rows.
-
-A study is cut into batches that do not depend on each other. Each is flown by the full nonlinear model and recorded
-with noise. Tallies of two batches add up, so batches may run anywhere and in any order.
+noise exactly, as in the published experiment. A study is cut into batches that do not depend on each other. Each is
+flown by the full nonlinear model and recorded with noise. Tallies of two batches add up, so batches may run anywhere
+and in any order.
 """
 
 from __future__ import annotations

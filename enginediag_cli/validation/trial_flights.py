@@ -1,4 +1,6 @@
-"""Flights of trials: what an engine is flown through, drawn within its envelope.
+"""Flights of trials, and the causes that may act in them.
+
+Flights are drawn within the envelope of an engine:
 
 Short flights
     climb, cruise and descent.
@@ -10,15 +12,14 @@ Moving recordings, for dynamic effects
 Higher flights
     four kilometres above those that were searched, where a formula must hold although nobody has flown there.
 
-What may be wrong in a trial: causes, the effects that can be drawn, and how often each is drawn.
-
-The concealed truth and the answer are written in the same terms, so that the scorer compares like with like. An effect
-that identification absorbs at any size is drawn seldom: its trial shows little more than one with nothing concealed.
+Causes are the effects that can be drawn, each as often as its weight. The concealed truth and the answer are written in
+the same terms, so that the scorer compares like with like. An effect that identification absorbs at any size is drawn
+seldom: its trial shows little more than one with nothing concealed.
 
 Dynamic effects are rate limits, lags, delays, heat soak and inertia. Their kind is drawn first and their location after
 that, since an engine has more probes than fuel controls. Sizes are in seconds that recordings of some minutes at 1 Hz
-can show. A rotor's inertia is drawn as the time in which its whole design power would bring it to speed: kilogram
-metres squared of a model jet say nothing about a fan.
+can show. A rotor's inertia is drawn as the time in which its whole design power would bring it to speed, because
+kilogram metres squared of a model jet say nothing about a fan.
 """
 
 from __future__ import annotations

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "residuals"))
+
 from white_statistics import local_statistics
 
 from enginediag_cli.physics.engine_file import load_engine
