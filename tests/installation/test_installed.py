@@ -21,7 +21,7 @@ SHARED = Path(os.environ.get("ENGINEDIAG_SHARED") or ROOT.parent / "shared")
 
 LOAD = """
 import sys
-from enginediag_cli.config.kinds import check_file
+from enginediag_cli.config.validate import check_file
 from enginediag_cli.cli.options import ConfigFile
 for name in sys.argv[1:]:
     print(check_file(ConfigFile().convert(name, None, None)).name)
