@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from enginediag_cli.isolation.methods import IsolationOptions
     from enginediag_cli.isolation.windows import IsolatedWindow, WindowIsolation
     from enginediag_cli.parameters import Parameter
-    from enginediag_cli.residuals.long_windows import RecordHistory
+    from enginediag_cli.residuals.long_windows import RecentRecords
     from enginediag_cli.residuals.monitor import Monitor
 
 __all__ = ["IsolationResult", "isolate"]
@@ -213,14 +213,14 @@ class IsolationResult(Result):
         return Picture(chart_svg(isolation_chart(self._drawn)))
 
 
-def _record_history(comparison: Comparison, choices: IsolationChoices, monitor: Monitor | None) -> RecordHistory | None:
-    from enginediag_cli.residuals.long_windows import RecordHistory
+def _kept_records(comparison: Comparison, choices: IsolationChoices, monitor: Monitor | None) -> RecentRecords | None:
+    from enginediag_cli.residuals.long_windows import RecentRecords
 
     judging = comparison.judging
     plain = not judging.reference  # otherwise the score knows more than the records tell
     if monitor is None or not plain or choices.by == "component" or not choices.keeps_records(judging.linearise):
         return None
-    return RecordHistory(monitor, short_windows=not judging.plan.is_whole_flight)
+    return RecentRecords(monitor, short_windows=not judging.plan.is_whole_flight)
 
 
 def isolate(

@@ -394,7 +394,7 @@ class _Validator:
         values = []
         places: dict[str, Mark] = {}
         for position, item in enumerate(node.value):
-            name = _name_of(item) if named else None
+            name = _entry_name(item) if named else None
             inside = f"{where}.{name}" if name else f"{where}[{position}]"
             values.append(self.mapping(item, section, inside, named))
             if name is None:
@@ -459,7 +459,7 @@ def _type_field(variants: Variants) -> Field:
     return Field(variants.key, "choice", variants.help, choices=tuple(variants.options))
 
 
-def _name_of(item: Node) -> str | None:
+def _entry_name(item: Node) -> str | None:
     name = item.value.get("name") if item.is_mapping else None
     return name.value if name is not None and isinstance(name.value, str) else None
 

@@ -322,6 +322,6 @@ def fix_weak_parameters(problem: IdentificationProblem, fit: Fit, found: Uncerta
 
 def active_bounds(problem: IdentificationProblem, fit: Fit) -> tuple[ActiveBound, ...]:
     """What the fit left at a bound."""
-    values = problem.physical(fit.x)
+    values = problem.to_physical(fit.x)
     held = [(i, values[problem.names[i]]) for i in np.flatnonzero(fit.at_bound)]
     return tuple(ActiveBound(problem.names[i], v, bool(v >= problem.upper[i])) for i, v in held)

@@ -119,7 +119,7 @@ class PiecewiseMisfit:
     errors: np.ndarray  # (n,) how far each piece lies below the misfit at the point
     inner: np.ndarray  # (n, n) g_i S⁻¹ g_j over the parameters not held
 
-    def combined(self, boldness: float = 1.0) -> tuple[np.ndarray, float]:
+    def combine_gradients(self, boldness: float = 1.0) -> tuple[np.ndarray, float]:
         """g_λ (p,) for a step of `boldness` (0 to 1) times the full one, and twice the fall of a full step."""
         weights = minimise_dual(boldness * self.inner, self.errors)
         return weights @ self.gradients, float(weights @ self.inner @ weights + 2 * weights @ self.errors)
@@ -389,7 +389,7 @@ class _SearchState:
 
     def step(self, boldness: float, x: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """The step (p,), as bold as asked (0 to 1)."""
-        gradient, _ = self.pieces.combined(boldness)
+        gradient, _ = self.pieces.combine_gradients(boldness)
         return projected_step(self.pieces.S / boldness, gradient, self.at_bound, x, low, high)
 
 
@@ -496,7 +496,7 @@ class _Search:
         pieces = self.kinks.pieces_near(BundlePiece(x, arrow.g, total_cost(now, x, z)), arrow.S, ~fixed)
         # z moves with x: the rest of its own gradient is part of the distance to the optimum
         offsets = offset_squared(now, z)
-        return _SearchState(pieces, arrow.g, fixed, offsets, float(np.sqrt(pieces.combined()[1] + offsets)))
+        return _SearchState(pieces, arrow.g, fixed, offsets, float(np.sqrt(pieces.combine_gradients()[1] + offsets)))
 
     def _record(self, evaluated: NormalEquations, accepted: bool) -> None:
         cost, failed = total_cost(self.now, self.x, self.z), int((~evaluated.ok).sum())

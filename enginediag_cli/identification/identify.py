@@ -113,7 +113,7 @@ def cross_validate(
     if len(folds) < 2:
         return CrossValidation(predicted, 0, 0)
 
-    def left_out(k: int) -> np.ndarray | None:
+    def predict_fold(k: int) -> np.ndarray | None:
         """What is predicted (n, m) of the records of a fold, None where the fit to the others did not converge."""
         out = fold_of == folds[k]
         # left out are the readings, not the records: their derivatives are those of the full fit, where these were kept
@@ -130,7 +130,7 @@ def cross_validate(
             )
         return part.equations.predicted[out] if part.converged else None
 
-    refits = parallel_imap(left_out, len(folds))
+    refits = parallel_imap(predict_fold, len(folds))
     for fold, found in each(zip(folds, refits, strict=True), "cross-validation, refits", len(folds)):
         if found is None:
             failed += 1
@@ -367,7 +367,7 @@ def _open_combinations(problem: IdentificationProblem, found: Uncertainty) -> tu
 
 
 def _estimates(problem: IdentificationProblem, fit: Fit, found: Uncertainty) -> tuple[Estimate, ...]:
-    values = problem.physical(fit.x)
+    values = problem.to_physical(fit.x)
     errors = np.sqrt(np.diag(found.covariance)) * problem.prior_sigma
     prior_sigma = problem.prior_sigma * (1.0 if found.widths is None else found.widths)
     return tuple(
@@ -393,6 +393,6 @@ def _record_counts(problem: IdentificationProblem, fit: Fit) -> dict[str, int]:
     if not fit.failed.any():
         return counts
     left = problem.select(fit.failed)
-    p = problem.model.predict(left.inputs, problem.physical(fit.x), sensors=problem.sensors)
+    p = problem.model.predict(left.inputs, problem.to_physical(fit.x), sensors=problem.sensors)
     # the engine adds the size of the residual in brackets, which differs from record to record
     return {**counts, **Counter(p.reason(k).partition(" (")[0] for k in range(len(left.recording)))}

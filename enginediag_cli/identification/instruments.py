@@ -108,7 +108,7 @@ def likeliest_offsets(data: ArrowData, present: np.ndarray, usual: np.ndarray, f
     centre = np.log(usual / present)[free]
     precision = _precision(free)
 
-    def lost(log_t: np.ndarray) -> tuple[float, np.ndarray]:
+    def negative_log_posterior(log_t: np.ndarray) -> tuple[float, np.ndarray]:
         t = np.ones(len(present))
         t[free] = np.exp(log_t)
         value, slope = log_likelihood(data, t)
@@ -118,13 +118,15 @@ def likeliest_offsets(data: ArrowData, present: np.ndarray, usual: np.ndarray, f
 
     bounds = list(zip(centre + np.log(RANGE[0]), centre + np.log(RANGE[1]), strict=True))
     start = np.clip(np.zeros(len(centre)), *np.transpose(bounds))
-    found = minimize(lost, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 0.0, "gtol": SLOPE})
+    found = minimize(
+        negative_log_posterior, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 0.0, "gtol": SLOPE}
+    )
     t = np.ones(len(present))
     t[free] = np.exp(found.x)
     return t
 
 
-def size_spreads(data: ArrowData, free: np.ndarray) -> np.ndarray:
+def size_uncertainties(data: ArrowData, free: np.ndarray) -> np.ndarray:
     """Standard deviations (q,) of ln s about the likeliest sizes, in whose units `data` are; 0 where not `free`."""
     q, at = len(free), np.flatnonzero(free)
     found = np.zeros(q)
@@ -215,14 +217,14 @@ def resize_offsets(
     return replace(problem, offsets=offsets), z / factors, change
 
 
-def add_size_spreads(
+def add_size_uncertainties(
     problem: IdentificationProblem, n: NormalEquations, x: np.ndarray, z: np.ndarray
 ) -> IdentificationProblem:
     """The problem, at its likeliest sizes, with how far each estimated one may be from them."""
     free = np.array([o.recordings > 0 for o in problem.offsets], bool)
     if not free.any():
         return problem
-    spreads = size_spreads(_arrow_data(n, x, z), free)
+    spreads = size_uncertainties(_arrow_data(n, x, z), free)
     return replace(
         problem, offsets=tuple(replace(o, spread=float(v)) for o, v in zip(problem.offsets, spreads, strict=True))
     )
@@ -322,7 +324,7 @@ def find_sensor_lags(problem: IdentificationProblem, fit: Fit) -> tuple[SensorLa
 
 def lag_deviations(problem: IdentificationProblem, fit: Fit) -> np.ndarray:
     """By how much lags of each reading are behind it, (N, m, T)."""
-    at = LagModel(problem.model, problem.physical(fit.x))
+    at = LagModel(problem.model, problem.to_physical(fit.x))
     return at.deviations(problem.inputs, problem.sensors, len(problem.measured))
 
 
@@ -376,7 +378,7 @@ class _StretchSums:
     def from_fit(problem: IdentificationProblem, fit: Fit, D: np.ndarray, stretch: np.ndarray) -> _StretchSums:
         p, (_, m, T) = len(problem.parameters), D.shape
         found = problem.model.predict(
-            problem.inputs, problem.physical(fit.x), sensors=problem.sensors, wrt=problem.names
+            problem.inputs, problem.to_physical(fit.x), sensors=problem.sensors, wrt=problem.names
         )
         J, e = np.asarray(found.jacobian) * problem.prior_sigma, fit.equations.residual
         weight = 1.0 / (problem.sigma * np.sqrt(problem.inflation))
@@ -407,10 +409,10 @@ def _fit_lags(rows: _StretchSums) -> tuple[np.ndarray, np.ndarray] | None:
     plain = np.zeros((K, q))
     plain[:, :p] = np.linalg.solve((G - rows.products)[:, :p, :p], (b - rows.gradient)[:, :p, None])[:, :, 0]
 
-    def left(x: np.ndarray) -> np.ndarray:
+    def change_of_squares(x: np.ndarray) -> np.ndarray:
         return np.asarray(np.einsum("kq,kqr,kr->k", x, rows.products, x) - 2 * np.einsum("kq,kq->k", x, rows.gradient))
 
-    gain = left(plain) - left(without)
+    gain = change_of_squares(plain) - change_of_squares(without)
     gain = np.sign(gain) * np.sqrt(np.abs(gain))  # a slam more or less must not decide
     error = float(np.std(gain, ddof=1)) / np.sqrt(K)
     if not float(np.mean(gain)) > WORTH * error > 0.0:

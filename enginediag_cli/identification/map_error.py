@@ -52,7 +52,7 @@ CELL = 0.1
 """Side of a cell, as a share of the range of what is predicted: the error of a generic map changes over about that."""
 SAME = 0.01
 """Relative change of the readings below which operating points are one: less is the scatter of a control."""
-WAYS = 3
+DIRECTIONS = 3
 """Directions in which operating points are told apart: power, and two of flight and weather."""
 EMPTY = 0.25
 """Part of a cell without any value that ends a cell, so that none ends within a condition that is flown again and
@@ -89,7 +89,7 @@ class OperatingPointCells:
         y = self._scaled(predicted)
         self._centre = y.mean(axis=0)
         values, ways = np.linalg.eigh((y - self._centre).T @ (y - self._centre))
-        self._ways = ways[:, np.argsort(values)[::-1][:WAYS]]
+        self._ways = ways[:, np.argsort(values)[::-1][:DIRECTIONS]]
         scores = (y - self._centre) @ self._ways
         self._side = max(CELL * float(np.ptp(scores[:, 0])), SAME * np.sqrt(y.shape[1]))
         self._first = []  # of each direction, the lowest value of each stretch without a gap
@@ -215,7 +215,7 @@ def add_map_errors(problem: IdentificationProblem, accuracy: float) -> Identific
     machines = turbomachines(problem.model)
     if accuracy <= 0.0 or not machines:
         return problem
-    at = map_coordinates(problem.model, problem.inputs, problem.physical(np.zeros(len(problem.parameters))))
+    at = map_coordinates(problem.model, problem.inputs, problem.to_physical(np.zeros(len(problem.parameters))))
     curves = [c for name, coordinates in at.items() if (c := learn_curves(name, coordinates)) is not None]
     if not curves:
         return problem

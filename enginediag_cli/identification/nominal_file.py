@@ -332,16 +332,21 @@ def format_nominal(nominal: Nominal) -> str:
     """The text of the file."""
     import yaml
 
-    class Dumper(yaml.SafeDumper):
+    class NominalDumper(yaml.SafeDumper):
         """Quotes texts that YAML 1.2 would read as numbers and PyYAML, which follows 1.1, would not."""
 
     def text(dumper: yaml.SafeDumper, value: str) -> yaml.Node:
         style = "|" if "\n" in value else "'" if value[:1].isdigit() or value[:1] in "+-." else None
         return dumper.represent_scalar("tag:yaml.org,2002:str", value, style=style)
 
-    Dumper.add_representer(str, text)
+    NominalDumper.add_representer(str, text)
     body = yaml.dump(
-        _to_values(nominal), Dumper=Dumper, sort_keys=False, allow_unicode=True, width=110, default_flow_style=None
+        _to_values(nominal),
+        Dumper=NominalDumper,
+        sort_keys=False,
+        allow_unicode=True,
+        width=110,
+        default_flow_style=None,
     )
     return f"{HEADER}{body}{CHECKSUM}: {compute_checksum(body)}\n"
 

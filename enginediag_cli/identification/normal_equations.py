@@ -152,7 +152,7 @@ def query_model(
     problem: IdentificationProblem, x: np.ndarray, z: np.ndarray, wrt: tuple[str, ...]
 ) -> Iterator[ModelAnswer]:
     """What the model says at (x, z), `CHUNK_RECORDS` at a time."""
-    theta, N, outputs = problem.physical(x), len(problem.recording), len(problem.offsets) - problem.input_offsets
+    theta, N, outputs = problem.to_physical(x), len(problem.recording), len(problem.offsets) - problem.input_offsets
     for start in range(0, N, CHUNK_RECORDS):
         rows = slice(start, min(start + CHUNK_RECORDS, N))
         read = {c: v[rows] for c, v in problem.inputs.items()}

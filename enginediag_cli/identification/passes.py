@@ -38,7 +38,7 @@ from enginediag_cli.identification.gauss_newton import (
     solve,
 )
 from enginediag_cli.identification.instruments import SETTLED as OFFSETS_SETTLED
-from enginediag_cli.identification.instruments import add_size_spreads, initial_offsets, resize_offsets
+from enginediag_cli.identification.instruments import add_size_uncertainties, initial_offsets, resize_offsets
 from enginediag_cli.identification.map_error import SETTLED as SIZES_SETTLED
 from enginediag_cli.identification.map_error import (
     add_map_errors,
@@ -166,7 +166,7 @@ def fit_and_noise(problem: IdentificationProblem, settings: IdentificationSettin
     assert fit is not None
     problem, fit, found, more = _final_fit(problem, start, fit, noise, settings.reduce_iterations(steps))
     found = _widen_at_edges(problem, fit, found, noise, accuracy)
-    problem = add_size_spreads(problem, fit.equations, fit.x, fit.z)
+    problem = add_size_uncertainties(problem, fit.equations, fit.x, fit.z)
     outliers = noise.outliers + gross.sum(axis=0)
     noise = replace(noise, outliers=outliers, sigma=problem.sigma, sigma_from="fit" if estimated else "stated")
     return Passes(problem, fit, noise, found, number, settled, steps + more)

@@ -210,7 +210,7 @@ class IdentificationProblem:
         """Steps since the record before, (N,), infinite at the beginning of a recording."""
         return record_gaps(self.position, self.recording)
 
-    def physical(self, x: np.ndarray) -> dict[str, float]:
+    def to_physical(self, x: np.ndarray) -> dict[str, float]:
         """Parameter values in their own units from x in prior standard deviations, (p,)."""
         theta = np.clip(self.prior_mean + self.prior_sigma * x, self.lower, self.upper)
         return {p.name: float(v) for p, v in zip(self.parameters, theta, strict=True)}

@@ -320,7 +320,7 @@ def check_file(file: str, against: CheckReference) -> Iterator[CheckedFile]:
     """What is known of a file (`-`: standard input), once for each of its engines that the recorder distinguishes.
     Raises DataError for a file that cannot be read."""
     if against.recorder is not None:
-        yield from _mapped(file, against, against.recorder)
+        yield from _check_foreign_file(file, against, against.recorder)
         return
     wanted = against.wanted
     left, counts = ExcludedData(file), ReadingCounts()
@@ -333,7 +333,9 @@ def check_file(file: str, against: CheckReference) -> Iterator[CheckedFile]:
     judged = masking_rules(wanted, raw)
     found = check_recording(raw, wanted.input_columns, wanted.sensors, against.switches, judged)
     clean, _ = mask_recording(raw, judged)
-    yield replace(_check_masked(file, against, _without_optional(found, wanted), raw, clean, left), is_partial=goes_on)
+    yield replace(
+        _check_masked(file, against, _drop_optional_inputs(found, wanted), raw, clean, left), is_partial=goes_on
+    )
 
 
 def _read_first_records(chunks: Iterator[Recording]) -> tuple[Recording, bool]:
@@ -346,13 +348,13 @@ def _read_first_records(chunks: Iterator[Recording]) -> tuple[Recording, bool]:
     return concat(held), False
 
 
-def _without_optional(found: RecordingCheck, wanted: RequiredColumns | None) -> RecordingCheck:
+def _drop_optional_inputs(found: RecordingCheck, wanted: RequiredColumns | None) -> RecordingCheck:
     """Without the absent inputs that have a value which stands for "not recorded", unless one seems to be misspelt."""
     optional = wanted.optional if wanted is not None else ()
     return replace(found, absent=tuple(a for a in found.absent if a.near or a.column not in optional))
 
 
-def _mapped(file: str, against: CheckReference, recorder: Recorder) -> Iterator[CheckedFile]:
+def _check_foreign_file(file: str, against: CheckReference, recorder: Recorder) -> Iterator[CheckedFile]:
     wanted = against.wanted
     given = wanted.input_columns if wanted is not None else ()
     counts = ReadingCounts()
@@ -373,7 +375,7 @@ def _mapped(file: str, against: CheckReference, recorder: Recorder) -> Iterator[
             kept, left.gate = mapped.recording, mapped.gate
         if against.instance and name != against.instance:
             kept = kept.select(engine_rows(kept, against.instance))
-        report = _check_masked(file, against, _without_optional(found, wanted), whole, kept, left)
+        report = _check_masked(file, against, _drop_optional_inputs(found, wanted), whole, kept, left)
         yield replace(report, refused=refused, is_partial=goes_on)
 
 

@@ -54,7 +54,7 @@ TRIED = 100
 """Mistakes that are tried, about; each has its share of what is wrong."""
 NAMED = float(-np.log(WRONG / TRIED))
 """Log-likelihood ratio of a mistake against the recording as it was read, from which it is likelier than that."""
-OF_THE_REST, OF_A_FACTOR = 0.3, 1.0
+ODDS_OF_THE_REST, ODDS_OF_A_FACTOR = 0.3, 1.0
 """Further log odds that are needed for each that is lacking with the mistake put right in the readings that it changes,
 of a mistake (against the file as it was read, and against another mistake) and of a factor that no unit explains: where
 a model does not follow a right file, changes that are none of its mistakes bring a little."""
@@ -198,11 +198,11 @@ class AgreementCheck:
         if self.yardstick.identified or not search:
             near = NEAR if self.yardstick.identified else NEAR_GENERIC
             return self._compare_flights(sample, self.yardstick, near, origin, place, search)
-        pooled = sample.pooled(np.ones(len(sample.flights), bool))
+        pooled = sample.pool(np.ones(len(sample.flights), bool))
         misfit = self.yardstick.misfit(pooled, 3)
         found = self._judge(sample, np.ones(len(sample.flights), bool), misfit, origin, place)
         if found is None:
-            own = self.yardstick.recentred(misfit.values)
+            own = self.yardstick.recentre(misfit.values)
             apart = self._compare_flights(sample, own, NEAR_GENERIC, origin, place) if len(sample.labels) > 1 else []
             # a fit to flights of which some are wrong lies between the two, and is near to neither
             between = not apart and misfit.missing >= NAMED
@@ -220,15 +220,15 @@ class AgreementCheck:
         place: tuple[str, str],
         search: bool = True,
     ) -> list[RecordingMismatch]:
-        far = sample.far(yardstick, near)
+        far = sample.find_far_flights(yardstick, near)
         if not far.any():
             return []
         found = []
-        for run in _runs(far):
+        for run in _flight_runs(far):
             rows = np.isin(sample.number, run)
             if rows.sum() < FEWEST:
                 continue
-            misfit = yardstick.misfit(sample.pooled(rows), 3)
+            misfit = yardstick.misfit(sample.pool(rows), 3)
             one = self._judge(sample, rows, misfit, origin, place, yardstick, search)
             if one is not None:
                 found.append(one)
@@ -241,12 +241,12 @@ class AgreementCheck:
         numbers = range(len(sample.labels))
         if not 1 < len(sample.labels) <= PER_FLIGHT * PER_FLIGHT:
             return []
-        single = [self.yardstick.misfit(sample.pooled(sample.number == k), 1) for k in numbers]
-        right = np.array([_fits(m) for m in single])
+        single = [self.yardstick.misfit(sample.pool(sample.number == k), 1) for k in numbers]
+        right = np.array([_is_fitting(m) for m in single])
         if not right.any() or right.all():
             return []
-        own = self.yardstick.misfit(sample.pooled(np.isin(sample.number, np.flatnonzero(right))), 3)
-        return self._compare_flights(sample, self.yardstick.recentred(own.values), NEAR_GENERIC, origin, place)
+        own = self.yardstick.misfit(sample.pool(np.isin(sample.number, np.flatnonzero(right))), 3)
+        return self._compare_flights(sample, self.yardstick.recentre(own.values), NEAR_GENERIC, origin, place)
 
     def _judge(
         self,
@@ -262,7 +262,7 @@ class AgreementCheck:
         if as_read.missing < NAMED or not (search or as_read.tail < ORDINARY):
             return None
         yardstick = yardstick or self.yardstick
-        columns = sample.pooled(rows)
+        columns = sample.pool(rows)
         labels = [sample.labels[k] for k in dict.fromkeys(sample.number[rows].tolist())]
         whole = len(labels) == len(sample.labels)
         lines = sample.line[rows]
@@ -279,22 +279,26 @@ class AgreementCheck:
         best, others = _choose_mistake(try_mistakes(yardstick, behind, columns, as_read), behind, columns)
         if (best is None and not others) or (best is not None and -best.misfit.log_likelihood > NAMED):
             factor = try_factors(yardstick, behind, columns, as_read)
-            if factor is not None and _enough(factor, OF_A_FACTOR):
-                best = factor if best is None or factor.gain >= best.gain + _room(best, APART, OF_A_FACTOR) else best
+            if factor is not None and _is_sufficient(factor, ODDS_OF_A_FACTOR):
+                best = (
+                    factor
+                    if best is None or factor.gain >= best.gain + _required_gain(best, APART, ODDS_OF_A_FACTOR)
+                    else best
+                )
         if best is not None:
             return replace(shown, trial=best)
         if others:  # each is likely enough to be named, so that the recording as it was read is not
             return replace(shown, others=tuple(m.words for m in others))
-        if _worlds_apart(as_read) and whole:
-            return replace(shown, trial=_other_engine(behind, columns, as_read))
+        if _is_another_engine(as_read) and whole:
+            return replace(shown, trial=_find_other_engine(behind, columns, as_read))
         return None
 
 
-def _other_engine(origin: RecordingOrigin, columns: Columns, as_read: Misfit) -> MistakeTrial | None:
+def _find_other_engine(origin: RecordingOrigin, columns: Columns, as_read: Misfit) -> MistakeTrial | None:
     """The shipped engine that it is of, if one alone fits it as right files fit."""
     from enginediag_cli.intake.mistakes import MistakeTrial, compare_other_engines
 
-    fitting = [(m, misfit) for m, misfit in compare_other_engines(origin, columns, as_read) if _fits(misfit)]
+    fitting = [(m, misfit) for m, misfit in compare_other_engines(origin, columns, as_read) if _is_fitting(misfit)]
     fitting.sort(key=lambda one: -one[1].log_likelihood)
     if not fitting or (len(fitting) > 1 and fitting[1][1].log_likelihood > fitting[0][1].log_likelihood - APART):
         return None
@@ -306,14 +310,14 @@ def _choose_mistake(
     tried: Sequence[MistakeTrial], origin: RecordingOrigin, columns: Columns
 ) -> tuple[MistakeTrial | None, list[Mistake]]:
     """The mistake to be named, with what else would be the same change, or those between which nothing decides."""
-    able = [t for t in tried if _enough(t, OF_THE_REST)]
+    able = [t for t in tried if _is_sufficient(t, ODDS_OF_THE_REST)]
     if not able:
         return None, []
     best = able[0]
     changed = origin.derived(columns, best.mistake.change(columns))
     # what is likelier still, but not by enough to be named, is not excluded either
-    close = [t.mistake for t in tried if t.gain > best.gain or (t in able[1:] and _close(t, best))]
-    same = [m for m in close if _same(changed, origin.derived(columns, m.change(columns)))]
+    close = [t.mistake for t in tried if t.gain > best.gain or (t in able[1:] and _is_close(t, best))]
+    same = [m for m in close if _is_same_change(changed, origin.derived(columns, m.change(columns)))]
     rivals = [m for m in close if m not in same]
     if any(m.column != best.mistake.column or m.kind == "swapped" for m in rivals):
         return None, [best.mistake, *rivals]
@@ -323,14 +327,14 @@ def _choose_mistake(
     return replace(best, mistake=replace(best.mistake, words=words, hint=hint)), []
 
 
-def _close(trial: MistakeTrial, best: MistakeTrial) -> bool:
+def _is_close(trial: MistakeTrial, best: MistakeTrial) -> bool:
     """Whether the likeliest mistake is not likelier than another by what counts; a column may be misfitted by the
     model as much as either leaves it."""
     rest = max(best.rest, trial.rest) if trial.mistake.column == best.mistake.column else best.rest
-    return trial.gain > best.gain - APART - OF_THE_REST * rest
+    return trial.gain > best.gain - APART - ODDS_OF_THE_REST * rest
 
 
-def _same(one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]) -> bool:
+def _is_same_change(one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]) -> bool:
     """Whether two mistakes change the columns alike."""
     for column, values in one.items():
         if column in other and not np.array_equal(values, other[column]):
@@ -340,23 +344,23 @@ def _same(one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]) -> boo
     return True
 
 
-def _room(trial: MistakeTrial, odds: float, share: float = OF_THE_REST) -> float:
+def _required_gain(trial: MistakeTrial, odds: float, share: float = ODDS_OF_THE_REST) -> float:
     """Log odds, and a share of what the readings that a mistake changes lack with it put right."""
     return odds + share * trial.rest
 
 
-def _enough(trial: MistakeTrial, share: float) -> bool:
+def _is_sufficient(trial: MistakeTrial, share: float) -> bool:
     """Whether a mistake brings enough to be named, and the file, with it put right, can be of this engine."""
-    return trial.gain >= _room(trial, NAMED, share) and not _worlds_apart(trial.misfit)
+    return trial.gain >= _required_gain(trial, NAMED, share) and not _is_another_engine(trial.misfit)
 
 
-def _fits(misfit: Misfit) -> bool:
+def _is_fitting(misfit: Misfit) -> bool:
     """Whether a right file is misfitted by so much."""
     readings = INDEPENDENT * len(misfit.factor)
     return readings > 0 and misfit.computed >= COMPUTED and -misfit.log_likelihood <= FITS * readings
 
 
-def _worlds_apart(misfit: Misfit) -> bool:
+def _is_another_engine(misfit: Misfit) -> bool:
     """Whether no fault makes this: all but the worst sensor far from the model, or no model at all."""
     if misfit.computed < COMPUTED:
         return True
@@ -366,7 +370,7 @@ def _worlds_apart(misfit: Misfit) -> bool:
     return float(np.sqrt(np.mean(misfit.after[order] ** 2))) >= WORLDS_APART
 
 
-def _runs(far: np.ndarray) -> Iterator[np.ndarray]:
+def _flight_runs(far: np.ndarray) -> Iterator[np.ndarray]:
     """Numbers of the flights that are compared together: all where most are far, else each stretch of them."""
     if np.mean(far) >= 0.8:
         yield np.arange(len(far))
@@ -421,13 +425,13 @@ class _Sample:
         own = np.repeat(np.arange(len(chosen)), [len(c) for c in chosen])
         return _Sample({c: v[picked] for c, v in columns.items()}, own, labels, recording.line[picked])
 
-    def pooled(self, rows: np.ndarray) -> dict[str, np.ndarray]:
+    def pool(self, rows: np.ndarray) -> dict[str, np.ndarray]:
         """At most POOLED of the chosen records (K,), spread over them."""
         index = np.flatnonzero(rows)
         index = index[np.unique(np.linspace(0, len(index) - 1, min(POOLED, len(index))).astype(int))]
         return {c: v[index] for c, v in self.columns.items()}
 
-    def far(self, yardstick: EngineReference, near: float) -> np.ndarray:
+    def find_far_flights(self, yardstick: EngineReference, near: float) -> np.ndarray:
         """Flights of which a sensor's median is farther from the engine than `near`, and than noise explains."""
         e, sigma = yardstick.deviations(self.columns)
         found = np.zeros(len(self.labels), bool)

@@ -190,7 +190,7 @@ class EngineReference:
         here = base
         for _ in range(steps):
             answer = self.predict(columns, here) if answer is None else answer
-            e, J, sigma = _relative(answer, place, read, self.noise[place], self.accuracy)
+            e, J, sigma = _relative_deviations(answer, place, read, self.noise[place], self.accuracy)
             usual = np.median(sigma, axis=0)
             quiet = np.sqrt(np.maximum(1.0 - (self.accuracy / usual) ** 2, QUIET**2))
             least = np.where(self.noise[place] > 0.0, quiet, 1.0)
@@ -226,10 +226,10 @@ class EngineReference:
         read = np.column_stack([columns.get(s, np.full(size, np.nan)) for s in self.sensors])
         inputs = fill_inputs(self.engine, columns)
         answer = self.engine.predict(inputs, self.values, sensors=self.sensors, walk=False)  # type: ignore[call-arg]
-        e, _, sigma = _relative(answer, range(len(self.sensors)), read, self.noise, self.accuracy)
+        e, _, sigma = _relative_deviations(answer, range(len(self.sensors)), read, self.noise, self.accuracy)
         return e, sigma
 
-    def recentred(self, values: Mapping[str, float]) -> EngineReference:
+    def recentre(self, values: Mapping[str, float]) -> EngineReference:
         """The same, with an engine that is expected elsewhere."""
         return replace(self, values={**self.values, **values})
 
@@ -244,7 +244,7 @@ def fill_inputs(engine: MonitoredModel, columns: Columns) -> dict[str, np.ndarra
     return inputs
 
 
-def _relative(
+def _relative_deviations(
     answer: Any, place: Sequence[int], read: np.ndarray, noise: np.ndarray, accuracy: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """e (K, m), ∂ ln Φ/∂θ (K, m, p) and σ (K, m) of a prediction. The logarithm is that of the ratio where both are
@@ -329,7 +329,7 @@ def engine_reference(engine: Engine) -> EngineReference:
     own = list(engine.parameters)
     chosen = match_names(stated.parameters, own, "parameter") if stated.parameters else own
     fixed = set(match_names(stated.fixed, own, "parameter"))
-    names = _differing(model, [n for n in chosen if n not in fixed])
+    names = _differing_parameters(model, [n for n in chosen if n not in fixed])
     spread = [stated.prior_sigma.get(n, model.parameters[n].prior_sigma) for n in names]
     sensors = tuple(engine.sensors)
     noise = [stated.noise_sigma.get(s) or engine.sensors[s].noise_sigma or 0.0 for s in sensors]
@@ -344,7 +344,7 @@ def engine_reference(engine: Engine) -> EngineReference:
     )
 
 
-def _differing(model: MonitoredModel, chosen: Sequence[str]) -> tuple[str, ...]:
+def _differing_parameters(model: MonitoredModel, chosen: Sequence[str]) -> tuple[str, ...]:
     """Chosen parameters, with health and errors of instruments; those without a finite spread cannot be searched."""
     always = [n for n, p in model.parameters.items() if p.family == "health" or p.of_instrument]
     kept = dict.fromkeys([*chosen, *always])
@@ -358,7 +358,7 @@ def nominal_reference(
     identified parameters of the engine itself; `noise`: of a reading of each sensor, in its unit."""
     model = InputErrors.wrap(engine)
     known = {n: v for n, v in values.items() if n in model.parameters}
-    names = _differing(model, ())
+    names = _differing_parameters(model, ())
     known_by = [model.parameters[n] for n in names]
     spread = np.array([p.prior_sigma if p.of_instrument else SPREAD * p.prior_sigma for p in known_by])
     return EngineReference(model, known, names, spread, tuple(sensors), np.asarray(noise, float), REPEATABLE, True)

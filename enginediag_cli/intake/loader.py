@@ -161,15 +161,15 @@ class ExcludedData:
             self.gate = live.gate
 
 
-class RecordHistory:
+class InputHistory:
     """One reading of a file onto `tapes`; with None records keep no past. Where a gate or averages leave records out,
     the whole file is put on the tapes first, and what the gate keeps is found there by its line."""
 
     _readings = 0
 
     def __init__(self, tapes: Tapes | None):
-        RecordHistory._readings += 1
-        self._tapes, self._reading = tapes, RecordHistory._readings
+        InputHistory._readings += 1
+        self._tapes, self._reading = tapes, InputHistory._readings
         self._known: dict[str, tuple[np.ndarray, np.ndarray]] = {}
 
     def add_whole_file(self, recorder: Recorder, file: str, inputs: tuple[str, ...], engines: tuple[str, ...]) -> None:
@@ -272,7 +272,7 @@ class RecordingLoader:
         if len(self.unread) == len(self.source.files):
             raise error
 
-    def without_gate(self) -> RecordingLoader | None:
+    def make_ungated(self) -> RecordingLoader | None:
         """The same with every record that was read, steady or not, and no averages; None where nothing but masks leaves
         records out, or where what has been read cannot be read again."""
         recorder = self.recorder
@@ -324,7 +324,7 @@ def _own_records(intake: RecordingLoader, source: Any, block: int, *, live: bool
     assert wanted is not None
     left = ExcludedData(str(getattr(source, "name", source)))
     intake.excluded.append(left)
-    past, masker = RecordHistory(wanted.tapes), None
+    past, masker = InputHistory(wanted.tapes), None
     chunks = read(source, declared=wanted.declared, chunk_records=block, tolerant=live, counts=left.reading)
     for chunk in chain(select_engine(chunks, intake.source.engine_instance), [None]):
         if chunk is None:
@@ -357,11 +357,11 @@ def _foreign_records(intake: RecordingLoader, source: Any, block: int, *, live: 
         for engine in stream.engines
     }
     intake.excluded += left_out.values()
-    past = RecordHistory(None if live and recorder.selects else columns.tapes)
+    past = InputHistory(None if live and recorder.selects else columns.tapes)
     if not live:
         past.add_whole_file(recorder, name, columns.input_columns, tuple(stream.engines))
     named = dict.fromkeys(stream.engines, False)
-    for engine, recording in _explained(stream, as_read):
+    for engine, recording in _explain_refusals(stream, as_read):
         left = left_out[engine]
         if not left.records:
             intake.add_head(recording)
@@ -380,7 +380,9 @@ def _foreign_records(intake: RecordingLoader, source: Any, block: int, *, live: 
             raise DataError(f"{name}: no record of engine {wanted!r}")
 
 
-def _explained(stream: Iterable[tuple[str, Recording]], as_read: _RawComparison) -> Iterator[tuple[str, Recording]]:
+def _explain_refusals(
+    stream: Iterable[tuple[str, Recording]], as_read: _RawComparison
+) -> Iterator[tuple[str, Recording]]:
     """The stream; where nothing is left of it, because of a wrong unit perhaps, that is what is raised."""
     try:
         yield from stream
@@ -540,7 +542,7 @@ def load_flights(intake: RecordingLoader, thinning: Thinning | None = None) -> l
     thinning = thinning or Thinning()
     flights: list[tuple[WholeFlight, int]] = []
     for file in intake.files():
-        flights += [(flight, thinning.halved) for flight in list(_flights_in(intake, file, thinning))]
+        flights += [(flight, thinning.halved) for flight in list(_read_flights(intake, file, thinning))]
         if thinning.most and sum(f.records for f, _ in flights) > 2 * thinning.most:
             flights = [(flight, thinning.halved) for flight in thinning.thin_flights(flights)]
     found = thinning.thin_flights(flights)
@@ -552,13 +554,13 @@ def load_flights(intake: RecordingLoader, thinning: Thinning | None = None) -> l
 def load_ungated_flights(intake: RecordingLoader, files: Collection[str]) -> list[WholeFlight]:
     """The flights of these files with the records that the recorder excluded because the engine was not steady,
     nothing averaged; none where there is no such recorder (`Intake.ungated`). Raises DataError."""
-    every = intake.without_gate()
+    every = intake.make_ungated()
     if every is None:
         return []
-    return [flight for file in every.files() if file.name in files for flight in _flights_in(every, file, Thinning())]
+    return [flight for file in every.files() if file.name in files for flight in _read_flights(every, file, Thinning())]
 
 
-def _flights_in(intake: RecordingLoader, file: LoadedFile, thinning: Thinning) -> Iterator[WholeFlight]:
+def _read_flights(intake: RecordingLoader, file: LoadedFile, thinning: Thinning) -> Iterator[WholeFlight]:
     label = intake.source.label(file.name)
     # the chunks of a file are put together as long as they have the same columns
     for _, chunks in groupby(file.masked(), key=lambda chunk: frozenset(chunk.order)):

@@ -132,12 +132,12 @@ def list_mistakes(origin: RecordingOrigin, columns: Columns, sensors: Sequence[s
     recorded = origin.recorded(columns, sensors)
     found: list[Mistake] = []
     for column in recorded:
-        found += _units(origin, column)
-        found += _pressures(origin, column, columns)
-        found += _percent(origin, column)
-        found += _total_temperature(origin, column, columns)
-    found += _air(origin, columns)
-    found += _swaps(origin, recorded)
+        found += _unit_mistakes(origin, column)
+        found += _pressure_mistakes(origin, column, columns)
+        found += _percent_mistakes(origin, column)
+        found += _temperature_mistakes(origin, column, columns)
+    found += _air_mistakes(origin, columns)
+    found += _swap_mistakes(origin, recorded)
     for doubt in heating_value_doubts(origin.engine):
         name = f"{doubt.burner}.lower_heating_value_J_kg"
         words, hint = (
@@ -145,10 +145,10 @@ def list_mistakes(origin: RecordingOrigin, columns: Columns, sensors: Sequence[s
             f"{doubt.lower:.3g} J/kg in the engine file",
         )
         found.append(Mistake("heating value", name, words, hint, lambda c: {}, values={name: doubt.lower}))
-    return [m for m in found if _changes(m, columns)]
+    return [m for m in found if _changes_columns(m, columns)]
 
 
-def _changes(mistake: Mistake, columns: Columns) -> bool:
+def _changes_columns(mistake: Mistake, columns: Columns) -> bool:
     """Whether anything would be different by more than a hundredth, and nothing is beyond what numbers hold."""
     if mistake.values or mistake.engine is not None:
         return True
@@ -162,7 +162,7 @@ def _changes(mistake: Mistake, columns: Columns) -> bool:
     return False
 
 
-def _units(origin: RecordingOrigin, column: str) -> Iterator[Mistake]:
+def _unit_mistakes(origin: RecordingOrigin, column: str) -> Iterator[Mistake]:
     """A column in another unit than its name or its recorder says, or converted by another unit's factor."""
     target = known_unit(split_column(column)[1]) or (UNITS["1"] if origin.channels.get(column) else None)
     channel = origin.channels.get(column)
@@ -174,24 +174,28 @@ def _units(origin: RecordingOrigin, column: str) -> Iterator[Mistake]:
         rare = 0.0 if unit.name in FIELD.get(unit.dimension, ()) else RARE
         if unit.dimension == declared.dimension and unit.name != declared.name:
             # v = (a·raw + b)·…: the reading as it stands in the file, taken as another unit
-            yield _unit(origin, column, _rescaled(declared, unit), f"is in {unit.name}", unit.name, rare)
+            yield _unit_mistake(origin, column, _rescale(declared, unit), f"is in {unit.name}", unit.name, rare)
         elif unit.dimension == "volume flow" and target.dimension == "mass flow" and not per_volume:
             change = Unit(unit.name, "mass flow", "kg_s", unit.factor * FUEL_KG_M3)
             words = f"is in {unit.name} (of fuel of {FUEL_KG_M3:g} kg/m³)"
-            yield _unit(origin, column, _rescaled(declared, change), words, unit.name, RARE)
+            yield _unit_mistake(origin, column, _rescale(declared, change), words, unit.name, RARE)
     if target.dimension == "length":
         level = Unit("flight level", "length", "m", FLIGHT_LEVEL_M)
-        yield _unit(origin, column, _rescaled(declared, level), "is the flight level (100 ft)", "ft, scale: 100", RARE)
+        yield _unit_mistake(
+            origin, column, _rescale(declared, level), "is the flight level (100 ft)", "ft, scale: 100", RARE
+        )
     if channel is None:
         for taken, really in combinations(FIELD.get(target.dimension, ()), 2):
             for a, b in ((taken, really), (really, taken)):
                 if a != declared.name:
                     words = f"was in {b} and was converted as if it were in {a}"
-                    back = _rescaled(UNITS[a], UNITS[b])
-                    yield _unit(origin, column, _convert_in_unit(target, back), words, b, CONVERTED, "converted")
+                    back = _rescale(UNITS[a], UNITS[b])
+                    yield _unit_mistake(
+                        origin, column, _convert_in_unit(target, back), words, b, CONVERTED, "converted"
+                    )
 
 
-def _unit(
+def _unit_mistake(
     origin: RecordingOrigin,
     column: str,
     right: Callable[[np.ndarray], np.ndarray],
@@ -205,7 +209,7 @@ def _unit(
     return Mistake(kind, column, f"{origin.name(column)} {words}", where, lambda c: {column: right(c[column])}, prior)
 
 
-def _rescaled(taken: Unit, really: Unit) -> Callable[[np.ndarray], np.ndarray]:
+def _rescale(taken: Unit, really: Unit) -> Callable[[np.ndarray], np.ndarray]:
     """SI values of what was taken to be in one unit, as they are when it is really in the other."""
     return lambda v: (v - taken.offset) / taken.factor * really.factor + really.offset
 
@@ -214,7 +218,7 @@ def _convert_in_unit(target: Unit, change: Callable[[np.ndarray], np.ndarray]) -
     return lambda v: (change(v * target.factor + target.offset) - target.offset) / target.factor
 
 
-def _pressures(origin: RecordingOrigin, column: str, columns: Columns) -> Iterator[Mistake]:
+def _pressure_mistakes(origin: RecordingOrigin, column: str, columns: Columns) -> Iterator[Mistake]:
     """A gauge pressure taken for an absolute one, and the other way round."""
     unit = known_unit(split_column(column)[1])
     if unit is None or unit.dimension != "pressure" or column == "ambient_pressure_Pa":
@@ -237,7 +241,7 @@ def _ambient_pressure(columns: Columns) -> np.ndarray:
     return np.asarray(found, float)
 
 
-def _percent(origin: RecordingOrigin, column: str) -> Iterator[Mistake]:
+def _percent_mistakes(origin: RecordingOrigin, column: str) -> Iterator[Mistake]:
     """A speed in % where rpm were meant, or in rpm where % were."""
     unit, full = known_unit(split_column(column)[1]), origin.scale(column)
     if unit is None or unit.dimension != "rotational speed":
@@ -257,7 +261,7 @@ def _percent(origin: RecordingOrigin, column: str) -> Iterator[Mistake]:
         yield Mistake("percent", column, words, right, lambda c: {column: c[column] * design / 100})
 
 
-def _total_temperature(origin: RecordingOrigin, column: str, columns: Columns) -> Iterator[Mistake]:
+def _temperature_mistakes(origin: RecordingOrigin, column: str, columns: Columns) -> Iterator[Mistake]:
     """A total temperature taken for the static one, T (1 + 0.2 M²) for T, and the other way round."""
     if "mach" not in columns or column not in _air_columns(origin):
         return
@@ -267,16 +271,16 @@ def _total_temperature(origin: RecordingOrigin, column: str, columns: Columns) -
             "is the total air temperature, not the static one",
             f"map it to T2_K and derive the static one ({rule})",
         )
-        yield Mistake(kind, column, f"{name} {words}", hint, lambda c: {column: c[column] / _rise(c)})
+        yield Mistake(kind, column, f"{name} {words}", hint, lambda c: {column: c[column] / _total_over_static(c)})
     else:
         words, hint = (
             "is the static air temperature, not the total one",
             f"map it to ambient_temperature_K, without {rule}",
         )
-        yield Mistake(kind, column, f"{name} {words}", hint, lambda c: {column: c[column] * _rise(c)})
+        yield Mistake(kind, column, f"{name} {words}", hint, lambda c: {column: c[column] * _total_over_static(c)})
 
 
-def _rise(columns: Columns) -> np.ndarray:
+def _total_over_static(columns: Columns) -> np.ndarray:
     """T_total/T = 1 + 0.2 M², γ = 1.4."""
     return 1.0 + 0.2 * np.square(np.asarray(columns["mach"], float))
 
@@ -290,63 +294,63 @@ def _air_columns(origin: RecordingOrigin) -> set[str]:
     return found
 
 
-def _air(origin: RecordingOrigin, columns: Columns) -> Iterator[Mistake]:
+def _air_mistakes(origin: RecordingOrigin, columns: Columns) -> Iterator[Mistake]:
     """What is wrong with the Mach number, and with a recorded deviation from the standard atmosphere."""
     if "altitude_m" not in columns:
         return
     if "mach" in columns and "mach" in origin.engine.inputs:
-        yield from _airspeeds(origin.name("mach"))
+        yield from _airspeed_mistakes(origin.name("mach"))
     made = origin.recorder is not None and "dT_isa_K" not in origin.channels
     if "dT_isa_K" in columns and not made and "dT_isa_K" in origin.engine.inputs:
-        yield from _deviations(origin.name("dT_isa_K"), "mach" in columns)
+        yield from _deviation_mistakes(origin.name("dT_isa_K"), "mach" in columns)
 
 
-def _static(columns: Columns) -> np.ndarray:
+def _static_temperature(columns: Columns) -> np.ndarray:
     """Static air temperature (K,) in K."""
     return np.asarray(isa_temperature(columns["altitude_m"]) + columns.get("dT_isa_K", 0.0))
 
 
-def _sound(columns: Columns) -> np.ndarray:
-    return SPEED_OF_SOUND * np.sqrt(np.maximum(_static(columns), 1.0))
+def _speed_of_sound(columns: Columns) -> np.ndarray:
+    return SPEED_OF_SOUND * np.sqrt(np.maximum(_static_temperature(columns), 1.0))
 
 
-def _airspeeds(name: str) -> Iterator[Mistake]:
-    def of(words: str, rule: str, change: Callable[[Columns], np.ndarray], prior: float = 0.0) -> Mistake:
+def _airspeed_mistakes(name: str) -> Iterator[Mistake]:
+    def mistake(words: str, rule: str, change: Callable[[Columns], np.ndarray], prior: float = 0.0) -> Mistake:
         return Mistake("airspeed", "mach", f"{name} {words}", rule, lambda c: {"mach": change(c)}, prior)
 
     tas, cas = "derive it (rule mach_from_tas)", "derive it (rule mach_from_cas)"
     for unit in FIELD["speed"]:
         per = UNITS[unit].factor
-        yield of(f"is the true airspeed in {unit}", tas, _from_true(per))
+        yield mistake(f"is the true airspeed in {unit}", tas, _mach_from_true_airspeed(per))
         words = f"is the calibrated airspeed in {unit}"
-        yield of(words, cas, _from_calibrated(per))
+        yield mistake(words, cas, _mach_from_calibrated_airspeed(per))
     words = "was made of the indicated airspeed as if it were the true one"
-    yield of(words, cas, lambda c: mach_from_cas(c["mach"] * _sound(c), c["altitude_m"]))
+    yield mistake(words, cas, lambda c: mach_from_cas(c["mach"] * _speed_of_sound(c), c["altitude_m"]))
     words = "was made of the indicated airspeed and the speed of sound at sea level"
-    yield of(words, cas, lambda c: mach_from_cas(c["mach"] * SOUND_AT_SEA_LEVEL_M_S, c["altitude_m"]), CONVERTED)
-    yield of("is in %", "divide it by 100", lambda c: c["mach"] / 100.0)
+    yield mistake(words, cas, lambda c: mach_from_cas(c["mach"] * SOUND_AT_SEA_LEVEL_M_S, c["altitude_m"]), CONVERTED)
+    yield mistake("is in %", "divide it by 100", lambda c: c["mach"] / 100.0)
 
 
-def _from_true(per: float) -> Callable[[Columns], np.ndarray]:
-    return lambda c: np.asarray(c["mach"] * per / _sound(c))
+def _mach_from_true_airspeed(per: float) -> Callable[[Columns], np.ndarray]:
+    return lambda c: np.asarray(c["mach"] * per / _speed_of_sound(c))
 
 
-def _from_calibrated(per: float) -> Callable[[Columns], np.ndarray]:
+def _mach_from_calibrated_airspeed(per: float) -> Callable[[Columns], np.ndarray]:
     return lambda c: mach_from_cas(c["mach"] * per, c["altitude_m"])
 
 
-def _deviation_from(
+def _isa_deviation(
     change: Callable[[np.ndarray], np.ndarray], temperature: Callable[[Columns], np.ndarray]
 ) -> Callable[[Columns], np.ndarray]:
     return lambda c: change(temperature(c)) - isa_temperature(c["altitude_m"])
 
 
-def _swapped(a: str, b: str, scale: float) -> Callable[[Columns], dict[str, np.ndarray]]:
+def _swap_columns(a: str, b: str, scale: float) -> Callable[[Columns], dict[str, np.ndarray]]:
     return lambda c: {a: c[b] * scale, b: c[a] / scale}
 
 
-def _deviations(name: str, with_mach: bool) -> Iterator[Mistake]:
-    def of(
+def _deviation_mistakes(name: str, with_mach: bool) -> Iterator[Mistake]:
+    def mistake(
         kind: str, words: str, hint: str, change: Callable[[Columns], np.ndarray], prior: float = CONVERTED
     ) -> Mistake:
         return Mistake(kind, "dT_isa_K", f"{name} {words}", hint, lambda c: {"dT_isa_K": change(c)}, prior)
@@ -355,19 +359,23 @@ def _deviations(name: str, with_mach: bool) -> Iterator[Mistake]:
     if with_mach:
         words = "was made of the total air temperature, not of the static one"
         hint = "derive the static temperature first (rule static_temperature)"
-        yield of(
-            "total temperature", words, hint, lambda c: _static(c) / _rise(c) - isa_temperature(c["altitude_m"]), 0.0
+        yield mistake(
+            "total temperature",
+            words,
+            hint,
+            lambda c: _static_temperature(c) / _total_over_static(c) - isa_temperature(c["altitude_m"]),
+            0.0,
         )
     for unit in FIELD["temperature"]:
-        change = _rescaled(UNITS["K"], UNITS[unit])
+        change = _rescale(UNITS["K"], UNITS[unit])
         words = f"holds the static air temperature in {unit}"
-        yield of("unit", words, rule, _deviation_from(change, lambda c: c["dT_isa_K"]))
+        yield mistake("unit", words, rule, _isa_deviation(change, lambda c: c["dT_isa_K"]))
         words = f"was made of a temperature in {unit} taken as K"
-        yield of("converted", words, "convert it first", _deviation_from(change, _static))
-    yield of("unit", "is in °F", "multiply it by 5/9", lambda c: c["dT_isa_K"] * 5 / 9)
+        yield mistake("converted", words, "convert it first", _isa_deviation(change, _static_temperature))
+    yield mistake("unit", "is in °F", "multiply it by 5/9", lambda c: c["dT_isa_K"] * 5 / 9)
 
 
-def _swaps(origin: RecordingOrigin, recorded: Sequence[str]) -> Iterator[Mistake]:
+def _swap_mistakes(origin: RecordingOrigin, recorded: Sequence[str]) -> Iterator[Mistake]:
     """Two columns of one dimension that are in each other's place."""
     for a, b in combinations(recorded, 2):
         units = [known_unit(split_column(c)[1]) for c in (a, b)]
@@ -376,7 +384,7 @@ def _swaps(origin: RecordingOrigin, recorded: Sequence[str]) -> Iterator[Mistake
         scale = (origin.scale(a) or 1.0) / (origin.scale(b) or 1.0)
         words = f"{origin.name(a)} and {origin.name(b)} are swapped"
         hint = "exchange their names, or `from:` in the recorder"
-        yield Mistake("swapped", a, words, hint, _swapped(a, b, scale))
+        yield Mistake("swapped", a, words, hint, _swap_columns(a, b, scale))
 
 
 CHANGED = 0.1
@@ -396,9 +404,11 @@ class MistakeTrial:
     @staticmethod
     def from_misfits(mistake: Mistake, misfit: Misfit, as_read: Misfit) -> MistakeTrial:
         """With the misfits of a recording put right and as read."""
-        before = dict(zip(as_read.sensors, as_read.factor.tolist(), strict=True))
-        ratio = np.log([f / before.get(s, np.inf) for s, f in zip(misfit.sensors, misfit.factor, strict=True)])
-        own = np.where(np.abs(ratio) > CHANGED, misfit.count * np.log(misfit.factor), 0.0)
+        before = dict(zip(as_read.sensors, np.log(as_read.factor).tolist(), strict=True))
+        after = np.log(misfit.factor)
+        # a sensor without readings as the file was read is changed in any case
+        changed = np.abs(after - [before.get(s, -np.inf) for s in misfit.sensors]) > CHANGED
+        own = np.where(changed, misfit.count * after, 0.0)
         gain = misfit.log_likelihood + mistake.prior - as_read.log_likelihood
         return MistakeTrial(mistake, misfit, gain, max(float(np.sum(own)), 0.0))
 
@@ -433,7 +443,7 @@ def try_mistakes(
     for mistake in list_mistakes(origin, sample, yardstick.sensors):
         changed = origin.derived(sample, mistake.change(sample))
         same = not mistake.values and all(np.array_equal(changed[c], sample[c]) for c in inputs)
-        if same or _within_envelope(origin.engine, changed):
+        if same or _is_within_envelope(origin.engine, changed):
             elsewhere += [] if same or mistake.values else [len(tried)]
             tried.append((mistake, changed))
     answers = dict(zip(elsewhere, yardstick.predict_several([tried[k][1] for k in elsewhere]), strict=True))
@@ -498,7 +508,7 @@ def try_factors(
         for factor in factors:
             mistake = _factor_mistake(origin, column, float(factor))
             changed = origin.derived(sample, mistake.change(sample))
-            if _within_envelope(origin.engine, changed):
+            if _is_within_envelope(origin.engine, changed):
                 tried.append((mistake, changed))
     if not tried:
         return None
@@ -515,7 +525,7 @@ def _factor_mistake(origin: RecordingOrigin, column: str, factor: float) -> Mist
     return Mistake("factor", column, words, hint, lambda c: {column: c[column] / factor}, RARE)
 
 
-def _within_envelope(engine: Any, columns: Columns) -> bool:
+def _is_within_envelope(engine: Any, columns: Columns) -> bool:
     """Whether the medians of the inputs are where the engine may be operated."""
     for column, (low, high) in engine.envelope.items():
         room = BEYOND * (high - low)

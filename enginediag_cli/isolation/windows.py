@@ -49,7 +49,7 @@ from enginediag_cli.parameters import Parameter
 from enginediag_cli.planning.flights import Suggestion, best_of_each_kind, conditions_grid
 from enginediag_cli.residuals.files import Window, WindowReader
 from enginediag_cli.residuals.instruments import InstrumentFault
-from enginediag_cli.residuals.long_windows import RecordHistory
+from enginediag_cli.residuals.long_windows import RecentRecords
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.score import Score, fisher_score
 from enginediag_cli.residuals.statistics import LocalStatistics
@@ -217,7 +217,7 @@ class WindowIsolation:
     options: DiagnosisOptions
     false_alarm: float
     to_components: bool = False
-    kept_records: RecordHistory | None = None
+    kept_records: RecentRecords | None = None
     advise: bool = False
     extra: Mapping[str, float] = field(default_factory=dict)
     wants_sensitivity: Callable[[int, bool], bool] = lambda number, named: False
@@ -388,7 +388,7 @@ class _WindowRecords:
     every: its statistics with all suspects, those that have been dropped, too."""
 
     def __init__(
-        self, monitor: Monitor | None, kept: RecordHistory, window: WindowStatistics, every: LocalStatistics | None
+        self, monitor: Monitor | None, kept: RecentRecords, window: WindowStatistics, every: LocalStatistics | None
     ):
         self._monitor, self._kept, self._window, self._every = monitor, kept, window, every
         kept.discard_before(window)

@@ -373,18 +373,18 @@ def join_files(chunks: Iterable[Recording], clock: RecordTimes, files: Sequence[
         held, at = (chunk, times) if held is None else (concat([held, chunk]), np.concatenate([at, times]))
         final = len(held) - 1
         if final > 0:
-            yield _with_columns(held, at, final, files)
+            yield _add_joined_columns(held, at, final, files)
             held, at = held.select(slice(final, None)), at[final:]
     if held is None:
         return
-    yield _with_columns(held, at, len(held), files)
+    yield _add_joined_columns(held, at, len(held), files)
     for file in files:
         if file.columns and not file.matches:
             what = f"no reading within {file.max_age_s:g} s of a record of {held.source}"
             raise DataError(f"{file.path}: {what}: are both on one clock, in one time zone?")
 
 
-def _with_columns(recording: Recording, at: np.ndarray, final: int, files: Sequence[JoinedFile]) -> Recording:
+def _add_joined_columns(recording: Recording, at: np.ndarray, final: int, files: Sequence[JoinedFile]) -> Recording:
     columns: dict[str, np.ndarray] = {}
     for file in files:
         found = file.values(at, final)

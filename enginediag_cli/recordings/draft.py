@@ -225,13 +225,13 @@ def _rank(e: HeaderEntry) -> float:
 def _convert(result: Draft, entries: Sequence[HeaderEntry], engine: EngineColumns | None) -> None:
     """Guess unit, conversion and limits of each column, the units that nothing states from all columns together."""
     limits = engine.limits if engine else {}
-    columns = [_measured(e, limits) for e in entries]
+    columns = [_make_unit_column(e, limits) for e in entries]
     inferred = infer_units(columns, limits)
     for e, column, unit in zip(entries, columns, inferred, strict=True):
-        _take(result, _guess(e, column, unit, engine))
+        _add_column(result, _guess(e, column, unit, engine))
 
 
-def _take(result: Draft, guess: ColumnGuess) -> None:
+def _add_column(result: Draft, guess: ColumnGuess) -> None:
     if guess.unit:
         result.columns[guess.target] = guess
     else:
@@ -239,7 +239,7 @@ def _take(result: Draft, guess: ColumnGuess) -> None:
         result.open += [f"{guess.source}: {doubt}" for doubt in guess.doubts]
 
 
-def _measured(e: HeaderEntry, limits: Mapping[str, tuple[float, float]]) -> UnitColumn:
+def _make_unit_column(e: HeaderEntry, limits: Mapping[str, tuple[float, float]]) -> UnitColumn:
     """The column with its unit where it is stated; a documented unit that cannot be is not."""
     own = find_unit(split_column(e.target)[1] or "1").dimension
     if e.unit is None or e.unit.dimension != own:

@@ -263,7 +263,7 @@ def _names(columns: Sequence[str], sniffed: SniffedTable) -> dict[str, ParsedNam
 
     def read(ignored: Sequence[str]) -> dict[str, ParsedName]:
         return {
-            c: _shifted(parse_name(own, single_letter_unit=single[c], ignored=ignored), c, c.find(own))
+            c: _shift_marks(parse_name(own, single_letter_unit=single[c], ignored=ignored), c, c.find(own))
             for c in columns
             for own in (c.removeprefix(start).removesuffix(end),)
         }
@@ -274,7 +274,7 @@ def _names(columns: Sequence[str], sniffed: SniffedTable) -> dict[str, ParsedNam
     return read(ignored) if ignored else first
 
 
-def _shifted(name: ParsedName, text: str, by: int) -> ParsedName:
+def _shift_marks(name: ParsedName, text: str, by: int) -> ParsedName:
     marks = tuple(replace(m, start=m.start + by, end=m.end + by) for m in name.marks)
     return replace(name, text=text, marks=marks)
 
@@ -288,40 +288,40 @@ def _shared_prefix(columns: Sequence[str]) -> str:
             if gap.end() < len(c):
                 counts[c[: gap.end()]] += 1
     least = max(SHARED * len(columns), FEWEST_SHARING)
-    best, most = "", _understood(columns, "")
+    best, most = "", _count_understood(columns, "")
     for prefix in sorted((p for p, n in counts.items() if n >= least), key=len):
         name = parse_name(prefix.strip(" _.:/\\|-"))
-        understood = _understood(columns, prefix)
+        understood = _count_understood(columns, prefix)
         # a prefix of words that may be a quantity's must make names understood that were not
         if understood > most or (understood == most and not name.features - {"engine"} and not name.station):
             best, most = prefix, understood
     if best:
         return best
     letters = Counter(c[:k] for c in columns for k in (1, 2, 3) if c[:k].isalpha() and len(c) > k)
-    return _making_understood(columns, [p for p, n in letters.items() if n >= least])
+    return _strip_to_words(columns, [p for p, n in letters.items() if n >= least])
 
 
 def _shared_suffix(columns: Sequence[str]) -> str:
     """The text from a separator on with which most columns end, without which more of them are understood."""
     counts = Counter(c[gap.start() :] for c in columns for gap in re.finditer(r"[_.:/\\| ]+", c) if gap.start())
     least = max(SHARED * len(columns), FEWEST_SHARING)
-    return _making_understood(columns, [s for s, n in counts.items() if n >= least], str.removesuffix)
+    return _strip_to_words(columns, [s for s, n in counts.items() if n >= least], str.removesuffix)
 
 
-def _making_understood(
+def _strip_to_words(
     columns: Sequence[str], texts: Sequence[str], without: Callable[[str, str], str] = str.removeprefix
 ) -> str:
     """Of texts that most columns share, that without which most quantities are understood, at least twice as many as
     with it: one more may be chance."""
-    most, best = 2 * max(_understood(columns, ""), 1), ""
+    most, best = 2 * max(_count_understood(columns, ""), 1), ""
     for text in sorted(texts, key=len):
-        understood = _understood([without(c, text) for c in columns], "")
+        understood = _count_understood([without(c, text) for c in columns], "")
         if understood > most or (understood == most and not best):
             best, most = text, understood
     return best
 
 
-def _understood(columns: Sequence[str], prefix: str) -> int:
+def _count_understood(columns: Sequence[str], prefix: str) -> int:
     """How many different quantities the names mean when they are read without this prefix."""
     names = [parse_name(c.removeprefix(prefix)) for c in columns]
     return len({(m.target, name.marks[-1:] and name.marks[-1].text) for name in names if (m := interpret_name(name))})

@@ -73,7 +73,7 @@ class ColumnConversion:
         recorder, engine = self._recorder, self._engine
         sources = {channel.target: channel.source_column(engine) for channel in recorder.channels}
         texts = {**recorder.values["text"], **{column: column for column in recorder.values["keep"]}}
-        self._insist(
+        self._require_readable(
             recording, set(sources.values()), {*texts.values(), *(self._stamps.sources if self._stamps else ())}
         )
         columns: dict[str, np.ndarray] = {}
@@ -92,7 +92,7 @@ class ColumnConversion:
         check_time(converted)
         return self._filler.add(converted, end=end)
 
-    def _insist(self, recording: Recording, numbers: set[str], others: set[str]) -> None:
+    def _require_readable(self, recording: Recording, numbers: set[str], others: set[str]) -> None:
         absent = sorted(numbers - set(recording.columns)) + sorted(others - set(recording.order))
         if absent:
             raise DataError(
@@ -348,7 +348,7 @@ class Recorder:
             if masks.total and masks.total == sum(masks.readings.values()) and not masks.frozen:
                 why = "; ".join(masks.report_lines())
                 raise DataError(f"{recording.source}: no usable record is left: {why}")
-            stream.insist_on_records(recording.source)
+            stream.require_records(recording.source)
             yield MappedRecording(name, kept, stream.counts, stream.gate if used.selects else None)
 
     def derive(self, recording: Recording) -> Recording:
@@ -456,7 +456,7 @@ class EngineMapper:
         self._recent = every.select(np.arange(len(full)) >= self._first_needed(full))
         return settled
 
-    def insist_on_records(self, source: str) -> None:
+    def require_records(self, source: str) -> None:
         """Raises NoVerdictError at the end of a file of which the gate, or the averaging, kept nothing."""
         if self.recorder.selects and not self.kept:
             place = source + (f", engine {self.engine}" if self.engine else "")
@@ -555,4 +555,4 @@ class MappedStream:
             last = chunk
         for stream in self.engines.values():
             if not self._live:
-                stream.insist_on_records(str(self._source))
+                stream.require_records(str(self._source))

@@ -427,7 +427,7 @@ def natural_length(repeats: int, rows: int, n: int, records: int) -> int:
 
 
 @dataclass
-class _Last:
+class _LastRow:
     row: np.ndarray
     time: float
     run: int = 1
@@ -445,7 +445,7 @@ class FrozenWatch:
     records: int = 20
     run: int = 0
     _flights: FlightNumbers = field(default_factory=FlightNumbers)
-    _last: dict[int, _Last] = field(default_factory=dict)
+    _last: dict[int, _LastRow] = field(default_factory=dict)
     _seen: int = 0
     _short: int = 0
     _short_repeats: int = 0
@@ -466,7 +466,7 @@ class FrozenWatch:
                 self._short += last.run
                 self._short_repeats += last.run - 1
             self.run = last.run + 1 if last is not None and on else 1
-            self._last[flight] = _Last(row, float(time[k]), self.run)
+            self._last[flight] = _LastRow(row, float(time[k]), self.run)
             if len(self._last) > MOST_WATCHED:
                 self._last.pop(next(iter(self._last)))
             self._seen += 1

@@ -121,7 +121,7 @@ def sniff(path: str) -> SniffedTable:
         with open_table(path) as table:
             return _reshape_long(_first_records(table) if isinstance(table, ParquetTable) else _first_rows(table))
     raw = _head(path)
-    text, encoding = _decoded(raw)
+    text, encoding = _decode(raw)
     lines = text.splitlines()
     if len(raw) == LOOKED_AT:
         lines = lines[:-1]  # the last one may be cut
@@ -236,7 +236,7 @@ def _head(path: str) -> bytes:
     return raw
 
 
-def _decoded(raw: bytes) -> tuple[str, str]:
+def _decode(raw: bytes) -> tuple[str, str]:
     """The text and the encoding; what is no Unicode is taken for Western European Windows text."""
     unicode = detect_bom(raw) or detect_utf_16(raw[:HEAD_BYTES])
     if unicode:
@@ -368,11 +368,11 @@ def find_clock(sniffed: SniffedTable) -> ClockColumns | None:
     dates |= {c: f for c in packed if (f := _forms(sniffed, (c,), ("%Y%m%d",)))}
     if dates:
         times |= {c: f for c in packed if c not in dates and (f := _forms(sniffed, (c,), ("%H%M%S",)))}
-    pairs = sorted(product(dates, times), key=lambda p: -_affinity(*p))
+    pairs = sorted(product(dates, times), key=lambda p: -_prefix_similarity(*p))
     for pair in pairs[:1]:
         forms = [f"{d} {t}" for d in dates[pair[0]] for t in times[pair[1]]]
         return _clock(sniffed, pair, forms)
-    for c in sorted(text, key=lambda c: -_affinity(c)):
+    for c in sorted(text, key=lambda c: -_prefix_similarity(c)):
         if _is_iso(sniffed, c):
             return _clock(sniffed, (c,), ["iso"])
         forms = _forms(sniffed, (c,), [f"{d}{gap}{t}" for d in DATES for t in TIMES for gap in (" ", "T", ", ")])
@@ -396,7 +396,7 @@ def _is_clock_name(column: str) -> bool:
     return bool(parse_name(column).features & {"date", "time", "utc", "epoch", "elapsed", "local"})
 
 
-def _affinity(*columns: str) -> int:
+def _prefix_similarity(*columns: str) -> int:
     """How much the names say that these columns are the clock, and the same one."""
     features = [parse_name(c).features for c in columns]
     together = set.intersection(*(set(f) for f in features))

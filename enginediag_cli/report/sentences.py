@@ -143,16 +143,16 @@ def instrument_in_flights(found: FaultInFlights) -> str:
     14)"."""
     first, last = found.first_flight or str(found.first), found.last_flight or str(found.last)
     where = first if found.flights == 1 else f"{first} to {last}"
-    return f"{_fault_words(found.fault)} in {found.flights:,} of {count(found.of, 'flight')} ({where})"
+    return f"{_fault_words(found.fault)} in {found.flights:,} of {count(found.flights_in_all, 'flight')} ({where})"
 
 
 def _fault_words(fault: InstrumentFault) -> str:
     """How an instrument is wrong, without where: "T45 sensor is stuck at 812 K"."""
-    part = f"{fault.quantity} {'reading' if fault.of_input else 'sensor'}"
+    part = f"{fault.quantity} {'reading' if fault.is_input else 'sensor'}"
     unit = split_column(fault.column)[1]
     if fault.form == "noise":
         by = (
-            f"by {format_quantity(fault.size, unit)}" if fault.of_input else f"{fault.times:.2g} times its stated noise"
+            f"by {format_quantity(fault.size, unit)}" if fault.is_input else f"{fault.times:.2g} times its stated noise"
         )
         return f"{part} scatters {by}"
     return f"{part} is stuck at {format_quantity(fault.size, unit, digits=STUCK_DIGITS)}"

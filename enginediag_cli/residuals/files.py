@@ -345,13 +345,13 @@ plausible change: half a per cent of efficiency, by manufacture and initial wear
 
 
 @dataclass(frozen=True)
-class EngineReference:
+class LearnedReference:
     """`shift` x̂ (p,) from nominal and its covariance `uncertainty` C₁ (p, p), in parameter units."""
 
     shift: np.ndarray
     uncertainty: np.ndarray
 
-    def subtract_from(self, statistics: LocalStatistics) -> LocalStatistics:
+    def subtract_shift(self, statistics: LocalStatistics) -> LocalStatistics:
         """The statistics of residuals from which J x̂ is subtracted."""
         moved = statistics.F @ self.shift
         return replace(
@@ -361,12 +361,12 @@ class EngineReference:
         )
 
 
-def learn_reference(statistics: LocalStatistics, uncertainty: np.ndarray) -> EngineReference:
+def learn_reference(statistics: LocalStatistics, uncertainty: np.ndarray) -> LearnedReference:
     """Reference from the statistics of all p parameters over healthy records; C (p, p) may be singular."""
     root = covariance_root(uncertainty, statistics.prior_sigma)
     inner = np.eye(root.shape[1]) + root.T @ statistics.F @ root
     gain = np.linalg.solve(inner, root.T)  # C₁ = root gain
-    return EngineReference(root @ (gain @ statistics.s), root @ gain)
+    return LearnedReference(root @ (gain @ statistics.s), root @ gain)
 
 
 def windows_against_reference(
@@ -394,7 +394,7 @@ def windows_against_reference(
             reference = early.reference(window)
             if reference is None:
                 return replace(window, reason=f"the first {records} records of this engine give no reference")
-            statistics, uncertainty = reference.subtract_from(statistics), reference.uncertainty
+            statistics, uncertainty = reference.subtract_shift(statistics), reference.uncertainty
         return replace(window, statistics=condense_statistics(monitor, statistics, uncertainty))
 
     later = early.withhold(recordings) if records else recordings
@@ -417,12 +417,12 @@ class _EarlyRecords:
 
     def __init__(self, monitor: Monitor, n: int, linearise: str):
         self._monitor, self._n, self._linearise = monitor, n, linearise
-        self._learnt: dict[Key, EngineReference] = {}
+        self._learnt: dict[Key, LearnedReference] = {}
         self._held: dict[Key, list[Recording]] = {}
         self._count: dict[Key, int] = {}
         self._continued: set[Key] = set()
 
-    def reference(self, window: WindowStatistics) -> EngineReference | None:
+    def reference(self, window: WindowStatistics) -> LearnedReference | None:
         return self._learnt.get((window.source, window.flight, window.engine))
 
     def withhold(self, recordings: Iterable[Recording]) -> Iterator[Recording]:
@@ -590,7 +590,7 @@ class WindowReader:
             raise DataError(f"{file.name}: a recording needs --nominal; only what residual has written does without")
         recordings: Iterable[Recording] = file.masked()
         if ELAPSED in monitor.engine.optional_inputs:
-            recordings = FlightHours().add_to(recordings)
+            recordings = FlightHours().add_hours(recordings)
         if self.economy is not None:
             monitor, recordings = self.economy.choose(recordings)
         else:

@@ -153,7 +153,7 @@ def read_flat(
 ) -> Iterator[tuple[WindowStatistics, dict[str, Parameter]]]:
     """Windows and what their parameters are, by name, from rows of texts. DataError names file, line, column."""
     for row, line in zip(rows, lines, strict=True):
-        cell = _RowReader(row, f"{source}:{line}")
+        cell = _StatisticsRow(row, f"{source}:{line}")
         names = tuple(c.removeprefix("s:") for c in row if c.startswith("s:"))
         statistics = None
         meaning: dict[str, Parameter] = {}
@@ -277,7 +277,7 @@ def _column_name(what: str, parameters: Sequence[str], i: int) -> str:
     return f"{what}:{parameters[a]}|{parameters[b]}"
 
 
-class _RowReader:
+class _StatisticsRow:
     """Numbers of one row, with a place to name when one is wrong."""
 
     def __init__(self, row: Mapping[str, str], place: str):

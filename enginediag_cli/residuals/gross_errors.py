@@ -63,7 +63,7 @@ SETTLED = 0.01
 """Change of the fit, in standard deviations of a reading, below which a further step changes no decision."""
 PASSES = 5
 """Times that rejected readings are judged anew with the neighbours that remain: a run is peeled from both ends."""
-REMEMBERS = 0.05
+CORRELATED = 0.05
 """Correlation above which a wrong neighbour moves a prediction, so that only the worst of several goes at a time."""
 INPUT_CHANCE = 1e-3
 """Chance that a record's residuals are so large for no reason, beyond which an input is suspected."""
@@ -250,11 +250,11 @@ def _predict_from_neighbours(
     right = np.minimum.accumulate(np.where(good, at, n)[::-1])[::-1]
     right = np.concatenate([right[1:], [n]])
 
-    def seen(there: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def weigh(there: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         place = np.where(known, there, 0)
         return np.where(known, rho ** np.abs(clock - clock[place]), 0.0), np.where(known, x[place], 0.0)
 
-    (a, x_left), (b, x_right) = seen(left, left >= 0), seen(right, right < n)
+    (a, x_left), (b, x_right) = weigh(left, left >= 0), weigh(right, right < n)
     rest = 1 - (a * b) ** 2
     expected = (a * (1 - b**2) * x_left + b * (1 - a**2) * x_right) / rest
     return expected, np.sqrt((1 - a**2) * (1 - b**2) / rest)
@@ -269,7 +269,7 @@ def _judge_sensor(x: np.ndarray, a: np.ndarray, clock: np.ndarray, rho: float) -
         u, local = (x - expected) / v, a / v
         depart = np.where(u * local > 0, np.sign(u) * np.minimum(np.abs(u), np.abs(local)), 0.0)
         flagged = np.abs(depart) > GROSS
-        if abs(rho) > REMEMBERS:  # a good reading beside a bad one departs, too, from what that predicts
+        if abs(rho) > CORRELATED:  # a good reading beside a bad one departs, too, from what that predicts
             size = np.where(gross, 0.0, np.abs(u))
             highest = np.maximum(np.r_[0.0, size[:-1]], np.r_[size[1:], 0.0])
             flagged = flagged & (gross | (size >= highest))

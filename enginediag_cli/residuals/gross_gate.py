@@ -130,7 +130,7 @@ class GrossErrorGate:
         wrong = {fault.instrument for fault in window.instruments}
         silent = [name for name, p in self.monitor.meaning.items() if p.of_instrument and p.component in wrong]
         window = replace(window, silent=tuple(dict.fromkeys((*window.silent, *silent))))
-        blind = [fault.column for fault in stuck if fault.of_input]
+        blind = [fault.column for fault in stuck if fault.is_input]
         if window.statistics is None and blind:
             window = replace(window, reason=f"{', '.join(dict.fromkeys(blind))} is stuck: the model has no input")
         judged = window.records - window.outside - window.incomplete - window.failed

@@ -178,7 +178,7 @@ class InstrumentFault:
 
     column: str
     form: str
-    of_input: bool
+    is_input: bool
     size: float
     probability: float = 1.0
     times: float = float("nan")
@@ -196,7 +196,7 @@ class InstrumentFault:
     @property
     def instrument(self) -> str:
         """The instrument as parameters call their component: "sensor.T45", "input.Wf"."""
-        return f"{'input' if self.of_input else 'sensor'}.{self.quantity}"
+        return f"{'input' if self.is_input else 'sensor'}.{self.quantity}"
 
     @property
     def name(self) -> str:
@@ -243,7 +243,7 @@ class FaultInFlights:
 
     fault: InstrumentFault
     flights: int
-    of: int
+    flights_in_all: int
     first: int
     last: int
     first_flight: str = ""

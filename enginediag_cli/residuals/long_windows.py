@@ -34,10 +34,10 @@ from enginediag_cli.residuals.reduced import ReducedMonitor
 from enginediag_cli.residuals.relinearise import (
     MAX_LOST_SHARE,
     GaussNewton,
+    LinearisedSums,
     PointSums,
     Stop,
     TrialSums,
-    WindowSums,
     relinearise,
 )
 from enginediag_cli.residuals.statistics import LocalStatistics, StatisticsBlock, block_statistics, whitened
@@ -291,8 +291,8 @@ class _Pass:
     def failed(self) -> int:
         return self.records - self.used
 
-    def sums(self, theta: np.ndarray) -> WindowSums:
-        return WindowSums(theta[None].copy(), np.array([self.zz]), self.s[None].copy(), self.F[None].copy())
+    def sums(self, theta: np.ndarray) -> LinearisedSums:
+        return LinearisedSums(theta[None].copy(), np.array([self.zz]), self.s[None].copy(), self.F[None].copy())
 
 
 Mean = tuple[tuple[float, np.ndarray], ...]
@@ -319,25 +319,25 @@ class _Passes:
     def used(self) -> np.ndarray:
         return np.array([self.here.used])
 
-    def begin(self) -> tuple[WindowSums, WindowSums]:
+    def begin(self) -> tuple[LinearisedSums, LinearisedSums]:
         theta0 = self._monitor.theta0
-        self.here = self._pass_from(self.start)
+        self.here = self._start_pass(self.start)
         if len(self.here.lost_records) > MAX_LOST_SHARE * self.here.used:
             self.start = theta0
-            self.here = self._pass_from(theta0)
+            self.here = self._start_pass(theta0)
         self._dropped[self.here.lost_records] = True
         sums = self.here.sums(self.start)
         if self.here.nominal is None:
             return sums, self.here.sums(theta0)
         zz, s = self.here.nominal
-        return sums, WindowSums(theta0[None], np.array([zz]), s[None], sums.F)
+        return sums, LinearisedSums(theta0[None], np.array([zz]), s[None], sums.F)
 
-    def _pass_from(self, theta: np.ndarray) -> _Pass:
+    def _start_pass(self, theta: np.ndarray) -> _Pass:
         self._theta = theta
         self._mean: Mean = ((1.0, theta),)
         return self._pass(theta, self._mean, with_nominal=theta is not self._monitor.theta0)
 
-    def trial(self, chosen: np.ndarray, target: np.ndarray, here: WindowSums) -> TrialSums:
+    def trial(self, chosen: np.ndarray, target: np.ndarray, here: LinearisedSums) -> TrialSums:
         self._trial_theta = target[0].copy()
         self._trial = self._pass(self._trial_theta, ((1.0, self._trial_theta),))
         lost = self._trial.lost_records
@@ -354,7 +354,7 @@ class _Passes:
         if accepted[0]:
             self._theta, self._mean, self.here = self._trial_theta, ((1.0, self._trial_theta),), self._trial
 
-    def bend(self, refused: np.ndarray) -> WindowSums:
+    def bend(self, refused: np.ndarray) -> LinearisedSums:
         self._mean = (*((w / 2, theta) for w, theta in self._mean), (0.5, self._trial_theta))
         self.here = self._pass(self._theta, self._mean)
         return self.here.sums(self._theta)
@@ -381,7 +381,7 @@ class _Passes:
         block: StatisticsBlock | None = None
         zz0, s0, used, lost = 0.0, np.zeros(p), 0, [np.zeros(0, int)]
         for number, lags, nominal in self._nominal_stretches():
-            e, J, fine = self._residuals_at(nominal, theta, mean)
+            e, J, fine = self._evaluate_residuals(nominal, theta, mean)
             kept = nominal.ok & fine & ~self._dropped[number]
             lost.append(number[nominal.ok & ~fine & ~self._dropped[number]])
             used += int(kept.sum())
@@ -427,7 +427,7 @@ class _Passes:
                 self.nominal_predictions.append(nominal.predicted)
             yield number, taken.lags, nominal
 
-    def _residuals_at(
+    def _evaluate_residuals(
         self, nominal: NominalResiduals, theta: np.ndarray, mean: Mean
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Residuals (N, m) at theta, sensitivities (N, m, p) and which records can be computed (N,)."""
@@ -509,7 +509,7 @@ HELD = 10 * MOST
 """Records held at most: windows wait for each other until they hold some thousands."""
 
 
-class RecordHistory:
+class RecentRecords:
     """Chunks of recordings as they pass; `short_windows`: chunks before a window asked for are let go, so that
     memory holds little more than a window. It never holds more than HELD records."""
 

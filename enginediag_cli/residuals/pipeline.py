@@ -308,7 +308,7 @@ def _scattering_in_long(monitor: Monitor, records: WindowRecords) -> tuple[Instr
 
 def _inflate_noise(monitor: Monitor, instruments: Sequence[InstrumentFault]) -> NoiseModel:
     """The noise of a monitor with what its sensors scatter beyond it; that of an input has no place in it."""
-    added = {fault.column: fault.size for fault in instruments if not fault.of_input}
+    added = {fault.column: fault.size for fault in instruments if not fault.is_input}
     return replace(monitor.noise, sigma=np.hypot(monitor.noise.sigma, [added.get(c, 0.0) for c in monitor.sensors]))
 
 
@@ -384,7 +384,7 @@ def find_scattering_instruments(
         unit = np.broadcast_to(np.eye(len(sensors)), (len(e), len(sensors), len(sensors)))
         return np.concatenate([unit, np.asarray(found.jacobian)], axis=2)
 
-    def of_nominal() -> np.ndarray:
+    def nominal_variance() -> np.ndarray:
         J, known = nominal.J, monitor
         if monitor.uncertain_monitor is not None:
             known = monitor.uncertain_monitor
@@ -392,7 +392,7 @@ def find_scattering_instruments(
         J = np.diff(J, axis=0)
         return np.asarray(np.sum((J @ known.uncertainty) * J, axis=2))
 
-    found = find_scatter(e, nominal.predicted, noise, lags, effects, of_nominal)
+    found = find_scatter(e, nominal.predicted, noise, lags, effects, nominal_variance)
     if not found:
         return (), None
     names = (*sensors, *columns)

@@ -157,7 +157,7 @@ def reduce_monitor(monitor: Monitor, bent: Curvature | None = None) -> Monitor:
     root = uncertainty_root(inner)
     effects = [J[ok] @ root, *largest_map_effects(inner, getattr(found, "frozen", {}), ok, root)]
     root = root @ leading_directions(effects, noise_weight(inner))
-    bent = bent or _curvature_at(inner, inputs, ok, found)
+    bent = bent or _predicted_curvature(inner, inputs, ok, found)
     fields = normal_fields(inner, root.shape[1])
     found = ReducedMonitor(**fields, curvature=bent, whole=inner, root=root)
     return found.add_nuisance(monitor.names[k:], monitor.prior_sigma[k:], monitor.uncertainty[k:, k:], monitor.offsets)
@@ -171,10 +171,12 @@ def envelope_curvature(monitor: Monitor) -> Curvature | None:
         return None
     inputs = sample_envelope(monitor.envelope, POINTS)
     _, _, ok, found = monitor.predict(inputs, monitor.theta0)
-    return _curvature_at(monitor, inputs, ok, found) if ok.any() else None
+    return _predicted_curvature(monitor, inputs, ok, found) if ok.any() else None
 
 
-def _curvature_at(monitor: Monitor, inputs: Mapping[str, np.ndarray], ok: np.ndarray, found: Any) -> Curvature | None:
+def _predicted_curvature(
+    monitor: Monitor, inputs: Mapping[str, np.ndarray], ok: np.ndarray, found: Any
+) -> Curvature | None:
     """Curvature at those `inputs` (n,) of which the engine `found` a prediction, ok (n,)."""
     x = getattr(found, "x", None)
     good = {c: values[ok] for c, values in {**inputs, **getattr(found, "frozen", {})}.items()}

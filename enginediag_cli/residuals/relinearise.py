@@ -85,7 +85,7 @@ class Relinearised:
 
 
 @dataclass
-class WindowSums:
+class LinearisedSums:
     """Of w windows at theta (w, p): z·z (w,), s = Gᵀz (w, p) and F = GᵀG (w, p, p) of whitened residuals and
     sensitivities."""
 
@@ -94,7 +94,7 @@ class WindowSums:
     s: np.ndarray
     F: np.ndarray
 
-    def take(self, other: WindowSums, into: np.ndarray, some: np.ndarray) -> None:
+    def take(self, other: LinearisedSums, into: np.ndarray, some: np.ndarray) -> None:
         """Take over `some` (v,) of the windows of another, which are those `into` (v,) of these."""
         for name in ("theta", "zz", "s", "F"):
             getattr(self, name)[into[some]] = getattr(other, name)[some]
@@ -134,9 +134,9 @@ class TrialSums:
     """Sums at a trial point of some windows (w,): `lost`, which of them lose too many records there; `again`: sums
     where these windows stand now, if some lost records for good, and `fewer`, which did."""
 
-    sums: WindowSums
+    sums: LinearisedSums
     lost_too_many: np.ndarray
-    current: WindowSums | None = None
+    current: LinearisedSums | None = None
     lost_some: np.ndarray | None = None
 
 
@@ -147,16 +147,16 @@ class RecordSums(Protocol):
     def used(self) -> np.ndarray:
         """Records of each window (W,) that the model can compute."""
 
-    def begin(self) -> tuple[WindowSums, WindowSums]:
+    def begin(self) -> tuple[LinearisedSums, LinearisedSums]:
         """Where the windows begin, and at nominal."""
 
-    def trial(self, chosen: np.ndarray, target: np.ndarray, here: WindowSums) -> TrialSums:
+    def trial(self, chosen: np.ndarray, target: np.ndarray, here: LinearisedSums) -> TrialSums:
         """At target (w, p), of the windows `chosen` (w,), which stand where `here` says."""
 
     def move(self, accepted: np.ndarray) -> None:
         """The chosen windows that are accepted (w,) stand at the trial point from now on."""
 
-    def bend(self, refused: np.ndarray) -> WindowSums:
+    def bend(self, refused: np.ndarray) -> LinearisedSums:
         """The chosen windows that are refused (w,) have the mean of the sensitivities where they stand and at the trial
         point from now on: their sums where they stand."""
 
@@ -328,7 +328,7 @@ class GaussNewton:
         gradient = g[:, :q] - np.einsum("wij,wj->wi", H[:, :q, q:], inner[:, :, 0])
         return gradient, H[:, :q, :q] - H[:, :q, q:] @ inner[:, :, 1:]
 
-    def _cost(self, sums: WindowSums) -> np.ndarray:
+    def _cost(self, sums: LinearisedSums) -> np.ndarray:
         """Σ z² + δᵀPδ of every window (w,), δ = θ − θ0, least over the linear nuisance parameters q, q+1, …
 
         With g = s − Pδ:  least cost = cost − g_bᵀ (F_bb + P_bb)⁻¹ g_b.
@@ -375,9 +375,9 @@ class _RecordsInMemory:
     def used(self) -> np.ndarray:
         return np.bincount(self.window, self.ok, minlength=self.W)
 
-    def begin(self) -> tuple[WindowSums, WindowSums]:
+    def begin(self) -> tuple[LinearisedSums, LinearisedSums]:
         z, self.G0, self.present = whitened(self.e, self.J0, self.noise)
-        nominal = WindowSums(self._start, *_sums(z, self.G0, self.window, self.W))
+        nominal = LinearisedSums(self._start, *_sums(z, self.G0, self.window, self.W))
         return replace(nominal, **{n: getattr(nominal, n).copy() for n in ("zz", "s", "F")}), nominal
 
     def carry_to_nominal(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -386,7 +386,7 @@ class _RecordsInMemory:
         back = np.einsum("kjp,kp->kj", self.J[:, :, :q], (theta - self.theta0)[self.window, :q])
         return self.e + back, self.J
 
-    def trial(self, chosen: np.ndarray, target: np.ndarray, here: WindowSums) -> TrialSums:
+    def trial(self, chosen: np.ndarray, target: np.ndarray, here: LinearisedSums) -> TrialSums:
         active = np.zeros(self.W, bool)
         active[chosen] = True
         rows = self.rows = np.flatnonzero(active[self.window])
@@ -399,7 +399,7 @@ class _RecordsInMemory:
         unmoved = again.F if again is not None else here.F[chosen]
         return TrialSums(self._trial_sums(target, unmoved), lost, again, fewer)
 
-    def _trial_sums(self, target: np.ndarray, unmoved: np.ndarray) -> WindowSums:
+    def _trial_sums(self, target: np.ndarray, unmoved: np.ndarray) -> LinearisedSums:
         """Sums at target (w, p); unmoved (w, p, p): F where the windows stand, whose part that does not move stays as
         long as the same measurements count."""
         q, rows, slot, w = self.q, self.rows, self.slot, len(target)
@@ -416,11 +416,11 @@ class _RecordsInMemory:
             s[i, :q], s[i, q:] = moved.T @ residual, (residual @ whole)[q:]
             F[i, :q, q:] = (moved.T @ whole)[:, q:]
             F[i, q:, :q], F[i, :q, :q] = F[i, :q, q:].T, moved.T @ moved
-        return WindowSums(target, zz, s, F)
+        return LinearisedSums(target, zz, s, F)
 
     def _drop_failing(
         self, fine: np.ndarray, theta: np.ndarray
-    ) -> tuple[WindowSums | None, np.ndarray, np.ndarray | None]:
+    ) -> tuple[LinearisedSums | None, np.ndarray, np.ndarray | None]:
         """Leave failing records out of windows that lose few, for good: the sums of the chosen windows then, which lose
         too many (w,), and which lose any (w,)."""
         rows, slot = self.rows, self.slot
@@ -438,7 +438,7 @@ class _RecordsInMemory:
         moved = accepted[self.slot]
         self._take(self.trial_e[moved], self.trial_J[moved], self.rows[moved])
 
-    def bend(self, refused: np.ndarray) -> WindowSums:
+    def bend(self, refused: np.ndarray) -> LinearisedSums:
         bent, q = refused[self.slot], self.q
         J = self.J[self.rows]
         mean = 0.5 * (J[:, :, :q] + self.trial_J)
@@ -453,9 +453,9 @@ class _RecordsInMemory:
         self.J[rows, :, : J.shape[2]] = J
 
 
-def _summed(theta: np.ndarray, e: np.ndarray, J: np.ndarray, slot: np.ndarray, noise: NoiseModel) -> WindowSums:
+def _summed(theta: np.ndarray, e: np.ndarray, J: np.ndarray, slot: np.ndarray, noise: NoiseModel) -> LinearisedSums:
     """Sums at theta (w, p) over the records (n,) of each window `slot` (n,)."""
-    return WindowSums(theta, *_sums(*whiten(e, J, noise), slot, len(theta)))
+    return LinearisedSums(theta, *_sums(*whiten(e, J, noise), slot, len(theta)))
 
 
 def _sums(z: np.ndarray, G: np.ndarray, slot: np.ndarray, w: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -109,7 +109,7 @@ class FlightHours:
 
     _first: dict[Key, float] = field(default_factory=dict)
 
-    def add_to(self, recordings: Iterable[Recording]) -> Iterator[Recording]:
+    def add_hours(self, recordings: Iterable[Recording]) -> Iterator[Recording]:
         """Chunks of files in turn with the column `ELAPSED`."""
         for chunk in recordings:
             hours = np.zeros(len(chunk))
@@ -262,7 +262,7 @@ class JudgedInputs:
     incomplete: np.ndarray
     outside: np.ndarray
     uncovered: np.ndarray
-    uncovered_by: np.ndarray
+    uncovered_column: np.ndarray
     columns: tuple[str, ...]
 
     @property
@@ -274,7 +274,9 @@ class JudgedInputs:
         """Some of the records."""
         inputs = {c: v[rows] for c, v in self.inputs.items()}
         y, incomplete, outside = self.y[rows], self.incomplete[rows], self.outside[rows]
-        return JudgedInputs(inputs, y, incomplete, outside, self.uncovered[rows], self.uncovered_by[rows], self.columns)
+        return JudgedInputs(
+            inputs, y, incomplete, outside, self.uncovered[rows], self.uncovered_column[rows], self.columns
+        )
 
     def count_extrapolation(self, rows: slice | np.ndarray) -> Counter[Extrapolation]:
         """Of some records: how many lie where."""
@@ -283,7 +285,7 @@ class JudgedInputs:
             return found
         for judged in (True, False):
             here = self.uncovered[rows] & (self.outside[rows] != judged)
-            for j, n in zip(*np.unique(self.uncovered_by[rows][here], return_counts=True), strict=True):
+            for j, n in zip(*np.unique(self.uncovered_column[rows][here], return_counts=True), strict=True):
                 found[Extrapolation(self.columns[j] if j >= 0 else "", judged)] += int(n)
         return found
 

@@ -48,7 +48,7 @@ from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import candidate_effects
 from enginediag_cli.recordings.source import file_sha256
 from enginediag_cli.residuals.files import WindowReader
-from enginediag_cli.residuals.long_windows import RecordHistory
+from enginediag_cli.residuals.long_windows import RecentRecords
 from enginediag_cli.residuals.monitor import build_monitor
 from enginediag_cli.units import split_column
 from enginediag_cli.validation.formula_marks import formula_entries, formula_json
@@ -221,7 +221,7 @@ def _windows(nominal: Path, judged: str) -> Sequence[IsolatedWindow]:
     files = WindowReader(
         RecordingLoader(RecordingSource((judged,)), required_columns(monitor.engine, monitor.sensors)), monitor
     )
-    kept = RecordHistory(monitor, short_windows=False)
+    kept = RecentRecords(monitor, short_windows=False)
     return list(WindowIsolation(files, DiagnosisOptions(), FALSE_ALARM, kept_records=kept).windows())
 
 

@@ -68,7 +68,7 @@ def test_hours_run_from_the_first_record_of_each_flight_whatever_the_chunks():
     whole = Recording({"time_s": time}, text={"flight": flight}, source="f")
     hours = FlightHours()
     parts = [whole.select(slice(0, 2)), whole.select(slice(2, 5)), whole.select(slice(5, 6))]
-    found = np.concatenate([part[ELAPSED] for part in hours.add_to(parts)])
+    found = np.concatenate([part[ELAPSED] for part in hours.add_hours(parts)])
     np.testing.assert_allclose(found, [0, 0, 1, 0, 0.5, 1])
-    (untimed,) = FlightHours().add_to([Recording({"T": time})])
+    (untimed,) = FlightHours().add_hours([Recording({"T": time})])
     assert not np.any(untimed[ELAPSED])

@@ -53,7 +53,7 @@ def test_a_parameter_beyond_its_bound_stops_there_and_is_reported():
     assert fit.converged, fit.reason
     assert fit.at_bound.tolist() == [n == "hpc.efficiency" for n in names]
     p = problem_of(engine, [fly(engine, np.random.default_rng(0))])
-    assert p.physical(fit.x)["hpc.efficiency"] == 0.99
+    assert p.to_physical(fit.x)["hpc.efficiency"] == 0.99
 
 
 def test_the_other_parameters_are_optimal_given_one_at_its_bound():
@@ -92,7 +92,7 @@ def test_a_step_that_loses_records_is_not_taken_for_a_better_fit():
     assert fit.iterations[-1].boldness < CREEPING and len(fit.iterations) < 30 and "in a row" in fit.reason
     assert "lost" in fit.reason
     assert not fit.failed.any()
-    assert problem.physical(fit.x)["hpc.efficiency"] >= 0.97
+    assert problem.to_physical(fit.x)["hpc.efficiency"] >= 0.97
 
 
 def test_too_few_iterations_are_reported_as_no_convergence():

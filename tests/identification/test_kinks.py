@@ -14,7 +14,7 @@ def test_gradients_on_both_sides_of_a_kink_balance():
     kinks.add(BundlePiece(np.array([-0.001]), np.array([-1.0]), 0.001))
     S = np.array([[1e-6]])
     pieces = kinks.pieces_near(BundlePiece(np.array([0.001]), np.array([1.0]), 0.001), S, np.array([True]))
-    gradient, fall2 = pieces.combined()
+    gradient, fall2 = pieces.combine_gradients()
     assert gradient == pytest.approx([0.0], abs=2e-3)
     assert fall2 / 2 == pytest.approx(0.001, rel=0.01)  # what can still be had, where one gradient promises 500,000
 
@@ -22,7 +22,7 @@ def test_gradients_on_both_sides_of_a_kink_balance():
 def test_alone_a_gradient_is_newtons_step():
     S, g = np.diag([4.0, 1.0]), np.array([2.0, -3.0])
     pieces = GradientBundle().pieces_near(BundlePiece(np.zeros(2), g, 7.0), S, np.ones(2, bool))
-    gradient, fall2 = pieces.combined()
+    gradient, fall2 = pieces.combine_gradients()
     assert gradient == pytest.approx(g)
     assert fall2 == pytest.approx(g @ np.linalg.solve(S, g))
     assert pieces.fall(-np.linalg.solve(S, g)) == pytest.approx(fall2 / 2)

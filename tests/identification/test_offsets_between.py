@@ -21,7 +21,7 @@ from enginediag_cli.identification.instruments import (
     add_offsets,
     likeliest_offsets,
     log_likelihood,
-    size_spreads,
+    size_uncertainties,
 )
 from enginediag_cli.identification.noise import NEIGHBOURS
 from enginediag_cli.identification.normal_equations import blocks, normal_equations
@@ -106,7 +106,7 @@ def test_spread_is_that_of_the_posterior_of_one_size_seen_directly():
     posterior -= 0.5 * (grid + np.log(t[0])) ** 2 / (COMMON**2 + OWN**2)
     w = np.exp(posterior - posterior.max())
     exact = np.sqrt(np.sum(w * grid**2) / w.sum() - (np.sum(w * grid) / w.sum()) ** 2)
-    assert size_spreads(scaled, np.array([True]))[0] == pytest.approx(exact, rel=0.15)
+    assert size_uncertainties(scaled, np.array([True]))[0] == pytest.approx(exact, rel=0.15)
 
 
 def test_an_offset_of_an_input_may_be_stated_and_is_what_a_judged_recording_may_differ_by():

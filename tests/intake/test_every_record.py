@@ -57,7 +57,7 @@ def test_only_files_that_are_asked_for_are_read_again(intake):
 
 def test_without_a_gate_or_from_a_pipe_there_is_nothing_more_to_read(intake, tmp_path):
     plain = intake("")
-    assert plain.without_gate() is None
+    assert plain.make_ungated() is None
     assert load_ungated_flights(plain, plain.source.files) == []
-    assert RecordingLoader(RecordingSource(("-",), str(tmp_path / "recorder.yaml")), WANTED).without_gate() is None
-    assert RecordingLoader(RecordingSource(("flight.csv",)), WANTED).without_gate() is None
+    assert RecordingLoader(RecordingSource(("-",), str(tmp_path / "recorder.yaml")), WANTED).make_ungated() is None
+    assert RecordingLoader(RecordingSource(("flight.csv",)), WANTED).make_ungated() is None

@@ -33,7 +33,7 @@ from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv
 from enginediag_cli.report.tables.isolation import flip_cells, flips_sentence
 from enginediag_cli.residuals.files import WindowReader
-from enginediag_cli.residuals.long_windows import RecordHistory
+from enginediag_cli.residuals.long_windows import RecentRecords
 from enginediag_cli.residuals.monitor import build_monitor
 
 ENGINE = Path(__file__).parents[2] / "configs" / "turbofan.yaml"
@@ -147,7 +147,7 @@ def answer(monitor, path: Path, wrong: dict[tuple[str, str], float], health: dic
     for (column, form), size in wrong.items():
         table[column] = table[column] * (1 + size) if form == "scale" else table[column] + size
     write_csv(path, [Recording(table)])
-    kept = RecordHistory(monitor, short_windows=False)
+    kept = RecentRecords(monitor, short_windows=False)
     files = WindowReader(
         RecordingLoader(RecordingSource((str(path),)), required_columns(monitor.engine, monitor.sensors)), monitor
     )

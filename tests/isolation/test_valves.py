@@ -19,7 +19,7 @@ from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv
 from enginediag_cli.residuals.files import WindowReader
-from enginediag_cli.residuals.long_windows import RecordHistory
+from enginediag_cli.residuals.long_windows import RecentRecords
 from enginediag_cli.residuals.monitor import build_monitor
 
 ENGINE = Path(__file__).parents[2] / "configs" / "turbofan.yaml"
@@ -47,7 +47,7 @@ def test_a_valve_that_passes_two_per_cent_is_no_compressor(monitor, valve: str, 
         files = WindowReader(
             RecordingLoader(RecordingSource((str(path),)), required_columns(monitor.engine, monitor.sensors)), monitor
         )
-        kept = RecordHistory(monitor, short_windows=False)
+        kept = RecentRecords(monitor, short_windows=False)
         (found,) = WindowIsolation(files, DiagnosisOptions(), 0.01, kept_records=kept).windows()
         result = found.diagnosis.result
         assert result.isolated == (valve,) or (result.ambiguity and (valve,) in result.ambiguity.members)

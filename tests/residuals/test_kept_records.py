@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from toy_engine import toy_monitor, toy_recording
 
-from enginediag_cli.residuals.long_windows import RecordHistory
+from enginediag_cli.residuals.long_windows import RecentRecords
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.windows import plan_windows
 
@@ -19,7 +19,7 @@ def chunks_of(recording, size):
 def test_every_window_finds_its_own_records_whatever_the_chunks(length):
     monitor = toy_monitor()
     recording = toy_recording(np.random.default_rng(1), 60, flights=3)
-    kept = RecordHistory(monitor, short_windows=length is not None)
+    kept = RecentRecords(monitor, short_windows=length is not None)
     first = 0
     for window in window_statistics(monitor, kept.record(chunks_of(recording, 25)), plan_windows(length)):
         inputs, y = kept.recall(window)
@@ -35,7 +35,7 @@ def test_records_of_an_earlier_file_are_let_go_and_those_that_cannot_be_judged_l
     rng = np.random.default_rng(2)
     one, two = toy_recording(rng, 20, source="a.csv"), toy_recording(rng, 20, source="b.csv")
     two.columns["mach"][3] = np.nan
-    kept = RecordHistory(monitor, short_windows=False)
+    kept = RecentRecords(monitor, short_windows=False)
     windows = list(window_statistics(monitor, kept.record([one, two]), plan_windows(None)))
     assert len(kept.recall(windows[0])[1]) == 20
     assert len(kept.recall(windows[1])[1]) == 19

@@ -75,7 +75,7 @@ def test_taking_the_reference_out_is_the_same_as_subtracting_its_prediction_from
         )
 
     reference = replace(learn_reference(of(z), np.eye(3)), shift=shift)
-    moved, direct = reference.subtract_from(of(z)), of(z - G @ shift)
+    moved, direct = reference.subtract_shift(of(z)), of(z - G @ shift)
     np.testing.assert_allclose(moved.s, direct.s)
     assert moved.chi2 == pytest.approx(direct.chi2)
 

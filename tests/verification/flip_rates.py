@@ -38,7 +38,7 @@ from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv
 from enginediag_cli.residuals.files import WindowReader, WindowSettings
-from enginediag_cli.residuals.long_windows import RecordHistory
+from enginediag_cli.residuals.long_windows import RecentRecords
 from enginediag_cli.residuals.monitor import Monitor, build_monitor
 from enginediag_cli.residuals.windows import WindowPlan
 from enginediag_cli.shipped import shipped
@@ -137,7 +137,7 @@ def answers(monitor: Monitor, path: Path, tables: list[dict], *, flips: bool = F
         monitor,
         WindowSettings(plan),
     )
-    kept = RecordHistory(monitor, short_windows=False)
+    kept = RecentRecords(monitor, short_windows=False)
     return list(
         WindowIsolation(
             files, DiagnosisOptions(), 0.01, kept_records=kept, wants_sensitivity=lambda number, named: flips

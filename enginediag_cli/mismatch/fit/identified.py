@@ -124,7 +124,7 @@ class IdentifiedHypothesis:
     @property
     def theta(self) -> dict[str, float]:
         """Parameters of the engine and coefficients at the fit."""
-        return self.problem.physical(self.fit.x)
+        return self.problem.to_physical(self.fit.x)
 
     @property
     def number(self) -> np.ndarray:

@@ -118,7 +118,7 @@ def load_case(
     if case.nominal:
         baseline = open_baseline(case.nominal, case.engine, accept_changed_engine=case.accept_changed_engine)
     engine = baseline.engine if baseline else load_engine(case.engine)
-    gated = case.source.recorder is not None and RecordingLoader(case.source, None).without_gate() is not None
+    gated = case.source.recorder is not None and RecordingLoader(case.source, None).make_ungated() is not None
     # what moves is looked for where it was recorded: a gate has left it out
     past = not gated
     agreement = check_against_nominal(engine, baseline.nominal) if baseline else check_against_engine(engine)

@@ -96,7 +96,7 @@ def _of_one(engine: Engine, flights: Sequence[Flight]) -> Nominal | SelfIdentifi
     usable = fit.decrement < 1.0 and fit.failed.mean() < 0.1
     unseen = p.measured - found.cross_validation.predicted
     sigma, rho = robust_noise(p, unseen if np.isfinite(unseen).any() else fit.equations.residual)
-    theta = {n: v for n, v in p.physical(fit.x).items() if n in engine.parameters}
+    theta = {n: v for n, v in p.to_physical(fit.x).items() if n in engine.parameters}
     return SelfIdentified(theta if usable else {}, sigma, rho)
 
 

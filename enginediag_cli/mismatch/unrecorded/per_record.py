@@ -237,7 +237,7 @@ class _Fit:
 
     def _at(self, x: np.ndarray, a: np.ndarray) -> _Point:
         p = self.problem
-        theta: dict = dict(p.physical(x))
+        theta: dict = dict(p.to_physical(x))
         wrt = p.names
         if self.place is not None:
             theta[self.place.parameter] = self.base + a
@@ -292,7 +292,7 @@ class _Fit:
         error = np.divide(1.0, length, out=np.full(self.N, np.nan), where=length > 0)
         amplitude = np.where((length > 0) & now.ok, now.a, np.nan)
         bound = (now.x <= self.low) | (now.x >= self.high)
-        theta = dict(p.physical(now.x))
+        theta = dict(p.to_physical(now.x))
         if self.place is not None:
             theta[self.place.parameter] = self.base
         return PerRecord(
