@@ -213,7 +213,7 @@ class IsolationResult(Result):
         return Picture(chart_svg(isolation_chart(self._drawn)))
 
 
-def _kept_records(comparison: Comparison, choices: IsolationChoices, monitor: Monitor | None) -> RecentRecords | None:
+def _record_history(comparison: Comparison, choices: IsolationChoices, monitor: Monitor | None) -> RecentRecords | None:
     from enginediag_cli.residuals.long_windows import RecentRecords
 
     judging = comparison.judging
