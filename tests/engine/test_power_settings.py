@@ -57,7 +57,7 @@ def comes_back(name, n, share):
     settings = [s for s in power_settings(engine.declared) if s not in {engine.power_setting, *held, *turning}]
     jet = any(c.TYPE in ("nozzle", "condi_nozzle") for c in engine.network.components)
     assert {"T4_K", "T5_K", *(["EPR"] if jet else [])} <= {*settings, engine.power_setting}
-    columns = list(dict.fromkeys(["P3_Pa", "W2_kg_s", *settings, engine.power_setting]))
+    columns = list(dict.fromkeys(["P3_Pa", "W2_kg_s", *settings, engine.network.power_setting]))
     answers = engine.predict(points, sensors=columns, wrt=[engine.power_setting])
     assert answers.ok.all()
     for setting in settings:
@@ -76,11 +76,13 @@ def comes_back(name, n, share):
 def assert_other_points_lie_beyond_idle(engine, points, y, columns, k):
     """Column k has the same value once more below the idle of these points, where it falls with power: an answer, but
     of another point."""
-    power = engine.power_setting
-    own = engine.power_from_fraction(0.1, points)
-    assert (points[power] < own).all()
-    assert (y[:, columns.index(power)] < points[power]).all()
-    below = engine.predict({**points, power: y[:, columns.index(power)]}, sensors=[columns[k]], wrt=[power])
+    power, demand = engine.power_setting, engine.network.demand
+    reached = y[:, columns.index(engine.network.power_setting)]
+    reached = reached if demand is None else demand.set_point(reached)
+    near_idle = engine.power_from_fraction(0.1, points)
+    assert (points[power] < near_idle).all()
+    assert (reached < points[power]).all()
+    below = engine.predict({**points, power: reached}, sensors=[columns[k]], wrt=[power])
     assert below.y[:, 0] == pytest.approx(y[:, k], rel=1e-6)
     assert (below.jacobian[:, 0, 0] < 0.0).all()
 
