@@ -58,11 +58,11 @@ class Release:
     wander: str = ""
     rest_sigma: float = 0.0
 
-    def released(self, e: Evaluation, network: Network) -> Array:
+    def is_released(self, e: Evaluation, network: Network) -> Array:
         """Records (N,) in which the control does not act."""
         # of an input what is recorded, whatever effects make of it: that is what the control itself goes by
         x = e.leaves[self.column] if self.column in e.leaves else network.read(e, self.column)
-        return self._beyond(x, e.size)
+        return self.is_beyond(x, e.size)
 
     def check(self, e: Evaluation, network: Network) -> None:
         """Raises KeyError for a column that the model does not have, ValueError for a wander without an input."""
@@ -75,21 +75,21 @@ class Release:
                 f"wanders must be recorded, and {self.column} is what the model finds"
             )
 
-    def _beyond(self, x: Value, size: int) -> Array:
+    def is_beyond(self, x: Value, size: int) -> Array:
         plain = np.broadcast_to(np.asarray(value(x)), (size,))
         return plain > self.value if self.side == "at_most" else plain < self.value
 
-    def undecided(self, x: Array) -> Array:
+    def is_undecided(self, x: Array) -> Array:
         """Values of the column (N,) that do not tell whether it acts."""
         return np.asarray(np.abs(x - self.value) < self.margin)
 
     def rest_offset(self, e: Evaluation) -> Value:
         """What the actuator stands off its rest by (N,): nothing where it acts."""
-        return e[self.wander] * np.where(self._beyond(e.leaves[self.column], e.size), 1.0, 0.0)
+        return e[self.wander] * np.where(self.is_beyond(e.leaves[self.column], e.size), 1.0, 0.0)
 
     def apply(self, surplus: Value, e: Evaluation, network: Network) -> Value:
         """The surplus that drives the actuator (N,): to its rest where the control is released."""
-        return select(self.released(e, network), np.full(e.size, self.rest), surplus)
+        return select(self.is_released(e, network), np.full(e.size, self.rest), surplus)
 
 
 PRIOR_SHARE = 0.05
@@ -115,7 +115,7 @@ class Schedule:
     unit: str
 
     @staticmethod
-    def declared(of: tuple[str, ...], values: Mapping[str, Any], unit: str, inputs: Mapping[str, Any]) -> Schedule:
+    def from_mapping(of: tuple[str, ...], values: Mapping[str, Any], unit: str, inputs: Mapping[str, Any]) -> Schedule:
         """From the file; `of`: the control, and what of it follows the schedule; `inputs`: of the engine without
         controls. ValueError says what is wrong."""
         points, table, law = (tuple(float(v) for v in values[k]) for k in ("points", "values", "polynomial"))
@@ -170,7 +170,7 @@ class Schedule:
                 total = total * x + c
             return total
         plain = np.asarray(value(x), dtype=float)
-        hats, slopes = self._hats(plain)
+        hats, slopes = self._linear_weights(plain)
         total = 0.0
         for hat, c in zip(hats, v, strict=True):
             total = total + hat * c
@@ -187,7 +187,7 @@ class Schedule:
                 return float(xs[k] + (wanted - ys[k]) / (ys[k + 1] - ys[k]) * (xs[k + 1] - xs[k]))
         return float(xs[np.argmin(np.abs(ys - wanted))])
 
-    def _hats(self, x: Array) -> tuple[Array, Array]:
+    def _linear_weights(self, x: Array) -> tuple[Array, Array]:
         """Weight of each value and its slope along x, (points, N) each."""
         grid = np.asarray(self.points)
         cell = np.clip(np.searchsorted(grid, x, side="right") - 1, 0, len(grid) - 2)
@@ -231,7 +231,7 @@ class Aim:
         return f"{self.owner}.{self.quantity}"
 
     @property
-    def caps(self) -> bool:
+    def is_upper_limit(self) -> bool:
         """Whether it keeps the actuator from going further up, rather than further down."""
         return (self.side == "at_most") == (self.sign > 0.0)
 
@@ -278,19 +278,19 @@ class Aim:
             found = found + network.rate(e, self.column) * self.lead_s
         return self.sign * (found / self.target(e, network) - 1.0)
 
-    def sized(self, e: Evaluation, network: Network, slope: float) -> None:
+    def set_scale(self, e: Evaluation, network: Network, slope: float) -> None:
         """At the design point `e`, where the column changes by `slope` with the actuator."""
         self.sign = 1.0 if slope >= 0.0 else -1.0
         if self.value is None and self.schedule is None:
             self.value = scalar(network.read(e, self.column))
 
 
-def selected(first: Aim, limits: tuple[Aim, ...], e: Evaluation, network: Network) -> Value:
+def select_surplus(first: Aim, limits: tuple[Aim, ...], e: Evaluation, network: Network) -> Value:
     """The surplus that acts (N,): each limit caps or lifts what stands before it, F = max(F, F_i) or min(F, F_i)."""
     F = first.surplus(e, network)
     for limit in limits:
         one = limit.surplus(e, network)
-        F = maximum(F, one) if limit.caps else minimum(F, one)
+        F = maximum(F, one) if limit.is_upper_limit else minimum(F, one)
     return F
 
 
@@ -444,7 +444,7 @@ class SetPointControl(Control):
 
     def close(self, e: Evaluation, network: Network) -> None:
         u = e[self.stops.unknown]
-        F = selected(self.aim, self.limits, e, network)
+        F = select_surplus(self.aim, self.limits, e, network)
         if self.release is not None:
             F = self.release.apply(F, e, network)
         e.balances[f"{self.name} position"] = network.paced(self, e, select_middle(u - 1.0, 2.0 - u, F))
@@ -452,7 +452,7 @@ class SetPointControl(Control):
     def acting(self, e: Evaluation, network: Network) -> Mapping[str, Array]:
         found = dict(self.stops.acting(e, AT_LIMIT))
         free = ~np.any(list(found.values()), axis=0)
-        limits = limits_acting(self.limits, e, network)
+        limits = active_limits(self.limits, e, network)
         return found | {name: mask & free for name, mask in limits.items()}
 
 
@@ -462,7 +462,7 @@ def schedule_inputs(aims: tuple[Aim, ...]) -> dict[str, float | None]:
     return {s.column: None for s in schedules if s.is_input}
 
 
-def limits_acting(limits: tuple[Aim, ...], e: Evaluation, network: Network) -> dict[str, Array]:
+def active_limits(limits: tuple[Aim, ...], e: Evaluation, network: Network) -> dict[str, Array]:
     """Which limits are met (N,)."""
     return {limit.name: np.abs(value(limit.surplus(e, network))) < AT_LIMIT for limit in limits}
 
@@ -490,10 +490,10 @@ class Governor(Control):
         return {}
 
     def close(self, e: Evaluation, network: Network) -> None:
-        e.balances[f"{self.name} fuel"] = network.paced(self, e, selected(self.aim, self.limits, e, network))
+        e.balances[f"{self.name} fuel"] = network.paced(self, e, select_surplus(self.aim, self.limits, e, network))
 
     def acting(self, e: Evaluation, network: Network) -> Mapping[str, Array]:
-        return limits_acting(self.limits, e, network)
+        return active_limits(self.limits, e, network)
 
 
 class RecordedPosition(Control):

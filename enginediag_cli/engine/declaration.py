@@ -200,7 +200,7 @@ def _control(
         return RecordedPosition(name, actuator, entry["recorded"])
     stops = Stops(name, actuator, *_ends(entry, actuator))
     if entry["schedule"]:
-        return ScheduledPosition(name, stops, Schedule.declared((name,), entry["schedule"], actuator.unit, inputs))
+        return ScheduledPosition(name, stops, Schedule.from_mapping((name,), entry["schedule"], actuator.unit, inputs))
     return SetPointControl(
         name, stops, _first(entry, "", inputs), tuple(_limits(entry, inputs)), _release(entry, stops)
     )
@@ -225,7 +225,7 @@ def _first(entry: Mapping[str, Any], power_setting: str, inputs: Mapping[str, fl
     if schedule and entry["set_point"] is not None:
         raise ValueError("give set_point or set_point_schedule, not both")
     if schedule:
-        followed = Schedule.declared((name, "set_point"), schedule, unit, inputs)
+        followed = Schedule.from_mapping((name, "set_point"), schedule, unit, inputs)
         return Aim(name, "set_point", column, schedule=followed, lead_s=entry["lead_s"])
     demand = not entry["hold"] and entry["set_point"] is None
     return Aim(name, "set_point", column, value=entry["set_point"], demand=demand, lead_s=entry["lead_s"])
@@ -254,7 +254,7 @@ def _limits(entry: Mapping[str, Any], inputs: Mapping[str, float | None]) -> Ite
             raise ValueError(f"limit {limit['name']} needs either a value or a schedule")
         unit = split_column(limit["column"])[1]
         of = (entry["name"], limit["name"])
-        schedule = Schedule.declared(of, limit["schedule"], unit, inputs) if limit["schedule"] else None
+        schedule = Schedule.from_mapping(of, limit["schedule"], unit, inputs) if limit["schedule"] else None
         kept = limit["column"], limit["side"], limit["value"], schedule
         yield Aim(entry["name"], limit["name"], *kept, lead_s=limit["lead_s"])
 
@@ -308,7 +308,7 @@ def orient(network: Network, leaves: Mapping[str, Any]) -> None:
             size = abs(float(np.ravel(q.v if isinstance(q, Dual) else q)[0])) or 1.0
             if not abs(slope * way) > UNMOVED * size:
                 raise ValueError(f"{control.name}: the {control.actuator.words} does not move {aim.column} at design")
-            aim.sized(e, network, slope)
+            aim.set_scale(e, network, slope)
 
 
 def _way(control: Control) -> float:

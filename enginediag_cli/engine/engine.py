@@ -14,7 +14,7 @@ from enginediag_cli.engine import start as anchors
 from enginediag_cli.engine.dual import Array
 from enginediag_cli.engine.evaluation import Sensor
 from enginediag_cli.engine.network import Network
-from enginediag_cli.engine.recall import KnownLeaf, Recall, Tape, Tapes
+from enginediag_cli.engine.recall import KnownLeaf, MemoryStore, Tape, Tapes
 from enginediag_cli.engine.start import correction, total_ratios
 from enginediag_cli.engine.strategy import (
     INVALID_INPUT,
@@ -25,8 +25,8 @@ from enginediag_cli.engine.strategy import (
     Outputs,
     PointBatch,
     Prediction,
+    RetryOptions,
     Strategy,
-    Tries,
     chain_known_leaves,
 )
 from enginediag_cli.engine.term import Effect
@@ -42,15 +42,17 @@ class Engine:
         self.declared = declared
         self.name: str = declared["name"]
         self.description: str = declared["description"]
-        self._told = dict(network.inputs())  # what the network and the readings of its sensors are told
+        self._network_inputs = dict(network.inputs())  # what the network and the readings of its sensors are told
         # the column that sets the power: where a set point asks for it, its column
         self.power_setting: str = network.demand.column if network.demand is not None else network.power_setting
-        self.sensors = {c: Sensor.declared(c, v) for c, v in declared["sensors"].items() if c != network.power_setting}
+        self.sensors = {
+            c: Sensor.from_mapping(c, v) for c, v in declared["sensors"].items() if c != network.power_setting
+        }
         network.sensors = self.sensors
         for s in self.sensors.values():
             if s.soak:
-                self._told.setdefault(s.soak, 0.0)
-        found = self._told
+                self._network_inputs.setdefault(s.soak, 0.0)
+        found = self._network_inputs
         if network.demand is not None:
             found = {network.demand.column if c == network.power_setting else c: d for c, d in found.items()}
         self.inputs = tuple(c for c, default in found.items() if default is None)
@@ -66,14 +68,14 @@ class Engine:
         self.power_range: tuple[float, float] | None = declared["power_range"] and tuple(declared["power_range"])
         self.unknowns = network.unknowns()
         self._nominal = {p.name: p.nominal for p in parameters}
-        self._moved: Mapping[str, float] = {}
+        self._changed_nominals: Mapping[str, float] = {}
         self._strategy = Strategy(network, self._nominal, self._anchors())
         # what recordings show of the past; speeds are known from it where they are measured
         # and the power where it is set
         shows = (s.column for s in self.sensors.values() if dict(s.reads) == {network.power_setting: 1.0})
         self.tapes = Tapes((*self.inputs, *self.optional_inputs, *network.speed_columns, *shows))
-        self._recall = Recall(self.tapes)
-        self._trials = {n for m in network.memories for n in m.tried}
+        self._recall = MemoryStore(self.tapes)
+        self._trials = {n for m in network.memories for n in m.trial_sizes}
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -97,7 +99,7 @@ class Engine:
         for c in self.network.controls:
             release = c.release
             if release is not None and release.margin > 0.0 and release.column in inputs:
-                found[c.name] = release.undecided(np.asarray(inputs[release.column], dtype=float))
+                found[c.name] = release.is_undecided(np.asarray(inputs[release.column], dtype=float))
         return found
 
     @property
@@ -112,15 +114,15 @@ class Engine:
         other = Engine(self.network.replace_effects(effects), self.declared, self.path)
         other._strategy.fit, other._strategy.everywhere = self._strategy.fit, self._strategy.everywhere
         other.tapes = self.tapes
-        other._recall = Recall(self.tapes)
-        return other.replace_nominals({n: v for n, v in self._moved.items() if n in other.parameters})
+        other._recall = MemoryStore(self.tapes)
+        return other.replace_nominals({n: v for n, v in self._changed_nominals.items() if n in other.parameters})
 
     def replace_nominals(self, values: Mapping[str, float]) -> Engine:
         """The same engine with other nominal values of these parameters, as identified. Raises KeyError."""
         if not values:
             return self
         other = copy(self)
-        other._moved = {**self._moved, **values}
+        other._changed_nominals = {**self._changed_nominals, **values}
         other.parameters = {**self.parameters, **{n: self.parameters[n].with_nominal(v) for n, v in values.items()}}
         other._nominal = {**self._nominal, **values}
         return other
@@ -133,12 +135,12 @@ class Engine:
     @property
     def changed_nominals(self) -> Mapping[str, float]:
         """Those that were given other nominal values than the file's."""
-        return dict(self._moved)
+        return dict(self._changed_nominals)
 
     @property
     def recalled(self) -> Any:
         """What its effects remember of recordings, for another process (`restore_recall`)."""
-        return self._recall.memory
+        return self._recall.contents
 
     def restore_recall(self, recalled: Any) -> None:
         """Go on where another process has ended."""
@@ -191,31 +193,35 @@ class Engine:
         twice = sorted({c for c in columns if columns.count(c) > 1})
         if twice:
             raise ValueError(f"asked for twice: {', '.join(twice)}")
-        points, theta, size, valid, reasons = self._checked(inputs, parameters or {}, (*columns, *also), wrt)
+        points, theta, size, valid, reasons = self._check_request(inputs, parameters or {}, (*columns, *also), wrt)
         if start is not None and np.shape(start) != (len(self.unknowns), size):
             raise ValueError(f"`start` must have shape ({len(self.unknowns)}, {size}), not {np.shape(start)}")
         known: dict[str, KnownLeaf] = {}
         if self.network.demand is not None or self.network.memories:
             known, unsettled = self._recall.known_leaves(self, points, theta, wrt, size)
-            points = {c: v for c, v in points.items() if c in self._told} | {n: k.value for n, k in known.items()}
+            points = {c: v for c, v in points.items() if c in self._network_inputs} | {
+                n: k.value for n, k in known.items()
+            }
             wrong = [
                 np.isfinite(k.value) if n != self.network.power_setting else k.value > 0.0 for n, k in known.items()
             ]
             for k in np.flatnonzero(valid & unsettled).tolist():
                 reasons[k] = "its dynamic effects did not converge"
             valid &= ~unsettled
-            start = self._recall.begin({**inputs}, size) if start is None else start
+            start = self._recall.initial_unknowns({**inputs}, size) if start is None else start
             for (n, of), good in zip(known.items(), wrong, strict=True):
                 reasons |= {k: f"{n} is {of.value[k]:g}" for k in np.flatnonzero(valid & ~good).tolist()}
                 valid &= good
         further = tuple(n for n, k in known.items() if n not in wrt and k.slopes)
-        found = self._answer(points, theta, (valid, reasons), _Request(columns, (*wrt, *further), start, also, walk))
+        found = self._predict_valid(
+            points, theta, (valid, reasons), _Request(columns, (*wrt, *further), start, also, walk)
+        )
         return chain_known_leaves(found, known, wrt) if known else found
 
     def tape_points(self, tape: Tape) -> dict[str, Any]:
         """What the network is told at the records (N,) of a tape, as far as that stands in columns; neutral else."""
         points: dict[str, Any] = {}
-        for c, default in self._told.items():
+        for c, default in self._network_inputs.items():
             lacking = np.full(len(tape), np.nan if default is None else default)
             points[c] = tape.columns.get(c, lacking)
         return points
@@ -234,11 +240,11 @@ class Engine:
         stands in them; `walk` as of `predict`."""
         valid = np.logical_and.reduce([np.broadcast_to(np.isfinite(v), (size,)) for v in points.values()])
         valid = valid & (np.nan_to_num(points[self.network.power_setting]) > 0.0)
-        return self._answer(points, theta, (valid, {}), _Request(tuple(columns), tuple(wrt), start, (), walk))
+        return self._predict_valid(points, theta, (valid, {}), _Request(tuple(columns), tuple(wrt), start, (), walk))
 
     # inside
 
-    def _answer(
+    def _predict_valid(
         self,
         points: Mapping[str, Any],
         theta: Mapping[str, Any],
@@ -251,8 +257,8 @@ class Engine:
         out = Outputs(self.network, self.sensors, columns, wrt, also, size)
         out.reasons.update(reasons)
         batch = PointBatch(self._strategy, points, theta, out)
-        batch.solve(valid, start, Tries(by_differences=size <= solver.FEW_POINTS, every_way=walk))
-        for k, balance in batch.unmet.items():
+        batch.solve(valid, start, RetryOptions(by_differences=size <= solver.FEW_POINTS, all_starts=walk))
+        for k, balance in batch.worst_balance.items():
             out.reasons[k] = f"{self._balance_names[balance]} not met (residual {batch.residual[k]:.1e})"
         read, found = (out.y, out.jacobian, out.status), (batch.x, batch.residual, batch.passes)
         return Prediction(*read, columns, wrt, *found, out.also, out.reasons, out.limits)
@@ -260,7 +266,7 @@ class Engine:
     def _anchors(self) -> dict[str, Array]:
         """What the network is told at operating points over the envelope and the range of power; none where the engine
         file does not give them."""
-        power, needed = self.network.power_setting, tuple(c for c, d in self._told.items() if d is None)
+        power, needed = self.network.power_setting, tuple(c for c, d in self._network_inputs.items() if d is None)
         ranges = {**self.envelope, **({} if self.power_range is None else {power: (0.0, 1.0)})}
         if any(c not in ranges for c in needed):
             return {}
@@ -270,7 +276,7 @@ class Engine:
             found[power] = (low + (high - low) * found[power]) * correction(power, *total_ratios(found))
         return found
 
-    def _checked(
+    def _check_request(
         self, inputs: Mapping[str, Any], parameters: Mapping[str, Any], columns: tuple[str, ...], wrt: tuple[str, ...]
     ) -> tuple[dict[str, Any], dict[str, Any], int, Array, dict[int, str]]:
         """Inputs and parameters as `size` records, which of them (N,) are valid, and why the others are not."""

@@ -447,14 +447,14 @@ class Sensor:
     noise_sigma: float
     maximum: float | None
     reads: Mapping[str, float]
-    over: str | None
+    denominator: str | None
     bias_sigma: float
     scale_sigma: float
     soak: str | None
     soak_sigma: float
 
     @staticmethod
-    def declared(column: str, values: Mapping[str, Any]) -> Sensor:
+    def from_mapping(column: str, values: Mapping[str, Any]) -> Sensor:
         quantity, unit = split_column(column)
         bias = values["bias_sigma"]
         return Sensor(
@@ -535,8 +535,8 @@ class Sensor:
         for column, weight in self.reads.items():
             x = columns(e, column)
             total = total + (x if weight == 1.0 else x * weight)
-        if self.over:
-            total = total / columns(e, self.over)
+        if self.denominator:
+            total = total / columns(e, self.denominator)
         if e.hooks is not None:
             total = e.hooks.reading(e, self.column, total)
         q = f"sensor.{self.quantity}"

@@ -59,7 +59,7 @@ class FilterClock:
         edges = [*np.flatnonzero(self.first).tolist(), len(self.time)]
         return tuple(slice(a, b) for a, b in pairwise(edges))
 
-    def begin(self, signal: Array, along: Array) -> tuple[Array, Array]:
+    def initial_deviation(self, signal: Array, along: Array) -> tuple[Array, Array]:
         """Deviation of a known output from the signal at the beginnings of stretches (N,), with its derivatives along
         those of the signal (K, N); 0 where the output is not known."""
         if self.start is None:
@@ -74,12 +74,12 @@ class FilterClock:
 
 
 @dataclass(frozen=True)
-class Filtered:
+class FilterOutput:
     """Output (N,), its derivatives along those of the signal (K, N), and by the filter's own coefficients (c, N)."""
 
     value: Array
-    along: Array
-    own: Array
+    input_slopes: Array
+    coefficient_slopes: Array
 
 
 class Filter(ABC):
@@ -90,11 +90,11 @@ class Filter(ABC):
     STATES = 0
 
     @abstractmethod
-    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
+    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> FilterOutput:
         """The deviation of the output from the signal, or a rate: 0 in equilibrium. `signal` (N,) finite; `along`
         (K, N) its derivatives."""
 
-    def bends(self, time: Array, coefficients: Sequence[float]) -> Array:
+    def kink_times(self, time: Array, coefficients: Sequence[float]) -> Array:
         """Times at which the output of a filter without states bends, for a signal that bends at `time` (N,)."""
         return time
 
@@ -114,7 +114,7 @@ class DynamicFilter(Filter):
         return states[-1] - signal
 
 
-class Integrated(DynamicFilter):
+class IntegratedFilter(DynamicFilter):
     """Its states are integrated."""
 
     @abstractmethod
@@ -122,7 +122,7 @@ class Integrated(DynamicFilter):
         """dx/dt of the states."""
 
 
-class Following(DynamicFilter):
+class TrackingFilter(DynamicFilter):
     """Its state goes with the signal at once, as far as it can from where a step of the integration began: `step` of a
     stage is the time since then."""
 
@@ -143,7 +143,7 @@ def recursion(a: Array, g: Array) -> Array:
     return np.asarray(solve_banded((1, 0), bands, g.T, check_finite=False).T)
 
 
-class Backlash(Following):
+class Backlash(TrackingFilter):
     """m_k = min(max(m_{k−1}, u_k − h), u_k + h), and m = u where a stretch begins. The coefficient is h, half of the
     play. What switches at m = c switches at u = c + h on the way up and at u = c − h on the way down: hysteresis.
 
@@ -155,7 +155,7 @@ class Backlash(Following):
 
     COEFFICIENTS = 1
 
-    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
+    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> FilterOutput:
         h, N = max(float(coefficients[0]), 0.0), len(signal)
         record = np.arange(N)
         # what an end may be: u − h, u + h or, at a beginning, u of some record
@@ -173,7 +173,7 @@ class Backlash(Following):
             back *= 2
         # both ends are one: each stretch begins at a known value
         of, side = lower % max(N, 1), sign[lower]
-        return Filtered(values[lower] - signal, along[:, of] - along, side[None])
+        return FilterOutput(values[lower] - signal, along[:, of] - along, side[None])
 
     def stage(
         self, signal: Value, base: Sequence[Value], step: Value, coefficients: Sequence[Value]
@@ -191,7 +191,7 @@ class Delay(Filter):
 
     COEFFICIENTS = 1
 
-    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
+    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> FilterOutput:
         d = float(coefficients[0])
         rows = np.concatenate([signal[None], along])
         rise = clock.rise(rows)
@@ -212,13 +212,13 @@ class Delay(Filter):
                 moved[0, early], moved[1:, early] = clock.start[span.start], 0.0
             inside = (t - d >= t[0]) & (t - d <= t[-1])
             slope[span] = np.where(inside, rise[0, span][after], 0.0)
-        return Filtered(moved[0] - signal, moved[1:] - along, -slope[None])
+        return FilterOutput(moved[0] - signal, moved[1:] - along, -slope[None])
 
-    def bends(self, time: Array, coefficients: Sequence[float]) -> Array:
+    def kink_times(self, time: Array, coefficients: Sequence[float]) -> Array:
         return np.asarray(time + float(coefficients[0]))
 
 
-def last_side(clock: FilterClock, above: Array, below: Array) -> tuple[Array, Array]:
+def last_switch_side(clock: FilterClock, above: Array, below: Array) -> tuple[Array, Array]:
     """Whether a signal was last above a band, not below it, and whether its stretch tells (…, N); `above` and `below`
     it is now, (…, N)."""
     record = np.arange(len(clock.first))
@@ -235,19 +235,19 @@ class Hysteresis(Filter):
 
     COEFFICIENTS = 2
 
-    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
+    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> FilterOutput:
         low, band = (float(c) for c in coefficients)
         below, above = signal < low, signal >= low + max(band, 0.0)
-        from_above, known = last_side(clock, above, below)
+        from_above, known = last_switch_side(clock, above, below)
         value = (known & ~from_above & ~below & ~above).astype(float)
-        return Filtered(value, np.zeros_like(along), np.zeros((2, len(signal))))
+        return FilterOutput(value, np.zeros_like(along), np.zeros((2, len(signal))))
 
 
 LONGEST = 700.0
 """Time constants after which nothing is left that a double could hold."""
 
 
-class Lag(Integrated):
+class Lag(IntegratedFilter):
     """τ dm/dt = u − m. The deviation v = m − u follows, exactly for straight u with slope r over a step h,
 
     v_k = a v_{k−1} − τ (1 − a) r_k,   a = exp(−h/τ);   v = −τ r on a ramp that lasts, 0 in equilibrium and for τ = 0.
@@ -256,20 +256,20 @@ class Lag(Integrated):
     COEFFICIENTS = 1
     STATES = 1
 
-    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
+    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> FilterOutput:
         tau = max(float(coefficients[0]), 0.0)
         with np.errstate(divide="ignore", invalid="ignore"):
             periods = np.where(clock.step > 0.0, np.minimum(clock.step / tau if tau else np.inf, LONGEST), LONGEST)
         a = np.where(clock.first, 0.0, np.exp(-periods))
         gain = -tau * (1.0 - a)
         rows = clock.rise(np.concatenate([signal[None], along]))
-        start = np.concatenate([x.reshape(-1, len(signal)) for x in clock.begin(signal, along)])
+        start = np.concatenate([x.reshape(-1, len(signal)) for x in clock.initial_deviation(signal, along)])
         v = recursion(a, gain * rows + (start if tau else 0.0))
         # dv/dτ: a' = a h/τ², gain' = −(1 − a − a h/τ)
         before = np.append(0.0, v[0][:-1])
         bend = np.where(a > 0.0, a * periods / tau if tau else 0.0, 0.0)
         own = recursion(a, (bend * before - (1.0 - a - a * periods) * rows[0])[None])
-        return Filtered(v[0], v[1:], own)
+        return FilterOutput(v[0], v[1:], own)
 
     def stage(
         self, signal: Value, base: Sequence[Value], step: Value, coefficients: Sequence[Value]
@@ -281,18 +281,18 @@ class Lag(Integrated):
         return ((signal - states[0]) / coefficients[0],)
 
 
-class PerFull(Following):
+class FullScaleFilter(TrackingFilter):
     """`inner` of the signal over `full`, times `full`: slownesses of a rate limit are then seconds for a full scale."""
 
-    def __init__(self, inner: Following, full: float):
+    def __init__(self, inner: TrackingFilter, full: float):
         self.inner, self.full = inner, full
         self.COEFFICIENTS = inner.COEFFICIENTS
 
-    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
+    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> FilterOutput:
         if clock.start is not None:
             clock = replace(clock, start=clock.start / self.full)
         one = self.inner(clock, signal / self.full, along / self.full, coefficients)
-        return Filtered(one.value * self.full, one.along * self.full, one.own * self.full)
+        return FilterOutput(one.value * self.full, one.input_slopes * self.full, one.coefficient_slopes * self.full)
 
     def stage(
         self, signal: Value, base: Sequence[Value], step: Value, coefficients: Sequence[Value]
@@ -315,7 +315,7 @@ NEVER = 1e-300
 """Seconds per unit that are as good as none: no limit."""
 
 
-class RateLimit(Following):
+class RateLimit(TrackingFilter):
     """dm/dt = min(max(u', −1/s₂), 1/s₁) while m follows u; on a ramp ±1/s until it meets u. Coefficients are the
     *slownesses* s₁ (up) and s₂ (down), seconds per unit of the signal; 0 is no limit.
 
@@ -327,7 +327,7 @@ class RateLimit(Following):
 
     COEFFICIENTS = 2
 
-    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
+    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> FilterOutput:
         slowness = [max(float(c), 0.0) for c in coefficients]
         rates = np.array([1.0 / s if s > 0.0 else np.inf for s in slowness]) * [1.0, -1.0]
         # dr/ds = −r²·sign, written into rows of their own behind the directions of the signal
@@ -335,11 +335,11 @@ class RateLimit(Following):
         value, d = np.zeros(N), np.zeros((K + 2, N))
         rise, d_rise = clock.rise(signal), clock.rise(along) if K else along
         fast = (rise > rates[0]) | (rise < rates[1])
-        start = clock.begin(signal, along)[0]
+        start = clock.initial_deviation(signal, along)[0]
         for span in clock.spans:
             ramps = _Ramps(clock.time[span], signal[span], along[:, span], rise[span], d_rise[:, span], rates)
             ramps.follow(np.flatnonzero(fast[span]), float(start[span.start]), value[span], d[:, span])
-        return Filtered(value, d[:K], d[K:])
+        return FilterOutput(value, d[:K], d[K:])
 
     def stage(
         self, signal: Value, base: Sequence[Value], step: Value, coefficients: Sequence[Value]
@@ -441,7 +441,7 @@ class RateOfChange(Filter):
 
     COEFFICIENTS = 0
 
-    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
+    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> FilterOutput:
         rows = np.concatenate([signal[None], along])
         rise, h = clock.rise(rows), clock.step
         found = np.zeros_like(rows)
@@ -455,10 +455,10 @@ class RateOfChange(Filter):
             own = found[:, span]
             own[:, 1:-1] = (1.0 - share) * r[:, 1:-1] + share * r[:, 2:]
             own[:, 0], own[:, -1] = r[:, 1], r[:, -1]
-        return Filtered(found[0], found[1:], np.empty((0, len(signal))))
+        return FilterOutput(found[0], found[1:], np.empty((0, len(signal))))
 
 
-class Scaled(Filter):
+class ScaledFilter(Filter):
     """The first coefficient times what `inner` makes with the others: a power is an inertia times a rate. A simulation
     takes it for a filter without states."""
 
@@ -466,24 +466,24 @@ class Scaled(Filter):
         self.inner = inner
         self.COEFFICIENTS = 1 + inner.COEFFICIENTS
 
-    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
+    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> FilterOutput:
         size = float(coefficients[0])
         clock = replace(clock, start=None)  # a power or a heat flow is not what is read
         one = self.inner(clock, signal, along, coefficients[1:])
-        own = np.concatenate([one.value[None], size * one.own])
-        return Filtered(size * one.value, size * one.along, own)
+        own = np.concatenate([one.value[None], size * one.coefficient_slopes])
+        return FilterOutput(size * one.value, size * one.input_slopes, own)
 
-    def bends(self, time: Array, coefficients: Sequence[float]) -> Array:
-        return self.inner.bends(time, coefficients[1:])
+    def kink_times(self, time: Array, coefficients: Sequence[float]) -> Array:
+        return self.inner.kink_times(time, coefficients[1:])
 
 
-class ScaledIntegrated(Scaled, Integrated):
+class ScaledIntegratedFilter(ScaledFilter, IntegratedFilter):
     """The same of a filter whose states are integrated: a heat flow is a conductance times a difference of
     temperatures."""
 
-    inner: Integrated
+    inner: IntegratedFilter
 
-    def __init__(self, inner: Integrated):
+    def __init__(self, inner: IntegratedFilter):
         super().__init__(inner)
         self.STATES = inner.STATES
 
@@ -499,24 +499,24 @@ class ScaledIntegrated(Scaled, Integrated):
         return self.inner.deviation(signal, states, coefficients[1:]) * coefficients[0]
 
 
-class SecondOrder(Integrated):
+class SecondOrder(IntegratedFilter):
     """τ₁τ₂ m'' + (τ₁ + τ₂) m' + m = u, as two lags, by τ = τ₁ + τ₂ and the share τ₂/τ. The output of the first is
     taken straight between the records, which costs of the order of (h/τ)² of what changes within a step h."""
 
     COEFFICIENTS = 2
     STATES = 2
 
-    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
+    def __call__(self, clock: FilterClock, signal: Array, along: Array, coefficients: Sequence[float]) -> FilterOutput:
         lag = Lag()
         total, share = (float(c) for c in coefficients)
         one = lag(clock, signal, along, (total * (1.0 - share),))
         clock = replace(clock, start=None)  # the output of the second is that of the first where that is known
-        behind = np.concatenate([along + one.along, one.own])
+        behind = np.concatenate([along + one.input_slopes, one.coefficient_slopes])
         two = lag(clock, signal + one.value, behind, (total * share,))
         k = len(along)
-        first, second = one.own + two.along[k:], two.own
+        first, second = one.coefficient_slopes + two.input_slopes[k:], two.coefficient_slopes
         own = np.concatenate([(1.0 - share) * first + share * second, total * (second - first)])
-        return Filtered(one.value + two.value, one.along + two.along[:k], own)
+        return FilterOutput(one.value + two.value, one.input_slopes + two.input_slopes[:k], own)
 
     def stage(
         self, signal: Value, base: Sequence[Value], step: Value, coefficients: Sequence[Value]

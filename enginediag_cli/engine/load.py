@@ -656,7 +656,7 @@ def _sized_network(values: dict[str, Any], checked: Checked, components: list[Co
     size(network, values, checked)
     if values["power_demand"] is not None:
         try:
-            network.demand = Demand.declared(values["power_demand"], values["power_setting"])
+            network.demand = Demand.from_mapping(values["power_demand"], values["power_setting"])
         except ValueError as error:
             raise ConfigError([Problem(checked.mark(("power_demand",)), str(error))]) from error
     return network
@@ -690,7 +690,7 @@ def _reference_problems(engine: Engine, values: Mapping[str, Any], checked: Chec
         )
         return
     for column, sensor in engine.sensors.items():
-        for read in (*sensor.reads, *([sensor.over] if sensor.over else [])):
+        for read in (*sensor.reads, *([sensor.denominator] if sensor.denominator else [])):
             if read not in engine.model_columns:
                 yield Problem(
                     checked.mark(("sensors", column)),

@@ -184,7 +184,7 @@ def read_table(
     if len(lines) == 1:
         raise fail("the component map has no rows", lines[0][0])
     at = [header.index(c) for c in (x_column, y_column, *quantities)]
-    bad = next((k for k, row in lines[1:] if not _all_numbers(row, at)), None)
+    bad = next((k for k, row in lines[1:] if not _are_numbers(row, at)), None)
     if bad is not None:
         raise fail("a map entry is not a number", bad)
     data = np.array([[float(row[k]) for k in at] for _, row in lines[1:]])
@@ -204,7 +204,7 @@ def read_table(
     return x, y, tables
 
 
-def _all_numbers(row: list[str], at: list[int]) -> bool:
+def _are_numbers(row: list[str], at: list[int]) -> bool:
     try:
         return all(np.isfinite(float(row[k])) for k in at)
     except (ValueError, IndexError):

@@ -66,7 +66,7 @@ class Demand:
     sigma: float | None = None
 
     @classmethod
-    def declared(cls, values: Mapping[str, Any], setting: str) -> Demand:
+    def from_mapping(cls, values: Mapping[str, Any], setting: str) -> Demand:
         """From the checked section. Raises ValueError for tables that are none."""
         at, asks = values["at"], values["asks"]
         if len(at) != len(asks) or len(at) < LEAST_POINTS:

@@ -44,13 +44,13 @@ MOMENT = "moment"
 """Input column that says which record of which tape a record is; −1: its past is not known, it is taken as steady."""
 NO_MOMENT = -1.0
 """Of a record whose past is not known."""
-PAST: Mapping[str, float] = MappingProxyType({MOMENT: NO_MOMENT})
+UNKNOWN_PAST: Mapping[str, float] = MappingProxyType({MOMENT: NO_MOMENT})
 """What terms with memory read beside the engine's own inputs."""
 RECORDS = 2**26
 """Records that a tape may have: two years at 1 Hz. MOMENT is the tape's number times this, plus the record's."""
-AT_ONCE_S = 1e-6
+SHORTEST_STEP_S = 1e-6
 """What two records of one time lie apart: a step between them, not a quantity with two values."""
-START = 6
+START_READINGS = 6
 """Readings at the beginning of a stretch whose median tells where a memory begins, where one shows it; a stretch of
 fewer begins in equilibrium, else these would be told by themselves: of hourly records, each a stretch of its own, any
 misfit would be a lag. Judgement: of an even number those of a meter that alternates between two values cancel."""
@@ -79,8 +79,8 @@ class Tape:
             return FilterClock(self.time, self.first)
         start, x = np.full(len(self), np.nan), self.columns[shown_by]
         for k, stop in pairwise([*np.flatnonzero(self.first).tolist(), len(self)]):
-            if stop - k >= START:
-                start[k] = np.median(x[k : k + START])
+            if stop - k >= START_READINGS:
+                start[k] = np.median(x[k : k + START_READINGS])
         return FilterClock(self.time, self.first, start)
 
     def has_column(self, column: str) -> bool:
@@ -110,7 +110,7 @@ def make_tape(columns: Mapping[str, Array], names: Sequence[str]) -> Tape | None
     steps = np.diff(time)
     first = np.append(True, (steps < 0.0) | (steps > GAP_S))
     for k in np.flatnonzero(steps == 0.0).tolist():  # one after the other, however little
-        time[k + 1] = max(time[k + 1], time[k] + AT_ONCE_S)
+        time[k + 1] = max(time[k + 1], time[k] + SHORTEST_STEP_S)
     kept = {}
     for name in names:
         x = np.asarray(columns.get(name, ()), float)
@@ -193,20 +193,20 @@ class Memory:
     sensor: str = ""
     sensor_column: str = ""
     measured: Callable[[Array], Array] = np.asarray
-    tried: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
-    turns: str = ""
+    trial_sizes: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    rotor_shaft: str = ""
     multiplied: bool = False
 
 
 SWEEPS = 30
 """Solves of a tape at most. A memory that gives back a tenth of its signal needs nine; heat soak that takes a quarter,
 half of what its range allows, more than twelve on a real flight."""
-STUCK = 8
+STAGNATION_SWEEPS = 8
 """Sweeps over which what changes must halve: what does not cannot settle within SWEEPS, as a switch that turns itself
 off does not at all."""
-SETTLED = 1e-9
+CONVERGED_CHANGE = 1e-9
 """Of the largest value of a memory: a sweep that changes less was the last."""
-KEPT = 20_000_000
+CACHE_SIZE = 20_000_000
 """Numbers that are kept of what was remembered last, 160 MB: a fit in blocks asks for the same tapes again."""
 
 
@@ -219,7 +219,7 @@ class KnownLeaf:
 
 
 @dataclass
-class Recalled:
+class TapeMemories:
     """What memories hold at all records of a tape: by name values (N,) and derivatives (N,). `settled`: whether the
     last sweep changed nothing any more."""
 
@@ -235,14 +235,14 @@ class Recalled:
 
 
 @dataclass
-class Recall:
+class MemoryStore:
     """Remembers for one engine, and its copies at other parameters."""
 
     tapes: Tapes
-    _cache: OrderedDict[tuple[Any, ...], Recalled] = field(default_factory=OrderedDict)
+    _cache: OrderedDict[tuple[Any, ...], TapeMemories] = field(default_factory=OrderedDict)
     _starts: dict[tuple[int, int], Array] = field(default_factory=dict)
 
-    def begin(self, points: Mapping[str, Any], size: int) -> Array | None:
+    def initial_unknowns(self, points: Mapping[str, Any], size: int) -> Array | None:
         """Unknowns (nx, size) of the last sweep in the records asked for, NaN where there was none; None without any:
         from there the answer is near."""
         if not self._starts or MOMENT not in points:
@@ -255,11 +255,11 @@ class Recall:
         return start if np.isfinite(start).any() else None
 
     @property
-    def memory(self) -> tuple[OrderedDict[tuple[Any, ...], Recalled], dict[tuple[int, int], Array]]:
+    def contents(self) -> tuple[OrderedDict[tuple[Any, ...], TapeMemories], dict[tuple[int, int], Array]]:
         """All that is remembered, for another process."""
         return self._cache, self._starts
 
-    def restore(self, kept: tuple[OrderedDict[tuple[Any, ...], Recalled], dict[tuple[int, int], Array]]) -> None:
+    def restore(self, kept: tuple[OrderedDict[tuple[Any, ...], TapeMemories], dict[tuple[int, int], Array]]) -> None:
         """Go on where another process has ended."""
         self._cache, self._starts = kept
 
@@ -281,7 +281,7 @@ class Recall:
         if not memories:
             return found, unsettled
         # a reading error of an input is one of the records that are asked for: their past is what the tape shows
-        tried = {n for m in memories for n in m.tried}
+        tried = {n for m in memories for n in m.trial_sizes}
         wrt = tuple(n for n in wrt if n in theta or n in tried)
         number, place = self.tapes.locate(np.broadcast_to(points[MOMENT], (size,)))
         for m in memories:
@@ -312,7 +312,7 @@ class Recall:
         wrt: Sequence[str],
         memories: Sequence[Memory],
         requested: tuple[Array, Array],
-    ) -> Recalled:
+    ) -> TapeMemories:
         """Memories along tape k; from the cache where nothing has changed."""
         tape = self.tapes.tapes[k]
         states = [m for m in memories if not m.column]
@@ -336,29 +336,31 @@ class Recall:
             recalled.slopes |= iteration.slopes(wrt, {n: leaf.slopes for n, leaf in leaves.items()})
             recalled.converged = iteration.converged
         self._cache[key] = recalled
-        while len(self._cache) > 1 and sum(r.size for r in self._cache.values()) > KEPT:
+        while len(self._cache) > 1 and sum(r.size for r in self._cache.values()) > CACHE_SIZE:
             self._cache.popitem(last=False)
         return recalled
 
     def _input_memories(
         self, engine: Engine, tape: Tape, theta: Mapping[str, Any], wrt: Sequence[str], memories: Sequence[Memory]
-    ) -> tuple[Recalled, dict[str, KnownLeaf]]:
+    ) -> tuple[TapeMemories, dict[str, KnownLeaf]]:
         """Memories of inputs, one behind the other where they are of one column, and the inputs that they change."""
-        recalled = Recalled({}, {})
+        recalled = TapeMemories({}, {})
         leaves: dict[str, KnownLeaf] = {}
         if engine.network.demand is not None:
             leaves[engine.network.power_setting] = demanded_power(engine, tape.columns, theta, wrt, len(tape))
         zero = np.zeros(len(tape))
         for m in memories:
             signal = leaves.get(m.column, KnownLeaf(tape.columns.get(m.column, zero), {}))
-            value, slopes = filtered(m, tape, signal, theta, wrt)
+            value, slopes = filter_signal(m, tape, signal, theta, wrt)
             recalled.values[m.name], recalled.slopes[m.name] = value, slopes
             names = dict.fromkeys((*signal.slopes, *slopes))
             sums = {n: signal.slopes.get(n, zero) + slopes.get(n, zero) for n in names}
             leaves[m.column] = KnownLeaf(signal.value + value, sums)
         return recalled, leaves
 
-    def _tape_points(self, engine: Engine, tape: Tape, theta: Mapping[str, Any], recalled: Recalled) -> dict[str, Any]:
+    def _tape_points(
+        self, engine: Engine, tape: Tape, theta: Mapping[str, Any], recalled: TapeMemories
+    ) -> dict[str, Any]:
         """Inputs of the network along a tape, after the set point and the memories of inputs."""
         points = engine.tape_points(tape)
         if engine.network.demand is not None:
@@ -416,13 +418,13 @@ class TapeIteration:
                 return
             if first:
                 feedback = np.nan_to_num(p.jacobian) * ~np.array(self.measured)[:, None]
-            new = _consistent(self.states, self.tape, self.theta, self._signals, feedback, self.values)
-            changes.append(max(_change(new[n], self.values[n]) for n in self.names))
+            new = consistent_values(self.states, self.tape, self.theta, self._signals, feedback, self.values)
+            changes.append(max(relative_change(new[n], self.values[n]) for n in self.names))
             self.values = new
-            if changes[-1] < SETTLED:
+            if changes[-1] < CONVERGED_CHANGE:
                 self.converged = True
                 return
-            if len(changes) > STUCK and changes[-1] > 0.5 * changes[-1 - STUCK]:
+            if len(changes) > STAGNATION_SWEEPS and changes[-1] > 0.5 * changes[-1 - STAGNATION_SWEEPS]:
                 return
 
     def slopes(
@@ -444,9 +446,11 @@ class TapeIteration:
         for _ in range(SWEEPS):
             new = self._slopes_once(direct, J, slopes, wrt)
             zero = np.zeros(len(self.tape))
-            changes = [_change(d, slopes[name].get(n, zero)) for name, own in new.items() for n, d in own.items()]
+            changes = [
+                relative_change(d, slopes[name].get(n, zero)) for name, own in new.items() for n, d in own.items()
+            ]
             slopes = new
-            if max(changes, default=0.0) < SETTLED:
+            if max(changes, default=0.0) < CONVERGED_CHANGE:
                 break
         return slopes
 
@@ -465,7 +469,7 @@ class TapeIteration:
                     total[n] = total[n] + J[name] * slopes[name][n][:, None]
         new = {}
         for i, m in enumerate(self.states):
-            own = {} if self.measured[i] else {n: _bridged(x[:, i]) for n, x in total.items()}
+            own = {} if self.measured[i] else {n: bridge_gaps(x[:, i]) for n, x in total.items()}
             new[m.name] = self._filter(i, own, wrt)[1]
         return new
 
@@ -476,10 +480,10 @@ class TapeIteration:
 
     def _filter(self, i: int, slopes: Mapping[str, Array], wrt: Sequence[str]) -> tuple[Array, dict[str, Array]]:
         """What memory i makes of its signal, whose derivatives (N,) are `slopes`."""
-        return filtered(self.states[i], self.tape, KnownLeaf(self._signals[:, i], slopes), self.theta, wrt)
+        return filter_signal(self.states[i], self.tape, KnownLeaf(self._signals[:, i], slopes), self.theta, wrt)
 
 
-def _consistent(
+def consistent_values(
     states: Sequence[Memory],
     tape: Tape,
     theta: Mapping[str, Any],
@@ -493,17 +497,17 @@ def _consistent(
     for _ in range(SWEEPS):
         moved = np.stack([m_now[m.name] - at[m.name] for m in states], axis=1)
         here = s + np.einsum("nij,nj->ni", back, moved)
-        new = {m.name: filtered(m, tape, KnownLeaf(here[:, i], {}), theta, ())[0] for i, m in enumerate(states)}
-        change = max(_change(new[m.name], m_now[m.name]) for m in states)
+        new = {m.name: filter_signal(m, tape, KnownLeaf(here[:, i], {}), theta, ())[0] for i, m in enumerate(states)}
+        change = max(relative_change(new[m.name], m_now[m.name]) for m in states)
         m_now = new
-        if change < SETTLED / 10.0:
+        if change < CONVERGED_CHANGE / 10.0:
             break
     return m_now
 
 
 def is_active(m: Memory, theta: Mapping[str, Any], wrt: Sequence[str]) -> bool:
     """Whether anything is remembered, or sought."""
-    sought = any(n in wrt for n in (*m.absent, *m.tried))
+    sought = any(n in wrt for n in (*m.absent, *m.trial_sizes))
     return sought or any(bool(np.any(theta[n] != absent)) for n, absent in m.absent.items())
 
 
@@ -526,7 +530,7 @@ def demanded_power(
     return KnownLeaf(value, kept)
 
 
-def filtered(
+def filter_signal(
     m: Memory, tape: Tape, signal: KnownLeaf, theta: Mapping[str, Any], wrt: Sequence[str]
 ) -> tuple[Array, dict[str, Array]]:
     """What a memory makes of its signal: values (N,) and derivatives (N,) by name, of its trials as well."""
@@ -535,11 +539,11 @@ def filtered(
     coefficients = [float(np.mean(theta[c])) for c in m.coefficients]
     clock = tape.clock(m.sensor_column)
     one = m.filter(clock, signal.value, rows, coefficients)
-    slopes = {n: row for n, row in zip(names, one.along, strict=True) if row.any()}
-    for c, row in zip(m.coefficients, one.own, strict=True):
+    slopes = {n: row for n, row in zip(names, one.input_slopes, strict=True) if row.any()}
+    for c, row in zip(m.coefficients, one.coefficient_slopes, strict=True):
         if c in wrt:
             slopes[c] = slopes[c] + row if c in slopes else row
-    for name, values in m.tried.items():
+    for name, values in m.trial_sizes.items():
         if name in wrt:
             slopes[name] = m.filter(clock, signal.value, np.zeros((0, len(tape))), values).value - one.value
     return one.value, slopes
@@ -555,10 +559,10 @@ def _tape_values(values: Array, asked: tuple[Array, Array], N: int) -> Array:
 def _signal(m: Memory, tape: Tape, solved: Array) -> Array:
     if m.recorded and tape.has_column(m.recorded):
         return m.measured(tape.columns[m.recorded])
-    return _bridged(solved)
+    return bridge_gaps(solved)
 
 
-def _bridged(x: Array) -> Array:
+def bridge_gaps(x: Array) -> Array:
     """Records without a solution lie on straight lines between those that have one."""
     good = np.isfinite(x)
     if good.all() or not good.any():
@@ -566,7 +570,7 @@ def _bridged(x: Array) -> Array:
     return np.interp(np.arange(len(x)), np.flatnonzero(good), x[good])
 
 
-def _change(new: Array, old: Array) -> float:
+def relative_change(new: Array, old: Array) -> float:
     """Largest change, of the largest value there is; 0 where both are 0."""
     size = max(float(np.abs(new).max(initial=0.0)), 1e-300)
     return float(np.abs(new - old).max(initial=0.0)) / size

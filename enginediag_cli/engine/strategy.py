@@ -104,7 +104,7 @@ def outside_marks(e: Evaluation) -> dict[str, Array]:
 
 
 @dataclass(frozen=True)
-class Read:
+class PointReadings:
     """What was read of n points: as `Outputs` has it, reasons by place among them."""
 
     y: Array
@@ -144,13 +144,15 @@ class Outputs:
         """A reader for a batch that is these points (n,) of all."""
         return SubsetReader(self, points)
 
-    def part(self, points: Array) -> Read:
+    def part(self, points: Array) -> PointReadings:
         """What was read of these points (n,)."""
         reasons = {k: self.reasons[i] for k, i in enumerate(points.tolist()) if i in self.reasons}
         limits = {name: mask[points] for name, mask in self.limits.items()}
-        return Read(self.y[points], self.jacobian[points], self.also[points], self.status[points], reasons, limits)
+        return PointReadings(
+            self.y[points], self.jacobian[points], self.also[points], self.status[points], reasons, limits
+        )
 
-    def take(self, points: Array, read: Read) -> None:
+    def take(self, points: Array, read: PointReadings) -> None:
         """Takes over what was read of these points (n,) elsewhere."""
         self.y[points], self.jacobian[points], self.also[points] = read.y, read.jacobian, read.also
         self.status[points] = read.status
@@ -260,12 +262,12 @@ LESS_FLOW = (0.9, 0.8, 0.7, 0.6, 0.5)  # of the design point's
 
 
 @dataclass(frozen=True)
-class Tries:
-    """`by_differences`: as in `solver.Effort`; `every_way`: points that fail are tried again in every way, or only from
+class RetryOptions:
+    """`by_differences`: as in `solver.Effort`; `all_starts`: points that fail are tried again in every way, or only from
     their neighbours."""
 
     by_differences: bool = False
-    every_way: bool = True
+    all_starts: bool = True
 
 
 class Strategy:
@@ -324,7 +326,7 @@ class Strategy:
         theta: Mapping[str, Any],
         start: Array | None,
         reader: SubsetReader,
-        tries: Tries,
+        tries: RetryOptions,
     ) -> solver.Solution:
         """Unknowns of all points of the reader, which takes what it wants of those that converge; start (nx, n) or
         None."""
@@ -333,7 +335,7 @@ class Strategy:
         again_effort = solver.Effort(max_iterations=RETRY_ITERATIONS, by_differences=True)
         # less air flow last: from there the way may lead to a solution that no engine runs at
         ways = (self._from_design, self._walk_failed, self._from_neighbours, self._from_less_flow)
-        for again in ways if tries.every_way else (self._from_neighbours,):
+        for again in ways if tries.all_starts else (self._from_neighbours,):
             failed = np.flatnonzero(~solved.converged)
             if not failed.size:
                 break
@@ -356,7 +358,7 @@ class Strategy:
         theta: Mapping[str, Any],
         start: Array | None,
         reader: SubsetReader,
-        tries: Tries,
+        tries: RetryOptions,
     ) -> solver.Solution:
         """As `solve`, without another try for what does not converge."""
         size = len(reader.points)
@@ -466,13 +468,13 @@ a small process takes as long as some hundred points, and one of a large process
 
 
 @dataclass(frozen=True)
-class Shared:
+class SharedSolution:
     """What another process found of some points: unknowns, residuals, passes, and what was read."""
 
     x: Array
     residual: Array
     passes: Array
-    read: Read
+    read: PointReadings
 
 
 class PointBatch:
@@ -484,9 +486,9 @@ class PointBatch:
         size = len(out.status)
         self.x = np.full((len(strategy.network.unknowns()), size), np.nan)
         self.residual, self.passes = np.full(size, np.inf), np.zeros(size, dtype=int)
-        self.unmet: dict[int, int] = {}
+        self.worst_balance: dict[int, int] = {}
 
-    def solve(self, valid: Array, start: Array | None, tries: Tries) -> None:
+    def solve(self, valid: Array, start: Array | None, tries: RetryOptions) -> None:
         """The points valid (N,), from unknowns `start` (nx, N), or None."""
         if start is None:
             self.strategy.prepare(self.points, valid)
@@ -494,11 +496,11 @@ class PointBatch:
             if not self._solve_shared(at, start, tries):
                 self._solve_alone(at, start, tries)
 
-    def _solve_alone(self, at: Array, start: Array | None, tries: Tries) -> None:
-        u, t, first = self._start_from(at, start)
+    def _solve_alone(self, at: Array, start: Array | None, tries: RetryOptions) -> None:
+        u, t, first = self._subset(at, start)
         self._finish(at, self.strategy.solve(u, t, first, self.out.subset(at), tries))
 
-    def _solve_shared(self, at: Array, start: Array | None, tries: Tries) -> bool:
+    def _solve_shared(self, at: Array, start: Array | None, tries: RetryOptions) -> bool:
         """Whether several processes solved these points."""
         n = process_count(len(at) // SHARE)
         if n > 1:  # seldom so, and to ask for the memory takes time
@@ -516,16 +518,16 @@ class PointBatch:
             self.out.take(part, share.read)
         return True
 
-    def _share(self, at: Array, start: Array | None, tries: Tries) -> Shared | None:
+    def _share(self, at: Array, start: Array | None, tries: RetryOptions) -> SharedSolution | None:
         """None where not all of the points converge at once."""
-        u, t, first = self._start_from(at, start)
+        u, t, first = self._subset(at, start)
         solved = self.strategy.first(u, t, first, self.out.subset(at), tries)
         if not solved.converged.all():
             return None
         self._finish(at, solved)
-        return Shared(self.x[:, at], self.residual[at], self.passes[at], self.out.part(at))
+        return SharedSolution(self.x[:, at], self.residual[at], self.passes[at], self.out.part(at))
 
-    def _start_from(self, at: Array, start: Array | None) -> tuple[Mapping[str, Any], Mapping[str, Any], Array | None]:
+    def _subset(self, at: Array, start: Array | None) -> tuple[Mapping[str, Any], Mapping[str, Any], Array | None]:
         return solver.take(self.points, at), solver.take(self.theta, at), None if start is None else start[:, at]
 
     def _finish(self, at: Array, solved: solver.Solution) -> None:
@@ -534,11 +536,11 @@ class PointBatch:
         self.x[:, at], self.residual[at], self.passes[at] = solved.x, solved.residual, solved.passes
         failed = ~solved.converged
         out.status[at[failed]] = NOT_CONVERGED
-        self.unmet |= {int(at[k]): solved.worst(k) for k in np.flatnonzero(failed).tolist()}
+        self.worst_balance |= {int(at[k]): solved.worst(k) for k in np.flatnonzero(failed).tolist()}
         reader = out.subset(at)
         rest = np.flatnonzero(solved.converged & ~solved.read)
         for some in solver.blocks(rest, out.directions):
-            u, t, _ = self._start_from(at[some], None)
+            u, t, _ = self._subset(at[some], None)
             e = solver.evaluate(self.strategy.network, u, t, solved.x[:, some], out.directions)
             reader.read(e, np.arange(some.size), some)
 

@@ -350,7 +350,7 @@ class Place:
     def _sensor_column(self, column: str) -> str:
         """The sensor that reads a model column and nothing else."""
         sensors = self.network.sensors.values()
-        return next((s.column for s in sensors if dict(s.reads) == {column: 1.0} and not s.over), "")
+        return next((s.column for s in sensors if dict(s.reads) == {column: 1.0} and not s.denominator), "")
 
     def add_memory(
         self,
@@ -365,7 +365,7 @@ class Place:
         """remembered(e, signal): what `filter` makes of the signal's past, 0 in equilibrium; to be called by a hook in
         every evaluation. `recorded`, `measured`, `sensor`, `turns`: as of `Memory`."""
         memory = self._memory(filter, coefficients)
-        return self._remembered(replace(memory, recorded=recorded, measured=measured, sensor=sensor, turns=turns))
+        return self._remembered(replace(memory, recorded=recorded, measured=measured, sensor=sensor, rotor_shaft=turns))
 
     def add_formula_memory(
         self, filter: Filter, coefficients: Sequence[str], leaf: str
@@ -395,7 +395,7 @@ class Place:
         names = tuple(map(effect.parameter_name, coefficients))
         name = effect.parameter_name("memory")
         further = sum(m.name.startswith(name) for m in self._hooks.memories)
-        return Memory(f"{name}_{further + 1}" if further else name, filter, names, self._absent, tried=tried)
+        return Memory(f"{name}_{further + 1}" if further else name, filter, names, self._absent, trial_sizes=tried)
 
     def unknown_at_leaf(self, leaf: str, reads: Mapping[str, Callable[[Evaluation], Value]]) -> tuple[str, ...]:
         """Names of what cannot be read yet when the gas path comes to a leaf: reads raise KeyError."""

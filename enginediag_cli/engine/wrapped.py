@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from enginediag_cli.engine.engine import Engine, Prediction
 from enginediag_cli.engine.filters import Lag
-from enginediag_cli.engine.recall import MOMENT, PAST
+from enginediag_cli.engine.recall import MOMENT, UNKNOWN_PAST
 from enginediag_cli.parameters import Parameter
 
 
@@ -243,7 +243,7 @@ class WarmEngine(WrappedModel):
         before = self._found.get(key)
         if before is not None and before.asked.is_same(asked):
             return before.prediction
-        start = known[1] if known is not None and met else self._moved_start(points)
+        start = known[1] if known is not None and met else self._shifted_start(points)
         start = self._nearest_start(points) if start is None else start
         ways = {} if self._walk or not met else {"walk": False}
         found: Prediction = self._predict_inner(asked, options={**asked.options, "start": start, **ways})
@@ -290,7 +290,7 @@ class WarmEngine(WrappedModel):
         """Operating points (N, d): all inputs that the engine must have."""
         return np.column_stack(np.broadcast_arrays(*(np.atleast_1d(np.asarray(inputs[c], float)) for c in self.inputs)))
 
-    def _moved_start(self, points: np.ndarray) -> np.ndarray | None:
+    def _shifted_start(self, points: np.ndarray) -> np.ndarray | None:
         """Unknowns (nx, N) of the remembered batch of which these are the same records, read a little otherwise: as a
         fit reads its inputs when it seeks their errors. None where there is no such batch."""
         size = np.maximum(np.abs(points).max(axis=0, initial=0.0), 1e-9)
@@ -362,12 +362,12 @@ class LagModel(WrappedModel):
         super().__init__(model, {})
         self._at = {name: v for name, v in parameters.items() if name in model.parameters}
         self.lags_s = tuple(lags_s)
-        self.optional_inputs = {**model.optional_inputs, **PAST}
+        self.optional_inputs = {**model.optional_inputs, **UNKNOWN_PAST}
         self._known: OrderedDict[tuple[Any, ...], np.ndarray] = OrderedDict()
 
     def deviations(self, inputs: Mapping[str, Any], sensors: Sequence[str], size: int) -> np.ndarray:
         """m_τ − y (size, m, T) of the readings `sensors` in records with these inputs; 0 where no past is known."""
-        moment = np.broadcast_to(inputs.get(MOMENT, PAST[MOMENT]), (size,))
+        moment = np.broadcast_to(inputs.get(MOMENT, UNKNOWN_PAST[MOMENT]), (size,))
         number, place = self.model.tapes.locate(moment)
         found = np.zeros((size, len(sensors), len(self.lags_s)))
         for k in np.unique(number[number >= 0]).tolist():

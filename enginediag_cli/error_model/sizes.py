@@ -90,7 +90,7 @@ def likeliest_factors(
     precision = _precision(G if maps is None else maps, G)
     bottom, top = centre + np.log(least), centre + np.log(largest)
 
-    def lost(log_t: np.ndarray) -> tuple[float, np.ndarray]:
+    def objective(log_t: np.ndarray) -> tuple[float, np.ndarray]:
         t = np.where(group >= 0, np.exp(log_t)[group], 1.0)
         inner = np.eye(len(t)) + t[:, None] * information * t
         L = np.linalg.cholesky(inner)
@@ -106,7 +106,7 @@ def likeliest_factors(
 
     start = np.clip(np.zeros(G), bottom, top)
     bounds = list(zip(bottom, top, strict=True))
-    found = minimize(lost, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 0.0, "gtol": SLOPE})
+    found = minimize(objective, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 0.0, "gtol": SLOPE})
     return np.asarray(np.exp(found.x))
 
 

@@ -131,7 +131,7 @@ def _hot_sensors(engine: Engine) -> tuple[str, ...]:
         behind = behind or isinstance(c, Burner)
         if behind:
             hot |= {f"T{c.values[end]}_K" for end in ("to", "rotor_inlet_station") if c.values.get(end)}
-    return tuple(c for c, s in engine.sensors.items() if not s.over and s.reads.keys() <= hot)
+    return tuple(c for c, s in engine.sensors.items() if not s.denominator and s.reads.keys() <= hot)
 
 
 STEPS = 15

@@ -73,7 +73,7 @@ def station_sensor(engine: Engine, what: str, station: str) -> str | None:
     """The sensor that reads the total temperature (what "T") or pressure ("P") of a station and nothing else."""
     column = f"{what}{station}_{'K' if what == 'T' else 'Pa'}"
     for name, sensor in engine.sensors.items():
-        if dict(sensor.reads) == {column: 1.0} and sensor.over is None:
+        if dict(sensor.reads) == {column: 1.0} and sensor.denominator is None:
             return name
     return None
 

@@ -45,7 +45,7 @@ import numpy as np
 
 from enginediag_cli.config.fields import near
 from enginediag_cli.engine.declaration import IDENTIFICATION, LOSSES
-from enginediag_cli.engine.recall import MOMENT, PAST
+from enginediag_cli.engine.recall import MOMENT, UNKNOWN_PAST
 from enginediag_cli.engine.wrapped import Model
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.noise import record_gaps, record_positions
@@ -370,7 +370,7 @@ def _stack(model: Model, recordings: Sequence[TrainingRecording], sensors: tuple
     dropped: Counter[str] = Counter()
     optional = dict(model.optional_inputs)
     if any(MOMENT in item.columns for item in recordings):  # what lags is seen by those without memory, too
-        optional |= PAST
+        optional |= UNKNOWN_PAST
     inputs: dict[str, list[np.ndarray]] = {c: [] for c in (*model.inputs, *optional)}
     measured, recording, positions, regimes = [], [], [], []
     for index, item in enumerate(recordings):

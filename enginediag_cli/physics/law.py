@@ -65,7 +65,7 @@ from enginediag_cli.engine.components.turbomachinery import Compressor
 from enginediag_cli.engine.dual import Value, chain, exp, log, maximum, minimum, power, sqrt, value
 from enginediag_cli.engine.evaluation import Evaluation, reynolds_index_from_state
 from enginediag_cli.engine.filters import Backlash, Filter, Lag, RateLimit
-from enginediag_cli.engine.recall import MOMENT, PAST
+from enginediag_cli.engine.recall import MOMENT, UNKNOWN_PAST
 from enginediag_cli.engine.term import Coefficient, Driver, Effect, Place, Site, Term
 from enginediag_cli.physics.registry import term, term_names
 from enginediag_cli.units import split_column
@@ -521,7 +521,7 @@ class Law(Term):
         if acts.through is not None:
             self.INPUTS = acts.through.term.INPUTS
         if expression.memory_calls:
-            self.INPUTS = {**self.INPUTS, **PAST}
+            self.INPUTS = {**self.INPUTS, **UNKNOWN_PAST}
         self.EQUATION = f"{self.changed},  f = {expression.text}"
         self.DRIVER = next((v.driver for v in self.variables.values()), CONSTANT)
         self.REFERENCE = reference or "the engine file that states it"

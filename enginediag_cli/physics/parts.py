@@ -21,13 +21,13 @@ Quantity = Callable[[Evaluation], Value]
 """A number of a point of the engine (N,): a relative corrected speed, a share of the flow, an angle."""
 
 
-def sites_at(components: Iterable[Component], *quantities: str) -> Iterator[Site]:
+def component_sites(components: Iterable[Component], *quantities: str) -> Iterator[Site]:
     """A site at each component, where these of its leaves change."""
     for c in components:
         yield Site(c.name, c.name, tuple(f"{c.name}.{quantity}" for quantity in quantities))
 
 
-def sites_behind(components: Iterable[Component]) -> Iterator[Site]:
+def outlet_sites(components: Iterable[Component]) -> Iterator[Site]:
     """A site at each component, where the flow that it delivers changes."""
     for c in components:
         yield Site(c.name, c.name, (f"station {c.values['to']}",))

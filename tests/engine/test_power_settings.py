@@ -58,6 +58,7 @@ def comes_back(name, n, share):
     jet = any(c.TYPE in ("nozzle", "condi_nozzle") for c in engine.network.components)
     assert {"T4_K", "T5_K", *(["EPR"] if jet else [])} <= {*settings, engine.power_setting}
     columns = list(dict.fromkeys(["P3_Pa", "W2_kg_s", *settings, engine.network.power_setting]))
+    columns = [c for c in columns if c in engine.model_columns]
     answers = engine.predict(points, sensors=columns, wrt=[engine.power_setting])
     assert answers.ok.all()
     for setting in settings:
@@ -70,7 +71,10 @@ def comes_back(name, n, share):
         same = np.abs(back.y / answers.y - 1.0).max(axis=1) < 1e-6
         assert same[told & back.ok].mean() >= share, setting
         other = told & back.ok & ~same
-        assert_other_points_lie_beyond_idle(engine, {c: x[other] for c, x in points.items()}, back.y[other], columns, k)
+        if other.any():
+            assert_other_points_lie_beyond_idle(
+                engine, {c: x[other] for c, x in points.items()}, back.y[other], columns, k
+            )
 
 
 def assert_other_points_lie_beyond_idle(engine, points, y, columns, k):

@@ -6,13 +6,13 @@ from types import SimpleNamespace
 
 import pytest
 
-from enginediag_cli.engine.recall import PAST
+from enginediag_cli.engine.recall import UNKNOWN_PAST
 from enginediag_cli.mismatch.fit.attempt import _one_behind_the_other
 from enginediag_cli.mismatch.fit.options import EFFECT, FORMULA_OPTION
 from enginediag_cli.mismatch.laws.search import LawSearch
 
 
-def option(kind: str, label: str, place: str = "burner", inputs=PAST) -> SimpleNamespace:
+def option(kind: str, label: str, place: str = "burner", inputs=UNKNOWN_PAST) -> SimpleNamespace:
     term, site = SimpleNamespace(INPUTS=inputs), SimpleNamespace(targets=(place,))
     effect = SimpleNamespace(term=term, site=site, amplitudes=("a",))
     return SimpleNamespace(kind=kind, label=label, hypothesis=SimpleNamespace(effects=(effect,)))

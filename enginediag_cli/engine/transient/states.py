@@ -39,12 +39,12 @@ from enginediag_cli.engine.controls import (
     SetPointControl,
     minimum,
     select_middle,
-    selected,
+    select_surplus,
 )
 from enginediag_cli.engine.dual import Array, Value, maximum, value
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.evaluation import Evaluation, Hooks
-from enginediag_cli.engine.filters import DynamicFilter, FilterClock, Following, Integrated
+from enginediag_cli.engine.filters import DynamicFilter, FilterClock, IntegratedFilter, TrackingFilter
 from enginediag_cli.engine.network import Network
 from enginediag_cli.engine.recall import Memory, demanded_power
 from enginediag_cli.parameters import spelled
@@ -133,7 +133,7 @@ class RotorState(TransientState):
         hooks.leaves.setdefault(f"{self.shaft}.power_offtake_W", []).append(self._offtake)
 
     def represents(self, memory: Memory) -> bool:
-        return memory.turns == self.shaft
+        return memory.rotor_shaft == self.shaft
 
     def value(self, e: Evaluation) -> Value:
         return e.shaft(self.shaft).speed_rpm * RAD_S_PER_RPM
@@ -203,7 +203,7 @@ class ActuatorState(TransientState):
         pace, control = self.control.pace, self.control
         if not pace.rate_per_s or pace.time_constant_s or not isinstance(control, (Governor, SetPointControl)):
             return np.zeros(e.size, dtype=bool)
-        surplus = value(selected(control.aim, control.limits, e, network))
+        surplus = value(select_surplus(control.aim, control.limits, e, network))
         stopped = (
             np.any(list(control.stops.acting(e, AT_LIMIT).values()), axis=0)
             if isinstance(control, SetPointControl)
@@ -249,7 +249,7 @@ class MemoryState(TransientState):
         if not isinstance(filter, DynamicFilter):
             raise TypeError(f"the dynamic effect {memory.name} has no states")
         self.memory, self.number, self.filter = memory, number, filter
-        self.follows = isinstance(filter, Following)
+        self.follows = isinstance(filter, TrackingFilter)
         self.beside = tuple(f"{memory.name}.state_{k + 1}" for k in range(filter.STATES))
         self.name = self.beside[number]
         self.words, self.unit = spelled(memory.name), ""
@@ -273,12 +273,12 @@ class MemoryState(TransientState):
 
     def slope(self, e: Evaluation) -> Value:
         m = self.memory
-        assert isinstance(self.filter, Integrated)
+        assert isinstance(self.filter, IntegratedFilter)
         states = [e.signals[name] for name in self.beside]
         return self.filter.slopes(e.signals[m.name], states, [e[c] for c in m.coefficients])[self.number]
 
     def overrun(self, time: Array, x: Array, leaves: Mapping[str, Value]) -> Array:
-        assert isinstance(self.filter, Following)
+        assert isinstance(self.filter, TrackingFilter)
         return self.filter.overrun(time, x, [value(leaves[c]) for c in self.memory.coefficients])
 
 
@@ -321,14 +321,14 @@ def transient_states(engine: Engine, varied: Sequence[str] = ()) -> tuple[Transi
     memories = remembered(engine, varied)
     inertias = {n: s["inertia_kg_m2"] for n, s in network.shafts.items() if s["inertia_kg_m2"] > 0.0}
     for m in memories:
-        if m.turns in inertias:
+        if m.rotor_shaft in inertias:
             raise ValueError(
-                f"{engine.name}: the inertia of shaft {m.turns} is given twice, as inertia_kg_m2 of the shaft and as "
-                f"{m.coefficients[0]} of its physics; leave one of them out"
+                f"{engine.name}: shaft {m.rotor_shaft} has its inertia twice, as inertia_kg_m2 of the shaft and as "
+                f"{m.coefficients[0]} of its physics; remove one of them"
             )
-        if m.turns and set(m.coefficients) & set(varied):
+        if m.rotor_shaft and set(m.coefficients) & set(varied):
             raise ValueError(f"{engine.name}: {m.coefficients[0]} cannot change while the engine is flown along time")
-    inertias |= {m.turns: engine.nominal[m.coefficients[0]] for m in memories if m.turns}
+    inertias |= {m.rotor_shaft: engine.nominal[m.coefficients[0]] for m in memories if m.rotor_shaft}
     for name, shaft in network.shafts.items():
         if name in inertias and shaft["speed"] == "balance":
             found.append(RotorState(name, inertias[name]))
@@ -513,7 +513,9 @@ def network_inputs(engine: Engine, flight: TransientInputs) -> tuple[Array, dict
     network, time = engine.network, flight.time
     columns = dict(flight.columns)
     if network.demand is not None:
-        time, columns = _at(np.interp(np.arange((len(time) - 1) * BEND + 1) / BEND, np.arange(len(time)), time), flight)
+        time, columns = interpolate_inputs(
+            np.interp(np.arange((len(time) - 1) * BEND + 1) / BEND, np.arange(len(time)), time), flight
+        )
         theta = {**engine.nominal, **columns}
         asked = dict(zip(network.demand.names, _numbers(theta, network.demand.names), strict=True))
         columns[network.power_setting] = demanded_power(engine, columns, {**theta, **asked}, (), len(time)).value
@@ -523,8 +525,8 @@ def network_inputs(engine: Engine, flight: TransientInputs) -> tuple[Array, dict
             continue
         coefficients = _numbers({**engine.nominal, **columns}, m.coefficients)
         now = TransientInputs(time, columns, flight.records)
-        bends = m.filter.bends(time, coefficients)
-        time, columns = _at(np.union1d(time, bends[(bends > time[0]) & (bends < time[-1])]), now)
+        bends = m.filter.kink_times(time, coefficients)
+        time, columns = interpolate_inputs(np.union1d(time, bends[(bends > time[0]) & (bends < time[-1])]), now)
         first = np.zeros(len(time), dtype=bool)
         first[0] = True
         signal = columns[m.column]
@@ -534,5 +536,5 @@ def network_inputs(engine: Engine, flight: TransientInputs) -> tuple[Array, dict
     return time, columns
 
 
-def _at(time: Array, flight: TransientInputs) -> tuple[Array, dict[str, Array]]:
+def interpolate_inputs(time: Array, flight: TransientInputs) -> tuple[Array, dict[str, Array]]:
     return time, {c: np.interp(time, flight.time, v) for c, v in flight.columns.items()}

@@ -69,8 +69,8 @@ def deviation(filter: Filter, clock: FilterClock, signal: Value, coefficients: S
     if not m:
         return one.value
     d = np.zeros((m, N))
-    d[: len(one.along)] = one.along
-    for c, own in zip(coefficients, one.own, strict=True):
+    d[: len(one.input_slopes)] = one.input_slopes
+    for c, own in zip(coefficients, one.coefficient_slopes, strict=True):
         if isinstance(c, Dual):
             d[: len(c.d)] += own * c.d
     return Dual(one.value, d)

@@ -25,7 +25,7 @@ from functools import cached_property
 
 import numpy as np
 
-from enginediag_cli.engine.filters import FilterClock, last_side
+from enginediag_cli.engine.filters import FilterClock, last_switch_side
 
 GRID, FINER = 80, 30
 """Values of a variable among which thresholds are sought, and about the best of them again."""
@@ -110,7 +110,7 @@ def _tried(states: States, variable: int, x: np.ndarray, levels: tuple[np.ndarra
         if not len(highs):
             continue
         above, below = x[None, :] >= highs[:, None], (x <= low)[None, :]  # (pairs, N), (1, N)
-        latch, told_at_all = last_side(states.clock, above, below)
+        latch, told_at_all = last_switch_side(states.clock, above, below)
         known = told_at_all & states.sure
         for way, told in _ways(latch, ~(above | below)):
             right = known & (told == states.on)

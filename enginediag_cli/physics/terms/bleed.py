@@ -14,15 +14,15 @@ from enginediag_cli.engine.components.passages import Bleed
 from enginediag_cli.engine.components.turbomachinery import Compressor
 from enginediag_cli.engine.dual import Value, exp, power
 from enginediag_cli.engine.evaluation import Evaluation, Flow
-from enginediag_cli.engine.filters import Hysteresis, Scaled
-from enginediag_cli.engine.recall import PAST
+from enginediag_cli.engine.filters import Hysteresis, ScaledFilter
+from enginediag_cli.engine.recall import UNKNOWN_PAST
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term, shape_coefficient
 from enginediag_cli.physics.parts import (
     Quantity,
     core_compressor,
     has_variable_speed,
+    outlet_sites,
     relative_corrected_speed,
-    sites_behind,
     turbines,
     upstream,
 )
@@ -39,7 +39,7 @@ class ExitBleed(Term):
         return core_compressor(network)
 
     def sites(self, network: Network) -> Iterable[Site]:
-        return sites_behind(self.compressors(network))
+        return outlet_sites(self.compressors(network))
 
     @abstractmethod
     def share(self, at: Place) -> Quantity:
@@ -127,7 +127,7 @@ class InterstageBleed(Term):
     SWITCHES = True
 
     def sites(self, network: Network) -> Iterable[Site]:
-        return sites_behind(core_compressor(network))
+        return outlet_sites(core_compressor(network))
 
     def install(self, at: Place) -> None:
         values = at.component.values
@@ -242,13 +242,13 @@ class BleedValveHysteresis(HandlingValve):
     REFERENCE = (
         "bleed valve schedules with hysteresis: Walsh and Fletcher, Gas Turbine Performance, ch. 5 and 8; assumed"
     )
-    INPUTS = PAST
+    INPUTS = UNKNOWN_PAST
     SOUGHT = False
     TRIALS = tuple({"fraction": 0.05, "open_below": n, "band": b} for n, b in product((0.7, 0.8, 0.9), (0.05, 0.1)))
 
     def share(self, at: Place) -> Quantity:
         speed = relative_corrected_speed(at)
-        share = at.add_memory(Scaled(Hysteresis()), ("fraction", "open_below", "band"))
+        share = at.add_memory(ScaledFilter(Hysteresis()), ("fraction", "open_below", "band"))
         return lambda e: share(e, speed(e))
 
 

@@ -18,11 +18,11 @@ from enginediag_cli.engine.maps import closed_efficiency, closed_flow
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term, shape_coefficient
 from enginediag_cli.physics.parts import (
     Quantity,
+    component_sites,
     compressors,
     core_compressor,
     has_variable_speed,
     relative_corrected_speed,
-    sites_at,
     upstream,
 )
 from enginediag_cli.units import split_column
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network
 
 
-def fan_of(network: Network, splitter: Splitter) -> Compressor | None:
+def upstream_fan(network: Network, splitter: Splitter) -> Compressor | None:
     """The fan whose flow the splitter divides."""
     c = upstream(network, splitter.values["from"])
     return c if isinstance(c, Compressor) else None
@@ -40,7 +40,7 @@ def fan_of(network: Network, splitter: Splitter) -> Compressor | None:
 def fans(network: Network) -> dict[str, tuple[Compressor, Splitter]]:
     """By its name each compressor that feeds a splitter, and the splitter."""
     splitters = [c for c in network.components if isinstance(c, Splitter)]
-    return {fan.name: (fan, s) for s in splitters if (fan := fan_of(network, s)) is not None}
+    return {fan.name: (fan, s) for s in splitters if (fan := upstream_fan(network, s)) is not None}
 
 
 SINCE_WASH = "hours_since_wash_h"
@@ -88,7 +88,9 @@ class Fouling(Term):
     INPUTS = MappingProxyType({SINCE_WASH: 0.0})
 
     def sites(self, network: Network) -> Iterable[Site]:
-        return sites_at([c for c in compressors(network) if c.name not in fans(network)], "flow_capacity", "efficiency")
+        return component_sites(
+            [c for c in compressors(network) if c.name not in fans(network)], "flow_capacity", "efficiency"
+        )
 
     def install(self, at: Place) -> None:
         def deposits(e: Evaluation) -> Value:
@@ -190,7 +192,7 @@ class GuideVanes(Term):
 
     def sites(self, network: Network) -> Iterable[Site]:
         found = [c for c in core_compressor(network) if has_variable_speed(network, c)]
-        return sites_at(found, "flow_capacity", "efficiency")
+        return component_sites(found, "flow_capacity", "efficiency")
 
     def install(self, at: Place) -> None:
         speed = relative_corrected_speed(at)
@@ -255,7 +257,7 @@ class GuideVanesLoad(Term):
 
     def sites(self, network: Network) -> Iterable[Site]:
         found = [c for c in core_compressor(network) if not has_variable_speed(network, c)]
-        return sites_at(found, "flow_capacity", "efficiency")
+        return component_sites(found, "flow_capacity", "efficiency")
 
     def install(self, at: Place) -> None:
         column = at.network.power_setting

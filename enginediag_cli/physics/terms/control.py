@@ -16,10 +16,10 @@ from enginediag_cli.engine.components.passages import Ambient, Inlet
 from enginediag_cli.engine.controls import RecordedPosition
 from enginediag_cli.engine.dual import Value, select, sqrt, value
 from enginediag_cli.engine.evaluation import GRAVITY, P_ISA, R_AIR, Evaluation, saturated_water, standard_atmosphere
-from enginediag_cli.engine.filters import Delay, Filter, Lag, PerFull, RateLimit, SecondOrder
-from enginediag_cli.engine.recall import PAST
+from enginediag_cli.engine.filters import Delay, Filter, FullScaleFilter, Lag, RateLimit, SecondOrder
+from enginediag_cli.engine.recall import UNKNOWN_PAST
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term, shape_coefficient
-from enginediag_cli.physics.parts import burners, flies, sites_at
+from enginediag_cli.physics.parts import burners, component_sites, flies
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network
@@ -36,14 +36,14 @@ class FilteredCommand(Term):
     the site."""
 
     DRIVER = RATE
-    INPUTS = PAST
+    INPUTS = UNKNOWN_PAST
     FILTER: ClassVar[Filter]
 
     def install(self, at: Place) -> None:
         filter = self.FILTER
         if isinstance(filter, RateLimit):
             assert at.site.full is not None
-            filter = PerFull(filter, at.site.full[0])
+            filter = FullScaleFilter(filter, at.site.full[0])
         at.filter_input(at.site.targets[0], filter, [c.name for c in self.COEFFICIENTS])
 
 
@@ -400,7 +400,7 @@ class InletRamRecovery(Term):
 
     def sites(self, network: Network) -> Iterable[Site]:
         if flies(network):
-            yield from sites_at(inlets(network), "pressure_recovery")
+            yield from component_sites(inlets(network), "pressure_recovery")
 
     def install(self, at: Place) -> None:
         design = scalar(at.design.leaves["mach"]) ** 2
@@ -449,7 +449,7 @@ class InletFilterLoss(Term):
     INPUTS = MappingProxyType({SINCE_CHANGE: 0.0})
 
     def sites(self, network: Network) -> Iterable[Site]:
-        return sites_at([c for c in inlets(network) if not c.values["measured_loss"]], "pressure_recovery")
+        return component_sites([c for c in inlets(network) if not c.values["measured_loss"]], "pressure_recovery")
 
     def install(self, at: Place) -> None:
         def recovery(e: Evaluation, r: Value) -> Value:

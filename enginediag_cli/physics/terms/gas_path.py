@@ -21,7 +21,7 @@ from enginediag_cli.engine.components.passages import Duct
 from enginediag_cli.engine.dual import Value, exp, log
 from enginediag_cli.engine.evaluation import Evaluation, Flow
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term, shape_coefficient
-from enginediag_cli.physics.parts import Quantity, burners, flies, is_hot, relative_flow, sites_at, sites_behind
+from enginediag_cli.physics.parts import Quantity, burners, component_sites, flies, is_hot, outlet_sites, relative_flow
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network
@@ -53,7 +53,7 @@ class CombustionEfficiency(Term):
     )
 
     def sites(self, network: Network) -> Iterable[Site]:
-        return sites_at(burners(network), "efficiency")
+        return component_sites(burners(network), "efficiency")
 
     def install(self, at: Place) -> None:
         values = at.component.values
@@ -105,7 +105,7 @@ class FuelHeatingValue(Term):
     REFERENCE = "Jet fuel 42.8 to 43.6 MJ/kg, ± 1 %; NASA AGTF30 reckons with 42.8 MJ/kg"
 
     def sites(self, network: Network) -> Iterable[Site]:
-        return sites_at(burners(network), "lower_heating_value_J_kg")
+        return component_sites(burners(network), "lower_heating_value_J_kg")
 
     def install(self, at: Place) -> None:
         at.change_leaf(at.site.targets[0], lambda e, declared: declared * (1.0 + at.c(e, "deviation")))
@@ -145,7 +145,7 @@ class BurnerPressureLoss(FlowPressureLoss):
     )
 
     def sites(self, network: Network) -> Iterable[Site]:
-        return sites_at([c for c in burners(network) if c.values["pressure_loss"] > 0.0], "pressure_loss")
+        return component_sites([c for c in burners(network) if c.values["pressure_loss"] > 0.0], "pressure_loss")
 
 
 class DuctPressureLoss(FlowPressureLoss):
@@ -166,7 +166,7 @@ class DuctPressureLoss(FlowPressureLoss):
 
     def sites(self, network: Network) -> Iterable[Site]:
         ducts = [c for c in network.components if isinstance(c, Duct) and c.values["law"] == "constant"]
-        return sites_at([c for c in ducts if c.values["pressure_loss"] > 0.0], "pressure_loss")
+        return component_sites([c for c in ducts if c.values["pressure_loss"] > 0.0], "pressure_loss")
 
 
 class BurnerHeatingLoss(Term):
@@ -186,7 +186,7 @@ class BurnerHeatingLoss(Term):
     REFERENCE = "Walsh & Fletcher, Gas Turbine Performance, 2nd ed. 2004 (fundamental loss); 0.0005 to 0.003 assumed"
 
     def sites(self, network: Network) -> Iterable[Site]:
-        return sites_behind(burners(network))
+        return outlet_sites(burners(network))
 
     def install(self, at: Place) -> None:
         cold, hot = at.component.values["from"], at.component.values["to"]
@@ -268,7 +268,7 @@ class NozzleDischarge(UnchokedNozzle):
     )
 
     def sites(self, network: Network) -> Iterable[Site]:
-        return sites_at(nozzles(network), "area")
+        return component_sites(nozzles(network), "area")
 
 
 class NozzleVelocity(UnchokedNozzle):
@@ -294,7 +294,7 @@ class NozzleVelocity(UnchokedNozzle):
     REFERENCE = "NASA T-MATS and AGTF30, nozzle tables Cv and Cfg: 0.97 to 0.9999; the exponential is assumed"
 
     def sites(self, network: Network) -> Iterable[Site]:
-        return sites_at(nozzles(network), "velocity_coefficient")
+        return component_sites(nozzles(network), "velocity_coefficient")
 
 
 class NozzleThermalGrowth(NozzleTerm):
@@ -319,7 +319,7 @@ class NozzleThermalGrowth(NozzleTerm):
     REFERENCE = "NASA T-MATS, nozzle block (Therm_growth); a up to 1.2e-5 per K, 0 to 1.5 % of area"
 
     def sites(self, network: Network) -> Iterable[Site]:
-        return sites_at([c for c in nozzles(network) if is_hot(network, c.values["from"])], "area")
+        return component_sites([c for c in nozzles(network) if is_hot(network, c.values["from"])], "area")
 
     def change(self, at: Place, station: str) -> Quantity:
         reference = scalar(at.design.flows[station].T)
@@ -349,9 +349,9 @@ class ExhaustBackPressure(Term):
             return
         for c in network.components:
             if isinstance(c, Exhaust) and c.design_loss > 0.0 and not c.values["measured_back_pressure"]:
-                yield from sites_at([c], "loss_factor")
+                yield from component_sites([c], "loss_factor")
             if isinstance(c, Nozzle) and c.converges:
-                yield from sites_at([c], "area")
+                yield from component_sites([c], "area")
 
     def install(self, at: Place) -> None:
         c = at.component

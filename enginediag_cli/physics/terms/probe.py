@@ -13,7 +13,7 @@ from enginediag_cli.engine.dual import Value, exp, log, sqrt
 from enginediag_cli.engine.evaluation import Evaluation, Flow, ValueHook
 from enginediag_cli.engine.filters import Delay, Lag
 from enginediag_cli.engine.network import STATION_COLUMN
-from enginediag_cli.engine.recall import PAST
+from enginediag_cli.engine.recall import UNKNOWN_PAST
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term, shape_coefficient
 from enginediag_cli.physics.parts import burners, flies, is_hot, relative_flow
 
@@ -115,7 +115,7 @@ def readings(network: Network, what: str) -> Iterator[ProbeReading]:
     ratio or a share of them."""
     assert network.design_point is not None
     for sensor in network.sensors.values():
-        if sensor.over:
+        if sensor.denominator:
             continue
         stations: dict[str, float] = {}
         for column, weight in sensor.reads.items():
@@ -373,7 +373,7 @@ class ProbeLag(ProbeTerm):
     DRIVER = RATE
     COEFFICIENTS = (Coefficient("time_constant", "s", "τ; 0: at once", upper=300.0, sigma=30.0, typical=4.0),)
     REFERENCE = "SAE AIR46: 0.5 to 10 s for shielded thermocouples in gas streams; the range is assumed"
-    INPUTS = PAST
+    INPUTS = UNKNOWN_PAST
     TRIALS = tuple({"time_constant": t} for t in (1.0, 4.0, 16.0))
 
     def reading(self, at: Place, probe: ProbeReading) -> ValueHook:
@@ -398,7 +398,7 @@ class ClockShift(Term):
         ),
     )
     REFERENCE = "the commonest mismatch of recordings that several boxes make; the range is assumed"
-    INPUTS = PAST
+    INPUTS = UNKNOWN_PAST
 
     def sites(self, network: Network) -> Iterable[Site]:
         for s in network.sensors.values():

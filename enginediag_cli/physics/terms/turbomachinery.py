@@ -13,16 +13,16 @@ from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.passages import Splitter
 from enginediag_cli.engine.dual import Array, Value, exp, log, power
 from enginediag_cli.engine.evaluation import Evaluation, Flow, reynolds_index, viscosity_ratio
-from enginediag_cli.engine.filters import Lag, RateOfChange, Scaled, ScaledIntegrated
-from enginediag_cli.engine.recall import PAST
+from enginediag_cli.engine.filters import Lag, RateOfChange, ScaledFilter, ScaledIntegratedFilter
+from enginediag_cli.engine.recall import UNKNOWN_PAST
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term, shape_coefficient
 from enginediag_cli.physics.parts import (
+    component_sites,
     compressors,
     core_compressor,
     has_variable_speed,
+    outlet_sites,
     relative_speed,
-    sites_at,
-    sites_behind,
     turbines,
 )
 from enginediag_cli.units import RAD_S_PER_RPM
@@ -40,7 +40,7 @@ class ReynoldsTerm(Term):
     DRIVER = REYNOLDS_INDEX
 
     def sites(self, network: Network) -> Iterable[Site]:
-        return sites_at(compressors(network), "efficiency")
+        return component_sites(compressors(network), "efficiency")
 
     def number(self, flow: Flow) -> Value:
         """What is proportional to the Reynolds number of the component that this gas enters."""
@@ -98,7 +98,7 @@ class ReynoldsFlowCapacity(ReynoldsTerm):
     REFERENCE = "NPSS S_Re socket (s_WcRe); Walsh & Fletcher, Gas Turbine Performance, 2nd ed.; k 0 to 0.03 assumed"
 
     def sites(self, network: Network) -> Iterable[Site]:
-        return sites_at(compressors(network), "flow_capacity")
+        return component_sites(compressors(network), "flow_capacity")
 
     def factor(self, at: Place, e: Evaluation, relative: Value) -> Value:
         return 1.0 + at.c(e, "slope") * log(relative)
@@ -120,7 +120,7 @@ class ReynoldsTurbineEfficiency(ReynoldsTerm):
     REFERENCE = "NASA TN D-5090 (n 0.13 to 0.20 static; 0.18 above and 0.30 below design Re, total)"
 
     def sites(self, network: Network) -> Iterable[Site]:
-        return sites_at(turbines(network), "efficiency")
+        return component_sites(turbines(network), "efficiency")
 
     def number(self, flow: Flow) -> Value:
         """W/μ [kg/s at the viscosity of air at 288.15 K]."""
@@ -192,7 +192,7 @@ class CompressorTipClearance(TipClearance):
 
     def sites(self, network: Network) -> Iterable[Site]:
         found = [c for c in core_compressor(network) if has_variable_speed(network, c)]
-        return sites_at(found, "efficiency", "flow_capacity")
+        return component_sites(found, "efficiency", "flow_capacity")
 
 
 class TurbineTipClearance(TipClearance):
@@ -232,7 +232,7 @@ class TurbineTipClearance(TipClearance):
 
     def sites(self, network: Network) -> Iterable[Site]:
         found = [c for c in turbines(network) if has_variable_speed(network, c)]
-        return sites_at(found, "efficiency", "flow_capacity")
+        return component_sites(found, "efficiency", "flow_capacity")
 
 
 class ClearanceTransient(Term):
@@ -278,13 +278,13 @@ class ClearanceTransient(Term):
         "Walsh & Fletcher, Gas Turbine Performance, 2nd ed. 2004, ch. 8; Lattime and Steinetz, NASA/TM-2002-211794 "
         "(paces of casing and disc); ranges assumed"
     )
-    INPUTS = PAST
+    INPUTS = UNKNOWN_PAST
     MEASURED = True
     TRIALS = tuple({"loss": 0.02, "time_constant": t} for t in (10.0, 40.0, 150.0, 600.0))
 
     def sites(self, network: Network) -> Iterable[Site]:
         rotors = (*core_compressor(network), *turbines(network))
-        return sites_at([c for c in rotors if has_variable_speed(network, c)], "efficiency")
+        return component_sites([c for c in rotors if has_variable_speed(network, c)], "efficiency")
 
     def install(self, at: Place) -> None:
         shaft = at.component.values["shaft"]
@@ -294,7 +294,7 @@ class ClearanceTransient(Term):
         def pull(speed_rpm: Array) -> Array:
             return np.asarray((speed_rpm / design) ** 2)
 
-        behind = at.add_memory(ScaledIntegrated(Lag()), ("loss", "time_constant"), recorded=column, measured=pull)
+        behind = at.add_memory(ScaledIntegratedFilter(Lag()), ("loss", "time_constant"), recorded=column, measured=pull)
 
         def efficiency(e: Evaluation, factor: Value) -> Value:
             n = e.shaft(shaft).speed_rpm * (1.0 / design)
@@ -344,7 +344,7 @@ class ActiveClearanceControl(Term):
     def sites(self, network: Network) -> Iterable[Site]:
         # the air is the fan's: an engine without bypass has none to blow
         if "altitude_m" in network.inputs() and any(isinstance(c, Splitter) for c in network.components):
-            yield from sites_at(turbines(network), "efficiency")
+            yield from component_sites(turbines(network), "efficiency")
 
     def install(self, at: Place) -> None:
         def efficiency(e: Evaluation, factor: Value) -> Value:
@@ -391,17 +391,17 @@ class HeatSoak(Term):
         ),
     )
     REFERENCE = "Walsh & Fletcher, Gas Turbine Performance, 2nd ed. 2004, ch. 8 (heat soak); ranges assumed"
-    INPUTS = PAST
+    INPUTS = UNKNOWN_PAST
     TRIALS = tuple({"exchange": 0.02, "time_constant": t} for t in (5.0, 30.0, 150.0, 600.0))
 
     def sites(self, network: Network) -> Iterable[Site]:
-        return sites_behind(c for c in network.components if c.TYPE in HOLD_HEAT)
+        return outlet_sites(c for c in network.components if c.TYPE in HOLD_HEAT)
 
     def install(self, at: Place) -> None:
         station = at.component.values["to"]
         design = at.design.flows[station]
         capacity = scalar(design.W * design.gas.heat_capacity(design.T, design.mixture))
-        heat = at.add_memory(ScaledIntegrated(Lag()), ("exchange", "time_constant"))
+        heat = at.add_memory(ScaledIntegratedFilter(Lag()), ("exchange", "time_constant"))
 
         def soaked(e: Evaluation, flow: Flow) -> Flow:
             # ε (T_metal − T): negative while the metal is colder than the gas
@@ -568,7 +568,7 @@ class RotorInertia(Term):
     REFERENCE = (
         "Walsh & Fletcher, Gas Turbine Performance, 2nd ed. 2004, ch. 8; ranges from model jets to fans, assumed"
     )
-    INPUTS = PAST
+    INPUTS = UNKNOWN_PAST
     MEASURED = True
 
     def sites(self, network: Network) -> Iterable[Site]:
@@ -583,7 +583,7 @@ class RotorInertia(Term):
             return 0.5 * (RAD_S_PER_RPM * speed_rpm) ** 2
 
         column = next(c for c, shaft in at.network.speed_columns.items() if shaft == name)
-        power = at.add_memory(Scaled(RateOfChange()), ("inertia",), recorded=column, measured=energy, turns=name)
+        power = at.add_memory(ScaledFilter(RateOfChange()), ("inertia",), recorded=column, measured=energy, turns=name)
 
         def offtake(e: Evaluation, load_W: Value) -> Value:
             omega = e.shaft(name).speed_rpm * RAD_S_PER_RPM

@@ -9,13 +9,13 @@ from enginediag_cli.engine.filters import (
     Backlash,
     Delay,
     FilterClock,
+    FullScaleFilter,
     Hysteresis,
     Lag,
-    PerFull,
     RateLimit,
     RateOfChange,
-    Scaled,
-    ScaledIntegrated,
+    ScaledFilter,
+    ScaledIntegratedFilter,
     SecondOrder,
 )
 
@@ -50,10 +50,10 @@ FILTERS = {
     "clock ahead": (Delay(), (-2.21,)),
     "rate limit": (RateLimit(), (0.7, 0.31)),
     "rate limit upwards only": (RateLimit(), (0.9, 0.0)),
-    "rate limit per full scale": (PerFull(RateLimit(), 40.0), (30.0, 50.0)),
+    "rate limit per full scale": (FullScaleFilter(RateLimit(), 40.0), (30.0, 50.0)),
     "backlash": (Backlash(), (3.0,)),
-    "heat flow": (ScaledIntegrated(Lag()), (2.5, 12.0)),
-    "inertia": (Scaled(RateOfChange()), (0.4,)),
+    "heat flow": (ScaledIntegratedFilter(Lag()), (2.5, 12.0)),
+    "inertia": (ScaledFilter(RateOfChange()), (0.4,)),
 }
 
 
@@ -68,9 +68,9 @@ def test_derivatives_are_those_of_differences(name):
             alone(filter, clock, u + h * along[k], *coefficients).value
             - alone(filter, clock, u - h * along[k], *coefficients).value
         ) / (2 * h)
-        assert np.mean(np.abs(at.along[k] - difference) > 1e-6 * max(1.0, np.abs(difference).max())) < 0.02
-        assert np.median(np.abs(at.along[k] - difference)) < 1e-7
-    assert at.own.shape == (len(coefficients), len(u))
+        assert np.mean(np.abs(at.input_slopes[k] - difference) > 1e-6 * max(1.0, np.abs(difference).max())) < 0.02
+        assert np.median(np.abs(at.input_slopes[k] - difference)) < 1e-7
+    assert at.coefficient_slopes.shape == (len(coefficients), len(u))
     for k, c in enumerate(coefficients):
         if c == 0.0:
             continue
@@ -79,7 +79,7 @@ def test_derivatives_are_those_of_differences(name):
         difference = (alone(filter, clock, u, *moved[0]).value - alone(filter, clock, u, *moved[1]).value) / (2 * h)
         scale = max(1.0, np.abs(difference).max())
         # where a ramp ends within a step, or a delay meets a record, there is a kink
-        assert np.mean(np.abs(at.own[k] - difference) > 1e-6 * scale) < 0.02
+        assert np.mean(np.abs(at.coefficient_slopes[k] - difference) > 1e-6 * scale) < 0.02
 
 
 def test_a_step_through_a_lag_is_an_exponential():
@@ -101,8 +101,8 @@ def test_a_lag_follows_a_ramp_one_time_constant_behind_however_it_is_sampled():
 def test_without_a_time_constant_nothing_lags():
     clock, u, along = uneven()
     found = Lag()(clock, u, along, (0.0,))
-    assert not found.value.any() and not found.along.any()
-    assert found.own[0] == pytest.approx(-clock.rise(u))
+    assert not found.value.any() and not found.input_slopes.any()
+    assert found.coefficient_slopes[0] == pytest.approx(-clock.rise(u))
 
 
 def test_two_lags_answer_a_ramp_as_their_transfer_function_does():
@@ -125,7 +125,7 @@ def test_a_step_through_a_rate_limit_is_a_ramp():
 def test_a_ramp_slower_than_the_limit_passes_unchanged():
     clock, u, along = uneven()
     found = RateLimit()(clock, u, along, (1e-6, 1e-6))
-    assert not found.value.any() and not found.along.any() and not found.own.any()
+    assert not found.value.any() and not found.input_slopes.any() and not found.coefficient_slopes.any()
 
 
 def test_a_limited_ramp_turns_where_it_meets_a_falling_signal():
@@ -141,7 +141,7 @@ def test_a_limited_ramp_turns_where_it_meets_a_falling_signal():
     [
         (Lag(), (5.0,), lambda t: 20.0 - 15.0 * np.exp(-t / 5.0)),
         (RateLimit(), (0.5, 0.5), lambda t: np.minimum(5.0 + 2.0 * t, 20.0)),
-        (PerFull(RateLimit(), 40.0), (20.0, 20.0), lambda t: np.minimum(5.0 + 2.0 * t, 20.0)),
+        (FullScaleFilter(RateLimit(), 40.0), (20.0, 20.0), lambda t: np.minimum(5.0 + 2.0 * t, 20.0)),
         (Delay(), (4.0,), lambda t: np.where(t < 4.0, 5.0, 20.0)),
         (SecondOrder(), (5.0, 0.0), lambda t: 20.0 - 15.0 * np.exp(-t / 5.0)),
     ],
@@ -155,7 +155,7 @@ def test_an_output_that_is_known_at_the_beginning_goes_on_from_there(filter, coe
     assert u + found.value == pytest.approx(expected(time), abs=1e-9)
     h = 1e-6
     moved = [filter(clock, u + side * h, along, coefficients).value for side in (1, -1)]
-    assert found.along[0] == pytest.approx((moved[0] - moved[1]) / (2 * h), abs=1e-5)
+    assert found.input_slopes[0] == pytest.approx((moved[0] - moved[1]) / (2 * h), abs=1e-5)
 
 
 def test_a_delayed_ramp_is_lower_by_slope_times_delay():
@@ -181,7 +181,7 @@ def test_a_gap_parts_a_record_into_two_that_know_nothing_of_each_other(name):
     for span in (slice(0, k), slice(k, None)):
         part = filter(clock_of(clock.time[span]), u[span], along[:, span], coefficients)
         assert np.array_equal(whole.value[span], part.value)
-        assert np.array_equal(whole.own[:, span], part.own)
+        assert np.array_equal(whole.coefficient_slopes[:, span], part.coefficient_slopes)
 
 
 @pytest.mark.parametrize("name", [n for n in FILTERS if n not in ("clock ahead", "inertia")])
@@ -212,7 +212,7 @@ def test_hysteresis_is_what_a_valve_that_is_watched_record_by_record_does():
         wanted[k] = still_open and x >= low
     found = Hysteresis()(clock, u, along, (low, band))
     assert np.array_equal(found.value, wanted) and 0.0 < wanted.mean() < 0.5
-    assert not found.along.any() and not found.own.any()
+    assert not found.input_slopes.any() and not found.coefficient_slopes.any()
 
 
 def test_backlash_is_what_goes_record_by_record():
