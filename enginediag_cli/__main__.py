@@ -1,7 +1,7 @@
-"""Entry of the console script: runs a command and turns whatever happens into one exit code.
+"""Entry of the console script: run a command and turn every ending into one exit code.
 
-Click ends with 1 on a broken pipe, on Ctrl-C and on many errors, and Python ends with 1 on an uncaught
-exception; here 1 means "a fault was found", so every ending is mapped in `_report` and nowhere else.
+Click ends with 1 on a broken pipe, on Ctrl-C and on many errors, and Python ends with 1 on an uncaught exception. Here
+1 means "a fault was found", so every ending is mapped in `_report` and nowhere else.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The drivers: what an effect or a discrepancy may vary with, each one object, and curves along them.
+"""Drivers: the quantities on which an effect or a discrepancy may depend, and curves along them.
 
 Drivers come from the inputs and from the model's own prediction, never from the readings that are judged.
 """

@@ -1,4 +1,4 @@
-"""One run at a time: a lock on a file. The system releases it when its holder ends, however it ends."""
+"""A lock on a file, for one run at a time. The system releases it when its holder ends, however it ends."""
 
 from __future__ import annotations
 

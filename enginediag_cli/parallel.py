@@ -3,7 +3,7 @@
 Three ways, each for its own kind of work:
 
 `parallel_map`
-    The pieces of one computation. Each process begins as a copy of this one (fork), knows all that it knows, and sends
+    The pieces of one computation. Each process begins as a copy of this one (fork), has all its data, and sends
     back the results of its pieces. Results are those of one process, to the last digit, so nothing random and nothing
     learnt from one piece for the next may be in a piece. Nested calls run where the outer piece runs.
 `ProcessPool`, `run_tasks`

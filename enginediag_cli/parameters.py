@@ -2,14 +2,14 @@
 
 Health parameters are scale factors of nominal 1 on what a component should do (`hpc.efficiency`); sensor
 parameters are a bias of nominal 0 in the sensor's unit or a scale of nominal 1 (`sensor.T3.bias`), input
-parameters the same of an instrument that gives the model an input (`input.Wf.scale`); actuator parameters say what a
-valve or a vane does that it should not (`bleed.hpc.fraction`), of nominal 0; design
+parameters the same of an instrument that gives the model an input (`input.Wf.scale`); actuator parameters say how far a
+valve or a vane is from where it should be (`bleed.hpc.fraction`), of nominal 0; design
 parameters describe the engine type itself (`hpc.map.work_slope`) and are identified, not monitored;
 physics parameters are coefficients of effects, of nominal 0 where the effect is absent.
 
 The meaning of a parameter is in its fields. Files and commands use its name, which is never parsed for meaning.
 
-How often what fails, before the data: the one place of prior chances, each that of one recording that is judged.
+The prior probabilities of faults are here too, each for one recording that is judged.
 
 Components wear, and an engine that is judged is seldom new. Valves that bleed a compressor, to keep it from surging or
 for the aircraft, leak and stick as often as a module is at fault: a public benchmark of gas-path diagnostics draws its

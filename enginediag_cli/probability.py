@@ -1,7 +1,4 @@
-"""How far an interval reaches, written once.
-
-Sums over hypotheses whose weights are known by their logarithms.
-"""
+"""The reach of a 95 % interval, written once, and sums over hypotheses in logarithms of weights."""
 
 from __future__ import annotations
 

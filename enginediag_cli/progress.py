@@ -1,6 +1,6 @@
 """Progress of long work: its stage, how far it is, and the files it reads and writes.
 
-Mathematics reports it, and does not know who listens:
+Computations report it, and do not know who listens:
 
     with stage("re-estimating", total=len(windows)) as step:
         for number, window in enumerate(windows, start=1):
@@ -13,8 +13,8 @@ Mathematics reports it, and does not know who listens:
     @stage("looking for what switches")
     def find_switch(...): ...
 
-Nobody listens unless the command line installs a `Listener`; then a call costs an attribute look-up. Stages may lie in
-each other, and a stage of a generator may end after one that was begun later: each is known by itself.
+Nobody listens unless the command line installs a `Listener`; without one a call costs an attribute look-up. Stages may
+be nested, and a stage of a generator may end after one that started later: each is independent.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
-"""Text that comes from files, made harmless: for a terminal, which obeys escape sequences, and for a spreadsheet,
-which runs cells that begin like a formula."""
+"""Text from files, made harmless for terminals and spreadsheets.
+
+A terminal obeys escape sequences, and a spreadsheet executes cells that begin like a formula.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the engines, faults, flights and recorders lie that come with the program."""
+"""Places of the engines, faults, flights and recorders that come with the program."""
 
 from __future__ import annotations
 

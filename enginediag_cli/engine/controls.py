@@ -1,24 +1,15 @@
-"""Actuators of a control: governed, held at a set point, recorded, or scheduled.
+"""Controls: what moves the actuators of an engine (fuel, vanes, bleed valves, nozzles).
 
-The fuel control: it meets the power that is asked for, unless a limit takes over.
+Every control adds its unknowns, equations and parameters to the network, and gives the position of its actuator:
 
-An actuator that holds a column at its set point, between its stops.
+- `Governor` is the fuel control. It gives the required power unless a limit takes over.
+- `SetPointControl` keeps a column of the model at its set point, between the stops of its actuator.
+- `RecordedPosition` takes the position from the recording.
+- `ScheduledPosition` takes the position from a table or a polynomial of a column (`Schedule`).
 
-An actuator whose position the recording holds.
-
-An actuator whose position follows something: a table or a polynomial.
-
-What every control is to the network: unknowns, equations and parameters of its own, and its actuator's position.
-
-When a control acts, and where its actuator rests else.
-
-A value that follows something: a table read along straight lines, or a polynomial.
-
-What a control is after: a column of the model at a value, told as a surplus that rises with the actuator.
-
-What a control between stops solves: "held, or at a stop that lets it be no nearer".
-
-The stops of an actuator, and its position between them as an unknown of order one.
+An `Aim` is what a control works towards: a column of the model at a value, as a surplus that rises with the actuator.
+`Stops` are the ends of an actuator; its position between them is an unknown of order one. `Release` says when a control
+acts, and where its actuator rests otherwise.
 """
 
 from __future__ import annotations

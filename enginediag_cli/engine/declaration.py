@@ -1,18 +1,13 @@
-"""The keys of an engine file. Component keys are declared beside the components themselves.
+"""The keys of an engine file, and the controls that its `controls:` block declares.
 
-The `physics:` block of an engine file: the effects that its model carries.
+The keys of a component are declared beside the component itself. Here are those of the rest:
 
-The blocks of an engine file that later stages read: `identification:` and `mismatch:`.
-
-The `identification:` block of an engine file: what is estimated, how loosely, and with which noise.
-
-The `mismatch:` block of an engine file: what `locate`, `explain` and `refine` reckon with.
-
-The keys of `controls:` in an engine file.
-
-Entries of `controls:` → controls of the network, with every problem at its place.
-
-Which way an actuator moves what it is to hold: the sign of dq/dx at the design point, all else in balance.
+- `physics:` the effects that the model has.
+- `identification:` which parameters are estimated, how loosely, and with which noise.
+- `mismatch:` what `locate`, `explain` and `refine` assume.
+- `controls:` actuators and what moves them. `read_controls` makes the controls of the network and reports every problem
+  at its place. `orient` finds the direction in which an actuator moves its column: the sign of dq/dx at the design
+  point, with every other balance met.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The engine as the rest of the tool sees it: Y = Φ(U, θ) and ∂Φ/∂θ for whole batches."""
+"""`Engine`: Y = Φ(U, θ) and ∂Φ/∂θ for whole batches. This is the engine as every other package uses it."""
 
 from __future__ import annotations
 

@@ -1,29 +1,18 @@
-"""Filters along time: lags, delays, rate limits, hysteresis and backlash.
+"""Filters along time: lags, delays, rate limits, hysteresis, backlash and rates of change.
 
-What every filter along time is.
+A *signal* is known at the records of a tape and runs in straight lines between them. A filter gives the deviation of
+its output from the signal at the same records, and its derivatives by the signal and by the filter's own coefficients.
+At the start, and after every gap (`FilterClock.first`), a filter is in equilibrium, unless its output is known there
+(`FilterClock.start`).
 
-A *signal* is known at the records of a tape and runs in straight lines between them; a filter answers with its output
-at the same records, and how that changes with the signal and with the filter's own coefficients. At its start, and
-after every gap (`Clock.first`), it is in equilibrium, unless its output is known there (`Clock.start`): nothing else
-is known of what was before.
-
-Backlash: the output is dragged along by the signal, and stands still while the signal turns round.
-
-Pure delay: what a column shows is what was, or, with a clock that is ahead, what is yet to come.
-
-Hysteresis: between two thresholds it depends on where the signal came from.
-
-First-order lag, exact for a signal that runs straight from record to record.
-
-A filter that follows, its signal counted in full scales: its coefficients do not depend on the size of a machine.
-
-Rate limit: the output follows the signal, but never faster than so much per second up, and so much down.
-
-Rate of change of a signal that was measured, per second.
-
-So much of what another filter makes.
-
-Second-order lag: two first-order ones in a row.
+- `Lag` is first-order, exact for straight lines; `SecondOrder` is two such lags in a row.
+- `Delay` shifts in time; a clock that is ahead shows later values.
+- `RateLimit` follows the signal no faster than so much per second up, and so much down.
+- `Backlash` is dragged along by the signal and stands still while the signal reverses.
+- `Hysteresis` depends, between two thresholds, on the side from which the signal came.
+- `RateOfChange` is the slope of a measured signal, per second.
+- `FullScaleFilter` counts the signal in full scales, so that coefficients do not depend on the size of a machine;
+  `ScaledFilter` gives a share of the output of another filter.
 """
 
 from __future__ import annotations

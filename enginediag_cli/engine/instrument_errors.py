@@ -1,24 +1,20 @@
-"""Errors of instruments as parameters of a model: those that give it its inputs, and drifts.
+"""Errors of instruments as parameters of a model: errors of its inputs, and drifts.
 
-Errors of the instruments that give the model its inputs: a model that offers them as parameters.
-
-A model reads flight condition and power setting from instruments as well, and what such an instrument is wrong by it
-predicts for another operating point. With the reading u of a channel and its error,
+A model reads flight condition and power setting from instruments as well. An error of such an instrument makes the
+model predict for another operating point. With the reading u of a channel,
 
     u_true = (u − b) / s    (bias b, scale s),        ∂Φ/∂b = −∂Φ/∂u / s,   ∂Φ/∂s = −∂Φ/∂u · (u − b) / s²
 
-so that an error of an input is a parameter like any other, with the signature of a change of operating point. Both are
-forms of one fault of one instrument.
+so that an error of an input is a parameter like any other, with the signature of a change of operating point.
 
-Instruments that drift: a model that offers an error growing with the time since the recording began as parameters.
-
-A bias, a scale and a drift are forms of one fault of one instrument. With the rate d of the instrument, in its unit per
-hour, and t the hours since the first record of the flight,
+An instrument that drifts has an error that grows with time. With the rate d, in the instrument's unit per hour, and t
+the hours since the first record of the flight,
 
     y_read = y + d t,   ∂y/∂d = t          (an output)
     u_true = u_read − d t,   ∂Φ/∂d = −t ∂Φ/∂u          (an input of the model)
 
-where t is an input column of the model, which whoever reads recordings writes; it is 0 where no time was recorded.
+where t is an input column of the model. Whoever reads recordings writes it; it is 0 where no time was recorded. Bias,
+scale and drift are forms of one fault of one instrument.
 """
 
 from __future__ import annotations

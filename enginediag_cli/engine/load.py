@@ -1,15 +1,11 @@
-"""Engine file → Engine, with every problem of the file reported at its place.
+"""Engine file → `Engine`, with every problem of the file reported at its place.
 
-Why an engine has more unknowns than balances, or fewer: from what is there, not from a list of what may be.
+`build_engine` reads the file, checks what needs more than one key (stations, shafts, bleeds, loads, propellers,
+gearboxes, power setting), sizes the network at the design point, and adds the effects. Where a design point cannot be
+met, or the unknowns are not as many as the balances, the message says what would fix it.
 
-Sizing at the design point, and what would cure a design point that cannot be met.
-
-An engine's description as text: the engine file and the map tables that it reads, so that an engine can travel
-inside another file and be built where its own file is not.
-
-Checks of an engine file that need more than one key: stations, shafts, bleeds, power setting.
-
-Checks of an engine file about what its shafts drive: loads, propellers and gearboxes.
+`EngineDescription` is the text of an engine file and of its map tables. With it an engine can be stored inside another
+file, or sent to another process, and be built where its own file is not.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
-"""Tabulated component maps: CSV file with two coordinates and several quantities on a rectangular grid.
+"""Component maps of compressors and turbines: tables, parametric maps, guide vanes and the surge line.
 
-Inside the grid a quantity is a polynomial in local cell coordinates, made once; looking up all quantities
-of all points is one gather of coefficient rows and a Horner sum. Interpolation rules:
+A table (`TableMap`) is a CSV file with two coordinates and several quantities on a rectangular grid. Inside the grid a
+quantity is a polynomial in local cell coordinates, made once; looking up all quantities of all points is one gather of
+coefficient rows and a Horner sum. Interpolation rules:
 
 - `linear`: bilinear in the cell.
 - `quadratic`: in each direction the parabola through the bracketing pair and the next grid value up, or
@@ -15,7 +16,8 @@ values, whatever the rule inside, and the point is marked:
 That is how NPSS continues a map. The tangent of the last parabola instead is off by up to 1.8 % at idle points below a
 fan's lowest speed line. At the edge of a parabola the slope therefore jumps, as it does at every grid line inside.
 
-Parametric compressor map in work and flow: smooth, monotone, from windmilling to full power.
+The parametric compressor map (`work_and_loss`) is one of work and flow: smooth, monotone, from windmilling to full
+power.
 
 With n = N/√θ and w = W√θ/δ, both relative to design, and flow coefficient x = w / n^e,
 
@@ -27,23 +29,20 @@ enthalpy rise falls with flow for every x > 0 (s, c > 0), the speed lines steepe
 and no auxiliary map coordinate is needed. Form: work–flow similarity of turbomachines (J. H. Horlock,
 Axial Flow Compressors, 1958, ch. 3); coefficients are for identification, their defaults assumed.
 
-What guide vanes and variable stators do to a compressor's map when they close further than it holds.
-
-With a closing Δφ in degrees beyond the schedule that the map was measured with (negative: opened),
+Guide vanes and variable stators change a compressor's map when they close further than the map assumes. With a closing
+Δφ in degrees beyond the schedule of the map (negative: opened),
 
     W_c = W_c,map exp(−a Δφ),    η = η_map/(1 + b Δφ²)
 
 to first order −a Δφ and −b Δφ², and sensible for any angle. Form: the variable-geometry inputs of NLR GSP and GasTurb,
 a flow change per degree and a loss per square degree; magnitudes assumed.
 
-The surge line of a compressor, and how far from it the compressor works.
+The surge margin (`SurgeLine`) is that of pressure ratio at constant corrected flow, SM = PR_surge(W_c)/PR − 1. Others
+are in use and are other numbers for the same point: at constant corrected speed (PR_surge/PR)(W_c/W_c,surge) − 1, for
+which one must know where the speed line ends, and (PR_surge − PR)/(PR_surge − 1), which counts from a ratio of one.
+Below zero the point lies beyond the line.
 
-The margin is that of pressure ratio at constant corrected flow, SM = PR_surge(W_c)/PR − 1. Others are in use and are
-other numbers for the same point: at constant corrected speed (PR_surge/PR)(W_c/W_c,surge) − 1, for which one must know
-where the speed line ends, and (PR_surge − PR)/(PR_surge − 1), which counts from a ratio of one. Below zero the point
-lies beyond the line.
-
-Parametric turbine map: flow capacity and isentropic efficiency, smooth and monotone in pressure ratio.
+The parametric turbine map gives flow capacity and isentropic efficiency, smooth and monotone in pressure ratio.
 
     capacity    W√T/P relative to design = √(1 − PR^−k) / √(1 − PR_d^−k) · [1 − c (N/√T − 1)]
     efficiency  η/η_d = 1 − a (ν/ν_d − 1)²,   ν = N / √(ideal enthalpy drop)  (blade-speed ratio)

@@ -1,8 +1,7 @@
-"""The network: components and shafts in gas-path order, its unknowns and balances, one evaluation.
+"""The network: components and shafts in gas-path order, their unknowns and balances, and one evaluation.
 
-What the shafts of an engine drive, and which of them turn together.
-
-What is asked of an engine by a set point that is recorded: a table from its column to the power setting.
+`Coupling` says what the shafts drive and which of them turn together. `Demand` is the table from a recorded set point
+to the power setting.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-"""An engine at a glance: what it does at its design conditions and in the corners of its envelope, and its fuel.
+"""An engine at a glance: its design point, the corners of its envelope, and its fuel.
 
 The lower heating value of a hydrocarbon follows from its ratio of hydrogen to carbon:
 
     HHV = 0.3491 C + 1.1783 H,        LHV = HHV − 2.442 · 8.937 H
 
 in MJ/kg with C and H in % and 8.937 kg of water per kg of hydrogen, of 2.442 MJ/kg at 25 °C. Source: S. A. Channiwala
-and P. P. Parikh, Fuel 81 (2002) 1051–1063, whose formula is right to 1.5 % of fuels from methane to heavy oil.
+and P. P. Parikh, Fuel 81 (2002) 1051–1063. The formula is right to 1.5 % for fuels from methane to heavy oil.
 
-Small engines that hold every component type: the component reference is made from them.
+The component reference is made from small engines that contain every component type (`component_example`).
 """
 
 from __future__ import annotations

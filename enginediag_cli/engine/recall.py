@@ -1,24 +1,19 @@
-"""What the effects of an engine remember at the records that are asked for.
+"""Dynamic effects (with memory): what the past of a recording adds to the prediction of a record.
 
-Two kinds of memory, filters of what is known before anything is solved (a set point, an input column) and filters of
-the solution itself (a gas temperature). The first are one pass along the tape. For the second the whole tape is solved
-in sweeps: the quasi-steady network for all records at once, its signals filtered along time, again with what that
-gives, until nothing changes. What goes back from a memory to its signal is small, a few per cent of the gas's power,
-and is known from the first sweep: each further one has but its change to correct, and gains two to four digits.
-Derivatives go the same way: with the signals s(θ, m) and m = F(s, c),
+A `Memory` is a filter of one signal. A `Tape` is one whole recording, excluded records too. The input column MOMENT of
+a record names its tape and its place there. So predictions may take records in blocks, in any order or a few of them,
+and each record still finds its own past.
+
+There are two kinds of memory. A filter of an input (a set point, an input column) is one pass along the tape. A filter
+of the solution (a gas temperature) needs sweeps (`TapeIteration`): the quasi-steady network is solved for all records
+at once, its signals are filtered along time, and both are repeated until nothing changes. The feedback from a memory to
+its signal is small, a few per cent of the gas's power, and is known from the first sweep. Each further sweep gains two
+to four digits. Derivatives go the same way. With the signals s(θ, m) and m = F(s, c),
 
     dm/dθ = F'(∂s/∂θ + ∂s/∂m dm/dθ) + ∂F/∂c dc/dθ
 
-is repeated until it stands, without any solve. Predictions are then those of the records asked for with m as further
-leaves: dy/dθ = ∂y/∂θ + ∂y/∂m dm/dθ.
-
-What an effect remembers of the past of a record, and where it enters the network.
-
-Tapes: what a recording shows of an engine's inputs, record by record, so that any record finds its own past.
-
-Whoever asks for predictions may leave records out, take them in blocks or shuffle them. So the past is not looked for
-among the records that are asked for, but on the tape that the column MOMENT of a record names: all records of its
-recording, those included that are judged by nobody.
+is repeated until it converges, without any solve. The memories are then further leaves of the prediction:
+dy/dθ = ∂y/∂θ + ∂y/∂m dm/dθ.
 """
 
 from __future__ import annotations

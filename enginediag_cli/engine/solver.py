@@ -1,30 +1,22 @@
 """Damped Newton iteration over a whole batch of operating points at once.
 
-Each pass evaluates the points that are still open; those that meet the tolerance leave the batch. Far from the
-solution a pass gives the exact Jacobian with the balances, near it the balances alone at less than half the cost, and
-the Jacobian of before serves (`OpenPoints`). Nothing is asked of a balance but that it is continuous: where it has a
-kink, steps gain less and the Jacobian is computed again. A point that does not converge is data: its residuals say
-which balance failed.
-
-The way of a point depends on nothing but that point, so its solution is the same to the last digit in every batch: of
-more than `FEW_POINTS`, whose Jacobians come from the pass itself, and of fewer, where they come from differences.
-
-How far an iteration goes, and when it needs a fresh Jacobian.
-
-Points of a batch that have not converged, and the step that each takes next.
-
-Far from the solution a step is Newton's, -J⁻¹ R with the Jacobian J there. Near it J of before is corrected by what the
-last steps s, s' have shown of it (Broyden's update):
+Each pass evaluates the points that have not converged (`OpenPoints`); those that meet the tolerance leave the batch.
+Far from the solution a pass gives the balances R with their exact Jacobian J, and the step is −J⁻¹ R. Near it a pass
+gives the balances alone at less than half the cost, and the earlier J is corrected by what the last steps s, s' have
+shown of it (Broyden's update):
 
     t = -J⁻¹ R,      t' = t + s' (s·t) / s·s,      step = t' / (1 - s'·t' / s'·s'),
 
-or, of few points, J itself is updated, until a step gains less than it should (C. T. Kelley, Iterative Methods for
+or, for few points, J itself is updated, until a step gains less than it should (C. T. Kelley, Iterative Methods for
 Linear and Nonlinear Equations, 1995, ch. 7). A step is shortened so that no unknown moves by more than `LARGEST_STEP`
-of itself, and halved again where the residual grew.
+of itself, and halved again where the residual grew. Balances need only be continuous: at a kink steps gain less and the
+Jacobian is computed again. A point that does not converge is a result too: its residuals name the balance that failed.
 
-Small linear systems of many points at once, points last: every step is one operation on all of them.
+The iteration of a point depends on that point alone, so its solution has the same digits in every batch: of more than
+`FEW_POINTS`, whose Jacobians come from the pass itself, and of fewer, where they come from differences.
 
-What LAPACK does point by point costs up to four times as much for matrices of five to ten rows.
+Small linear systems of many points are solved at once, with points as the last axis, so that every step is one array
+operation. LAPACK, point by point, costs up to four times as much for matrices of five to ten rows.
 """
 
 from __future__ import annotations

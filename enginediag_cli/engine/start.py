@@ -1,10 +1,9 @@
 """A good start for the iteration: the unknowns as a polynomial of corrected operating coordinates.
 
-In corrected terms an engine's unknowns depend on corrected power setting and flight Mach number, and
-only weakly on temperature (real gas) and pressure; a Chebyshev product basis that spends its degree
-accordingly predicts them to about 1e-3 from a few hundred anchor points of the batch itself.
-
-Operating points that stand for all that an engine may meet, from which its fitted start is learnt.
+In corrected terms an engine's unknowns depend on corrected power setting and flight Mach number, and only weakly on
+temperature (real gas) and pressure. A Chebyshev product basis that spends its degree accordingly predicts them to about
+1e-3. It is fitted to a few hundred anchor points that represent the whole envelope (`anchor_points`), or to points of
+the batch where the envelope is not known.
 """
 
 from __future__ import annotations

@@ -1,23 +1,21 @@
-"""Where the iteration begins, and what is tried when it fails.
+"""From operating points to a prediction: where the iteration begins, what is tried when it fails, and what is read.
 
-In this order: the caller's start; the fitted start of many points; the design point, with its air flow
-following the speed where a shaft speed is the power setting, because design flow does not suit a low speed.
-Points that fail are tried again from there, by a walk in power setting, from their nearest neighbours
-that converged, and from less air flow: an engine whose compressor swallows far less than at design (closed vanes)
-is beyond its choking flow at every other start.
+`Strategy` begins at the caller's start, at the fitted start of many points, or at the design point. There the air flow
+follows the speed where a shaft speed is the power setting, because design flow does not suit a low speed. Points that
+fail are tried again from there, by a walk in power setting, from their nearest neighbours that converged, and from less
+air flow: an engine whose compressor swallows far less than at design (closed vanes) is beyond its choking flow at every
+other start.
 
-The points of one prediction on their way to solutions: in chunks, each of which several processes may share.
+`PointBatch` solves the points of one prediction in chunks, each of which several processes may share. The solution of a
+point depends on that point alone, so every process finds the same digits. Only a retry begins from neighbours: a chunk
+with such points is done by one process.
 
-The way of a point to its solution depends on nothing but that point, so whoever solves it finds the same to the last
-digit. Only what is tried again begins from its neighbours: a chunk that holds such points is done by one process.
-
-What is wanted of an engine at operating points that are solved, read from the passes that confirmed them.
-
-Outputs are y = G(x, θ) where the balances F(x, θ) = 0, so that by the implicit function theorem
+`Outputs` reads the passes that confirmed the solutions. Outputs are y = G(x, θ) where the balances F(x, θ) = 0, so that
+by the implicit function theorem
 
     dy/dθ = G_θ − G_x F_x⁻¹ F_θ.
 
-The answer of an engine: values, derivatives and the status of every point.
+`Prediction` is the answer: values, derivatives and the status of every point.
 """
 
 from __future__ import annotations
@@ -263,7 +261,7 @@ LESS_FLOW = (0.9, 0.8, 0.7, 0.6, 0.5)  # of the design point's
 
 @dataclass(frozen=True)
 class RetryOptions:
-    """`by_differences`: as in `solver.Effort`; `all_starts`: points that fail are tried again in every way, or only from
+    """`by_differences`: as in `solver.Effort`; `all_starts`: points that fail are tried from every start, or only from
     their neighbours."""
 
     by_differences: bool = False

@@ -1,12 +1,11 @@
-"""What every physics term is: words, coefficients, the places where it can act, and how it acts there.
+"""The base class of physical effects: words, coefficients, the sites where it can act, and how it acts there.
 
-A term is installed at a *site* of an engine (a component, a shaft, a sensor), where its coefficients become
-parameters `<term>.<site>.<coefficient>` of the family "physics". At their `absent` values the effect is not there
-and the model is unchanged to the last digit: hooks of an effect that is absent are not even called.
+A `Term` is installed at a `Site` of an engine (a component, a shaft, a sensor) and is then an `Effect`. Its
+coefficients become parameters `<term>.<site>.<coefficient>` of the family "physics". At their `absent` values the
+effect is off and the model is unchanged to the last digit: hooks of an absent effect are not called.
 
-What an effect varies with: one object per driver, with its words and its values in the records of an engine.
-
-The drivers that are listed stand in `enginediag_cli.drivers`; a term may bring one of its own.
+A `Driver` is a quantity on which an effect may depend, with its words and its values in the records of an engine. The
+list of drivers is in `enginediag_cli.drivers`; a term may have one of its own.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""Models around another, which add to it: what all of them do alike, an engine that starts where it ended, and lags.
+"""Models around another model that add parameters to it: the common base, an engine with a warm start, and lags.
 
-A wrapper offers parameters of its own beside those of the model inside it and answers for them; all else is the inner
-model's. A question is taken apart here, into what is the wrapper's and what is not, so that a wrapper has only what
-it adds. Wrappers stand in one another: what one does not know it passes on.
+A wrapper has parameters of its own beside those of the model inside it. `WrappedModel` splits a request into what
+belongs to the wrapper and what goes on to the inner model, so that a wrapper contains only what it adds. Wrappers can
+be nested.
 
-What other packages need of an engine is declared as protocols: `engine.Engine` has all of it, and so may a small model
-in a test.
+What other packages need of an engine is declared as protocols (`Model`, `MonitoredModel`, `EngineLike`). `Engine` meets
+all of them, and so may a small model in a test.
 """
 
 from __future__ import annotations

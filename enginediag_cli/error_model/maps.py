@@ -1,6 +1,7 @@
-"""Smooth functions of a machine's map coordinates, by which its map may be wrong.
+"""An engine whose component maps may be wrong: the errors as parameters, and the curves along which they vary.
 
-With x the corrected speed and r the position beyond its regression on x, both centred and scaled once, at training,
+A map error of a machine is a sum of smooth curves (`MapCurves`) of its map coordinates. With x the corrected speed and
+r the position beyond its regression on x, both centred and scaled once, at training,
 
     φ_1…3 = √(2j + 1) P_j(x),  j = 1…3        φ_4,5 = √(2j + 1) P_j(r),  j = 1, 2        for |x|, |r| ≤ 1,
 
@@ -9,26 +10,25 @@ since what training found says nothing there, and
 
     φ_6 = EDGE sign(x) (|x| − 1)₊        φ_7 = EDGE sign(r) (|r| − 1)₊
 
-begin, of which training knows next to nothing: an answer at an operating point that it did not see is not shifted but
-wide by itself, up to END, where they stay, too. A constant is the health parameter itself.
+begin, of which training knows next to nothing. So an answer at an operating point outside training is not shifted but
+uncertain, up to END, where these curves stay as well. A constant is the health parameter itself.
 
 Within the range training may have gaps, a climb and a descent without the cruise between them. Three curves along speed
 would span such a gap as if nothing could bend there, however large they may be: nearly certain, and wrong. Finer ones,
 
     φ_8,9 = FINER √(2j + 1) P_j(x),  j = 4, 5
 
-are fixed where training has been and leave open what it does not say of a gap.
+are determined where training has records and stay uncertain in a gap.
 
-Map coordinates of the turbomachines of an engine: where on its map each one runs.
+The map coordinates of a machine say where on its map it runs:
 
     compressor   ln(N/√T_in),  ln(W_in √T_in / P_in)
     turbine      ln(N/√T_in),  ln(P_in / P_out)
 
 Source: corrected quantities as in any component map, J. Kurzke and I. Halliwell, Propulsion and Power (2018), part D.
 
-What a model misses at operating points that are flown again and again: one number for each reading and point.
-
-Records of a fleet at a few conditions say where the model's error lies there, to the scatter of one reading over the
+Operating points that recur (`PointErrorModel`) have one error for each reading and point. Records of a fleet at a few
+conditions say where the model's error lies there, to the scatter of one reading over the
 root of their number. What no error of the maps can be is then
 
     y_s = Φ_s(u, θ) + d_s,c(u),     d_sc ~ N(0, s_s²),
@@ -37,16 +37,16 @@ with c(u) the operating point at which a record is. It is the same when a window
 it is known; counted as noise it would hide what changes, and what engines differ by. Records at none of the points have
 one such error in common, of which training knows nothing but its size.
 
-An engine whose maps may be wrong: what the error model adds to Φ, as parameters like any other.
+`MapErrorModel` adds the map errors to Φ, as parameters like any other:
 
     y = Φ(u, θ) + Σ_q ∂Φ/∂θ_q Σ_j a_qj φ_j(ξ_c)        ∂y/∂a_qj = ∂Φ/∂θ_q φ_j(ξ_c)
 
 with θ_q the efficiency or flow capacity of machine c, ξ_c its map coordinates and a the amounts `map_error.<q>.<j>`.
 ξ_c and ∂Φ/∂θ_q are those of the engine as its file describes it, whatever θ is: the derivatives are then exact, at
 faulted coordinates an error of the maps cannot pass for the fault, and an identification does not chase columns that
-move with what it finds. A prediction hands them over as `frozen`; who gives them back with the record saves time.
+move with what it finds. A prediction returns them as `frozen`; giving them back with the record saves time.
 
-What an identification says about the error of its model, for everything downstream.
+`ErrorModel` is what an identification says about the error of its model, for every later step.
 """
 
 from __future__ import annotations

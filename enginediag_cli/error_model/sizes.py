@@ -10,18 +10,18 @@ together,
 
     ln s_g = ln stated + c + e_g,     c ~ N(0, COMMON SPREAD²),  e_g ~ N(0, (1 − COMMON) SPREAD²),
 
-so that where some are seen to be wrong by several times what is stated, those of which training shows little are not
-taken at their word. s_g is never below what is stated: one healthy engine may happen to lie on its map, and the next
-need not.
+so that where some are seen to be wrong by several times what is stated, the statement about those of which training
+shows little is not trusted. s_g is never below what is stated: one healthy engine may happen to lie on its map, and the
+next need not.
 
-Where training has not been nothing corrects a size that was found too small. What begins there is as wide as the sizes
-that are possible, weighed by how likely they are: E[s²] rather than the square of the likeliest,
+Outside training nothing corrects a size that was estimated too small. The curves that begin there get the expected
+variance over the possible sizes, E[s²], rather than the square of the likeliest,
 
     S = C_gg⁻¹ − I,  β = C_gg⁻¹ μ_g        ln L(t_g) = ½ βᵀ(S + t_g⁻²)⁻¹ β − ½ ln det(1 + t_g² S)
 
 for one group, the others at their sizes, and the prior of its size given theirs.
 
-Wrong sensitivities: a generic map tells wrongly what a change does, in proportion to the change.
+Wrong sensitivities: with a generic map the effect of a change is wrong in proportion to the change.
 
 A map whose slope is wrong by Δ gives, when a fault moves its machine by Δξ on it, a wrong efficiency or flow
 

@@ -1,1 +1,5 @@
-"""The catalogue of faults: named directions in parameter space, errors of instruments, and their laws in time."""
+"""The catalogue of faults: component faults, sensor faults, and how they grow with time.
+
+It reads fault files and gives a `FaultSet`: the parameters of the engine at every record, and what happens to readings.
+`catalogue.py` is all of it.
+"""

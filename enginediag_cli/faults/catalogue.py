@@ -1,19 +1,15 @@
-"""How a fault grows: activity g(x) against a clock x, 0 before the onset.
+"""Faults of components and of instruments, how they grow with time, and the YAML file that describes them.
 
-The clock is `record` (1 for the first record), `flight` (1 for the first flight) or `hours` (since the first
-record). step: g = 1. ramp: g from 0 to 1 within the duration. drift: g = rate · (x − onset), without end.
-saturating: g = 1 − exp(−(x − onset)/T), the law of compressor fouling after a wash (Aker and Saravanamuttoo,
-J. Eng. Gas Turbines Power 111(2), 1989). intermittent: g = 1 in the first part of every period.
+A fault has an activity g(x) against a clock x, 0 before the onset. The clock is `record` (1 for the first record),
+`flight` (1 for the first flight) or `hours` (since the first record). step: g = 1. ramp: g from 0 to 1 within the
+duration. drift: g = rate · (x − onset), without end. saturating: g = 1 − exp(−(x − onset)/T), the law of compressor
+fouling after a wash (Aker and Saravanamuttoo, J. Eng. Gas Turbines Power 111(2), 1989). intermittent: g = 1 in the
+first part of every period.
 
-Faults of instruments: what happens to a reading after the engine has produced it.
-
+A component fault changes parameters of the engine. A sensor fault changes a reading after the engine has produced it.
 bias: reading + g · size. scale: reading · (1 + g · change). noise: reading + g · size · N(0, 1), white in time, beside
-the noise that the sensor has. stuck: the last reading before, or a given one, while g > 0. dropped: no reading while
-g > 0. g is the activity of the fault's law.
-
-Faults of components: parameters of the engine that change with time.
-
-Declaration of the YAML file that describes faults, and the faults that one or more files hold.
+the normal noise of the sensor. stuck: the last reading before the fault, or a stated value, while g > 0. dropped: no
+reading while g > 0.
 """
 
 from __future__ import annotations

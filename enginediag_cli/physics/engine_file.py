@@ -1,10 +1,7 @@
-"""An engine file → Engine, with the effects of the library that the file lists under `physics:`.
+"""Engine file → `Engine` with the effects that the file lists under `physics:`.
 
-The `physics:` block of an engine file: its entries as effects at their sites.
-
-Entries `law:` of the `physics:` block → effects, with every problem at its place.
-
-A law as an entry of the `physics:` block: what `declared` reads.
+An entry is either a term of the library with its coefficients, or a `law:`, an effect that a formula states. Every
+problem of an entry is reported at its place. `law_entry` writes a law as the entry that `read_law` reads.
 """
 
 from __future__ import annotations

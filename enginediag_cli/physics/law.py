@@ -1,35 +1,29 @@
-"""A law: an effect that is stated by a formula, as an engine file may carry it.
+"""A law: an effect that is stated by a formula, as an engine file may contain it.
 
     θ → θ (1 + f)    where θ is a factor of nominal 1 (an efficiency, a flow capacity, the scale of a reading)
     θ → θ + f        any other parameter, and a reading; f in its unit
     an effect of the library, of size absent + f, where the law acts at the size of an effect
 
-f is a formula of variables and coefficients. What a variable that lies further down the gas path than the parameter is,
-is an unknown of the network, and that it is so is its balance. What remembers in it (followers) is a memory of the
-engine, as of any effect.
+f is a formula of variables and coefficients (`Expression`). It may contain numbers, names, + − * / and **, parentheses,
+FUNCTIONS and MEMORY_FUNCTIONS, nothing else. Its text is parsed and never executed. It has exact derivatives and
+checked units.
 
-What a law may vary with: named numbers without a unit, each a formula of a few columns of the model.
+A `Variable` is a number without a unit, a formula of a few columns of the model. Except Mach number and humidity, each
+is relative to its value at the engine's design point. A variable that lies further down the gas path than the parameter
+is an unknown of the network, and its definition is the balance.
 
-All but Mach number and humidity, which have no unit, are over what they are at the engine's design point: 1 there.
+A law can act at the size of an effect where the engine has no parameter: air that leaves, power that is taken. It then
+acts with the size absent + f. A law at a size that the engine file contains as well is a further effect of the kind.
+Effects with memory and effects of several sizes cannot be used so.
 
-Effects whose size a law may give: where the engine itself has no parameter, air that leaves, power that is taken.
-
-The effect acts with the size absent + f; a law at a size that the engine file carries, too, is a further effect of the
-kind. Effects that remember, and those of several sizes, are none of these.
-
-A formula as text → a function of named values, with exact derivatives and checked units.
-
-What may stand in it is listed here and nothing else: numbers, names, + − * / and **, parentheses, FUNCTIONS and those
-that remember (followers). The text is parsed and never run.
-
-Functions of a formula that remember: each follows its first argument along time, as a filter makes it of its past.
+Memory functions of a formula follow their first argument along time. Each is a memory of the engine:
 
     lagged(x, t)         τ dm/dt = x − m, τ = t seconds
     limited(x, up, down) follows x no faster than 1/up, and 1/down on the way down; seconds per unit of x, 0 no limit
-    backlash(x, h)       stands still while x turns round within ± h: what switches at c of it switches at c + h on the
+    backlash(x, h)       stands still while x reverses within ± h: what switches at c of it switches at c + h on the
                          way up, and at c − h on the way down
 
-In equilibrium, where the past of a record is not known and where a recording begins all of them are x.
+In equilibrium, where the past of a record is not known and where a recording begins, all of them are x.
 """
 
 from __future__ import annotations

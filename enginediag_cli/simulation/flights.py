@@ -1,9 +1,8 @@
-"""Simulated flights: the flight file, the missions it may name, and the operating conditions, record by record.
+"""Simulated flights: the flight file, the missions that it names, the conditions record by record, and sensor noise.
 
-Sensor noise: Gaussian or uniform, correlated in time, rounded to a step, with gross outliers.
-
-Every column has a stream of random numbers of its own, made from the seed and the column's name. So adding a
-sensor leaves the noise of the others as it was, and cutting a recording into chunks changes nothing.
+Noise is Gaussian or uniform, correlated in time, rounded to a step, with gross outliers. Every column has its own
+stream of random numbers, made from the seed and the column's name. So a further sensor does not change the noise of the
+others, and a recording that is made in chunks is the same.
 """
 
 from __future__ import annotations

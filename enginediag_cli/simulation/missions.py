@@ -1,11 +1,11 @@
-"""What simulated flights look like, a kind of mission each: airliner, snapshots, sweep, ground and manoeuvres.
+"""The kinds of simulated flights: airliner, snapshots, sweep, ground and manoeuvres.
 
-The first part serves all of them: airspeed (the compressible Bernoulli relation of airspeed indicators in the ICAO
-standard atmosphere, e.g. Young, Performance of the Jet Transport Airplane, 2018, ch. 6), and how warm the day is.
+All of them use airspeed (the compressible Bernoulli relation of airspeed indicators in the ICAO standard atmosphere,
+e.g. Young, Performance of the Jet Transport Airplane, 2018, ch. 6) and the temperature of the day.
 
-Climb and descent of airliners follow a calibrated-airspeed schedule (250 kt below 10,000 ft, then a faster one, then
-the cruise Mach number above the crossover altitude); the rate of climb falls linearly with altitude, so that altitude
-against time is an exponential approach; cruise climbs in steps as fuel burns off.
+Climb and descent of airliners follow a calibrated-airspeed schedule: 250 kt below 10,000 ft, then a faster one, then
+the cruise Mach number above the crossover altitude. The rate of climb falls linearly with altitude, so that altitude
+against time is an exponential approach. Cruise climbs in steps as fuel is burnt.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
-"""A recording of an engine that flies given conditions, with given faults and sensor noise; of an engine with states,
-its states at every record."""
+"""The recording of an engine that flies given conditions, with faults and sensor noise.
+
+For an engine with states (rotors, slow actuators) the run is integrated, and its states are known at every record.
+"""
 
 from __future__ import annotations
 

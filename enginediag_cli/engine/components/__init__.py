@@ -1,4 +1,4 @@
-"""The component types of the network; a new one is a class beside its relatives and one line here."""
+"""The component types of the network. A new type is a class beside its relatives and one line here."""
 
 from __future__ import annotations
 

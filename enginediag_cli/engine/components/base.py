@@ -1,4 +1,4 @@
-"""What every component of the network is: declared fields, parameters, unknowns, and two evaluations."""
+"""The base class of components: declared fields, parameters, unknowns, and two evaluations."""
 
 from __future__ import annotations
 

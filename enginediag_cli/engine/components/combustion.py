@@ -1,10 +1,7 @@
-"""Where heat is released or taken up in the gas path: burner, afterburner, water injection.
+"""Components that heat or cool the gas by what they add to it: burner, afterburner, water injection.
 
-Burner: fuel burnt in the core flow.
-
-Afterburner: fuel burnt in gas that a burner has burnt in already, behind a turbine or between two.
-
-Water injection: water or steam into the gas path, before the burner or before a compressor.
+A burner burns fuel in the core flow. An afterburner burns fuel in gas that has passed a burner already, behind a
+turbine or between two. Water injection adds water or steam before the burner or before a compressor.
 """
 
 from __future__ import annotations

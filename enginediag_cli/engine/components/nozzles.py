@@ -1,10 +1,7 @@
-"""Nozzles and exhausts: where the gas leaves the engine.
+"""Nozzles and exhausts, where gas leaves the engine.
 
-Convergent nozzle: swallowing capacity and thrust.
-
-Convergent–divergent nozzle: supersonic exit, over- and under-expanded.
-
-Exhaust: a turbine's discharge to ambient through a diffuser and stack.
+A convergent nozzle has a swallowing capacity and gives thrust. A convergent–divergent nozzle can have a supersonic
+exit, over- or under-expanded. An exhaust is the discharge of a turbine to ambient through a diffuser and a stack.
 """
 
 from __future__ import annotations

@@ -1,26 +1,16 @@
-"""Passages of the gas path: ambient air, inlet, ducts and their losses, bleeds, splitter and mixer.
+"""Passages of the gas path: ambient air, inlet, ducts, bleeds, splitter, mixer and heat exchangers.
 
-Duct: total pressure loss, and bleed air that returns to the gas path.
+- Ambient: the air around the engine and its motion relative to it.
+- Inlet: pressure recovery, and the engine's air flow as an unknown.
+- Duct: total pressure loss, and bleed air that returns to the gas path.
+- Bleed: air taken from a station, for a turbine's cooling, for another duct, or overboard.
+- Splitter: one flow divided into core and bypass; the bypass ratio is an unknown.
+- Mixer: core and bypass flow join at equal static pressure and leave through one duct.
+- Intercooler: heat from compressed air to a coolant of known temperature.
+- Recuperator: heat from the turbine's exhaust to the air before the burner.
 
-Total pressure loss of a passage: what ducts and the sides of heat exchangers share.
-
-Bleed: air taken from a station, for a turbine's cooling, for another duct, or overboard.
-
-Splitter: one flow divided into core and bypass; the bypass ratio is unknown.
-
-Mixer: core and bypass flow join at equal static pressure and leave through one duct.
-
-Inlet: pressure recovery, and the engine's air flow as an unknown.
-
-Ambient: the air around the engine and its motion relative to it.
-
-Heat exchangers: their effectiveness, intercoolers and recuperators.
-
-Effectiveness of heat exchangers of given conductance, by W. M. Kays and A. L. London, Compact Heat Exchangers.
-
-Intercooler: heat from compressed air to a coolant of known temperature.
-
-Recuperator: heat from the turbine's exhaust to the air before the burner; its cold side, and its hot side.
+The effectiveness of heat exchangers of given conductance is that of W. M. Kays and A. L. London, Compact Heat
+Exchangers.
 """
 
 from __future__ import annotations

@@ -1,12 +1,7 @@
-"""What shafts drive: loads, gearboxes and propellers.
+"""Components that a shaft drives: loads, gearboxes and propellers.
 
-Load: what a shaft drives outside the engine (generator, propeller, pump).
-
-What driven machines have in common: what a shaft has to spare for them, and the columns of what they take.
-
-Gearbox: two shafts that turn together at a fixed ratio (geared fan, propeller gearbox).
-
-Propeller: thrust and power from advance ratio and pitch.
+A load is a machine outside the engine (generator, pump). A gearbox makes two shafts turn together at a fixed ratio
+(geared fan, propeller gearbox). A propeller gives thrust and takes power by its advance ratio and pitch.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Compressor: fan, booster or high-pressure compressor, with interstage bleed ports.
-
-Turbine with cooling flows before and after its rotor.
-"""
+"""Compressors with interstage bleed ports, and turbines with cooling flows before and after the rotor."""
 
 from __future__ import annotations
 

@@ -1,25 +1,19 @@
-"""Moves the states of many engines along time, each at steps of its own, as long as its error allows.
+"""Integration of the states of many engines along time, each with steps of its own, under error control.
 
-A step never crosses a corner of what the engine is asked for. What settles is left to long steps; a limit that takes
-over bends the course, and the error asks for short ones there.
+A step never crosses a corner of the inputs. Fast modes that have settled allow long steps; a limit that takes over
+bends the course, and the error estimate shortens the steps there.
 
-The Runge–Kutta method that moves the states: singly diagonally implicit, of third order, with a second-order
-estimate of its error.
+The method is a singly diagonally implicit Runge–Kutta method of third order with a second-order error estimate. Every
+stage is one solve of the network with one more term in the balances, x − base = γ h f(x): it takes as long as a solve
+of the steady engine and is as robust. The method is L-stable, so that fast modes (a valve, a probe) do not bound the
+step. Its last stage is the end of the step, so that an engine at rest is on its steady solution.
 
-Every stage is one solve of the network with one more term in the balances, x − base = γ h f(x): as long as a solve of
-the steady engine, and as robust. The method is L-stable, so that what settles fast (a valve, a probe) does not bound
-the step, and its last stage is the end of the step, so that where nothing changes any more the engine stands on its
-steady solution.
+Stages are solved by Newton iteration. Jacobians are kept from stage to stage and step to step, and every pass corrects
+them (C. G. Broyden, Math. Comp. 19 (1965) 577–593). Between the ends of steps, states are interpolated from their
+slopes at the ends and at nodes within.
 
 Source: ESDIRK3(2)4L[2]SA, C. A. Kennedy and M. H. Carpenter, Appl. Numer. Math. 44 (2003) 139–181, appendix C
 (the implicit part of ARK3(2)4L[2]SA).
-
-Balances of a network and their derivatives by its unknowns, as stages of an integration keep them.
-
-Solves the stages of a step: Newton iteration with Jacobians that are kept from stage to stage and step to step, and
-that every pass corrects by what it showed (C. G. Broyden, Math. Comp. 19 (1965) 577–593).
-
-States between the ends of steps, from how fast they change at the ends and at nodes within.
 """
 
 from __future__ import annotations

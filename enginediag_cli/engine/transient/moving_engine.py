@@ -1,15 +1,14 @@
-"""An engine with states, as simulation sees it: it is flown along records, and then read like any other.
+"""`MovingEngine`: an engine with states, flown along records and then read like any other.
 
-Makes runs exact: collocation over a whole run, on the steps that an error-controlled integration has chosen.
-
-Where states are given, all points of all runs are one batch of quasi-steady solves, with the derivatives of the states'
-rates, f(x, t) and ∂f/∂x, so that Newton's method for a whole run takes a few such batches. With nodes c and weights A
-of the method, in every step
+An error-controlled integration chooses the steps; collocation over the whole run then makes the states exact. Where
+states are given, all points of all runs are one batch of quasi-steady solves, with the derivatives of the states'
+rates, f(x, t) and ∂f/∂x. So Newton's method for a whole run takes a few such batches. With nodes c and weights A of the
+method, in every step
 
     x_i = x_0 + h Σ_j A_ij f(x_j, t_0 + c_j h),   the last node being the end of the step.
 
-The method is Radau IIA of fifth order, stiffly accurate and L-stable. What steps of third order leave, of the order of
-their tolerance, is gone after one or two sweeps.
+The method is Radau IIA of fifth order, stiffly accurate and L-stable. The error of the steps of third order, of the
+order of their tolerance, is gone after one or two sweeps.
 
 Source: E. Hairer and G. Wanner, Solving Ordinary Differential Equations II, 2nd ed. 1996, ch. IV.5 and IV.8.
 """

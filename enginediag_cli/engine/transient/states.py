@@ -1,25 +1,16 @@
-"""Which states an engine file gives: rotors, actuators that need time, and what terms with memory remember.
+"""The states of an engine that moves: rotors, slow actuators, and the memories of dynamic effects.
 
-What a state is to the network: a quantity x with dx/dt = f(x, …) that stands while the rest of the engine is in
-balance.
+A state is a quantity x with dx/dt = f(x, …) that is fixed while the rest of the engine is in balance. In a *stage* of
+the integration x is implicit, x = base + step · f: the network finds it, and reads the leaves `<state>.base` and
+`step_s`. Where the state is *given* (at recorded points) the leaf `<state>` contains it.
 
-In a *stage* of the integration x is implicit, x = base + step · f: the network finds it, and reads the leaves
-`<state>.base` and `step_s`. Where the state is *given* (at the records that are told) the leaf `<state>` holds it.
+- Rotor: I ω dω/dt is the power of its turbines minus that of everything they drive.
+- Actuator: the position of a fuel valve, vanes or a nozzle that does not follow at once.
+- Memory: the states of the filter of an effect. A term declares one filter. Along a recording it filters recorded
+  values; here its states move with those of the engine, and its signal is the value in the network.
 
-Speed of a rotor: I ω dω/dt is what the power of its turbines exceeds that of all they drive by.
-
-Position of an actuator that does not follow at once: a fuel valve, vanes, a nozzle.
-
-What a term with memory remembers, in a simulation: the states of the filter by which it reads recordings.
-
-A term declares one filter for both. Along a recording the filter is called with what was recorded; here its states move
-with those of the engine, and its signal is what the network has there.
-
-The network of an engine that moves: the same components, with states in place of some balances.
-
-What moving engines are asked for along time: runs of records, their inputs straight between corners.
-
-What the network of a moving engine is told along time, from what its flight asks for.
+`MovingNetwork` has the same components as the network, with states in place of some balances. `TransientInputs` are the
+inputs of a run along time, straight between corners.
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@ enough for both,
 
     θ ~ N(m, max(σ, |θ̂ − m|)²)
 
-with m and σ as stated and θ̂ as identified: an engine that is not what its file expects is no finding either. Of amounts
-of map error nothing is known beforehand but their size.
+with m and σ as stated and θ̂ as identified: an engine that is not what its file expects is no finding either. Of
+amounts of map error nothing is known beforehand but their size.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Effects on compressors and fans: fouling, the fan's root, guide vanes off their schedule."""
+"""Effects on compressors and fans: fouling, the root of the fan, guide vanes off their schedule."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
-"""Controls and actuators that follow what is commanded with a lag, a delay or at a limited rate.
+"""Effects of controls and of the ambient air.
 
-Effects of the air around the engine, of how it is recorded, and of the inlet that takes it in.
+Actuators that follow their command with a lag, with a delay or at a limited rate; the air around the engine, how it is
+recorded, and the inlet that takes it in.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Effects on the burner, and on ducts, nozzles and exhausts behind and beside it."""
+"""Effects on the burner, and on ducts, nozzles and exhausts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors of probes, meters and clocks: what a recording shows instead of what the gas is."""
+"""Errors of probes, meters and clocks: how a recording differs from the state of the gas."""
 
 from __future__ import annotations
 
