@@ -474,8 +474,9 @@ def _evidence(
     source = replace(comparison.source, files=recordings)
     comparison = replace(comparison, source=source)
     monitor = comparison.monitor()
-    suspicious = replace(comparison, messages=Messages(quiet=True)).monitor(sensors=True)
-    assert monitor is not None and suspicious is not None
+    silent = replace(comparison, messages=Messages(quiet=True))
+    suspicious, isolating = silent.monitor(sensors=True), silent.monitor(sensors=True, drifts=True)
+    assert monitor is not None and suspicious is not None and isolating is not None
     margins = margin.question(healthy=comparison.judging.reference)
-    question = RecordingsQuestion(source, monitor, suspicious, comparison.judging, false_alarm, margins)
+    question = RecordingsQuestion(source, monitor, suspicious, isolating, comparison.judging, false_alarm, margins)
     return judge_recordings(question, [*results, nominal_result(comparison.nominal)])

@@ -38,6 +38,7 @@ from enginediag_cli.fleets.findings import (
     HealthCourse,
     HealthRow,
     IntervalEstimate,
+    Margin,
     engine_flights,
     event_number,
     fit_course,
@@ -167,9 +168,28 @@ class _EngineState:
 def judge_engine(
     history: EngineHistory, series: Series, settings: FleetSettings, scale: MarginScale | None = None
 ) -> EngineFinding:
-    """What the history of one engine says; series: what its parameters are, and its monitor; scale: of its margin,
-    which `margin_scale` computes once for all engines of a series. Raises DataError when its flights have statistics of
-    different parameters."""
+    """Judge the history of one engine: whether it has changed, since when, in what, and how far towards its limit.
+
+    Parameters
+    ----------
+    history : EngineHistory
+        Flights of the engine, its baseline, and its maintenance.
+    series : Series
+        Meaning of its parameters, and its monitor.
+    settings : FleetSettings
+        Levels of the tests, and how thorough the judgement is.
+    scale : MarginScale, optional
+        What a change of health means for the margin; `margin_scale` computes it once for all engines of a series.
+
+    Returns
+    -------
+    EngineFinding
+
+    Raises
+    ------
+    DataError
+        When its flights have statistics of different parameters.
+    """
     records = sum(x.window.records for x in history.stretches)
     nothing = EngineFinding(
         history.serial, history.build, len(history.stretches), records, NO_VERDICT, "", baseline=history.baseline
@@ -180,26 +200,18 @@ def judge_engine(
         return replace(nothing, reason=f"{max(after, 0)} flights{new} beside the baseline are too few, {FEWEST} needed")
     flights = engine_flights(current, series)
     if len(flights) - flights.baseline < FEWEST:
-        return replace(nothing, reason="too few flights have all readings")
-    suspects, members = flights.suspects(settings.sensors)
-    path = e_path(flights.rows(), suspects, flights.baseline)
-    chance = _change_probability(path.log_e[-1])
-    stands_out = path.log_e[-1] >= -np.log(settings.false_discovery)
-    story = isolate_history(flights, series, settings, current) if settings.thorough and stands_out else None
-    if story is None:
-        changed = {i: w * chance for i, w in _parameter_weights(path, members).items()}
-    else:
-        changed = change_probabilities(story, [p.name for p in flights.described])
-    compressors = washable_components(series)
-    moved = [movable_parameters(e, flights.described, compressors) for e in flights.events]
-    found = _EngineState(flights, path, members, fit_course(flights, moved, _faulty_instruments(flights, changed)))
+        return replace(nothing, reason="too few flights determine all readings")
+    found, story = _engine_state(flights, current, series, settings)
+    log_e, chance = found.path.log_e, _change_probability(found.path.log_e[-1])
     verdict, reason = _verdict(found, settings)
+    flagged = verdict == CHANGED or log_e[-1] >= -np.log(settings.false_discovery)
     used = margin_consumption(flights, found.course, margin_scale(series) if scale is None else scale, settings)
     since = (0, 0, 0)
-    if settings.onsets and (verdict == CHANGED or stands_out or chance >= SUSPECTED):
+    if settings.onsets and (flagged or chance >= SUSPECTED):
+        suspects, _ = flights.suspects(settings.sensors)
         since = _onset_interval(onset_posterior(flights.rows(), suspects, flights.baseline), flights)
     health = _health_rows(found, chance, since, current)
-    best, low, high = since if verdict == CHANGED or stands_out else (0, 0, 0)
+    best, low, high = since if flagged else (0, 0, 0)
     if story is not None:
         health = apply_diagnosis(health, story, current)
     if earlier:
@@ -207,35 +219,53 @@ def judge_engine(
     unlisted, why = _unlisted_reason(found, health, story)
     if why:
         health = tuple(_clear_onset(row, 1.0 - unlisted) for row in health)
-        reason = "; ".join(filter(None, [reason, why]))
-    severity = IntervalEstimate() if why else engine_severity(used, found.course)
     return replace(
         nothing,
         verdict=verdict,
-        reason=reason,
+        reason="; ".join(filter(None, [reason, why])),
         unlisted=unlisted,
-        log10_e=float(path.log_e[-1] / np.log(10)),
+        log10_e=float(log_e[-1] / np.log(10)),
         since=best + earlier if best else 0,
         since_low=low + earlier if best else 0,
         since_high=high + earlier if best else 0,
         since_flight=current.stretches[best - 1].window.flight if best else "",
-        severity=severity,
+        severity=IntervalEstimate() if why else engine_severity(used, found.course),
         severity_unit="K" if used.margin.column else "sigma",
         health=health,
         by_flight=_flight_rows(found, used, settings, current, earlier, verdict),
         events=_event_rows(found, used, history, earlier),
-        margin=replace(
-            used.margin,
-            consumed_K=IntervalEstimate(),
-            now_K=IntervalEstimate(),
-            remaining_flights=IntervalEstimate(),
-            reason=why,
-        )
-        if why
-        else used.margin,
+        margin=_unknown_margin(used.margin, why) if why else used.margin,
         state=_final_readings(found),
         event_changes=_event_changes(flights, found.course, history),
     )
+
+
+def _engine_state(
+    flights: EngineFlights, current: EngineHistory, series: Series, settings: FleetSettings
+) -> tuple[_EngineState, SeriesDiagnosis | None]:
+    """E-value and course of health of the engine; the events of its series where it is flagged and judged thoroughly.
+
+    The course leaves out the instruments that are taken for what changed.
+    """
+    suspects, members = flights.suspects(settings.sensors)
+    path = e_path(flights.rows(), suspects, flights.baseline)
+    flagged = path.log_e[-1] >= -np.log(settings.false_discovery)
+    story = isolate_history(flights, series, settings, current) if settings.thorough and flagged else None
+    if story is None:
+        chance = _change_probability(path.log_e[-1])
+        changed = {i: w * chance for i, w in _parameter_weights(path, members).items()}
+    else:
+        changed = change_probabilities(story, [p.name for p in flights.described])
+    compressors = washable_components(series)
+    moved = [movable_parameters(e, flights.described, compressors) for e in flights.events]
+    course = fit_course(flights, moved, _faulty_instruments(flights, changed))
+    return _EngineState(flights, path, members, course), story
+
+
+def _unknown_margin(margin: Margin, reason: str) -> Margin:
+    """The margin without its figures, where what changed is not known."""
+    nothing = IntervalEstimate()
+    return replace(margin, consumed_K=nothing, now_K=nothing, remaining_flights=nothing, reason=reason)
 
 
 def _unlisted_reason(

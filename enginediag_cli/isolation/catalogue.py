@@ -335,16 +335,72 @@ def isolate_named(
 ) -> NamedIsolation:
     """Compare no change, each fault, each two faults, and free sets, by marginal likelihood.
 
-    prior: of free sets of parameters, none of them larger than `largest`; expected: of the catalogue's faults.
-    DataError when no fault of the catalogue can be seen in these data.
+    Parameters
+    ----------
+    score : Score
+        Score and information of p parameters.
+    catalogue : FaultSet
+        Faults of components and of sensors.
+    prior : SetPrior, optional
+        Of free sets of parameters.
+    expected : CataloguePrior
+        Of the faults of the catalogue.
+    coverage : float
+        Probability that the answer and its alternatives hold together.
+    confidence : float
+        Level of the intervals of severities.
+    largest : int, optional
+        Most parameters of a free set.
+
+    Returns
+    -------
+    NamedIsolation
+
+    Raises
+    ------
+    DataError
+        When these data can show no fault of the catalogue.
     """
     faults, untestable = named_faults(catalogue, score.parameters, score.theta0, ratio_spread=expected.ratio_spread)
     if not faults:
         reasons = "; ".join(f"{name}: {reason}" for name, reason in untestable.items())
         raise DataError(f"these parameters show no fault of the catalogue ({reasons})")
     prior = prior or SetPrior()
-    presence, unlisted, scales = expected.presence, expected.unlisted, expected.scales
-    n = len(faults)
+    named = _named_answers(score, faults, expected)
+    sets = set_posterior(score, prior, largest=largest)
+    log_free = _free_log_evidence(score, sets, prior, expected, len(faults))
+    probabilities = normalized_weights(np.array([log for _, log in named] + [log_free]))
+    unlisted = float(probabilities[-1])
+    listed = [
+        Explanation(tuple(faults[i].name for i in members), float(q))
+        for (members, _), q in zip(named, probabilities, strict=False)
+    ]
+    free = _free_answers(sets, unlisted)
+    best = int(np.argmax(probabilities[:-1]))
+    free_first = probabilities[-1] > probabilities[best]
+    answer = free[0] if free_first else listed[best]
+    probability = unlisted if free_first else answer.probability
+    others = sorted(
+        (e for e in (listed if free_first else [*listed, *free]) if e is not answer), key=lambda e: -e.probability
+    )
+    chosen = [] if free_first else [faults[i] for i in named[best][0]]
+    return NamedIsolation(
+        () if free_first else answer.parameters,
+        answer.parameters if free_first else (),
+        probability,
+        tuple(_severities(score, chosen, expected.scales, confidence)),
+        tuple(_take_probability(others, coverage - probability)),
+        coverage,
+        unlisted,
+        untestable,
+    )
+
+
+def _named_answers(
+    score: Score, faults: Sequence[NamedFault], expected: CataloguePrior
+) -> list[tuple[tuple[int, ...], float]]:
+    """No change, each fault, and each two faults of different parameters: positions, and log joint probability."""
+    n, presence = len(faults), expected.presence
     answers: list[tuple[tuple[int, ...], float]] = [((), n * np.log1p(-presence))]
     for size in (1, 2):
         for members in combinations(range(n), size):
@@ -352,45 +408,28 @@ def isolate_named(
                 continue
             log_prior = size * np.log(presence) + (n - size) * np.log1p(-presence)
             chosen = [faults[i] for i in members]
-            answers.append((members, log_prior + _fault_moments(score, chosen, scales)[0]))
-    sets = set_posterior(score, prior, largest=largest)
-    # all free sets with a change have together the share `unlisted` of the prior of a change
+            answers.append((members, log_prior + _fault_moments(score, chosen, expected.scales)[0]))
+    return answers
+
+
+def _free_log_evidence(score: Score, sets: SetPosterior, prior: SetPrior, expected: CataloguePrior, n: int) -> float:
+    """Log joint probability of all free sets with a change, which have together the share `unlisted` of the prior of a
+    change; n: number of faults of the catalogue."""
     nothing = np.zeros((1, len(score.parameters)), bool)
     changed = float(-np.expm1(prior.log_probability(nothing, InstrumentForms.from_parameters(score.described))[0]))
     evidence = sets.log_evidence - np.log(changed) + float(np.log1p(-changed))
-    log_free = np.log(unlisted / (1 - unlisted)) + np.log(-np.expm1(n * np.log1p(-presence))) + evidence
-    logs = np.array([log for _, log in answers] + [log_free])
-    probabilities = normalized_weights(logs)
-    free_masks = sets.masks.any(axis=1)
-    free_shares = sets.probabilities[free_masks] / sets.probabilities[free_masks].sum()
-    entries = [
-        Explanation(tuple(faults[i].name for i in members), float(q))
-        for (members, _), q in zip(answers, probabilities, strict=False)
+    odds = expected.unlisted / (1 - expected.unlisted)
+    return float(np.log(odds) + np.log(-np.expm1(n * np.log1p(-expected.presence))) + evidence)
+
+
+def _free_answers(sets: SetPosterior, probability: float) -> list[Explanation]:
+    """The leading free sets with a change, which all together have this probability."""
+    changed = sets.masks.any(axis=1)
+    shares = sets.probabilities[changed] / sets.probabilities[changed].sum()
+    return [
+        Explanation(sets.names(int(i)), float(probability * q))
+        for i, q in zip(np.flatnonzero(changed)[:FREE_LISTED], shares[:FREE_LISTED], strict=False)
     ]
-    entries += [
-        Explanation(sets.names(int(i)), float(probabilities[-1] * q))
-        for i, q in zip(np.flatnonzero(free_masks)[:FREE_LISTED], free_shares[:FREE_LISTED], strict=False)
-    ]
-    named_best = int(np.argmax(probabilities[:-1]))
-    free_first = probabilities[-1] > probabilities[named_best]
-    answer = entries[len(answers)] if free_first else entries[named_best]
-    held = float(probabilities[-1]) if free_first else answer.probability
-    others = sorted(
-        (e for k, e in enumerate(entries) if e is not answer and not (free_first and k >= len(answers))),
-        key=lambda e: -e.probability,
-    )
-    return NamedIsolation(
-        () if free_first else answer.parameters,
-        answer.parameters if free_first else (),
-        held,
-        ()
-        if free_first
-        else tuple(_severities(score, [faults[i] for i in answers[named_best][0]], scales, confidence)),
-        tuple(_take_probability(others, coverage - held)),
-        coverage,
-        float(probabilities[-1]),
-        untestable,
-    )
 
 
 def _take_probability(entries: Sequence[Explanation], wanted: float) -> list[Explanation]:

@@ -135,12 +135,30 @@ def group_by_window(rows: Sequence[Row]) -> list[list[Row]]:
 
 @dataclass(frozen=True)
 class RecordingsQuestion:
-    """`monitor` watches the engine alone, `suspicious` every instrument, too; false_alarm: level of the tests; margins:
-    what is asked of the margin."""
+    """Recordings that a report judges, and how; as `detect`, `isolate` and `trend` would.
+
+    Attributes
+    ----------
+    source : RecordingSource
+        The recordings.
+    monitor : Monitor
+        It watches the engine alone, for the test of each window.
+    suspicious : Monitor
+        It watches every instrument, too, for series and residuals.
+    isolating : Monitor
+        It watches every instrument and its drift within a flight, for isolation.
+    judging : WindowSettings
+        How records are divided into windows and linearised.
+    false_alarm : float
+        Level of the tests.
+    margins : MarginSettings
+        What is computed of the margin.
+    """
 
     source: RecordingSource
     monitor: Monitor
     suspicious: Monitor
+    isolating: Monitor
     judging: WindowSettings
     false_alarm: float
     margins: MarginSettings = field(default_factory=MarginSettings)
@@ -157,7 +175,7 @@ def judge_recordings(question: RecordingsQuestion, given: Sequence[ResultFile]) 
         **_trend_rows(question),
         result_files.MARGIN: _margin_rows(question, left_out),
     }
-    evidence = collect_evidence(given, question.suspicious.meaning)
+    evidence = collect_evidence(given, question.isolating.meaning)
     for kind, found in rows.items():
         for row in found:
             evidence.add(kind, row, "what is judged here")
@@ -193,11 +211,11 @@ def _isolation_rows(question: RecordingsQuestion, windows: list[WindowStatistics
 
     judging, kept = question.judging, None
     if not judging.reference and judging.linearise == "estimate":
-        kept = RecentRecords(question.suspicious, short_windows=not judging.plan.is_whole_flight)
+        kept = RecordHistory(question.isolating, short_windows=not judging.plan.is_whole_flight)
     nonlinear = "auto" if judging.linearise == "estimate" else "never"
     options = DiagnosisOptions(isolation=IsolationOptions(false_alarm=question.false_alarm), nonlinear=nonlinear)
     isolating = WindowIsolation(
-        _judged_files(question, question.suspicious), options, question.false_alarm, kept_records=kept
+        _judged_files(question, question.isolating), options, question.false_alarm, kept_records=kept
     )
     for found in each(isolating.windows(), "windows isolated"):
         windows.append(found.verdict.window)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -211,35 +211,7 @@ def document(story: ExplanationResult, provenance: tuple[str, ...]) -> dict[str,
         "curves": [_curve(c) for c in story.curves],
         "law": None if a.law is None else law_document(a.law),
         "follows": [follows_document(x) for x in story.follows],
-        "hidden": [
-            _hidden_row(f)
-            | {
-                "effects": [e.label for e in effects],
-                "switches": [
-                    {
-                        "flight": s.flight,
-                        "record": s.record + 1,
-                        "after_s": _finite(s.before_s),
-                        "until_s": _finite(s.time_s),
-                        "earliest_s": _finite(s.earliest_s),
-                        "latest_s": _finite(s.latest_s),
-                        "on": s.on,
-                        "probability": s.probability,
-                    }
-                    for s in f.switches
-                ],
-                "doubtful": [
-                    {
-                        "flight": d.flight,
-                        "records": d.records,
-                        "first_s": _finite(d.first_s),
-                        "last_s": _finite(d.last_s),
-                    }
-                    for d in f.doubtful
-                ],
-            }
-            for f, effects in zip(story.hidden, story.hidden_effects, strict=True)
-        ],
+        "hidden": [_hidden_document(f, e) for f, e in zip(story.hidden, story.hidden_effects, strict=True)],
         "unseen": list(a.unseen),
         "unseen_kinds": [
             {"name": u.label, "driver": u.driver.word, "switching_from": _finite(u.switching), "unit": u.unit}
@@ -257,6 +229,28 @@ def document(story: ExplanationResult, provenance: tuple[str, ...]) -> dict[str,
         "gates": list(a.gates),
         "provenance": list(provenance),
     }
+
+
+def _hidden_document(f: HiddenFinding, effects: Sequence[Any]) -> dict[str, Any]:
+    """An effect without a recorded driver: its row, when it switched, and where its state is uncertain."""
+    switches = [
+        {
+            "flight": s.flight,
+            "record": s.record + 1,
+            "after_s": _finite(s.before_s),
+            "until_s": _finite(s.time_s),
+            "earliest_s": _finite(s.earliest_s),
+            "latest_s": _finite(s.latest_s),
+            "on": s.on,
+            "probability": s.probability,
+        }
+        for s in f.switches
+    ]
+    doubtful = [
+        {"flight": d.flight, "records": d.records, "first_s": _finite(d.first_s), "last_s": _finite(d.last_s)}
+        for d in f.doubtful
+    ]
+    return _hidden_row(f) | {"effects": [e.label for e in effects], "switches": switches, "doubtful": doubtful}
 
 
 def _finite(value: float) -> float | None:
