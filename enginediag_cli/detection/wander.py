@@ -196,7 +196,8 @@ def _scatter_law(readings: Readings, known: np.ndarray, distances: np.ndarray, C
     from scipy.special import chdtri
 
     t = readings.clock
-    _, W = eigh(C[-3:].mean(axis=0) if slow else C[0] + 1e-6 * np.diag(np.diag(C[0])), C[0])
+    # of one distance alone every basis were a solution, and rounding would choose among them: the readings' own is taken
+    _, W = eigh(C[-3:].mean(axis=0) if slow and len(C) > 1 else C[0] + 1e-6 * np.diag(np.diag(C[0])), C[0])
     z, free = readings.z @ W, (readings.z - known) @ W
     apart = np.abs(t[:, None] - t)
     n, m = z.shape
