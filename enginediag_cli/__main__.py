@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (Exception, KeyboardInterrupt, SystemExit) as error:
         code = _report(error, messages)
         _discard_unwritable_output()
-    messages.ended(code)
+    messages.finish(code)
     return code
 
 

@@ -36,13 +36,13 @@ class Stage:
 class Listener(Protocol):
     """Who shows progress."""
 
-    def begun(self, stage: Stage) -> None: ...
+    def on_start(self, stage: Stage) -> None: ...
 
-    def stepped(self, stage: Stage) -> None: ...
+    def on_step(self, stage: Stage) -> None: ...
 
-    def ended(self, stage: Stage) -> None: ...
+    def on_end(self, stage: Stage) -> None: ...
 
-    def touched(self, action: str, path: str) -> None: ...
+    def on_file(self, action: str, path: str) -> None: ...
 
     def wipe(self) -> None: ...
 
@@ -64,13 +64,13 @@ def stage(what: str, total: int | None = None) -> Iterator[Callable[[int], None]
 
     def step(done: int) -> None:
         this.done = done
-        listener.stepped(this)
+        listener.on_step(this)
 
-    listener.begun(this)
+    listener.on_start(this)
     try:
         yield step
     finally:
-        listener.ended(this)
+        listener.on_end(this)
 
 
 def each(
@@ -89,7 +89,7 @@ def each(
 def touched(action: str, path: object) -> None:
     """Say that a file is "read" or "written"."""
     if _Current.listener is not None:
-        _Current.listener.touched(action, str(path))
+        _Current.listener.on_file(action, str(path))
 
 
 def wipe() -> None:

@@ -10,16 +10,16 @@ class Heard:
     def __init__(self) -> None:
         self.events: list[tuple[str, str, int]] = []
 
-    def begun(self, stage: Stage) -> None:
+    def on_start(self, stage: Stage) -> None:
         self.events.append(("begun", stage.what, stage.done))
 
-    def stepped(self, stage: Stage) -> None:
+    def on_step(self, stage: Stage) -> None:
         self.events.append(("stepped", stage.what, stage.done))
 
-    def ended(self, stage: Stage) -> None:
+    def on_end(self, stage: Stage) -> None:
         self.events.append(("ended", stage.what, stage.done))
 
-    def touched(self, action: str, path: str) -> None:
+    def on_file(self, action: str, path: str) -> None:
         self.events.append((action, path, 0))
 
     def wipe(self) -> None:

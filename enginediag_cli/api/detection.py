@@ -450,4 +450,4 @@ def chosen_method(name: str, linearise: str = "estimate") -> Method:
         from enginediag_cli.config.fields import near
 
         raise UsageError(f"there is no method {name!r} ({near(name, METHODS)})")
-    return METHODS[name].with_options({"linearise": linearise})
+    return METHODS[name].configure({"linearise": linearise})

@@ -41,7 +41,7 @@ class FleetResult(DocumentResult):
 
         self.run, self._what = run, what
         super().__init__(head=head, summary_columns=TERMINAL if what == "engines" else (), messages=messages)
-        engines, listed = run.finding.engines, run.finding.discoveries.engines
+        engines, listed = run.finding.engines, run.finding.flagged.engines
         self.findings = sum(engine.serial in listed or bool(engine.instruments) for engine in engines)
         self.judged = sum(engine.verdict != "no verdict" for engine in engines)
 

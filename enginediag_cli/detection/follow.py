@@ -1,13 +1,13 @@
-"""One engine's flight followed block by block: readings in, a row of evidence out.
+"""A flight monitored while it is recorded: for each block of records the evidence of a change, its kind and its onset.
 
-What has no life is no evidence: a record whose readings repeat those before to the last digit brings no new noise, and
-readings that scatter impossibly little were not measured. Nor does one sensor alone tell anything. Gross errors are
+Evidence. A record whose readings repeat those before to the last digit brings no new noise, and
+readings that scatter impossibly little were not measured. One sensor alone is no evidence either. Gross errors are
 rejected, which bounds what a reading adds to the evidence, and keeps the mean of E at most 1: a Gaussian reading cut at
 ±c is sub-Gaussian. What has not yet lasted longer than a gross error may be one or may be a change: there is an alarm
 only if E reaches 1/α without the brief departures of any one channel, too, a sensor's or an input's. What several
 channels show at once is seen as soon as ever; what one alone shows, when it has lasted.
 
-What kind of change it is, and since when: explanations of a flight compared by their marginal likelihood.
+Kind and onset. Explanations of a flight are compared by their marginal likelihood:
 
     sudden fault              step of one or two health parameters, or of all together
     gradual deterioration     the same, growing linearly from its onset to now
@@ -15,8 +15,6 @@ What kind of change it is, and since when: explanations of a flight compared by 
 
 Every kind has the same probability beforehand, and within a kind every onset. A change that was there when the flight
 began has no onset in it and no law of growth: `present from the start`.
-
-Flights judged while they are being recorded.
 """
 
 from __future__ import annotations
@@ -45,10 +43,10 @@ from enginediag_cli.detection.sequential import (
 from enginediag_cli.detection.verdict import (
     LEAST_SENSORS,
     LackOfFit,
-    few_sensors_reason,
     is_lifeless,
     low_scatter_reason,
     one_channel_reason,
+    too_few_sensors_reason,
 )
 from enginediag_cli.intake.loader import ExcludedData, GrossCounts, RecordingLoader, follow_chunks
 from enginediag_cli.recordings.repeated import StuckRun
@@ -183,7 +181,7 @@ JUMP_SIGMAS = 5.0
 NEGLIGIBLE = 1e-6
 """Variances of nuisance combinations below this share of the largest are dropped; they are in prior units."""
 NEVER_MOVED = "no reading has moved since the flight began"
-"""Why a block tells nothing where a recorder stands still from the start: its one reading may be an old one."""
+"""Why a block is no evidence where a recorder stands still from the start: its one reading may be an old one."""
 
 
 def unit_coordinates(monitor: Monitor) -> Coordinates:
@@ -224,7 +222,7 @@ class BlockReport:
     repeated: records whose readings are those of the record before, not judged; sensors: how
     many of `sensors_of` gave a reading that was judged; log10_e: evidence that something has changed, as a power of
     ten; alarm: E has reached 1/α, in this block or before; change: what it looks like, once there is an alarm; reason:
-    why the block tells nothing, "" where it does; elsewhere: how many records training did not cover, by where they
+    why the block is no evidence, "" where it is; elsewhere: how many records training did not cover, by where they
     lie; instruments: those that are stuck or scatter, as far as the flight has come."""
 
     key: Key
@@ -366,7 +364,7 @@ class FlightMonitor:
 
     def _judge(self, sensors: int, reason: str) -> tuple[int, str]:
         """Take the new block, the last of those that are known, into the evidence, and the others as they look now; how
-        many records were judged, and why the new block tells nothing."""
+        many records were judged, and why the new block is no evidence."""
         clean, new, k = self._clean, self._clean.open[-1], len(self._clean.closed)
         self.gross = sum(clean.rejected[:k], self.gross)
         closed: list[Segment] = []
@@ -377,7 +375,7 @@ class FlightMonitor:
         z, X = self._compute_innovations(clean.open, self._innovations.fork())
         fit = self._scatter(z[-len(new) :], X[-len(new) :], int(np.isfinite(new.e).sum()))
         if sensors < LEAST_SENSORS:
-            reason = few_sensors_reason(sensors, new.e.shape[1])
+            reason = too_few_sensors_reason(sensors, new.e.shape[1])
         elif is_lifeless(fit):
             reason = low_scatter_reason(fit)
         self._numbers = [*self._numbers[k:], None if reason else self._numbered]
@@ -398,7 +396,7 @@ class FlightMonitor:
     def _segments(
         self, blocks: Sequence[LiveRecords], numbers: Sequence[int | None], z: np.ndarray, X: np.ndarray
     ) -> list[Segment]:
-        """Sums of those blocks that have a number, for they tell something."""
+        """Sums of those blocks that have a number, for they are evidence."""
         found, stop = [], 0
         for block, number in zip(blocks, numbers, strict=True):
             rows = slice(stop, stop := stop + len(block))
@@ -499,7 +497,7 @@ class FlightMonitor:
 
 
 BLOCK = 20
-"""Records of a block where nobody says: an alarm is at most so many records late, and a row tells something."""
+"""Records of a block where nobody says: an alarm is at most so many records late, and a row is informative."""
 OPEN_FLIGHTS = 16
 """Flights that may be open at once; the one that has been silent longest is closed for the next."""
 
@@ -540,7 +538,7 @@ class FlightFollower:
             yield from self._finish_flight(flight)
 
     def _excluded_data(self, key: Key) -> ExcludedData:
-        """What was left out of the file of a flight."""
+        """Data excluded from the file of a flight."""
         of_file = [left for left in self.intake.excluded if left.file == key[0]]
         return (of_file or self.intake.excluded)[-1]
 

@@ -1,4 +1,4 @@
-"""When a quantity that deteriorates reaches its limit: the posterior of level and rate, and the first passage.
+"""When a margin is used up: the posterior of level and rate of deterioration, and the first passage of the limit.
 
 The consumption y of a margin after t flights is
 
@@ -13,7 +13,7 @@ are honest while an engine has shown little itself. The limit L ~ N(limit, sd²)
 
     t* = τ/κ ln(1 + (L − c − Σ r)/L₀ (e^κ − 1)),      κ = 0:  t* = τ (L − c − Σ r)/L₀
 
-and what is told is the law of t* − now given that it has not been passed yet, without further maintenance.
+and the result is the distribution of t* − now given that it has not been passed yet, without further maintenance.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ TAU = np.geomspace(20.0, 50_000.0, 400)
 KAPPA = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0])
 """Curvatures: 0 is straight; by 10 nine tenths of the growth come in the last quarter of the life."""
 STRAIGHT = 0.5
-"""Probability of straight growth, where no fleet tells: as much as of all others together."""
+"""Probability of straight growth, where no fleet is known: as much as of all others together."""
 NO_GROWTH = 0.05
-"""Probability that nothing grows at all, where no fleet tells."""
+"""Probability that nothing grows at all, where no fleet is known."""
 NODES = 15
 """Points of the normal law of limit and offset: quantiles of equal weight, whose mean square is within 4 %."""
 PASSES = 30
@@ -41,7 +41,7 @@ COUNTS = 0.5
 """Engines that each curvature, and no growth, counts beforehand (Jeffreys)."""
 TINY = 1e-9
 """Keeps a fleet in which nothing grows from a division by nothing."""
-FEWEST_TOLD = 1e-12
+LEAST_WEIGHT = 1e-12
 """Weight of a law below which it is not followed to the limit."""
 
 
@@ -196,7 +196,7 @@ def forecast(fit: FittedLaws, population: Population, limit: float, deviation: f
     rate = float(np.sum(w * slope))
     second = float(np.sum(w * (now - level) ** 2) + none * (fit.base_none - level) ** 2)
     rate_error = float(np.sqrt(np.sum(w * (slope - rate) ** 2) + none * rate**2))
-    some = w > FEWEST_TOLD
+    some = w > LEAST_WEIGHT
     w, tau, kappa, base = w[some], tau[some], kappa[some], fit.base[some]
     spread = np.sqrt(fit.variance + deviation**2)
     gap = limit - base[:, None] + spread * ndtri((np.arange(NODES) + 0.5) / NODES)

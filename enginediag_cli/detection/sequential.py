@@ -1,4 +1,6 @@
-"""Monitoring record by record with a false-alarm probability that holds for the whole flight.
+"""Sequential tests by e-values: over records of a flight, flights of an engine, and engines of a fleet.
+
+Records of a flight. The false-alarm probability holds for the whole flight.
 
 A change Δθ ~ N(0, P) that begins at block j has, against no change, the likelihood ratio
 
@@ -14,19 +16,18 @@ de la notion de collectif, 1939; mixtures: H. Robbins, Ann. Math. Statist. 41 (1
 J. Shin, A. Ramdas, A. Rinaldo, "E-detectors", NEJSDS 2023. Forgetting an onset can only lower E. The bound holds for
 Gaussian noise, and with certain nominal for uniform noise too, whose moments E exp(λx) lie below the Gaussian ones.
 
-The past of a flight in constant memory: recent blocks one by one, older ones in ever longer pieces.
+The past of a flight takes constant memory: recent blocks are kept one by one, older ones in ever longer pieces. Sums of
+a block are in coordinates in which everything unknown is N(0, 1) beforehand, see `Coordinates`.
 
-Sums of a block are kept in coordinates in which everything unknown is N(0, 1) beforehand, see `Coordinates`.
-
-Innovations are residuals with the memory of the noise taken out, independent from record to record. For AR(1) noise the
-innovation of a sensor is what its past reading does not predict,
+Innovations. They are residuals with the memory of the noise taken out, independent from record to record. For AR(1)
+noise the innovation of a sensor is what its past reading does not predict,
 
     z_k = (e_k − c_k e_l) / (σ √(1 − c_k²))        G_k = (J_k − c_k J_l) / (σ √(1 − c_k²))        c_k = ρ^(k−l)
 
 with l the sensor's last reading before k (G. E. P. Box and G. M. Jenkins, Time Series Analysis, 1976, ch. 7). Their
 likelihood is that of the readings, so that likelihood ratios are exact and not only right in the long run.
 
-The e-value of one engine over its flights, with level, scatter and its law in time unknown.
+Flights of an engine. Level, scatter and the correlation of scatter in time are unknown.
 
 Rows z_i (m,) of n flights, readings minus prediction, are by the null hypothesis
 
@@ -60,7 +61,7 @@ under every one of them, whichever is true (universal inference: L. Wasserman, A
 direction, N(0, κ Σ), is the product of such ratios of each reading regressed on those before it. E is the mean over
 directions, sizes, courses and onsets, all weighed beforehand.
 
-Which of many engines stand out: the e-BH procedure.
+Engines of a fleet. The e-BH procedure says which engines are flagged.
 
 With e-values e_1 … e_n, each of mean 1 at most for an engine that is healthy, and e_(1) ≥ e_(2) ≥ …, those listed are
 the k* largest, k* the largest k with
@@ -301,7 +302,7 @@ class EProcess:
 
 @dataclass
 class Innovations:
-    """Innovations of a stream that comes in chunks; remembers the last reading of every sensor."""
+    """Innovations of a stream that comes in chunks; keeps the last reading of every sensor."""
 
     noise: NoiseModel
     _last: dict[int, tuple[float, float, np.ndarray]] = field(default_factory=dict)  # time, e/σ, J/σ of a sensor
@@ -354,19 +355,19 @@ AT_ONCE = 0.1
 FINE_STEPS, FINE_RAMPS = 12, 4
 """Onsets lie one flight apart to begin with, and as far apart as a twelfth (a fourth) of the flights since later."""
 ONSETS, UNLIKELY = 200, 1e-3
-"""Onsets that are looked at together when it is asked since when, each a column over all flights: 60 MB of 20,000; and
-the probability below which one of them is left out."""
+"""Onsets that are evaluated together for the posterior of the onset, each a column over all flights: 60 MB of 20,000;
+and the probability below which one of them is excluded."""
 E_VALUES_LAWS = ((0.0, 1.0, 0.5), (0.2, 20.0, 0.25), (0.5, 20.0, 0.25))
 """Laws in time of what readings scatter by: share that wanders, flights over which it does, weight. An engine whose
 instruments wander by more than the last of them is called changed more often than is said; the more laws there are the
-more of the logarithm of E faults pay. What is left of both: `tests/benchmarks/fleet_discoveries.py --wander 1.5`."""
+more of the logarithm of E faults pay. The remaining loss: `tests/benchmarks/fleet_discoveries.py --wander 1.5`."""
 LEVEL, CONDITIONS = 1e6, 1.0
 """Variance of a level, of which nothing is known, and of what a standardised condition adds, in units of the scatter:
 errors of the model at an operating point are about as large as that."""
 PEAKS = 25
 """Flights at which E is computed; at the others it stays as it was, which is a rule for stopping as any."""
 AT_A_TIME = 512
-"""Flights of which running sums are held at once: a few megabytes."""
+"""Flights whose running sums are in memory at once: a few megabytes."""
 ONE_FLIGHT = 1e-3
 """Chance of a flight, were it as the others, beyond which it counts for no more: one flight alone is no verdict."""
 
@@ -643,7 +644,7 @@ class _LawSums:
     def direction_ratios(
         self, directions: np.ndarray, told: np.ndarray, gamma: np.ndarray, k: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """log p (peaks, d), and log L (K, d), its mean over sizes, of courses told (K, m) with γ (K,) at peaks k."""
+        """log p (peaks, d), and log L (K, d), its mean over sizes, of known courses (K, m) with γ (K,) at peaks k."""
         m = directions.shape[1]
         seen = self.root @ directions.T  # (peaks, m, d)
         a = np.sum(seen**2, axis=1)
@@ -677,7 +678,7 @@ def _log_ratios(explained: np.ndarray, left: np.ndarray, free: np.ndarray, sizes
 
 
 def flag_engines(log_e: np.ndarray, level: float) -> np.ndarray:
-    """Which (n,) of the engines with the e-values exp(log_e) (n,) are listed at the rate `level` of false discoveries;
+    """Which (n,) of the engines with the e-values exp(log_e) (n,) are flagged at the false discovery rate `level`;
     one without an e-value (NaN) counts, and is not listed. ValueError for a level that is no probability."""
     if not 0 < level < 1:
         raise ValueError("`level` must lie between 0 and 1")

@@ -5,15 +5,14 @@ Where the error of each output sensor is among the parameters, the statistics of
     s_S = R⁻¹ e,   F_SS = R⁻¹,   F_Sa = R⁻¹ J_a      ⇒      e = F_SS⁻¹ s_S,   J = F_SS⁻¹ F_S·
 
 whatever R is, summed over records or with everything uncertain about nominal counted as noise. Statistics without
-sensors have directions of the parameters in their place, as far as every epoch tells them.
+sensors have directions of the parameters in their place, as far as every epoch determines them.
 
-An instrument that gives the model an input stands in the series with what it read, too: an error of it is in its own
+The readings of an instrument of an input are part of the series, too: an error of it is in its own
 readings by as much as it moves the prediction, and at the same time. Weather and a governor move them, which is
 learnt as any wandering is; what no weather does, such as two kilopascals between two hours, no barometer did unseen.
 
-Health in one flight of many: the changes of each parameter from nominal, from the sums of its windows.
-
-The series of files: windows of a flight are added up, flights of an engine follow each other, across files.
+`Series` holds the statistics of flights, read from files: windows of a flight are added up, flights of an engine follow
+each other, across files. `estimate_flight_change` gives the change of each parameter in one flight.
 """
 
 from __future__ import annotations
@@ -35,8 +34,8 @@ from enginediag_cli.residuals.reduced import input_error_effects
 from enginediag_cli.residuals.statistics import LocalStatistics
 from enginediag_cli.residuals.windows import WindowStatistics, join_bookkeeping
 
-TOLD = 1e-6
-"""Share of the information of the best told direction below which a direction is not told at all."""
+LEAST_INFORMATION = 1e-6
+"""Share of the information of the best determined direction below which a direction is not determined."""
 
 
 OVER_GAPS = 0.25
@@ -152,7 +151,7 @@ def build_readings(
     s = np.stack([x.s[at] for x in statistics]) * D
     sensors = [i for i, p in enumerate(described) if p.of_sensor and p.quantity == "bias"]
     own = np.median([np.diag(x.F)[at[sensors]] for x in statistics], axis=0) * D[sensors] ** 2
-    told = [i for i, information in zip(sensors, own, strict=True) if information > TOLD]
+    told = [i for i, information in zip(sensors, own, strict=True) if information > LEAST_INFORMATION]
     directions = np.eye(len(at))[:, told]
     if not told:
         if not np.all(np.isfinite(first.F)):
@@ -165,7 +164,7 @@ def build_readings(
     FJ *= D
     inner = FJ @ directions
     rank = np.linalg.eigvalsh(inner)
-    kept = rank[:, 0] > TOLD * np.median(rank[:, -1])
+    kept = rank[:, 0] > LEAST_INFORMATION * np.median(rank[:, -1])
     inverse = np.linalg.inv(inner[kept])
     z = np.einsum("nab,nb->na", inverse, s[kept] @ directions)
     J = FJ if np.all(kept) else FJ[kept]
@@ -198,15 +197,15 @@ def _determined_directions(F: np.ndarray) -> np.ndarray:
     """Directions (p, r) of the parameters, as many as the epochs' information F (n, p, p) determines in nine of ten:
     among many parameters one direction that single epochs do not show would take these out of the series."""
     value, vector = np.linalg.eigh(F.sum(axis=0))
-    for r in range(int(np.sum(value > TOLD * value[-1])), 1, -1):
+    for r in range(int(np.sum(value > LEAST_INFORMATION * value[-1])), 1, -1):
         rank = np.linalg.eigvalsh(vector[:, -r:].T @ F @ vector[:, -r:])
-        if np.mean(rank[:, 0] > TOLD * np.median(rank[:, -1])) >= MOST_EPOCHS:
+        if np.mean(rank[:, 0] > LEAST_INFORMATION * np.median(rank[:, -1])) >= MOST_EPOCHS:
             return np.asarray(vector[:, -r:])
     return np.asarray(vector[:, -1:])
 
 
 MOST_EPOCHS = 0.9
-"""Share of the epochs that must determine a direction: the others are left out."""
+"""Share of the epochs that must determine a direction: the other directions are excluded."""
 FEWEST_READ = 12
 """Epochs below which what an input does by itself is not known."""
 
@@ -296,7 +295,7 @@ def _condition_functions(conditions: np.ndarray) -> np.ndarray:
 class FlightChange:
     """Change of each parameter (p,) from nominal in one flight, with standard errors (p,), in parameter units.
 
-    Posterior mean and deviation under a change of prior size: where a flight tells nothing, 0 ± prior.
+    Posterior mean and deviation under a change of prior size: where a flight has no information, 0 ± prior.
     """
 
     parameters: tuple[str, ...]
@@ -328,7 +327,7 @@ def _effective(statistics: LocalStatistics) -> tuple[np.ndarray, np.ndarray]:
 Law = Literal["whole", "covariance", "none"]
 
 FEWEST = 3
-"""Flights that a trend needs: a level before, one after, and one to tell noise from either."""
+"""Flights that a trend needs: a level before, one after, and one to separate noise from either."""
 MOST_BYTES = 600e6
 """Size of the statistics of a series: 20,000 flights of forty parameters with the covariance of their statistics, a
 hundred thousand without. What a machine of 1 GB has to spare."""
@@ -507,7 +506,7 @@ def build_series(files: WindowSource, law: Law = "whole") -> Series:
 def _trim_statistics(
     statistics: LocalStatistics, law: Law, first: LocalStatistics | EpochStatistics | None
 ) -> LocalStatistics | EpochStatistics:
-    """So much of the law as is asked for; what is the same as in the `first` flight of the series is its own."""
+    """The required part of the covariance; what is the same as in the `first` flight of the series is its own."""
     if first is not None and first.parameters == statistics.parameters:
         statistics = replace(statistics, parameters=first.parameters)
         if np.array_equal(first.prior_sigma, statistics.prior_sigma):

@@ -1,6 +1,6 @@
 """The verdict on one window: healthy, fault, or no verdict with the reason.
 
-Generalised likelihood ratio test of "no parameter has changed", eqs. (10) and (11).
+Test. Generalised likelihood ratio test of "no parameter has changed", eqs. (10) and (11).
 
     t = sᵀ V⁻¹ F (F V⁻¹ F)⁺ F V⁻¹ s ~ χ²(rank F; λ),    λ = Δθᵀ F V⁻¹ F Δθ
 
@@ -14,16 +14,14 @@ Where noise is not Gaussian, t is a sum of squares of variance 2r + Q, Q = Σ_i 
 Linear Regression Analysis, 2nd ed. (2003), theorem 1.6), and r'/r · t has about the χ²(r') distribution with
 r' = 2r²/(2r + Q): the same mean and variance. Both together: λ t/r ~ F(r', ν).
 
-Does the model fit at all? A verdict of its own, apart from "has a parameter changed".
+Lack of fit. Whether the model fits at all is a test of its own, apart from "has a parameter changed".
 
     χ²_rest = Σ eᵀR⁻¹e − sᵀF⁺s ~ χ²(measurements − rank) when some value of the parameters explains the data.
 
 Noise that is correlated in time counts as fewer measurements, which makes the test cautious.
 
-The smallest change of each parameter that the data at hand would have shown, and whether that is small enough for
-"healthy" to mean anything.
-
-A test that would not have seen a change of the size that a shop acts on says nothing by its silence. What must show is
+Power. `minimum_change` is the smallest change of each parameter that these data would have shown. A test that would not
+have shown a change of the size that a shop acts on is no evidence of health. What must show is
 a site's choice; by default, of every component at least one of its parameters by
 
     efficiency, effectiveness   2 %     flow capacity, area   3 %     any other      as far as it plausibly lies off
@@ -138,8 +136,8 @@ ROUNDING = 1e-9
 class LackOfFit:
     """`ratio` = χ²_rest per degree of freedom: 1 when the noise is as stated and the model is right.
 
-    `consistent`: whether s and F explain no more than there is; statistics of a window that was condensed with doubt
-    (a reference, an error of the model) may, and then their rest, taken as 0, says nothing.
+    `consistent`: whether s and F explain no more than there is; statistics of a window that was reduced with additional
+    uncertainty (a reference, an error of the model) may, and then their rest, taken as 0, says nothing.
     """
 
     statistic: float
@@ -262,7 +260,7 @@ NOISE_UNKNOWN = "the noise was identified from too few independent records"
 HARDLY_KNOWN = 0.5
 """A₂/rank beyond which no threshold can be had for noise that was estimated: about four degrees of freedom."""
 LEAST_SENSORS = 2
-"""Sensors without which nothing is told: with one alone, whatever happens is as well an error of that one, and nothing
+"""Fewest sensors of a verdict: with one alone, whatever happens is as well an error of that one, and nothing
 shows that it works at all."""
 LEAST_FIT = 1e-4
 """χ² per degree of freedom below which readings do not scatter as readings do: the noise would be a hundredth of what
@@ -310,7 +308,8 @@ def judge(
     required: what silence must rest on. monitor: judges anew, without each channel in turn, what could not be checked
     for gross errors; an alarm that rests on one channel is no verdict then.
 
-    Errors of sensors that gave no reading are left out of the statistics of the verdict's window: they are no suspects.
+    Errors of sensors that gave no reading are excluded from the statistics of the verdict's window: they are no
+    suspects.
     """
     statistics = window.statistics
     if statistics is None:
@@ -320,7 +319,7 @@ def judge(
         statistics = window.statistics
         assert statistics is not None
     if window.sensors_of and window.sensors < LEAST_SENSORS:
-        return Verdict(window, NO_VERDICT, few_sensors_reason(window.sensors, window.sensors_of))
+        return Verdict(window, NO_VERDICT, too_few_sensors_reason(window.sensors, window.sensors_of))
     score = fisher_score(statistics)
     test = glr_test(score, false_alarm)
     if test.alarm is None or statistics.dof <= 0:
@@ -344,12 +343,12 @@ def judge(
     limits = required_changes(score.described, score.prior_sigma, required.changes)
     unseen = undetectable_components(score, sizes, limits)
     if unseen:
-        return replace(found, verdict=NO_VERDICT, reason=few_records_reason(unseen[0]))
+        return replace(found, verdict=NO_VERDICT, reason=too_few_records_reason(unseen[0]))
     return replace(found, verdict=HEALTHY)
 
 
-def few_records_reason(unseen: UndetectableComponent) -> str:
-    """Why nothing is told by a window that would have shown no change of a component that matters."""
+def too_few_records_reason(unseen: UndetectableComponent) -> str:
+    """Why there is no verdict on a window that would have shown no change of a component that matters."""
     p = unseen.parameter
     if not np.isfinite(unseen.size):
         return f"too few records: no change of {p.words or p.name} would show"
@@ -358,20 +357,20 @@ def few_records_reason(unseen: UndetectableComponent) -> str:
 
 
 def extrapolation_reason(extrapolated: int, judged: int) -> str:
-    """Why nothing is told where no alarm is raised beyond what training covered."""
+    """Why there is no verdict without an alarm outside the identified envelope."""
     return (
         f"{extrapolated} of {judged} records outside the operating points identified, and nothing is seen within "
         "limits as wide as they are there"
     )
 
 
-def few_sensors_reason(sensors: int, sensors_of: int) -> str:
-    """Why nothing is told by so few sensors."""
+def too_few_sensors_reason(sensors: int, sensors_of: int) -> str:
+    """Why there is no verdict from so few sensors."""
     return f"{sensors} of {sensors_of} sensors gave readings, and {LEAST_SENSORS} are the least"
 
 
 def one_channel_reason(channel: str) -> str:
-    """Why nothing is told where a change rests on one channel, and has lasted no longer than a gross error."""
+    """Why there is no verdict where a change rests on one channel, and has lasted no longer than a gross error."""
     return f"one channel decides: without {channel} there is no alarm, and so few records may be gross errors of it"
 
 
@@ -413,7 +412,7 @@ def _leave_one_channel_out(window: WindowStatistics, monitor: Monitor) -> Iterat
 
 
 def low_scatter_reason(fit: LackOfFit) -> str:
-    """Why nothing is told by readings without life."""
+    """Why there is no verdict from readings without noise."""
     return f"the readings scatter impossibly little (fit {fit.ratio:.1g}): they repeat, or were not measured"
 
 

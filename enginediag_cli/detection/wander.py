@@ -1,20 +1,19 @@
-"""How the readings of a series wander by more than their noise: weather, vanes that move, drift that nobody models.
+"""Scatter between flights: how readings of a series wander by more than their noise, and scores of changes by it.
 
 Readings minus prediction z (n, m) of n epochs are a level, a smooth function of the conditions flown (`weather`), a
 process that wanders and noise. Its size is read from differences of epochs, by their distance in time: half of the mean
 square of a difference, of all pairs of readings, is the structure function (Matheron's variogram). A step in one
-reading stands in few of these differences, and in none of them at most once, so that it is not learnt as scatter; a
+reading is in few of these differences, and in none of them at most once, so that it is not learnt as scatter; a
 tenth of the series is the longest distance, beyond which a step would be in too many.
 
 The structure functions of the shortest and of the longest distance have common modes W (generalised eigenvectors),
 each a scalar series with the covariance Σ_j x_j exp(−|t − t'|/τ_j). Epochs that are off alone, against what is before
 and after them, count as much as their own scatter allows.
 
-What a series says of a change with any course: scores and information of all onsets at once.
-
-In each mode k of `wander` the series is z_k = level + Σ_e g_e(i) A_ki δ_e + scatter, A_ki (p,) the effect of each
-parameter. A change with course g has the score b = Σ_i g(i) A_kiᵀ c_k(i) and the information
-S = Σ_ij g(i) A_kiᵀ K_k⁻¹(i,j) A_kj g(j); for steps both are cumulative sums from the end.
+Scores and information of all courses and onsets at once. In each mode k of `wander` the series is z_k = level + Σ_e
+g_e(i) A_ki δ_e + scatter, A_ki (p,) the effect of each parameter. A change with course g has the score b = Σ_i g(i)
+A_kiᵀ c_k(i) and the information S = Σ_ij g(i) A_kiᵀ K_k⁻¹(i,j) A_kj g(j); for steps both are cumulative sums from the
+end.
 """
 
 from __future__ import annotations
@@ -33,11 +32,11 @@ LONGEST = 0.1
 """Longest distance of differences, in lengths of the series."""
 SHORT, OF_SHORT = 16, 0.4
 """Distance in epochs up to which a short series is looked at all the same, and the longest such in lengths of it: a
-tenth of forty epochs does not tell a walk from wear."""
+tenth of forty epochs does not separate a random walk from wear."""
 PAIRS = 8
 """Differences of one epoch with later ones in a class: all of them say the same."""
 LEAST_PAIRS = 20
-"""Differences that a class needs; with fewer the neighbouring classes tell more."""
+"""Differences that a class needs; with fewer the neighbouring classes are more precise."""
 FREEDOM = 8.0
 """Degrees of freedom of Student's t by which differences are weighed (Lange, Little and Taylor (1989))."""
 MEDIAN = 0.455
@@ -52,7 +51,7 @@ LEVEL = 1e3
 """Variance of the level of a mode, in units of its scatter: nothing is known of it."""
 LOCAL = 21
 """Epochs by whose median it is judged how much more readings scatter there than by the law of the whole series; a
-series of five times as many can tell."""
+series of five times as many separates them."""
 OUTLIER = 1e-4
 """Chance of an epoch, were all as usual, below which it counts as off by itself."""
 
@@ -122,7 +121,7 @@ def _half_squares(differences: Sequence[np.ndarray], least: np.ndarray, own: int
 
 def _shares(S: np.ndarray, least: np.ndarray, own: np.ndarray) -> np.ndarray:
     """Geometric mean of what S (h, m, m), second moments of `own` (h,) independent differences, are of `least`, one at
-    most: the determinant without its bias (Anderson (2003), theorem 7.5.3). One with too few differences to tell."""
+    most: the determinant without its bias (Anderson (2003), theorem 7.5.3). 1 with too few differences."""
     from scipy.special import psi
 
     m = len(least)
@@ -196,7 +195,7 @@ def _scatter_law(readings: Readings, known: np.ndarray, distances: np.ndarray, C
     from scipy.special import chdtri
 
     t = readings.clock
-    # of one distance alone every basis were a solution, and rounding would choose among them: the readings' own is taken
+    # with one distance any basis solves this, and rounding would choose among them: that of the readings is taken
     _, W = eigh(C[-3:].mean(axis=0) if slow and len(C) > 1 else C[0] + 1e-6 * np.diag(np.diag(C[0])), C[0])
     z, free = readings.z @ W, (readings.z - known) @ W
     apart = np.abs(t[:, None] - t)
@@ -230,9 +229,9 @@ def _scatter_law(readings: Readings, known: np.ndarray, distances: np.ndarray, C
 
 
 def _local_inflation(squares: np.ndarray) -> np.ndarray:
-    """By how much the variance of an epoch (n,) is larger than by the law of the series, from squares of what is left
-    of it, of median 1: an engine that is run in another way for a while wanders more in that time. Single epochs have
-    no say, a law that is too wide somewhere stands."""
+    """By how much the variance of an epoch (n,) is larger than by the law of the series, from squares of its residuals,
+    of median 1: an engine that is run in another way for a while wanders more in that time. Single epochs have no say,
+    a law that is too wide somewhere stands."""
     n = len(squares)
     if n < 5 * LOCAL:
         return np.ones(n)
@@ -285,7 +284,7 @@ def _remove_weather(z: np.ndarray, weather: np.ndarray) -> np.ndarray:
 STEP, DETERIORATION = "step", "deterioration"
 """At once and for good; growing since its onset."""
 ONSETS = 32
-"""Onsets of growth that are looked at: it begins slowly, so that its beginning is not told more finely."""
+"""Onsets of growth that are looked at: it begins slowly, so that its beginning is not known more finely."""
 POWERS = (1.0, 2.0, 4.0)
 """Growth with this power of the time since its onset: even, as fouling; ever faster, as wear before a failure."""
 

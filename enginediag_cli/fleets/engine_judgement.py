@@ -1,9 +1,9 @@
 """The judgement of one engine: whether it has changed, since when, in what, and how far towards its limit.
 
-The events of an engine that stands out, by the judgement that `trend` makes of a series.
+An engine that is flagged is isolated as `trend` does it, for its events.
 
-Whether the flights that are believed healthy stand still: an engine that wears while its baseline is taken is held
-against its own wear, and nothing stands out later.
+The baseline is tested for a drift: an engine that wears during its baseline is compared with its own wear, and no later
+change is significant.
 
 Per reading j, with r its deviations (conditions taken out) over the b flights of the baseline and t = 1 … b,
 
@@ -55,15 +55,15 @@ from enginediag_cli.fleets.margin import (
 )
 from enginediag_cli.isolation.events import SeriesDiagnosis
 from enginediag_cli.isolation.prior import SetPrior
-from enginediag_cli.isolation.timeline import OF_A_FLEET, TrendOptions, judge_series
+from enginediag_cli.isolation.timeline import FLEET_EPOCHS, TrendOptions, judge_series
 from enginediag_cli.probability import NORMAL_95
 
 
 def isolate_history(
     flights: EngineFlights, series: Series, settings: FleetSettings, history: EngineHistory
 ) -> SeriesDiagnosis:
-    """What changed, and when; steps at maintenance are conditions like the weather, so that what is told grew or came
-    between events."""
+    """What changed, and when; steps at maintenance are conditions like the weather, so that the events found began
+    between them."""
     readings = flights.readings
     if flights.steps.shape[1]:
         centred = flights.steps - flights.steps.mean(axis=0)
@@ -72,7 +72,7 @@ def isolate_history(
     options = TrendOptions(
         healthy=history.baseline, sensors=settings.sensors, generic=settings.generic, governed=series.power_errors
     )
-    return judge_series(readings.merge_epochs(OF_A_FLEET), series.parameters, options)
+    return judge_series(readings.merge_epochs(FLEET_EPOCHS), series.parameters, options)
 
 
 def apply_diagnosis(
@@ -145,7 +145,7 @@ def p_steady_baseline(flights: EngineFlights, course: HealthCourse) -> float:
 
 
 BELIEVED = 0.1
-"""Probability beforehand that an engine has changed, where its probability to have is asked for. Judgement."""
+"""Prior probability that an engine has changed. Judgement."""
 SUSPECTED = 0.5
 """Probability from which an instrument is taken for the one that changed, so that no health is read from it, and from
 which what changed is not listed."""
@@ -347,7 +347,7 @@ def _verdict(found: _EngineState, settings: FleetSettings) -> tuple[str, str]:
         b = flights.baseline
         return (
             NO_VERDICT,
-            f"its readings move during its baseline, the first {b} flights: nothing healthy to hold it to",
+            f"its readings move during its baseline, the first {b} flights: there is no healthy state to compare with",
         )
     if told:
         return NO_VERDICT, f"its flights show {told}, not yet certain beside readings that may wander"
@@ -531,7 +531,7 @@ def _event_rows(found: _EngineState, used: Consumption, history: EngineHistory, 
 
 def changes_at_events(history: EngineHistory, series: Series) -> tuple[HealthChange | None, ...]:
     """What each event did, by one course of health over all flights: those that renewed the whole engine, too, and
-    those before, of which the judgement of an engine tells nothing. None where flights are on one side alone."""
+    those before, which the judgement of an engine does not include. None where flights are on one side alone."""
     flights = engine_flights(history, series)
     compressors = washable_components(series)
     moved = [movable_parameters(e, flights.described, compressors) for e in flights.events]

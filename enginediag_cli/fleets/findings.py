@@ -1,16 +1,12 @@
-"""What is found of an engine and of a fleet: plain values, for tables, files and reports.
+"""Findings of an engine and of a fleet, the flights of an engine that they rest on, and the course of its health.
 
-What is known of an engine by serial number: its flights in order, and what maintenance did to it.
-
-The course of an engine's health over its flights, and what maintenance brought: one Gaussian posterior.
+The course of health over flights, and the effect of maintenance, are one Gaussian posterior:
 
     z_i = B x_i + J_i δ(i) + ε_i,    δ(i) = Σ_k a_k φ_k(i) + Σ_e r_e 1(i ≥ t_e),    ε_i ~ N(0, Σ)
 
 with φ_k rising from 0 to 1 over the k-th piece of the flights after the baseline, a_k ~ N(0, D² Δ_k): a walk that by
 the end may be as far from nominal as a change plausibly is, straight within pieces; r_e what maintenance may have
 moved. B, level and what follows the conditions, is eliminated.
-
-What the readings of one engine are to its e-value and to the course of its health.
 """
 
 from __future__ import annotations
@@ -151,7 +147,7 @@ class HealthChange:
     and their change `before` (k,) it, all in their units."""
 
     names: tuple[str, ...]
-    before: np.ndarray
+    initial: np.ndarray
     mean: np.ndarray
     covariance: np.ndarray
 
@@ -212,7 +208,7 @@ class CommonChange:
 
 
 @dataclass(frozen=True)
-class Discoveries:
+class FlaggedEngines:
     """engines: serial numbers, largest e-value first; level: the bound; words: what it says."""
 
     engines: Sequence[str]
@@ -225,9 +221,9 @@ class FleetFinding:
     """engines: ranked by severity, worst first; left_out: serial number and why it has no verdict."""
 
     engines: Sequence[EngineFinding]
-    discoveries: Discoveries
+    flagged: FlaggedEngines
     common: Sequence[CommonChange]
-    left_out: Sequence[tuple[str, str]]
+    excluded: Sequence[tuple[str, str]]
 
 
 @dataclass(frozen=True)
@@ -235,9 +231,9 @@ class FleetSettings:
     """How a fleet is judged. false_alarm: of the verdict on one engine, over its whole life; false_discovery: share of
     healthy engines among those listed, on average; sensors: instruments are suspects; generic: the maps are not the
     engine's own; limits_K: column → limit of its temperature at the reference condition; consumed_limit_K: K of margin
-    at which an engine is taken off, with its standard deviation, where that and no temperature is known, as from
-    engines that were; thorough: engines that stand out are judged as `trend` does, at a second each; onsets: since
-    when they have changed is asked, which takes longest of very many flights."""
+    at which an engine is removed from wing, with its standard deviation, where that and no temperature is known, as
+    from engines that were; thorough: flagged engines are judged as `trend` does, at a second each; onsets: the onset of
+    the change is estimated, which takes longest of very many flights."""
 
     false_alarm: float = 0.01
     false_discovery: float = 0.05
@@ -354,7 +350,7 @@ def engine_flights(history: EngineHistory, series: Series) -> EngineFlights:
 
 
 def _flight_weights(history: EngineHistory, readings: Readings) -> np.ndarray:
-    """Square root of how much each flight tells of what a usual one does, 1 at most: by its records."""
+    """Square root of the information of each flight relative to a usual one, 1 at most: by its records."""
     records = np.array([max(history.stretches[k].stored.n, 1) for k in readings.first], float)
     return np.asarray(np.minimum(1.0, np.sqrt(records / np.median(records))))
 
@@ -421,7 +417,7 @@ def washable_components(series: Series) -> frozenset[str]:
 PIECES, FLIGHTS_PER_PIECE = 8, 6
 """Pieces of the course at most, and flights that each has at least."""
 AT_A_TIME = 512
-"""Flights of which all columns are held at once: a few megabytes."""
+"""Flights whose columns are in memory at once: a few megabytes."""
 FAILED = 10.0
 """Standard deviation of a suspected instrument's error, in prior standard deviations."""
 

@@ -1,10 +1,8 @@
-"""What a fleet file describes, checked: builds, how engines are distinguished, baseline, maintenance, what is judged.
+"""The fleet file: its declaration, and what it names, checked.
 
-Declaration of the YAML file that describes a fleet.
-
-Maintenance of a fleet, out of a CSV file: which engine, what was done, before which flight or when.
-
-The recordings of a fleet: which files they are, in which order, and whose, where file names say it.
+It describes builds, how engines are identified, baseline, maintenance and settings of the judgement. Maintenance comes
+from a CSV file: which engine, what was done, before which flight or when. Recordings are found by patterns, in order;
+their serial numbers come from file names where the file says so.
 """
 
 from __future__ import annotations
@@ -51,7 +49,7 @@ BUILD = Section("build", "engines of one build: what they are, and which recordi
 
 ENGINES = Section(
     "engines",
-    "how engines are distinguished",
+    "how engines are identified",
     (
         Field(
             "serial_from",
@@ -132,7 +130,7 @@ JUDGE = Section(
         Field(
             "consumed_limit_K",
             "numbers",
-            "EGT margin that engines have used when they are removed from wing, and its standard deviation, where no "
+            "margin that engines have lost when they are removed from wing, and its standard deviation, where no "
             "temperature limit is known: [25, 3]",
             None,
             unit="K",
@@ -141,16 +139,10 @@ JUDGE = Section(
             "taken_off",
             "texts",
             "serial numbers of engines whose recordings end where they were removed from wing because they were worn, "
-            "three at least: the margin that they had used by then is the limit of all others, in place of "
-            "consumed_limit_K",
+            "three at least: what they had lost by then is the limit of all others, in place of consumed_limit_K",
             (),
         ),
-        Field(
-            "thorough",
-            "boolean",
-            "engines with a significant change are judged as `trend` does, at a second each",
-            True,
-        ),
+        Field("thorough", "boolean", "flagged engines are judged as `trend` does, at a second each", True),
     ),
 )
 
@@ -163,7 +155,7 @@ FLEET_FILE = Section(
         Field("sources", "texts", "where its recordings come from", ()),
         *_OF_A_BUILD,
         Field("builds", "section_map", "several builds by name, in place of the four keys above", {}, section=BUILD),
-        Field("engines", "section", "how engines are distinguished", {}, section=ENGINES),
+        Field("engines", "section", "how engines are identified", {}, section=ENGINES),
         Field("baseline", "section", "early life, believed healthy", section=BASELINE),
         Field("identify", "section", "the common model", {}, section=IDENTIFY),
         Field(
@@ -393,9 +385,7 @@ def _key_problems(checked: Checked) -> Iterator[Problem]:
         yield checked.problem(("judge", "taken_off"), "both 'taken_off' and 'consumed_limit_K' are given", hint)
     if taken_off and len(set(taken_off)) < LIVES:
         hint = f"name {LIVES} at least, or state 'consumed_limit_K'"
-        yield checked.problem(
-            ("judge", "taken_off"), f"{len(set(taken_off))} engines are too few to learn a limit from", hint
-        )
+        yield checked.problem(("judge", "taken_off"), f"{len(set(taken_off))} engines do not determine a limit", hint)
     if values["judge"]["window"]:
         try:
             plan_windows(values["judge"]["window"])

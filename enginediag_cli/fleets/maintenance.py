@@ -1,4 +1,4 @@
-"""What maintenance did bring: the difference of the levels before and after it, as a change of its own.
+"""What maintenance restored: the difference of the levels before and after it, as a change of its own.
 
 With score and information of the flights on either side, b₁, I₁ before and b₂, I₂ after, the difference of the levels
 is known with
@@ -9,8 +9,8 @@ the parallel sum of W. N. Anderson and R. J. Duffin (1969) J. Math. Anal. Appl. 
 have in common cancels. Instruments differ by their spread from flight to flight. Repair may move a parameter
 either way: wear says nothing of it.
 
-A level is that at the event itself, told by the flights nearest to it: what they wore on the way there or since is no
-part of it. With δ_k = δ + d_k s at the distance d_k of flight k and a wear s ~ N(0, (WEAR D)²) of each side,
+A level is that at the event itself, estimated from the flights nearest to it: what they wore on the way there or since
+is no part of it. With δ_k = δ + d_k s at the distance d_k of flight k and a wear s ~ N(0, (WEAR D)²) of each side,
 
     b = Σ b_k − M Σ d_k b_k,     I = Σ I_k − M Σ d_k I_k,     M = Σ d_k I_k (Σ d_k² I_k + S⁻¹)⁻¹,
 
@@ -20,11 +20,8 @@ as many flights as have such a course: with χ² of the course, and what it has 
 
 is 1 where they do, and above it by what the model does not know of flights; evidence is divided by it.
 
-Maintenance in the series of an engine: which flight it comes before, and what it did bring.
-
-The margin of engines whose flights are at hand as a series: the judgement of a fleet, of one engine or of some.
-
-Which engine each event of a file of maintenance is of.
+`maintenance_effects` estimates the events of one series; `assess_margins` the margin of engines whose flights are a
+series, by the judgement of a fleet.
 """
 
 from __future__ import annotations
@@ -68,8 +65,8 @@ class MaintenanceEffect:
     changes and deviations; gain: what temperature and fuel fell by at equal power, None with the `reason`."""
 
     flight: int
-    before: int
-    after: int
+    flights_before: int
+    flights_after: int
     dispersion: float
     names: tuple[str, ...]
     probability: float
@@ -208,7 +205,7 @@ class _LevelAndWear:
         return replace(like, b=b / D, information=I / D / D[:, None], glr=glr, rank=inner.rank)
 
     def dispersion(self, like: Score) -> float:
-        """ĉ, at least 1; 1 where nothing is left to tell it by."""
+        """ĉ, at least 1; 1 without degrees of freedom to estimate it."""
         level, wear, precision = self._split_parameters(like)
         there = self.level_score(like)
         own = self.information[np.ix_(wear, wear)]
@@ -302,8 +299,9 @@ FIRST = 1
 class MarginSettings:
     """limits_K: column → limit at the reference condition; consumed_limit_K: K of margin that engines have lost when
     they are taken off, with its standard deviation, where that and no temperature is known; taken_off: engines whose
-    recordings end there, which tell it; events: of a file that is called so; baseline: first flights of an engine, of
-    each, that are believed healthy, 0: those within its first `healthy` records; sensors: instruments are suspects."""
+    recordings end there, from which it is estimated; events: of a file that is called so; baseline: first flights of an
+    engine, of each, that are believed healthy, 0: those within its first `healthy` records; sensors: instruments are
+    suspects."""
 
     limits_K: Mapping[str, float] = field(default_factory=dict)
     consumed_limit_K: tuple[float, float] | None = None
@@ -329,7 +327,7 @@ class EventEffect:
 
 @dataclass(frozen=True)
 class EngineMargin:
-    """An engine with its margin, forecast and maintenance; effects: of each event of the finding, in its order, told at
+    """An engine with its margin, forecast and maintenance; effects: of each event of the finding, in its order, at
     `reference`; unknown_flights: flights of events that are not recorded, and what may be meant."""
 
     finding: EngineFinding
@@ -340,8 +338,9 @@ class EngineMargin:
 
 @dataclass(frozen=True)
 class SeriesMargins:
-    """The engines of a series, by their names; unknown_engines: engines that events name, and no recording;
-    learnt_K: margin that engines had lost when they were taken off, with its standard deviation, where some tell it."""
+    """The engines of a series, by their names; unknown_engines: engines that events name, and no recording; learnt_K:
+    margin that engines had lost when they were removed from wing, with its standard deviation, where it can be
+    estimated."""
 
     engines: Mapping[str, EngineMargin]
     series: Series
@@ -353,8 +352,8 @@ def assess_margins(files: WindowSource, monitor: Monitor, question: MarginSettin
     """What a fleet of the engines of these files finds of each, and what maintenance brought.
 
     files: windows of a series, made by `for_comparison(monitor)`; monitor: says what a change does to the temperature.
-    Raises DataError for a limit of what is no temperature of burnt gas, for events of nobody, for engines taken off
-    that do not tell a limit, and when flights of an engine have statistics of different parameters.
+    Raises DataError for a limit of what is no temperature of burnt gas, for events of nobody, for engines removed from
+    wing that do not determine a limit, and when flights of an engine have statistics of different parameters.
     """
     series = replace(build_series(files, "none"), monitor=monitor)
     events, others = events_by_engine(question.events, series.stretches, question.events_file)
@@ -412,7 +411,7 @@ def _event_effect(moved: HealthChange, scoping: WorkScopeEstimator, recorded: Ma
     """At equal power, by the course of health: what flights on either side wore is no part of it."""
     deviation = np.sqrt(np.diag(moved.covariance))
     change = ChangeMoments(moved.names, moved.mean, moved.covariance)
-    gain, reason = scoping.maintenance_gain(moved.before, change, recorded)
+    gain, reason = scoping.maintenance_gain(moved.initial, change, recorded)
     return EventEffect(moved.names, tuple(moved.mean.tolist()), tuple(deviation.tolist()), gain, reason)
 
 

@@ -1,14 +1,13 @@
-"""What deterioration takes of a temperature margin: the hottest recorded temperature of burnt gas, at given thrust.
+"""EGT margin: how much deterioration has used, and how many flights remain.
+
+The margin is that of the hottest recorded temperature of burnt gas, at given thrust.
 
 With T the temperature, F the thrust (or the power that is delivered) and u the power setting, at a reference condition
 
     dT/dθ at given F = T_θ − T_u F_θ / F_u
 
-so that what components have lost adds up as it does in the engine: kelvins of margin.
-
-How much of its margin an engine has used, flight by flight and by now.
-
-How many flights remain to the limit of each engine, with what the rest of the fleet says of how engines wear.
+so that the losses of components add up as they do in the engine: kelvins of margin. Flights to the limit are forecast
+with what the rest of the fleet shows of how engines wear.
 """
 
 from __future__ import annotations
@@ -40,14 +39,14 @@ from enginediag_cli.residuals.monitor import Monitor
 POINTS = 200
 """Operating points of identification among which the hottest is taken."""
 DELIVERED = ("Fn_N", "power_W")
-"""What an engine is there for, in the order in which it is asked: thrust, else power of the loads."""
+"""What an engine delivers, in order of preference: thrust, else power of the loads."""
 
 
 @dataclass(frozen=True)
 class MarginScale:
     """column: of the hottest recorded temperature, "" where none is recorded; sensor: name of its bias; slope:
     parameter → K per unit of the parameter; nominal_K: of a healthy engine at the reference; reference: the reference
-    condition, column → value; held_column: what was kept, "Fn_N", "power_W" or the power setting; reason: why there
+    condition, column → value; fixed_column: what was kept, "Fn_N", "power_W" or the power setting; reason: why there
     is none.
     """
 
@@ -56,14 +55,14 @@ class MarginScale:
     slope: dict[str, float] = field(default_factory=dict)
     nominal_K: float = float("nan")
     reference: dict[str, float] = field(default_factory=dict)
-    held_column: str = ""
+    fixed_column: str = ""
     reason: str = ""
 
     @property
     def condition(self) -> str:
         """The reference condition as text."""
         return ", ".join(f"{c} {v:.6g}" for c, v in self.reference.items()) + (
-            f", at given {self.held_column}" if self.held_column else ""
+            f", at given {self.fixed_column}" if self.fixed_column else ""
         )
 
 
@@ -71,7 +70,7 @@ def margin_scale(series: Series, among: Collection[str] = ()) -> MarginScale:
     """The scale of the engine that a series is of; among: columns one of which it is, where that is wished."""
     monitor = series.monitor
     if monitor is None or monitor.envelope is None:
-        return MarginScale(reason="without the engine of the statistics, the temperature effect of a change is unknown")
+        return MarginScale(reason="statistics without their engine do not say what a change means for temperatures")
     engine: Any = monitor.engine
     while isinstance(engine, WrappedModel):
         engine = engine.model
@@ -116,7 +115,7 @@ def _hottest_scale(monitor: Monitor, engine: Any, columns: list[str]) -> MarginS
         return MarginScale(reason="the engine has no derivatives at the reference condition")
     sensor = next((p.name for p in engine.sensors[column].parameters() if p.quantity == "bias"), "")
     slopes = dict(zip(names, slope.tolist(), strict=True))
-    return replace(MarginScale(column, sensor, slopes, float(here.y[0, 0]), at), held_column=held)
+    return replace(MarginScale(column, sensor, slopes, float(here.y[0, 0]), at), fixed_column=held)
 
 
 TOGETHER = 10.0
@@ -190,7 +189,7 @@ def _offset_K(flights: EngineFlights, c: HealthCourse, scale: MarginScale) -> fl
 
 
 def engine_severity(used: Consumption, c: HealthCourse) -> IntervalEstimate:
-    """How far an engine has gone: of its margin, or where no temperature tells, the length of the change of its health
+    """How far an engine has gone: of its margin, or without a temperature, the length of the change of its health
     in prior standard deviations."""
     if used.margin.column:
         return used.margin.consumed_K
@@ -207,7 +206,7 @@ LEARNT_FROM = 300
 LIVES = 3
 """Whole lives from which a limit is learnt at least: with two the spread between engines is not known."""
 NEVER_K = 1e9
-"""A limit that is not reached, where only the consumption so far is asked for."""
+"""A limit that is not reached, where only the consumption so far is required."""
 RECOVERED_K = 10.0
 """Standard deviation of what maintenance may bring of a margin, in K: washes bring up to as much."""
 
@@ -249,8 +248,8 @@ def margin_limit(finding: EngineFinding, settings: FleetSettings) -> tuple[float
 
 
 def learnt_limit(failed: Sequence[EngineFinding]) -> tuple[float, float]:
-    """Consumption, in K, at which engines were taken off, and its standard deviation between them, from the findings
-    of their whole lives: what `FleetSettings.consumed_limit_K` asks for. ValueError for fewer than three."""
+    """Consumption, in K, at which engines were removed from wing, and its standard deviation between them, from the
+    findings of their whole lives: what `FleetSettings.consumed_limit_K` asks for. ValueError for fewer than three."""
     courses = [c for f in failed if (c := consumption_course(f)) is not None]
     if len(courses) < LIVES:
         raise ValueError(f"a limit is learnt from {LIVES} lives at least, and {len(courses)} can be followed")
@@ -262,8 +261,9 @@ def learnt_limit(failed: Sequence[EngineFinding]) -> tuple[float, float]:
 def learn_removal_limit(
     settings: FleetSettings, findings: Sequence[EngineFinding], named: Sequence[str], where: str
 ) -> FleetSettings:
-    """The settings with the limit that engines had reached that were taken off, where some are `named`; where: what
-    names them. Raises DataError for one that is not among the findings, and where they do not tell a limit."""
+    """The settings with the limit that engines had reached when they were removed from wing, where some are `named`;
+    where: what names them. Raises DataError for one that is not among the findings, and where they do not determine a
+    limit."""
     if not named:
         return settings
     known = {finding.serial: finding for finding in findings}

@@ -1,23 +1,10 @@
-"""What each build of a fleet is held against: its own nominal file, that of the store, or one identified now.
+"""Models and work of a fleet: the nominal state of each build, the keys of its statistics, and where tasks run.
 
-The common model of a build: one nominal state, identified from the healthy early life of some of its engines.
-
-How recordings become statistics, and the key under which those are kept: recording, nominal and settings.
-
-What a store holds of a fleet, what it holds that nobody asks for any more, and how two stores become one.
-
-What every place does that can work for a fleet.
-
-The work of a fleet in this process, one task after the other.
-
-The work of a fleet in several processes of this machine.
-
-Which place works, by what the user asks for.
-
-The work of a fleet on a Dask cluster that exists: one task per piece of work, which the cluster retries.
-
-Only the scheduler is spoken to; recordings, nominal files and the store are files that the workers see under the same
-paths.
+Nominal state: the build's own nominal file, that of the store, or a common model that is identified now from the
+healthy early life of some of its engines. Keys: statistics are kept under recording, nominal state and settings;
+`store_status` and `merge_stores` list and unite them. Runners: tasks run in this process, in several processes of this
+machine, or on an existing Dask cluster, which retries them. Of a cluster only the scheduler is addressed; recordings,
+nominal files and the store are files that the workers see under the same paths.
 """
 
 from __future__ import annotations
@@ -59,7 +46,7 @@ if TYPE_CHECKING:
 
 
 FEWEST_ENGINES = 3
-"""Engines that are kept where their flights hold more records than are asked for: one is no fleet, of two none is
+"""Engines that are kept where their flights hold more records than required: one is no fleet, of two none is
 common."""
 
 
@@ -74,8 +61,8 @@ class CommonModel:
 
 
 def model_key(fleet: Fleet, build: Build) -> str:
-    """Of what the common model of a build is asked to be: its engine, recorder, baseline and settings, but not which
-    recordings there are, for a fleet that flew on is held against the model that it had."""
+    """Fingerprint of the common model of a build: its engine, recorder, baseline and settings, but not which
+    recordings there are, for a fleet that flew on is compared with the model that it had."""
     assert build.engine is not None
     recorder = file_sha256(build.recorder) if build.recorder else ""
     told = (
@@ -194,7 +181,7 @@ def _early_lives(
     wanted: RequiredColumns,
     agreement: AgreementCheck | None,
 ) -> list[_EarlyLife]:
-    """Early lives of engines, no more recordings read than are needed for the number that is asked for; those that
+    """Early lives of engines, no more recordings read than are needed for the required number; those that
     cannot be of the engine take no part. Raises DataError where none can."""
     wrong: list[EngineDiagError] = []
     most = int(fleet.identify["engines"])
@@ -221,7 +208,7 @@ def _early_lives(
 
 
 def _choose_recordings(recordings: Sequence[FleetRecording], most: int) -> list[FleetRecording]:
-    """Those of `most` serial numbers, evenly chosen, where names tell them; else all."""
+    """Those of `most` serial numbers, evenly chosen, where names hold them; else all."""
     serials = sorted({r.serial for r in recordings}, key=natural_order)
     chosen = {serials[k] for k in _evenly_spaced(len(serials), most)}
     return [r for r in recordings if r.serial in chosen]
@@ -237,7 +224,7 @@ def _flight_parts(
 
 
 def _choose_lives(lives: Sequence[_EarlyLife], asked: Mapping[str, int]) -> list[_EarlyLife]:
-    """As many engines, evenly chosen, and as many whole flights of each, as hold no more records than are asked for."""
+    """As many engines, evenly chosen, and as many whole flights of each, as hold no more records than required."""
     lives = [life for life in lives if life.records]
     lives = [lives[k] for k in _evenly_spaced(len(lives), int(asked["engines"]))]
     if not lives or sum(life.records for life in lives) <= asked["records"]:
@@ -254,8 +241,8 @@ def _evenly_spaced(n: int, most: int) -> list[int]:
 
 @dataclass(frozen=True)
 class BuildModel:
-    """What the recordings of a build are held against. identified: None where the nominal file was given, or found in
-    the store."""
+    """The nominal state with which the recordings of a build are compared. identified: None where the nominal file was
+    given, or found in the store."""
 
     build: Build
     settings: CondensingSettings
@@ -269,7 +256,7 @@ def nominal_path(fleet: Fleet, build: Build, store: FleetStore) -> Path:
 
 
 def build_model(fleet: Fleet, build: Build, recordings: Sequence[FleetRecording], store: FleetStore) -> BuildModel:
-    """The nominal state that a build is held against: its own, that of the store, or one identified now. Raises
+    """The nominal state of a build: its own, that of the store, or one identified now. Raises
     ConfigError, DataError, NoVerdictError."""
     from enginediag_cli.intake.selection import open_baseline
 
@@ -282,7 +269,7 @@ def build_model(fleet: Fleet, build: Build, recordings: Sequence[FleetRecording]
 
 
 def condensing_settings(fleet: Fleet, build: Build, nominal: Path) -> CondensingSettings:
-    """How recordings of a build are condensed."""
+    """How recordings of a build are reduced to statistics."""
     fingerprint = file_sha256(nominal)
     recorder = os.path.abspath(build.recorder) if build.recorder else ""
     digest = file_sha256(recorder) if recorder else ""
@@ -298,8 +285,8 @@ ABANDONED_S = 3600.0
 @dataclass(frozen=True)
 class StoreStatus:
     """How far a store holds a fleet. recordings: each with the key under which it is kept, "" where it is not;
-    models: of each build whether its model is there; others: keys of recordings that are not this fleet's, or condensed
-    otherwise; bytes: of the whole store."""
+    models: of each build whether its model is there; others: keys of recordings that are not this fleet's, or reduced
+    with other settings; bytes: of the whole store."""
 
     recordings: tuple[tuple[FleetRecording, str], ...]
     models: dict[str, bool]
@@ -343,7 +330,7 @@ def prune_store(
 
 @dataclass(frozen=True)
 class MergeCounts:
-    """copied: recordings that the store did not have; present: that it had; damaged: files left out; models: nominal
+    """copied: recordings that the store did not have; present: that it had; damaged: files excluded; models: nominal
     files copied; other_models: keys of models that differ in the two stores."""
 
     copied: int
@@ -399,7 +386,7 @@ def _folder_files(folder: Path) -> Iterator[Path]:
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-ADVICE = "finished recordings are kept with --store; use fewer --jobs"
+ADVICE = "statistics already computed are kept with --store; use fewer --jobs"
 """Where worker processes keep dying."""
 
 
@@ -453,7 +440,7 @@ RETRIES = 1
 whose worker died is begun again by the cluster's own rule."""
 CONNECT_S = 5
 """Seconds that a scheduler may take to answer, and its first worker to be there."""
-KEPT = "finished recordings are kept with --store"
+KEPT = "statistics already computed are kept with --store"
 HINT = "pip install 'enginediag[fleet]'"
 
 

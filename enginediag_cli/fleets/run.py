@@ -1,18 +1,13 @@
-"""A fleet from its file to its findings: models, condensed recordings, engines put together, judged, ranked.
+"""A fleet from its file to its findings: nominal states, statistics of recordings, engines by serial number, judged and
+ranked.
 
-Sums by a fixed binary tree: the same to the last digit in whatever order the parts come.
+Sums are taken by a fixed binary tree: the same to the last digit in whatever order the parts come. Node (level, i) is
+the sum of leaves i·2^level … (i + 1)·2^level − 1 in their order; where the right half of a node has no leaves it is its
+left half. Memory holds the nodes whose other half has not come: as many as there are levels when the leaves come in
+order.
 
-Node (level, i) is the sum of leaves i·2^level … (i + 1)·2^level − 1 in their order; where the right half of a node has
-no leaves it is its left half. Memory holds the nodes whose other half has not come: as many as there are levels when
-the leaves come in order.
-
-Judging one engine: its windows out of the store, in order, as a history and a series.
-
-A fleet as a whole: which engines stand out, and what all of them have in common.
-
-The judgement of a fleet: which engines stand out, in which order, how long they last, and what is common to all.
-
-What engines of a fleet have in common: a random-effects mean of each parameter's change.
+The judgement of a fleet: which engines are flagged, their order by severity, how long they last, and what they have in
+common, a random-effects mean of each parameter's change.
 
 Engine e reads off by r_e (m,) after its baseline, with scatter S_e and mean r̄ over the fleet, of covariance
 
@@ -49,10 +44,10 @@ from enginediag_cli.fleets.findings import (
     CHANGED,
     NO_VERDICT,
     CommonChange,
-    Discoveries,
     EngineFinding,
     EngineHistory,
     FinalReadings,
+    FlaggedEngines,
     FleetFinding,
     FleetSettings,
     IntervalEstimate,
@@ -85,7 +80,7 @@ MOST = 0.9
 NOTHING = 0.5
 """Probability beforehand that engines have nothing in common."""
 CLASS = 0.95
-"""Probability that those which are told to be common hold together."""
+"""Probability that the components reported as common hold together."""
 
 
 def random_effects(x: np.ndarray, v: np.ndarray) -> tuple[float, float, float]:
@@ -196,7 +191,7 @@ def _interpretation(mean: float, parameter: Parameter, among: int) -> str:
         what = "wear that all engines share, or physics that the model lacks"
     else:
         what = "physics that the model lacks, or an error of the recorder; no wear of single engines"
-    return f"{what}{'; of this one or of another reported with it' if among > 1 else ''}: see locate and explain"
+    return f"{what}{'; it, or another of those reported with it' if among > 1 else ''}: see locate and explain"
 
 
 def judge_fleet(
@@ -211,7 +206,7 @@ def judge_fleet(
     names = [f.serial for f in sorted(judged, key=lambda f: -f.log10_e) if f.serial in found]
     return FleetFinding(
         tuple(ranked),
-        Discoveries(tuple(names), settings.false_discovery, bound_in_words(len(names), settings.false_discovery)),
+        FlaggedEngines(tuple(names), settings.false_discovery, bound_in_words(len(names), settings.false_discovery)),
         common_changes(findings, known),
         tuple((f.serial, f.reason) for f in findings if f.verdict == NO_VERDICT),
     )
@@ -284,7 +279,8 @@ def tree_sum(values: list[Sum]) -> Sum | None:
 
 @dataclass(frozen=True)
 class RecordingParts:
-    """Parts of one condensed recording that are of one engine: its file, its parts, and how the recording is called."""
+    """Parts of the statistics of one recording that are of one engine: its file, its parts, and how the recording is
+    called."""
 
     file: str
     parts: tuple[int, ...]
@@ -293,7 +289,7 @@ class RecordingParts:
 
 @dataclass(frozen=True)
 class EngineTask:
-    """An engine to judge: its pieces in order, and the nominal file that they are held against."""
+    """An engine to judge: its pieces in order, and the nominal file with which they are compared."""
 
     serial: str
     build: str
@@ -376,7 +372,7 @@ def _no_statistics(task: EngineTask, stored: _StoredWindows, series: Series) -> 
 
 
 BATCH_BYTES = 500_000
-"""Recordings are condensed together up to this: some 3,000 records of a CSV file, as many as a call of the engine is
+"""Recordings are reduced together up to this: some 3,000 records of a CSV file, as many as a call of the engine is
 made with; a larger recording goes alone."""
 BATCH_FILES = 200
 """And no more than so many files, all of which are open while their windows come."""
@@ -399,7 +395,7 @@ class FleetRun:
     models: Mapping[str, BuildModel]
     recordings: Sequence[tuple[FleetRecording, CondenseOutcome]]
     finding: FleetFinding
-    left_out: Sequence[tuple[str, str]] = ()
+    excluded: Sequence[tuple[str, str]] = ()
     sums: Mapping[str, LocalStatistics] = field(default_factory=dict)
     unknown_engines: Sequence[str] = ()
     outside_training: Counter[Extrapolation] = field(default_factory=Counter)
@@ -407,9 +403,9 @@ class FleetRun:
 
     @property
     def counts(self) -> Counter[str]:
-        """Of records and windows by what became of them, and of recordings: `fresh` were condensed by this run."""
+        """Of records and windows by what became of them, and of recordings: `fresh` were reduced by this run."""
         total: Counter[str] = Counter()
-        left_out = {name for name, _ in self.left_out}
+        left_out = {name for name, _ in self.excluded}
         for recorded, outcome in self.recordings:
             total.update(outcome.condensed.counts if outcome.condensed and recorded.name not in left_out else {})
             total.update(fresh=outcome.fresh)
@@ -422,7 +418,7 @@ def condense_all(
     """What became of each recording. Raises OSError when the store cannot be written."""
     tasks = list(_batches([r for r in recordings if not r.trouble], models, store))
     found = {r.path: CondenseOutcome(r.path, trouble=r.trouble) for r in recordings if r.trouble}
-    for _, outcomes in each(runner.run(condense, tasks), "batches of recordings reduced to statistics", len(tasks)):
+    for _, outcomes in each(runner.run(condense, tasks), "batches of recordings reduced", len(tasks)):
         found |= {outcome.path: outcome for outcome in outcomes}
     _check_there(store, found.values())
     return [found[r.path] for r in recordings]
@@ -468,7 +464,7 @@ def engine_tasks(
     store: FleetStore,
 ) -> tuple[list[EngineTask], list[tuple[str, str]]]:
     """The engines in order of their serial numbers, each with its pieces in order of the recordings, and which
-    recordings are left out and why."""
+    recordings are excluded and why."""
     pieces: dict[tuple[str, str], list[RecordingParts]] = {}
     left_out: list[tuple[str, str]] = []
     seen: dict[tuple[str, str], str] = {}

@@ -1,10 +1,10 @@
-"""The store: a folder of condensed recordings, each under the key of its content and making.
+"""The store: a folder with the statistics of recordings, each under the key of its content and settings.
 
 A file appears under its name when it is whole, or not at all, and is never changed: runs that are killed lose what they
 had in work, and runs at the same time write the same bytes under the same name. Nothing else has to be kept: which
-recordings are known is told by the names of the files.
+recordings are known follows from the names of the files.
 
-A condensed recording as a file: an .npz whose members are parts, windows of one engine each, and an index.
+Statistics of a recording as a file: an .npz whose members are parts, windows of one engine each, and an index.
 
 A part is one matrix, a row for each window: counts and times, then the conditions flown, s, and the upper triangles of
 F and V; beside it stand texts, and what its windows share. `index.json`, the last member, says what there is: without
@@ -74,7 +74,7 @@ class CondensedPart:
 
 
 @dataclass(frozen=True)
-class Condensed:
+class ReducedRecording:
     """What the index says of a whole recording. key: of its content and making; sha256: of its bytes; parts, in the
     order of the file; counts: of records and windows by what became of them."""
 
@@ -82,7 +82,7 @@ class Condensed:
     sha256: str
     parts: tuple[CondensedPart, ...]
     counts: Mapping[str, int] = field(default_factory=dict)
-    left_out: tuple[ExcludedData, ...] = ()
+    excluded: tuple[ExcludedData, ...] = ()
 
 
 class CondensedWriter:
@@ -123,10 +123,10 @@ class CondensedWriter:
         self._parts.append(part)
         return part
 
-    def close(self, whole: Condensed) -> None:
+    def close(self, whole: ReducedRecording) -> None:
         """Write the index: what there is to say of the whole recording, and its parts."""
         told: dict[str, Any] = {"format": FORMAT, "key": whole.key, "sha256": whole.sha256, "counts": whole.counts}
-        told["left_out"] = [_excluded_to_mapping(left) for left in whole.left_out]
+        told["left_out"] = [_excluded_to_mapping(left) for left in whole.excluded]
         self._member(INDEX, _json({**told, "parts": [asdict(part) for part in self._parts]}))
         self._zip.close()
 
@@ -140,7 +140,7 @@ class CondensedWriter:
 
 
 class CondensedReader:
-    """Reads a file of condensed windows; DataError names one that is damaged. condensed: what its index says."""
+    """Reads a file of statistics of windows; DataError names one that is damaged. condensed: what its index says."""
 
     def __init__(self, path: str):
         self._path = path
@@ -149,9 +149,9 @@ class CondensedReader:
             x = json.loads(self._zip.read(INDEX))
             parts = tuple(CondensedPart(**part) for part in x["parts"])
             left_out = tuple(map(_excluded_from_mapping, x["left_out"]))
-            self.condensed = Condensed(x["key"], x["sha256"], parts, x["counts"], left_out)
+            self.condensed = ReducedRecording(x["key"], x["sha256"], parts, x["counts"], left_out)
         except (OSError, zipfile.BadZipFile, KeyError, ValueError, TypeError) as error:
-            raise DataError(f"{path}: not a complete file of sufficient statistics ({error})") from None
+            raise DataError(f"{path}: not the complete statistics of a recording ({error})") from None
 
     def __enter__(self) -> CondensedReader:
         return self
@@ -176,7 +176,7 @@ class CondensedReader:
 
 
 def _excluded_to_mapping(left: ExcludedData) -> dict[str, Any]:
-    """What was left out without the name of its file, which may change."""
+    """Excluded data without the name of their file, which may change."""
     return {**asdict(left), "file": ""}
 
 
@@ -301,7 +301,7 @@ class FleetStore:
         """Where the recording of this key is, or would be."""
         return self.folder / RECORDINGS / key[:2] / f"{key}.npz"
 
-    def find(self, key: str) -> Condensed | None:
+    def find(self, key: str) -> ReducedRecording | None:
         """What is known of a recording; None where it is not, or not whole."""
         path = self.path(key)
         if not path.exists():
@@ -362,7 +362,7 @@ class CondensingSettings:
     accept_mismatch: bool = False
 
     def key(self, sha256: str) -> str:
-        """Of a recording whose bytes have this SHA-256: what is condensed alike has the same, whatever files are
+        """Of a recording whose bytes have this SHA-256: equal content and settings have the same, whatever files are
         called."""
         settings = (self.plan.length, self.plan.step, self.plan.in_time, self.plan.whole_flights, self.linearise)
         accepted = ("mismatch accepted",) if self.accept_mismatch else ()
@@ -377,7 +377,7 @@ each with two matrices of up to forty parameters."""
 
 @dataclass(frozen=True)
 class CondenseTask:
-    """Recordings of one making that are condensed together; store: folder in which they are kept."""
+    """Recordings of equal settings that are reduced together; store: folder in which they are kept."""
 
     paths: tuple[str, ...]
     making: CondensingSettings
@@ -386,16 +386,16 @@ class CondenseTask:
 
 @dataclass(frozen=True)
 class CondenseOutcome:
-    """Of one recording: what became of it, or why nothing did. fresh: it was condensed now, not found."""
+    """Of one recording: what became of it, or why nothing did. fresh: it was computed now, not found."""
 
     path: str
-    condensed: Condensed | None = None
+    condensed: ReducedRecording | None = None
     fresh: bool = False
     trouble: str = ""
 
 
 def condense(task: CondenseTask) -> tuple[CondenseOutcome, ...]:
-    """Condense the recordings of a task that the store does not hold; the same wherever it runs. A recording that
+    """Reduce the recordings of a task that the store does not hold; the same wherever it runs. A recording that
     cannot be read is an outcome, no error, and costs the others nothing."""
     store = FleetStore(task.store)
     found: dict[str, CondenseOutcome] = {}
@@ -468,7 +468,7 @@ def _condense_together(
 
 @lru_cache(maxsize=4)
 def series_monitor(nominal: str, fingerprint: str) -> Monitor:
-    """What windows of a series are held against: every instrument is suspected, nominal is not. One per worker and
+    """The monitor of the windows of a series: every instrument is suspected, nominal is not. One per worker and
     nominal file; fingerprint: what that file held when the work was planned."""
     return comparison_monitor(whole_monitor(nominal, fingerprint))
 
@@ -509,8 +509,8 @@ class _RecordingWriter:
         self._parts += [self._writer.add(engine, windows) for engine, windows in self._waiting.items()]
         self._waiting = {}
 
-    def close(self, left_out: Sequence[ExcludedData]) -> Condensed:
+    def close(self, left_out: Sequence[ExcludedData]) -> ReducedRecording:
         self._flush()
-        whole = Condensed(self._key, self._sha256, tuple(self._parts), dict(self._counts), tuple(left_out))
+        whole = ReducedRecording(self._key, self._sha256, tuple(self._parts), dict(self._counts), tuple(left_out))
         self._writer.close(whole)
         return whole

@@ -1,16 +1,12 @@
-"""What restoring the modules that an answer names would bring: of one window, and of the events of a series.
+"""Work scope: what restoring a module would gain in temperature and fuel at equal power.
 
-At which operating point, at which power, and in which columns a gain is told.
-
-An engine at given power: outputs and their derivatives where the power setting follows the state of health.
-
-With F(p, θ) what is held, thrust or power, p the power setting and y another output, p(θ) is where F(p, θ) = F*, and
+An engine at given power: the power setting follows the state of health. With F(p, θ) thrust or power, p the power
+setting and y another output, p(θ) is where F(p, θ) = F*, and
 
     dy/dθ = ∂y/∂θ − (∂y/∂p) (∂F/∂p)⁻¹ ∂F/∂θ
 
-What restoring a module brings at equal power, and what a change of several parameters did.
-
-With δ the change of the parameters, δ_m that of the module m, and y temperature or fuel at given power,
+Gain of restoring a module. With δ the change of the parameters, δ_m that of the module m, and y temperature or fuel at
+given power,
 
     gain_m = y(θ0 + δ) − y(θ0 + δ with δ_m = 0),     variance gᵀ C g,   g = ∂gain_m/∂δ,
 
@@ -47,12 +43,12 @@ DESIGN, RATING, RECORDED = "design point", "rating at the design condition", "me
 
 @dataclass(frozen=True)
 class PowerReference:
-    """Inputs of one operating point, among them the power setting of a healthy engine; held_column: model column
+    """Inputs of one operating point, among them the power setting of a healthy engine; fixed_column: model column
     that is the same before and after; temperature: hottest recorded turbine temperature, or, with `recorded` false,
     the model's behind the last turbine; fuel: column of the fuel flow; words: which operating point it is."""
 
     inputs: Mapping[str, float]
-    held_column: str
+    fixed_column: str
     temperature: str
     fuel: str
     words: str
@@ -61,7 +57,7 @@ class PowerReference:
     @property
     def columns(self) -> tuple[str, str, str]:
         """Of what is held, of the temperature and of the fuel."""
-        return self.held_column, self.temperature, self.fuel
+        return self.fixed_column, self.temperature, self.fuel
 
 
 def plain_engine(model: Any) -> Engine | None:
@@ -169,12 +165,12 @@ def solve_equal_power(
     """
     values = {n: v for n, v in base.items() if n in engine.parameters}
     nominal = np.array([values.get(n, engine.parameters[n].nominal) for n in names])
-    healthy = engine.predict(reference.inputs, values, sensors=(reference.held_column,))
+    healthy = engine.predict(reference.inputs, values, sensors=(reference.fixed_column,))
     if not healthy.ok[0]:
         raise PowerNotHeldError(healthy.reason(0) or "the engine cannot be computed there")
     wanted = float(healthy.y[0, 0])
     if not wanted:
-        raise PowerNotHeldError(f"{reference.held_column} is 0 there")
+        raise PowerNotHeldError(f"{reference.fixed_column} is 0 there")
     N, k = changes.shape
     theta = {**values, **{n: nominal[i] + changes[:, i] for i, n in enumerate(names)}}
     setting = np.full(N, float(reference.inputs[engine.power_setting]))
@@ -195,11 +191,11 @@ def solve_equal_power(
             slopes = J[:, 1:, :k] - by_setting[:, 1:, None] * np.where(np.isfinite(share), share, 0.0)
             return EqualPowerState(found.y[:, 1:], slopes, setting)
         if not np.all(np.abs(by_setting[:, 0] * setting / wanted) > SETTLED):
-            raise PowerNotHeldError(f"{reference.held_column} does not follow {engine.power_setting} there")
+            raise PowerNotHeldError(f"{reference.fixed_column} does not follow {engine.power_setting} there")
         step = -left * wanted / by_setting[:, 0]
         setting = setting + np.clip(step, -LONGEST * np.abs(setting), LONGEST * np.abs(setting))
         start = found.x
-    raise PowerNotHeldError(f"{reference.held_column} of the healthy engine is not reached")
+    raise PowerNotHeldError(f"{reference.fixed_column} of the healthy engine is not reached")
 
 
 @dataclass(frozen=True)
@@ -293,7 +289,7 @@ NOT_KNOWN = "the engine file gives neither thrust nor power at an operating poin
 
 @dataclass(frozen=True)
 class WorkScope:
-    """Gains of restoring the modules, the largest first; empty with the `reason` where they cannot be told."""
+    """Gains of restoring the modules, the largest first; empty with the `reason` where they are not known."""
 
     gains: tuple[Gain, ...] = ()
     reference: PowerReference | None = None
@@ -315,7 +311,7 @@ class WorkScopeEstimator:
         return {**self._monitor.base, **known}
 
     def reference(self, recorded: Mapping[str, float]) -> PowerReference | None:
-        """Where gains are told; recorded: mean of what was recorded, for engines without another."""
+        """Operating point of the gains; recorded: mean of what was recorded, for engines without another."""
         if self.engine is not None and self._reference is None:
             self._reference = choose_reference(self.engine, self.base, recorded)
         return self._reference
@@ -346,7 +342,7 @@ class WorkScopeEstimator:
     def series_scope(
         self, story: SeriesDiagnosis, known: Mapping[str, Parameter], recorded: Mapping[str, float]
     ) -> WorkScope:
-        """Of what changed during a series; of suspects that cannot be told apart each by itself, beside the likeliest
+        """Of what changed during a series; of indistinguishable suspects each by itself, beside the likeliest
         of the other events."""
         healthy = [[m for m in event.named if m.expected and not m.instrument] for event in story.events]
         found: list[Gain] = []

@@ -1,14 +1,15 @@
-"""Advice: at which operating condition, with which further sensor or on which flight rival explanations part soonest.
+"""Advice: at which operating condition, with which further sensor or on which flight alternative
+hypotheses separate soonest.
 
 If the set A changed by Δ, the best account by the set B instead falls short, over records of information I, by
 
     λ = Δᵀ (I_AA − I_AB I_BB⁺ I_BA) Δ,
 
-the non-centrality of the likelihood ratio between the rivals; n further records of information G each raise the
+the non-centrality of the likelihood ratio between the two sets; n further records of information G each raise the
 expected log odds of A over B by ½ [λ(I + nG) − λ(I)]. The advice is for the least favourable Δ of those that the
-data allow, and for the less favourable of "A is true" and "B is true". A set that contains its rival cannot lose
+data allow, and for the less favourable of "A is true" and "B is true". A set that contains the other cannot lose
 to it by this measure; then only the larger one being true counts. The gain is λ(n) of `planning.separation`, for what B
-foresees when it is fitted to what A has shown so far, and may adapt within what is known of it and of nominal.
+predicts when it is fitted to what A has shown so far, and may adapt within what is known of it and of nominal.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ class RecordingOption:
 
 @dataclass(frozen=True)
 class Advice:
-    """One option judged: non-centrality between the rivals per record, for a hundred records, and records needed
+    """One option judged: non-centrality between the two sets per record, for a hundred records, and records needed
     for expected odds of `odds` to one (inf: more than MOST_RECORDS)."""
 
     label: str
@@ -79,7 +80,7 @@ def advise(
     """Options by falling usefulness for separating the two `rivals`, sets of monitored parameters.
 
     uncertainty (p_all, p_all): covariance of what is uncertain about nominal and sensors, drawn anew for the
-    further records. ValueError when the rivals are the same set.
+    further records. ValueError when both are the same set.
     """
     cases, root, wanted = _hardest_cases(score, rivals, allowed), _root(uncertainty), 2 * float(np.log(odds))
     judged = []
@@ -101,7 +102,7 @@ def noncentrality_gains(
     *,
     allowed: float = ALLOWED,
 ) -> np.ndarray:
-    """Gain (k,) of the non-centrality between the rivals from each of k further pieces of information (p, p) of the
+    """Gain (k,) of the non-centrality between the two sets from each of k further pieces of information (p, p) of the
     score's parameters, all else certain."""
     cases, certain = _hardest_cases(score, rivals, allowed), np.zeros((len(score.information), 0))
     return np.array(
@@ -112,7 +113,7 @@ def noncentrality_gains(
 def _hardest_cases(
     score: Score, rivals: tuple[Sequence[str], Sequence[str]], allowed: float
 ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """One rival, the other, and the change of the one that is hardest to tell, for each rival that may be true."""
+    """One set, the other, and the change of the first that is hardest to detect, for each set that may be true."""
     a, b = (score.indices(list(names)) for names in rivals)
     if set(a.tolist()) == set(b.tolist()):
         raise ValueError("the alternatives are the same set")

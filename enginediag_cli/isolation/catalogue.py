@@ -1,28 +1,25 @@
-"""What is known of the sign of a change: efficiencies fall, a catalogue says which way capacities go.
+"""Known directions of change: signs of single parameters, and the named faults of a catalogue.
 
-With the slab prior cut to the known side of the parameters Z of a set S, its marginal likelihood is
+Signs. Efficiencies fall; a catalogue says which way capacities go. With the slab prior cut to the known side of the
+parameters Z of a set S, its marginal likelihood is
 
     p₊(data | S) = p(data | S) · P(right signs | data, S) / P(right signs | S),     P(right signs | S) = 2^−|Z|
 
-(what is left of a Gaussian after a cut, before and after the data). The signs may be wrong altogether with the
+(probability mass of a Gaussian beyond a cut, before and after the data). The signs may be wrong altogether with the
 probability `doubt`, so that an efficiency that does rise is not excluded:
 
     p(data | S, signs) = (1 − doubt) p₊(data | S) + doubt p(data | S).
 
-Named faults of a catalogue as directional hypotheses, next to free sets of parameters.
-
-A fault of the catalogue moves the parameters along its direction, Δθ = a d, severity a > 0. Ratios within d are
-not universal, so d stands for a cone: Δθ = Σ w_i d_i, w_i > 0, a = Σ w_i, whose ratios lie within `ratio_spread`
-of the catalogue's. With β_i = d_iᵀb, κ_ij = d_iᵀI d_j, half-normal weights of scale τ and A = κ + 1/τ², the
-marginal likelihood of a fault of q generators is
+Named faults. They are directional hypotheses next to free sets of parameters. A fault of the catalogue moves the
+parameters along its direction, Δθ = a d, severity a > 0. Ratios within d are not universal, so d stands for a cone: Δθ
+= Σ w_i d_i, w_i > 0, a = Σ w_i, whose ratios lie within `ratio_spread` of the catalogue's. With β_i = d_iᵀb, κ_ij =
+d_iᵀI d_j, half-normal weights of scale τ and A = κ + 1/τ², the marginal likelihood of a fault of q generators is
 
     mean over τ of  2^q τ^−q (det A)^−½ exp(½ βᵀA⁻¹β) P(w > 0),   w ~ N(A⁻¹β, A⁻¹),
 
 and that of two faults together the same with the generators of both. Bias and scale faults of sensors go either
 way. A fault is present with the probability `presence`; if something changed, it is none of the catalogue with
 the probability `unlisted`, and then any set of parameters, as in the posterior over sets.
-
-Faults of a catalogue as directions in the space of monitored parameters, each with a cone of like ratios.
 """
 
 from __future__ import annotations

@@ -335,9 +335,9 @@ def diagnose(
 ) -> Diagnosis:
     """Diagnosis of one window; `records` gives its records with the full model, when there are any.
 
-    statistics: those of which `score` was made. With them the posterior's answer is asked whether it fits, and where it
+    statistics: those of which `score` was made. With them the fit of the answer is tested, and where it
     fits badly the evidence is worth less; without them the model is taken to be right. disagreement: of the recording
-    with the engine; where the file is likelier wrong than the engine no full model is asked for what it cannot explain.
+    with the engine; where the file is likelier wrong than the engine the full model is not fitted.
 
     Methods other than the posterior are as `isolate` gives them. DataError when the score's parameters
     show no fault of the catalogue.

@@ -1,14 +1,11 @@
-"""What happened during a series: events, each with its suspects, its kind and its onset.
+"""Events of a series: what changed, how and since when, as a posterior over suspects, kinds and onsets.
 
-The posterior over what changed during a series, how and since when, for one more change beside those already found.
-
+The posterior is that of one more event, given the events already found.
 The effect of a component is known to a share only (slopes of maps); in each mode it may be off by that share of
 itself, which is marginalised, so that no difference of directions below it decides between components. A change that
 is given takes with it everything of its course within that share.
 
-Who may change during a series, how, and how probable that is beforehand.
-
-A suspect is a component, with all or one of its parameters, or an instrument, with one form of its error:
+Prior. A suspect is a component, with all or one of its parameters, or an instrument, with one form of its error:
 
     P(suspect changes) · P(parameters | suspect) · P(kind | suspect) · P(onset | kind)
 """
@@ -31,7 +28,7 @@ FROM_THE_FIRST = "differs from nominal from the first flight on"
 HALF = 0.5
 """Probability from which something that is not listed is likelier than what is."""
 CONVINCED = 0.9
-"""Probability from which one suspect is named; below it the likeliest are told as a class."""
+"""Probability from which one suspect is named; below it the likeliest form an ambiguity group."""
 UNRECORDED = "unrecorded operation"
 """Member of an event that is no component: guide vanes, bleed or load that moved and that nobody recorded."""
 CLASS = 0.95
@@ -71,7 +68,7 @@ class SeriesEvent:
 
     @property
     def named(self) -> tuple[EventSuspect, ...]:
-        """The suspect that is named, or the class of those that the data cannot tell apart."""
+        """The suspect that is named, or the ambiguity group of those that the data cannot separate."""
         told: list[EventSuspect] = []
         for member in self.members:
             told.append(member)
@@ -82,18 +79,19 @@ class SeriesEvent:
 
 @dataclass(frozen=True)
 class SeriesFit:
-    """χ² per degree of freedom of the readings by the scatter found, `before` any event and `after` those told."""
+    """χ² per degree of freedom of the readings by the scatter found, without any event (`chi2_before`) and with the
+    events (`chi2_after`)."""
 
-    before: float
-    after: float
+    chi2_before: float
+    chi2_after: float
 
 
 @dataclass(frozen=True)
 class SeriesDiagnosis:
     """Events of one series of `flights` flights, surest first; inclusion: component → chance that it changed;
-    converged: the search settled; fit: what is left unexplained; undecided: where nothing is told, a change that the
+    converged: the search settled; fit: what is left unexplained; undecided: without an event, a change that the
     series shows plainly if its readings scatter by themselves, and does not if they wander, when it is not settled that
-    they do; unlisted: probability that what happened is something that is not listed, and then no event is told;
+    they do; unlisted: probability that what happened is something that is not listed, and then there is no event;
     departures: numbers, from 1, of flights that differ from nominal for certain."""
 
     events: tuple[SeriesEvent, ...]
@@ -112,7 +110,7 @@ class SeriesDiagnosis:
 
     @property
     def verdict(self) -> str:
-        """What is told of the series as a whole; never "steady" where flights differ from nominal for certain."""
+        """The result for the series as a whole; never "steady" where flights differ from nominal for certain."""
         if self.events:
             return CHANGED
         if self.differs_from_start:
@@ -129,7 +127,7 @@ class SuspectGroups:
     groups: tuple[tuple[int, ...], ...]
     owner: tuple[str, ...]
     instrument: np.ndarray
-    shown: np.ndarray
+    self_evident: np.ndarray
     log_odds: np.ndarray
 
     @property
@@ -196,7 +194,7 @@ def log_kind_prior(suspects: SuspectGroups, among: Courses) -> np.ndarray:
 
 FREEDOM = 30.0
 """Degrees of freedom ν of what readings wander by at once. Judgement: with tails that are much longer, no change in a
-single jump could be told from scatter; settled on shifted readings of the power plant."""
+single jump could be separated from scatter; settled on shifted readings of the power plant."""
 SIZE = 4.6
 """What the log probability of an event loses for each size that is fitted to it: a hundred times as wide beforehand as
 afterwards."""
@@ -306,7 +304,7 @@ class EventSearch:
     def _event_effect(self, effect: np.ndarray, event: EventModel, own: np.ndarray) -> np.ndarray:
         """What an event adds to each mode (k, n)."""
         found = effect[:, :, list(self.suspects.groups[event.group])] @ np.array(event.size)
-        if not self.suspects.shown[event.group]:
+        if not self.suspects.self_evident[event.group]:
             found[own] = 0.0
         return np.asarray(found * event.course_values(self.courses))
 
@@ -349,7 +347,7 @@ class EventSearch:
         group = list(self.suspects.groups[event.group])
         laws = self.courses.laws(event.course)
         found = (effect[:, :, group] @ np.array(event.size))[:, :, None] * laws.T
-        if not self.suspects.shown[event.group]:
+        if not self.suspects.self_evident[event.group]:
             found[own] = 0.0
         return np.asarray(found)
 
@@ -357,7 +355,7 @@ class EventSearch:
         """Of one group with each course, by scores and information in the places of a table: two passes, the first of
         which finds how large its doubt is.
 
-        Where readings wander the change stands in one jump of theirs. With long tails that jump, in all modes together
+        Where readings wander the change is within one jump of theirs. With long tails that jump, in all modes together
         of χ² Q before, the largest of any course, and Q' after the change, is judged by Student's t,  ½(ν + m) ln((ν +
         Q)/(ν + Q')),  where the normal law has  ½(Q − Q').
 
@@ -367,7 +365,7 @@ class EventSearch:
         group, wander = np.array(self.suspects.groups[k]), t.wander
         own, at = b.shape[1] - wander.inputs, t.places[np.ix_(group, group)]
         read, reads = b[:, own:, group].sum(axis=1), S[:, own:, at].sum(axis=1)
-        if not self.suspects.shown[k]:
+        if not self.suspects.self_evident[k]:
             read, reads = np.zeros_like(read), np.zeros_like(reads)
         b, S = b[:, :own], S[:, :own]
         mine, info = b[:, :, group], S[:, :, at]

@@ -1,7 +1,6 @@
-"""The isolation methods by name: what each names of a `Score`, and the whole `SetIsolation` with alternatives and
-sizes.
+"""The isolation methods by name: what each names of a `Score`, or its `SetIsolation` with alternatives and sizes.
 
-What a method names is a function of its own, so that what judges thousands of windows need not look for alternatives.
+A method names changes by a function of its own, so that trials of thousands of windows need no alternatives.
 
 Sensitivity test: how well a change of the parameters a alone explains the residual, eqs. (12) and (13).
 
@@ -9,7 +8,7 @@ Sensitivity test: how well a change of the parameters a alone explains the resid
 
 It is biased when parameters outside a changed too; for that there is the min-max test.
 
-Min-max test: has a changed, whatever the others (b) did? Eq. (14) and below.
+Min-max test: whether a changed, whatever the others (b) did, eq. (14) and below.
 
     b_a* = b_a − I_ab I_bb⁺ b_b      I_a* = I_aa − I_ab I_bb⁺ I_ba      t_a* = b_a*ᵀ (I_a*)⁺ b_a* ~ χ²(rank)
 

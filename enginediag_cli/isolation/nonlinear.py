@@ -11,11 +11,10 @@ with a slab prior p(δ). The sets that lead follow from the quadratic posterior 
 set so far, which is repeated until it names no better one: with a few sets as long as the best one is sought, and with
 all that matter about the one that was found.
 
-The records of one window with the full model: the log likelihood of any change, and its expansion there.
-
-Readings are weighed by their long-run noise as everywhere, and what is uncertain about nominal and the sensors,
-x ~ N(0, C), acts linearly with the sensitivities J₀ at nominal, where identification left it. With z the whitened
-residuals at the change δ, G and G₀ the whitened sensitivities of the monitored and of all parameters, C = R Rᵀ,
+Likelihood of the records of one window with the full model, and its expansion. Readings are weighed by their long-run
+noise as everywhere, and what is uncertain about nominal and the sensors, x ~ N(0, C), acts linearly with the
+sensitivities J₀ at nominal, where identification left it. With z the whitened residuals at the change δ, G and G₀ the
+whitened sensitivities of the monitored and of all parameters, C = R Rᵀ,
 
     ℓ(δ) = −½ [zᵀz − sᵀ K⁻¹ s],   s = Rᵀ G₀ᵀ z,   K = 1 + Rᵀ G₀ᵀ G₀ R
 
@@ -83,7 +82,7 @@ class WindowModel:
     (nx, N) of the engine at nominal, where they are known; weights (N, m, m): what multiplies readings and predictions
     where an instrument scatters.
 
-    Records that the engine cannot compute at nominal are left out; a change at which it cannot compute one of those
+    Records that the engine cannot compute at nominal are excluded; a change at which it cannot compute one of those
     that stand for the others has log likelihood −inf.
     """
 

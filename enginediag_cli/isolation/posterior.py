@@ -11,9 +11,8 @@ Of the leading sets the slab prior is cut to the way on which wear goes, all but
 All sets up to a size limit are visited, not sampled. The model is that of George, E. I. and McCulloch, R. E.
 (1997) Statistica Sinica 7, 339–373.
 
-What the posterior over sets says of sizes: of one change, of all together, of those that are too small to matter.
-
-A size is known as well as the set is. Given the set S and the slab w the changes, in widths of the prior, are Gaussian,
+Sizes. A size is known as well as the set is. Given the set S and the slab w the changes, in widths of the prior, are
+Gaussian,
 
     x_S | S, w, data ~ N(P b_S, P),   P = (I_SS + w⁻² 1)⁻¹,     weight P(S | data) P(w | S, data)
 
@@ -203,7 +202,7 @@ def reweight(posterior: SetPosterior, weights: np.ndarray) -> SetPosterior:
 
 
 LEFT_OUT = 1e-3
-"""Share of a parameter's inclusion that the sets left out hold together: a 95 % interval does not feel it."""
+"""Share of a parameter's inclusion that the excluded sets hold together: a 95 % interval does not feel it."""
 
 
 MOST_SETS = 400

@@ -95,7 +95,7 @@ class AmbiguityGroup:
     separating_sensors: tuple[str, ...] = ()
 
     def add_separating_sensors(self, sensors: Sequence[str]) -> AmbiguityGroup:
-        """The same with the sensors that would tell its members apart."""
+        """The same with the sensors that would separate its members."""
         return replace(self, separating_sensors=tuple(sensors))
 
     @property
@@ -282,7 +282,7 @@ class Adequacy:
 
 
 def noise_level(score: Score, statistics: LocalStatistics) -> NoiseLevel:
-    """Of the statistics of which `score` was made; as stated where nothing is left to tell it by."""
+    """Of the statistics of which `score` was made; as stated where there are no degrees of freedom to estimate it."""
     rest = lack_of_fit(statistics)
     if not rest.dof > 0 or not rest.consistent or not rest.ratio > 0:
         return NoiseLevel()

@@ -549,10 +549,10 @@ class _NegligibleDifference:
 
     belief: SetInference
     masks: np.ndarray
-    along: np.ndarray
+    directions: np.ndarray
 
     def __call__(self, line: int, size: float, other: int) -> bool:
-        belief, d, mask = self.belief, size * self.along[line], self.masks[other]
+        belief, d, mask = self.belief, size * self.directions[line], self.masks[other]
         if not np.all(mask | ~self.masks[0]):
             return False
 

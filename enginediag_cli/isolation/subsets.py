@@ -1,14 +1,13 @@
 """Sets of parameters: all of them with their quadratic forms, and the best explaining set of each size.
 
-All sets of parameters at once: β_Sᵀ A_SS⁻¹ β_S and log det A_SS for every S.
-
-Parameter by parameter every set splits into "without" and "with", the latter by one elimination step
-(Gauss–Jordan), about six operations per set in total. Parameters of which a set has two at most, as those of
-instruments, come last, and in closed form: with c, G what is left of β and A given the others, adding i and j gains
+Enumeration: β_Sᵀ A_SS⁻¹ β_S and log det A_SS of every set S at once. Parameter by parameter every set splits into
+"without" and "with", the latter by one elimination step (Gauss–Jordan), about six operations per set in total.
+Parameters of which a set has two at most, as those of instruments, come last, and in closed form: with c, G the Schur
+complements of β and A given the others, adding i and j gains
 
     c_i²/G_ii + (c_j − c_i G_ij/G_ii)²/π_j  and  log G_ii + log π_j,     π_j = G_jj − G_ij²/G_ii
 
-The best explaining set of each size, exactly: all sets of few parameters, else branch and bound.
+Best subset of each size, exactly: all sets of few parameters, else branch and bound.
 
     maximise  f(S) = b_Sᵀ I_SS⁻¹ b_S  over all sets S of k parameters       (step 1 of incremental diagnosis)
 
@@ -18,9 +17,8 @@ starts at the full set and drops parameters. With P = I_SS⁻¹, δ = P b_S, dro
 dropping any set T loses at least the largest single loss in T; so a branch that must still drop d parameters
 loses at least the d-th smallest of its single losses.
 
-Sizes of the changes of a set: Gaussians, one for each slab, and what bounds and wear make of them.
-
-Given the set S and the slab w the changes, in widths of the prior, are Gaussian,
+Sizes of the changes of a set are Gaussian, one for each slab, within bounds and by the direction of wear. Given the set
+S and the slab w the changes, in widths of the prior, are Gaussian,
 
     x_S | S, w, data ~ N(P b_S, P),    P = (I_SS + w⁻² 1)⁻¹
     ln p(data | S, w) − ln p(data | no change) = ½ b_Sᵀ P b_S + ½ ln det P − |S| ln w
@@ -470,8 +468,8 @@ by more than 0.002."""
 
 
 def log_leading_factors(score: Score, masks: np.ndarray, logs: np.ndarray, prior: SetPrior) -> np.ndarray:
-    """Log factors (M,) of sets (M, p) whose log weights without them are `logs` (M,); 0 of what is not weighed, and of
-    what is left when BATCHES were weighed no more than of those."""
+    """Log factors (M,) of sets (M, p) whose log weights without them are `logs` (M,); 0 of what is not weighed; of
+    the sets beyond BATCHES no more than of those."""
     bounded = np.isfinite(prior.bounds(score.described)[1])
     found = np.zeros(len(masks))
     if not bounded.any() or not len(masks):
@@ -597,7 +595,7 @@ def piecewise_normal_moments(
 
 
 FAR = 30.0
-"""Standard deviations beyond a bound from which what is left of the normal law is a point there."""
+"""Standard deviations beyond a bound from which the truncated normal is a point there."""
 
 
 def log_normal_mass(low: np.ndarray, high: np.ndarray) -> np.ndarray:

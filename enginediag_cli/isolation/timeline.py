@@ -263,7 +263,7 @@ def event_effect(
     for event in chosen:
         group = list(suspects.groups[event.group])
         added = readings.J[:, :, group] @ np.array(event.size)
-        if not suspects.shown[event.group]:
+        if not suspects.self_evident[event.group]:
             added[:, added.shape[1] - readings.inputs :] = 0.0
         known += event.course_values(among)[:, None] * added
     return known
@@ -303,12 +303,12 @@ def _best_events(search: EventSearch, others: Sequence[EventModel], most: int) -
     return found
 
 
-EPOCHS, OF_A_FLEET = 400, 40
+EPOCHS, FLEET_EPOCHS = 400, 40
 """Epochs of one series that are judged at once, alone and where there are several: work grows with their third power.
 Longer ones are joined."""
 OPERATION = 0.5
 """Share of the steps of components, where readings wander, that is a change of operation nobody recorded. Judgement."""
-TOLD = 0.5
+LISTED = 0.5
 """Probability from which an event is one."""
 DECIDED = 5.0
 """Log odds by which a change must show by one law of scatter alone, and by which all laws together must speak against
@@ -336,7 +336,7 @@ class TrendOptions:
 
 def epoch_limit(series: int) -> int:
     """Epochs that each of so many series is judged by."""
-    return EPOCHS if series == 1 else OF_A_FLEET
+    return EPOCHS if series == 1 else FLEET_EPOCHS
 
 
 @stage("judging the series")
@@ -370,7 +370,7 @@ def _series_diagnosis(
     events = []
     for one in found:
         event = _describe_event(readings, search, one.others, one.log_odds, one.alternatives)
-        if event.probability >= TOLD:
+        if event.probability >= LISTED:
             events.append(event)
         for member in event.members:
             if member.component != UNRECORDED:
@@ -382,7 +382,7 @@ def _series_diagnosis(
                 missed[member.component] *= 1 - more.probability * member.probability
     events.sort(key=lambda e: -e.weight)
     fit = _series_fit(readings, search, chosen)
-    level = level_of_ratio(max(fit.after, TINY), readings.z.size)
+    level = level_of_ratio(max(fit.chi2_after, TINY), readings.z.size)
     unlisted = probability_of_unlisted(level, 0.0, -np.inf) if events else 0.0
     listed = 1.0 - unlisted
     events = [replace(event, probability=listed * event.probability) for event in events] if listed > HALF else []
@@ -458,7 +458,7 @@ def _raise_alternatives(suspects: SuspectGroups, log: np.ndarray, instead: Mappi
 def _split_with_operation(
     search: EventSearch, weight: np.ndarray, members: Sequence[EventSuspect]
 ) -> list[EventSuspect]:
-    """Members, likeliest first, where readings wander with operation as a rival of every component that steps.
+    """Members, likeliest first, where readings wander with operation as an alternative to every component that steps.
 
     What wanders is what nobody models, such as guide vanes. It moves all readings at once, as a component does, and
     components seldom change at once: of such a step one half is believed."""

@@ -1,8 +1,9 @@
 """Isolation of the windows of recordings: verdict, what changed, and what to record next.
 
-Further sensors that would separate the members of an ambiguity group, had they been recorded in the same window:
-sensors that the engine file describes and these records lack come first; where none of those separates them, gas
-temperatures, pressures and shaft speeds that the model gives at other places, as well measured as such instruments are.
+Advice: further sensors that would separate the members of an ambiguity group, had they been recorded in the same
+window: sensors that the engine file describes and these records lack come first; where none of those separates them,
+gas temperatures, pressures and shaft speeds that the model gives at other places, as well measured as such instruments
+are.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ from enginediag_cli.residuals.statistics import LocalStatistics
 from enginediag_cli.residuals.windows import WindowStatistics
 from enginediag_cli.units import UNITS, split_column
 
-TOLD = 2
+MOST_COLUMNS = 2
 """Sensors named at most: the best, and one to choose instead."""
 RECORDS = 8
 """Operating points of a window at which the sensors are tried: sensitivities hardly vary more within one."""
@@ -91,7 +92,7 @@ def find_separating_sensors(
         gained = noncentrality_gains(score, found.leading_pair, [np.nan_to_num(each) for each in informations])
         order = [int(j) for j in np.argsort(-gained, kind="stable") if gained[j] >= 2 * np.log(ODDS)]
         if order:
-            return tuple(columns[j] for j in order[:TOLD])
+            return tuple(columns[j] for j in order[:MOST_COLUMNS])
     return ()
 
 
@@ -384,7 +385,7 @@ def _operating_conditions(monitor: Monitor, model: WindowModel | None) -> Mappin
 
 
 class _WindowRecords:
-    """The records of a window with the full model, when they are asked for; None where they are no longer held.
+    """The records of a window with the full model, when they are required; None where they are no longer held.
     every: its statistics with all suspects, those that have been dropped, too."""
 
     def __init__(

@@ -17,11 +17,8 @@ one line in `registry.py`, and one row of the contract test. What holds for ever
 nothing is isolated where there is no alarm; a window without readings has no verdict; filling a window up with empty
 records changes nothing; the verdict on one window does not depend on the others.
 
-What every method hands back: its tests, its alarms, and what it names, window by window.
-
-Windows of records: what every method judges.
-
-Methods on recordings: masked chunks of recordings become windows, and every window a verdict.
+`Verdicts` is the result of every method: tests, alarms and named changes, window by window. `RecordWindows` is what it
+judges; `judge_windows` makes windows of masked chunks of recordings, and a verdict of each.
 
 A window keeps all of its records in their place: one that cannot be judged has no reading, and where time jumps empty
 records stand for it, so that methods see how far apart two readings are. Methods judge many windows together.
@@ -288,7 +285,7 @@ class Method(ABC):
         """Its choices as a YAML section."""
         return Section(self.name, self.help, self.options)
 
-    def with_options(self: Chosen, values: Mapping[str, Any]) -> Chosen:
+    def configure(self: Chosen, values: Mapping[str, Any]) -> Chosen:
         """The method with those of its choices that `values` holds; other keys are not asked for."""
         chosen = {f.name: values[f.name] for f in self.options if f.name in values}
         chosen = {name: tuple(value) if isinstance(value, list) else value for name, value in chosen.items()}

@@ -1,6 +1,6 @@
-"""Scores, residuals and estimates of many windows at once, shared by the methods.
+"""Scores, residuals and estimates of many windows at once, shared by the methods; parameter estimation as a method.
 
-Residuals and sensitivities in units of independent noise, also where noise is correlated in time.
+Whitening: residuals and sensitivities in units of independent noise, also where noise is correlated in time.
 
 AR(1) noise, cov(e_k, e_l) = σ² ρ^|k−l|, becomes white by differencing with the last reading of the same sensor,
 
@@ -13,8 +13,6 @@ Sums of a window, for many windows at once: z·z, s = Gᵀz and F = GᵀG.
 
 z ~ N(G Δθ, 1) are whitened residuals. Everything uncertain about θ0 and the sensors, of covariance C = L Lᵀ,
 makes their covariance 1 + G C Gᵀ, whose inverse 1 − G L A⁻¹ Lᵀ Gᵀ, A = 1 + Lᵀ F L (Woodbury), needs only sums.
-
-Residuals of windows carried back to θ0 from their own estimate, or taken at θ0: input of estimation and local.
 
 Parameter estimation: re-estimate every monitored parameter, then ask whether it still equals nominal.
 
@@ -226,7 +224,7 @@ well above rounding, well below any share that matters."""
 
 
 @dataclass(frozen=True)
-class WindowSums:
+class ResidualSums:
     """zz (W,), s (W, p), F (W, p, p) and `dof` (W,), the number of independent residuals."""
 
     zz: np.ndarray
@@ -234,7 +232,7 @@ class WindowSums:
     F: np.ndarray
     dof: np.ndarray
 
-    def add_uncertainty(self, C: np.ndarray, keep: int) -> WindowSums:
+    def add_uncertainty(self, C: np.ndarray, keep: int) -> ResidualSums:
         """The sums of the first `keep` parameters, with the covariance C (p, p) counted as noise."""
         if np.any(C):
             spread = np.sqrt(np.diag(C))
@@ -247,7 +245,7 @@ class WindowSums:
             F = self.F - np.swapaxes(LF, 1, 2) @ inner[:, :, 1:]
         else:
             zz, s, F = self.zz, self.s, self.F
-        return WindowSums(zz, s[:, :keep], F[:, :keep, :keep], self.dof)
+        return ResidualSums(zz, s[:, :keep], F[:, :keep, :keep], self.dof)
 
 
 @dataclass(frozen=True)
@@ -264,13 +262,13 @@ class WaldStatistics:
     rank: np.ndarray
 
 
-def window_sums(e: np.ndarray, J: np.ndarray, monitor: Monitor) -> WindowSums:
+def residual_sums(e: np.ndarray, J: np.ndarray, monitor: Monitor) -> ResidualSums:
     """Sums over the records of e (W, n, m), NaN where missing, and J (W, n, m, p)."""
     z, G, present = white_residuals(e, J, monitor.noise)
     W, p = len(z), G.shape[3]
     z, G = z.reshape(W, -1), G.reshape(W, -1, p)
     G_t = np.swapaxes(G, 1, 2)
-    return WindowSums(
+    return ResidualSums(
         np.sum(z**2, axis=1), (G_t @ z[:, :, None])[:, :, 0], G_t @ G, present.sum(axis=(1, 2)).astype(float)
     )
 
@@ -408,7 +406,7 @@ class ParameterEstimation(Method):
         p = len(monitor.monitored)
         found = linearise_windows(monitor, windows, self.linearise, loose_precision(monitor, self.width))
         C = monitor.uncertainty
-        sums = window_sums(found.e, found.J, monitor).add_uncertainty(C, p)
+        sums = residual_sums(found.e, found.J, monitor).add_uncertainty(C, p)
         wald = wald_statistics(sums.s, sums.F, monitor.prior_sigma[:p])
         moved = found.theta[:, :p] - monitor.theta0[:p]
         bent = (sums.F @ moved[:, :, None])[:, :, 0]
@@ -417,7 +415,7 @@ class ParameterEstimation(Method):
         loose = np.diag((self.width * monitor.prior_sigma[:p]) ** -2)
         gained = np.sum(left * np.linalg.solve(sums.F + loose, left), axis=(1, 2))
         at_estimate = sums.zz - np.sum(moved * (2 * sums.s - bent), axis=1) - gained
-        at_nominal = window_sums(found.e0, found.J0, monitor).add_uncertainty(C, p).zz
+        at_nominal = residual_sums(found.e0, found.J0, monitor).add_uncertainty(C, p).zz
         joint = wald.joint if self.linearise == "nominal" else np.maximum(at_nominal - at_estimate, 0.0)
         test = chi_square_test("joint", joint, wald.rank, false_alarm)
         rejected = holm(chi2.sf(wald.wald, 1), false_alarm)

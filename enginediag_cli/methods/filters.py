@@ -1,10 +1,9 @@
 """Kalman filters as methods: observers of the parameters, and tests of their innovations.
 
-Innovations of a filter and their tests, calibrated on an engine whose parameters stay at nominal.
-
-A filter expects its parameters to wander; those of a healthy engine do not. So its innovations are a little too
-small and a little correlated, and textbook thresholds would be off. Alongside the filter run the error of its
-state on a healthy engine, E = cov(x̂ − ε), A = cov(x̂ − ε, ε), ε ~ N(0, C) the uncertainty of nominal,
+Tests, calibrated on an engine whose parameters stay at nominal. A filter expects its parameters to wander; those of a
+healthy engine do not. So its innovations are a little too small and a little correlated, and textbook thresholds would
+be off. Alongside the filter run the error of its state on a healthy engine, E = cov(x̂ − ε), A = cov(x̂ − ε, ε), ε ~
+N(0, C) the uncertainty of nominal,
 
     E ← (1 − K H) E (1 − K H)ᵀ + K R Kᵀ,    A ← (1 − K H) A,    cov(ν_k) = S⁰ = R + H E Hᵀ,
     cov(ν_k, ν_{k−l}) = −H D_l,    D_1 = K R − (1 − K H) E Hᵀ,    D_{l+1} = (1 − K H) D_l,
@@ -29,7 +28,7 @@ Automatica 7, 637–640 (innovations for fault detection).
 
 Extended Kalman filter: the engine linearised at the present estimate, H = ∂Φ/∂θ there.
 
-Unscented Kalman filter: the engine asked at 2p + 1 points around the estimate instead of linearised.
+Unscented Kalman filter: the engine computed at 2p + 1 points around the estimate instead of linearised.
 
 Scaled transform, λ = α²(p + κ) − p, points x and x ± columns of √((p + λ) P), weights
 
@@ -204,7 +203,7 @@ class Linearisation:
     """
 
     mean: np.ndarray
-    spread: np.ndarray
+    covariance: np.ndarray
     cross: np.ndarray
     H: np.ndarray
     ok: np.ndarray
@@ -223,7 +222,7 @@ class PreviousRecord:
     H: np.ndarray
     c: np.ndarray
 
-    def carried_reading(self, points: np.ndarray) -> np.ndarray:
+    def correlated_part(self, points: np.ndarray) -> np.ndarray:
         """c · (ŷ of the record before) at the states points (W, q, p) -> (W, q, m)."""
         moved = (points - self.x[:, None]) @ np.swapaxes(self.H, 1, 2)
         return np.asarray(self.c[:, None] * (self.y[:, None] + moved))
@@ -323,12 +322,12 @@ class Observer(Method, ABC):
             H = np.where(present[:, :, None], seen.H, 0.0)
             R = np.where(both, correlation, 0.0) + np.einsum("wi,ij->wij", ~present * 1.0, np.eye(m))
             R = R - np.einsum("wi,ij->wij", c**2 * present, np.eye(m))
-            S = np.where(both, seen.spread, 0.0) + R
+            S = np.where(both, seen.covariance, 0.0) + R
             K = np.swapaxes(np.linalg.solve(S, np.swapaxes(np.where(present[:, None], seen.cross, 0.0), 1, 2)), 1, 2)
             healthy = record.add(k, Innovation(nu, S, H, R, K, present), healthy)
             # the record itself, without the share of the one before, is what the next one looks back to
             own_H = seen.H + c[:, :, None] * earlier.H
-            own_y = seen.mean + earlier.carried_reading(x[:, None])[:, 0]
+            own_y = seen.mean + earlier.correlated_part(x[:, None])[:, 0]
             earlier, earlier_reading, before = PreviousRecord(x, own_y, own_H, c), reading, present
             x = x + np.einsum("wpm,wm->wp", K, nu)
             P = P - K @ S @ np.swapaxes(K, 1, 2)
@@ -385,7 +384,7 @@ class ExtendedKalman(Observer):
         self, model: ScaledModel, x: np.ndarray, P: np.ndarray, k: int, earlier: PreviousRecord
     ) -> Linearisation:
         y, H, ok = model(x, k)
-        mean = y - earlier.carried_reading(x[:, None])[:, 0]
+        mean = y - earlier.correlated_part(x[:, None])[:, 0]
         H = H - earlier.c[:, :, None] * earlier.H
         cross = P @ np.swapaxes(H, 1, 2)
         return Linearisation(mean, H @ cross, cross, H, ok)
@@ -429,7 +428,7 @@ class UnscentedKalman(Observer):
         steps = np.sqrt(reach) * np.swapaxes(root, 1, 2)
         points = x[:, None] + np.concatenate([np.zeros_like(steps[:, :1]), steps, -steps], axis=1)
         y, ok = model.outputs(points, k)
-        y = y - earlier.carried_reading(points)
+        y = y - earlier.correlated_part(points)
         w = np.full(2 * p + 1, 1 / (2 * reach))
         w_mean, w_cov = w.copy(), w
         w_mean[0] = 1 - p / reach

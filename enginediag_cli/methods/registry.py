@@ -227,4 +227,4 @@ def chosen_method(values: Mapping[str, Any]) -> Method:
     """The method that the values of one of SECTIONS ask for."""
     if values["type"] == "family":
         return METHODS[FAMILIES[values["family"]]]
-    return METHODS[values["type"]].with_options(values)
+    return METHODS[values["type"]].configure(values)

@@ -1,12 +1,14 @@
-"""Parity equations, eqs. (3) and (4): r = H(Y, U) = Y − Φ(U, θ0), the prediction error, as it is.
+"""Methods that test residuals: parity equations, plain and structured, and principal component analysis.
+
+Parity equations, eqs. (3) and (4): r = H(Y, U) = Y − Φ(U, θ0), the prediction error, as it is.
 
 Under "nothing changed" the whitened r is N(0, 1 + G C Gᵀ), C the uncertainty of θ0. Two χ² tests:
 
     mean      z̄ᵀ (1 + Ḡ C Ḡᵀ)⁻¹ z̄ ~ χ²(m)     z̄_j = Σ_k z_kj/√n_j,  Ḡ_j = Σ_k G_kj/√n_j
     records   zᵀ (1 + G C Gᵀ)⁻¹ z ~ χ²(n m)
 
-The mean sees small lasting changes, all records see any misfit. Which parameter changed is not asked: the
-prediction error alone does not say (paper, section 4.1).
+The mean sees small lasting changes, all records see any misfit. They do not isolate: the
+prediction error alone does not show the parameter (paper, section 4.1).
 
 Filtered parity equations: residuals made blind to chosen parameters by orthogonal projection.
 
@@ -62,27 +64,27 @@ from enginediag_cli.methods.base import (
     Verdicts,
     chi_square_test,
 )
-from enginediag_cli.methods.estimation import WindowSums, nominal_residuals, white_residuals, window_sums
+from enginediag_cli.methods.estimation import ResidualSums, nominal_residuals, residual_sums, white_residuals
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.statistics import RANK_TOLERANCE
 
 REDUCTIONS = ("mean", "records")
 
 
-def reduced_sums(monitor: Monitor, windows: RecordWindows, reduction: str) -> WindowSums:
+def reduced_sums(monitor: Monitor, windows: RecordWindows, reduction: str) -> ResidualSums:
     """Sums of the monitored parameters, over the window's mean residual per sensor or over all records."""
     if reduction not in REDUCTIONS:
         raise ValueError(f"`reduction` must be one of {', '.join(REDUCTIONS)}, not {reduction!r}")
     e, J = nominal_residuals(monitor, windows)
     if reduction == "records":
-        sums = window_sums(e, J, monitor)
+        sums = residual_sums(e, J, monitor)
     else:
         z, G, present = white_residuals(e, J, monitor.noise)
         count = present.sum(axis=1)
         weight = 1 / np.sqrt(np.maximum(count, 1))
         mean, sensitivity = z.sum(axis=1) * weight, G.sum(axis=1) * weight[..., None]
         turned = np.swapaxes(sensitivity, 1, 2)
-        sums = WindowSums(
+        sums = ResidualSums(
             np.sum(mean**2, axis=1),
             (turned @ mean[:, :, None])[:, :, 0],
             turned @ sensitivity,
@@ -174,7 +176,7 @@ class StructuredParity(Method):
         )
 
 
-def decoupled(sums: WindowSums, chosen: Sequence[int], scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def decoupled(sums: ResidualSums, chosen: Sequence[int], scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """|r_S|² (W,) of the residual blind to the parameters `chosen`, and its degrees of freedom (W,)."""
     i = list(chosen)
     d = scale[i]
@@ -186,11 +188,11 @@ def decoupled(sums: WindowSums, chosen: Sequence[int], scale: np.ndarray) -> tup
     return np.maximum(sums.zz - explained, 0.0), sums.dof - kept.sum(axis=1)
 
 
-def _rows(sums: WindowSums, rows: np.ndarray) -> WindowSums:
-    return WindowSums(sums.zz[rows], sums.s[rows], sums.F[rows], sums.dof[rows])
+def _rows(sums: ResidualSums, rows: np.ndarray) -> ResidualSums:
+    return ResidualSums(sums.zz[rows], sums.s[rows], sums.F[rows], sums.dof[rows])
 
 
-def _silence(sums: WindowSums, sets: Sequence[tuple[int, ...]], scale: np.ndarray) -> np.ndarray:
+def _silence(sums: ResidualSums, sets: Sequence[tuple[int, ...]], scale: np.ndarray) -> np.ndarray:
     """p value (W, sets) of each decoupled residual; 0 where nothing is left to hear."""
     from scipy.stats import chi2
 

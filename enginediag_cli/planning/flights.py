@@ -1,21 +1,14 @@
-"""Flights that an engine's envelope allows: profiles, sweeps of power and of speed, days hotter and colder.
+"""Flights to record next: those that an engine's envelope allows, and how soon each separates alternative hypotheses.
 
-Each is a whole flight, as a crew could be asked to fly it; what an engine cannot do of them is dropped by whoever
-judges them. An engine that stays where it is runs through its load on days as cold and as hot as it is declared for.
+Flights. They are profiles, sweeps of power and of speed, and days hotter and colder. Each is a whole flight, as a crew
+could be asked to fly it; what an engine cannot do of them is dropped by whoever judges them. An engine that stays where
+it is runs through its load on days as cold and as hot as it is declared for.
 
-A flight that might be flown next: the corners of its course, as a mission file has them, and its conditions.
+Manoeuvres. They are steps, ramps and blips of power, for dynamic effects (with memory). These effects differ by how
+they answer: a rate limit takes longer for a larger step, a lag does not, a delay is late by as much on a ramp.
 
-A grid of operating conditions over an engine's envelope, without those in which nothing can fly.
-
-Steps, ramps and blips of power, for dynamic effects (with memory).
-
-Effects with memory differ by how they answer: a rate limit takes longer for a larger step, a lag does not, a delay is
-late by as much on a ramp.
-
-How far further records separate alternative hypotheses, and how probably the right one is then identified.
-
-A hypothesis h predicts the readings y_h of a record, in standard deviations of their noise, and how they answer to
-whatever it may adapt: Y_h, the columns of everything that is identified, of its own coefficients and of a new
+Separation. A hypothesis h predicts the readings y_h of a record, in standard deviations of their noise, and how they
+answer to whatever it may adapt: Y_h, the columns of everything that is identified, of its own coefficients and of a new
 recording's offsets, each per standard deviation that is known of it. If h is true, n records of which G is the mean
 Gram matrix, with d = y_h − y_g, leave the hypothesis g with a χ² more, after it has adapted, by
 
@@ -31,8 +24,6 @@ is identified where they are ln ODDS against every other; of several,
 for two exactly, for more as if their log odds were independent: less than the truth where those rise and fall
 together, as those of like hypotheses do (D. Slepian, "The one-sided barrier problem for Gaussian noise", Bell Syst.
 Tech. J. 41 (1962) 463–501). What h itself does is taken as fitted.
-
-A recording that was judged, and the best of each kind.
 """
 
 from __future__ import annotations
@@ -69,7 +60,7 @@ class Corner:
 
 @dataclass(frozen=True)
 class PlannedFlight:
-    """`kind` of flight, `words` that describe it, its corners, further inputs of the engine held at
+    """`kind` of flight, `words` that describe it, its corners, further inputs of the engine fixed at
     `constants`; records every `interval_s`."""
 
     kind: str
@@ -117,7 +108,7 @@ class PlannedFlight:
         return {
             "kind": "flight",
             "description": f"planned: {self.words}",
-            "source": "planned to separate alternative explanations",
+            "source": "planned between alternative hypotheses",
             "flights": 1,
             "mission": {"type": "manoeuvres", "record_interval_s": self.interval_s, "set_points": points},
             **({"constants": {c: float(f"{v:.6g}") for c, v in self.constants.items()}} if self.constants else {}),
@@ -156,7 +147,7 @@ LOAD_INTERVAL_S, WEATHER_INTERVAL_S = 60.0, 3600.0
 
 def flights(engine: Engine, flown: Mapping[str, np.ndarray]) -> list[PlannedFlight]:
     """Flights to choose from; `flown`: the engine's inputs over all records so far, column → (N,), from which inputs
-    that no flight is about are held at their usual value. None for an engine without an envelope or a power range."""
+    that no flight varies are fixed at their usual value. None for an engine without an envelope or a power range."""
     columns = ("altitude_m", "mach") if "altitude_m" in engine.inputs else ("ambient_temperature_K",)
     if engine.power_range is None or any(c in engine.inputs and c not in engine.envelope for c in columns):
         return []
@@ -168,7 +159,7 @@ def flights(engine: Engine, flown: Mapping[str, np.ndarray]) -> list[PlannedFlig
 
 
 def usual_inputs(engine: Engine, flown: Mapping[str, np.ndarray]) -> dict[str, float] | None:
-    """Inputs that are held at the middle of what was flown, or of the envelope; None where neither is known."""
+    """Inputs that are fixed at the middle of what was flown, or of the envelope; None where neither is known."""
     moved = {"altitude_m", "mach", "dT_isa_K", "ambient_temperature_K", engine.power_setting}
     found: dict[str, float] = {}
     for c in (*engine.inputs, *engine.optional_inputs):
@@ -530,11 +521,11 @@ class Suggestion:
     inf where none are; `known`: whether it keeps to conditions that were flown."""
 
     kind: str
-    what: str
+    subject: str
     chance: float
     records: float
     flight: PlannedFlight | None = None
-    known: bool = True
+    is_flown: bool = True
 
     @classmethod
     def from_outlook(

@@ -45,8 +45,8 @@ from enginediag_cli.report.tables.margin import margin_words
 from enginediag_cli.units import split_column
 
 LIKELY, SETTLED = 0.5, 0.9
-"""Probability from which a parameter is told as one that changed, and which the likeliest must have for the answer to
-stand in the headline without a doubt."""
+"""Probability from which a parameter is reported as changed, and which the likeliest must have for the answer to
+be in the headline without a doubt."""
 MISFIT = 2.0
 """χ² per degree of freedom of a window, after its answer, from which no answer explains what was read. Judgement."""
 
@@ -66,7 +66,7 @@ def engine_lead(engine: EngineEvidence, evidence: ReportEvidence, key: str) -> L
         margin=_margin(engine),
         next_step=next_step(
             state,
-            [evidence.known[n] for n in names if n in evidence.known],
+            [evidence.parameters[n] for n in names if n in evidence.parameters],
             _separating_sensors(engine),
             _advice(engine),
         ),
@@ -80,7 +80,7 @@ _Found = tuple[EngineState, str, Sequence[str]]
 
 
 def _flag_misfit(engine: EngineEvidence, found: _Found) -> _Found:
-    """The answer, told as the likeliest account of something that the model does not explain where that is so."""
+    """The answer, reported as the likeliest account of something that the model does not explain where that is so."""
     state, sentence, names = found
     fit = engine.isolated[-1][0].number("fit") if engine.isolated else math.nan
     if state not in (EngineState.CHANGED, EngineState.CANNOT_TELL) or not fit > MISFIT:
@@ -92,7 +92,7 @@ def _flag_misfit(engine: EngineEvidence, found: _Found) -> _Found:
 DETECTABLE = "detectable:"
 """Begin of the columns of `detect` that hold the smallest changes that would have shown."""
 UNCHANGED = ("", "steady", "cannot tell", MAINTENANCE)
-"""Kinds of rows of `trend` that tell of no change by itself."""
+"""Kinds of rows of `trend` that report no change."""
 
 
 def changed_in_trend(engine: EngineEvidence) -> list[Row]:
@@ -134,11 +134,11 @@ def _trend_answer(engine: EngineEvidence, evidence: ReportEvidence) -> _Found | 
 
 def _trend_change(row: Row, evidence: ReportEvidence) -> str:
     half = (row.number("change_high") - row.number("change_low")) / 2
-    return change(evidence.known[row.text("parameter")], row.number("change"), half)
+    return change(evidence.parameters[row.text("parameter")], row.number("change"), half)
 
 
 def _part(row: Row, evidence: ReportEvidence) -> str:
-    known = evidence.known[row.text("parameter")]
+    known = evidence.parameters[row.text("parameter")]
     return known.part or row.text("component")
 
 
@@ -156,7 +156,7 @@ def _isolation_answer(engine: EngineEvidence, evidence: ReportEvidence) -> _Foun
         )
     if members := head.list("members"):
         words = [
-            listed([p.words for p in meanings(evidence.known, parse_alternative(m)[0] or (m,)).values()])
+            listed([p.words for p in meanings(evidence.parameters, parse_alternative(m)[0] or (m,)).values()])
             for m in members
         ]
         return (
@@ -180,7 +180,7 @@ def _isolation_answer(engine: EngineEvidence, evidence: ReportEvidence) -> _Foun
 def size_in_words(row: Row, evidence: ReportEvidence) -> str:
     """The change of one isolated parameter with half its interval."""
     half = (row.number("upper") - row.number("lower")) / 2
-    return change(evidence.known[row.text("parameter")], row.number("change"), half)
+    return change(evidence.parameters[row.text("parameter")], row.number("change"), half)
 
 
 def _detection_answer(engine: EngineEvidence, evidence: ReportEvidence) -> _Found:
@@ -214,7 +214,7 @@ def _power(window: Row, evidence: ReportEvidence) -> str:
     """What the window would have shown: of each component the smallest change of a parameter, where `detect` says."""
     smallest: dict[str, tuple[float, Parameter]] = {}
     for name in window.cells:
-        parameter = evidence.known.get(name.removeprefix(DETECTABLE)) if name.startswith(DETECTABLE) else None
+        parameter = evidence.parameters.get(name.removeprefix(DETECTABLE)) if name.startswith(DETECTABLE) else None
         if parameter is None or parameter.of_instrument or not math.isfinite(window.number(name)):
             continue
         known = smallest.get(parameter.component)
@@ -308,7 +308,7 @@ def _advice(engine: EngineEvidence) -> Sequence[str]:
 
 
 def _sensitivity_words(engine: EngineEvidence) -> tuple[str, ...]:
-    """What would flip the answer, as `isolate` says it."""
+    """Sensitivity of the conclusion, as `isolate` writes it."""
     flips = engine.isolated[-1][0].cells.get("flips") if engine.isolated else None
     if isinstance(flips, list):
         return tuple(str(f.get("words", f)) if isinstance(f, dict) else str(f) for f in flips)
@@ -321,7 +321,7 @@ def _alternatives(engine: EngineEvidence, evidence: ReportEvidence) -> tuple[str
         return ()
     head, told = engine.isolated[-1][0], []
     for names, chance in map(parse_alternative, head.list("rivals")[:2]):
-        words = listed([p.words for p in meanings(evidence.known, names).values()]) or "no change"
+        words = listed([p.words for p in meanings(evidence.parameters, names).values()]) or "no change"
         told.append(f"{words} ({probability(chance)})")
     return tuple(told)
 
@@ -384,7 +384,7 @@ def _maintenance_table(events: Sequence[MaintenanceGain]) -> Iterator[Block]:
                 e.reason,
             )
         )
-    held = next((x.held for x in events if x.held), "")
+    held = next((x.at_equal for x in events if x.at_equal), "")
     title = "What maintenance brought" + (f" ({held})" if held else "")
     yield TableBlock(title, ChartTable(COLUMNS, rows, [x.event.origin for x in events]))
 
@@ -448,10 +448,10 @@ def _health(engine: EngineEvidence, evidence: ReportEvidence, key: str) -> Itera
     marks = [*_onsets(engine, evidence, order), *place_maintenance(engine, order)]
     for number, group in enumerate(_group_by_unit(names, evidence)):
         yield health_trend(
-            f"{key}-health{number or ''}", alone, group, evidence.known, marks, caption=told, courses=courses
+            f"{key}-health{number or ''}", alone, group, evidence.parameters, marks, caption=told, courses=courses
         )
     if rows:
-        yield health_map(f"{key}-map", rows, evidence.known)
+        yield health_map(f"{key}-map", rows, evidence.parameters)
 
 
 def _read_course(row: Row) -> TrendCourse:
@@ -460,8 +460,8 @@ def _read_course(row: Row) -> TrendCourse:
 
 
 def _farthest_parameters(rows: Sequence[Row]) -> list[str]:
-    """Parameters of components that are farthest from nominal in the last flight, where nothing is told to have
-    changed."""
+    """Parameters of components that are farthest from nominal in the last flight, where no change is
+    reported."""
     last = {name: mine[-1] for name, mine in group_by_parameter(rows).items()}
 
     def far(name: str) -> float:
@@ -474,7 +474,7 @@ def _farthest_parameters(rows: Sequence[Row]) -> list[str]:
 def _group_by_unit(names: Sequence[str], evidence: ReportEvidence) -> list[list[str]]:
     found: dict[str, list[str]] = {}
     for name in names:
-        found.setdefault(display_scale(evidence.known[name])[1], []).append(name)
+        found.setdefault(display_scale(evidence.parameters[name])[1], []).append(name)
     return list(found.values())
 
 
@@ -483,7 +483,7 @@ def _onsets(engine: EngineEvidence, evidence: ReportEvidence, order: Order) -> l
     found: dict[tuple[int, int, int], list[str]] = {}
     for row in changed_in_trend(engine):
         place = (row.count("onset"), row.count("onset_low"), row.count("onset_high"))
-        known = evidence.known[row.text("parameter")]
+        known = evidence.parameters[row.text("parameter")]
         found.setdefault(place, []).append(known.part or row.text("component"))
     marks = []
     for (_, low, high), parts in found.items():
@@ -502,14 +502,14 @@ def _fingerprint(engine: EngineEvidence, evidence: ReportEvidence, key: str) -> 
         return
     window, origin, row = (named or told)[-1]
     answers = _answer_sets(row) if row is not None else []
-    found = window_fingerprint(f"{key}-fingerprint", window, origin, answers, evidence.known)
+    found = window_fingerprint(f"{key}-fingerprint", window, origin, answers, evidence.parameters)
     yield found or Paragraph(
         "A fingerprint needs statistics with every sensor's error: `enginediag residual --sensors`.", quiet=True
     )
 
 
 def _answer_sets(row: Row) -> list[tuple[tuple[str, ...], float]]:
-    """The answer and its leading rivals, as sets of parameters."""
+    """The answer and its leading alternatives, as sets of parameters."""
     first = (row.list("isolated"), row.number("probability"))
     return [first, *map(parse_alternative, row.list("rivals")[:MOST_RIVALS])] if first[0] else []
 
@@ -548,7 +548,7 @@ def _sensor_error_probability(engine: EngineEvidence, evidence: ReportEvidence) 
     sensors = engine.records.sigmas if engine.records is not None else {}
     columns = {split_column(column)[0]: column for column in sensors}
     for row in engine.rows_of_kind(result_files.TREND):
-        known = evidence.known[row.text("parameter")]
+        known = evidence.parameters[row.text("parameter")]
         column = columns.get(known.part.removesuffix(" sensor"), "")
         if known.of_sensor and column:
             found[column] = max(found.get(column, 0.0), row.number("probability"))
@@ -592,4 +592,4 @@ def _answers(engine: EngineEvidence, evidence: ReportEvidence) -> Iterator[Block
 
 
 def _set_words(names: Sequence[str], evidence: ReportEvidence) -> str:
-    return listed([p.words for p in meanings(evidence.known, names).values()]) or "no change"
+    return listed([p.words for p in meanings(evidence.parameters, names).values()]) or "no change"

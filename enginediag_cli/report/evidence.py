@@ -52,16 +52,16 @@ class ReportEvidence:
 
     results: Sequence[ResultFile]
     engines: dict[str, EngineEvidence]
-    known: dict[str, Parameter]
+    parameters: dict[str, Parameter]
 
-    _told: dict[tuple[str, ...], str] = field(default_factory=dict, repr=False)
+    _sources: dict[tuple[str, ...], str] = field(default_factory=dict, repr=False)
 
     def add(self, kind: ResultKind, row: Row, by: str) -> None:
-        """Take a row over; by: the file, or what else, that tells it. Raises DataError where another one tells the
+        """Take a row over; by: the file, or what else, that holds it. Raises DataError where another one holds the
         same window or parameter, which would count twice."""
         engine = row.text("engine")
         place = (kind.name, engine, *(row.text(name) for name in PLACE))
-        before = self._told.setdefault(place, by)
+        before = self._sources.setdefault(place, by)
         if before != by:
             of = f"engine {engine}" if engine else "an engine without a name"
             raise DataError(f"{before} and {by} both hold {kind.name} of the same part of {of}: give one of them")
@@ -92,13 +92,13 @@ def collect_evidence(results: Sequence[ResultFile], known: Mapping[str, Paramete
             first = next(k for k, line in enumerate(result.lines) if not line.startswith("#")) + 2
             for number, (window, meaning) in enumerate(read_statistics(result.lines, result.name, ledger)):
                 for name, parameter in meaning.items():
-                    found.known.setdefault(name, parameter)
+                    found.parameters.setdefault(name, parameter)
                 mine = found.engines.setdefault(window.engine, EngineEvidence(window.engine))
                 if window.statistics is not None:
                     window = replace(window, statistics=marginalise_nuisance(window.statistics))
                 mine.windows.append((window, RowOrigin(result.name, str(first + number))))
     for name, unit in _named_parameters(found):
-        found.known.setdefault(name, unspecified(name, unit))
+        found.parameters.setdefault(name, unspecified(name, unit))
     return found
 
 
@@ -165,7 +165,7 @@ class RecordingsQuestion:
 
 
 def judge_recordings(question: RecordingsQuestion, given: Sequence[ResultFile]) -> tuple[ReportEvidence, list[str]]:
-    """Evidence of the recordings beside the results `given`, and what was left out of them in words. Raises
+    """Evidence of the recordings and of the results `given`, and the excluded data in words. Raises
     DataError, NoVerdictError."""
     left_out: list[str] = []
     windows: list[WindowStatistics] = []

@@ -74,7 +74,7 @@ Block: TypeAlias = Paragraph | Bullets | Preformatted | TableBlock | Chart
 @dataclass(frozen=True)
 class Lead:
     """The first screen, of one engine: what is so, how surely, since when, how far it is from its limit, what to do
-    next, what would flip it; `badge`: the state in other words."""
+    next, the sensitivity of the conclusion; `badge`: the state in other words."""
 
     state: EngineState
     sentence: str
@@ -90,7 +90,7 @@ class Lead:
 
 
 def next_step(state: EngineState, changed: Sequence[Parameter], telling: Sequence[str], advice: Sequence[str]) -> str:
-    """changed: parameters of the answer, or its suspects; telling: sensors that would tell them apart; advice: what
+    """changed: parameters of the answer, or its suspects; telling: sensors that would separate them; advice: what
     `isolate --advise` said."""
     return " ".join([_own_step(state, changed, telling), *advice])
 

@@ -3,8 +3,8 @@
 Progress is one line at the foot of a terminal, and with --verbose the stages and files of a run. The log holds JSON
 lines: what a run said, with what it is about, how it ended and what it wrote. Lines are appended, each by one call of
 the system, so that several runs may share a file: a line is never torn by another (POSIX: with O_APPEND nothing comes
-between finding the end of a file and writing there). `run` tells whose a line is. The first line of a run has `event`
-"begin", the last "end"; one without its end was killed or is at work.
+between finding the end of a file and writing there). `run` identifies the run of a line. The first line of a run has
+`event` "begin", the last "end"; one without its end was killed or is at work.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def wants_color(choice: str, stream: TextIO, environment: Mapping[str, str] = os
 class Messages:
     """Writes to stderr; `quiet` leaves only errors. One per run, handed to every command.
 
-    `log` is told all of it, quiet or not, with what a message is about: `fields` such as file, flight, counts.
+    `log` receives all of it, quiet or not, with what a message is about: `fields` such as file, flight, counts.
     """
 
     def __init__(self, quiet: bool = False, verbose: bool = False, debug: bool = False, color: str = "auto"):
@@ -55,18 +55,18 @@ class Messages:
         """A fact about the run, such as how many records were kept."""
         self.record("note", text, **fields)
         if not self.quiet:
-            self._say(text)
+            self._write(text)
 
     def warning(self, text: str, **fields: Any) -> None:
         """Something that the user should look at, although the run goes on."""
         self.record("warning", text, **fields)
         if not self.quiet:
-            self._say(text, "warning: ", "yellow")
+            self._write(text, "warning: ", "yellow")
 
     def error(self, text: str, **fields: Any) -> None:
         """Why the run ends."""
         self.record("error", text, **fields)
-        self._say(text, "error: ", "red")
+        self._write(text, "error: ", "red")
 
     def problems(self, error: ConfigError) -> None:
         """The problems of a configuration file, each with its place and its line of source; the first of very many."""
@@ -74,20 +74,20 @@ class Messages:
 
         for mark, text, hint in error.shown_problems:
             self.record("error", text, file=mark.file, line=mark.line or None, column=mark.column or None, hint=hint)
-        self._say(render_all(error))
+        self._write(render_all(error))
 
     def record(self, level: str, text: str, **fields: Any) -> None:
         """A line of the log alone, where there is one."""
         if self.log is not None:
             self.log.write(level, text, **fields)
 
-    def ended(self, code: int) -> None:
+    def finish(self, code: int) -> None:
         """The run is over: the last line of the log."""
         if self.log is not None:
             self.log.end(code)
 
     def progress(self, items: Iterable[Item], label: str, total: int | None = None) -> Iterator[Item]:
-        """Pass `items` through and tell whoever listens (`enginediag_cli.progress`) how many there were."""
+        """Pass `items` through and report their number to the listener (`enginediag_cli.progress`)."""
         from enginediag_cli.progress import each
 
         return each(items, label, total)
@@ -98,9 +98,9 @@ class Messages:
         if not (shown or self.verbose):
             return None
         line = ProgressLine(sys.stderr) if shown else None
-        return VerboseListener(self._say, line) if self.verbose else line
+        return VerboseListener(self._write, line) if self.verbose else line
 
-    def _say(self, text: str, prefix: str = "", color: str = "") -> None:
+    def _write(self, text: str, prefix: str = "", color: str = "") -> None:
         """Write a line to stderr; control characters that came from a file are written as escapes. When nobody reads
         stderr any more, the line is dropped: the work goes on and its result counts."""
         if sys.stderr is None:
@@ -135,10 +135,10 @@ REFRESH_S = 0.1
 """A line that changes more often cannot be read, and costs time."""
 
 EVIDENCE_S = 3.0
-"""Time that a stage must have run before what is left of it is estimated."""
+"""Time that a stage must have run before its remaining time is estimated."""
 
 EVIDENCE_SHARE = 0.05
-"""Share of the steps that must be done before what is left is estimated."""
+"""Share of the steps that must be done before the remaining time is estimated."""
 
 EVIDENCE_STEPS = 2
 """Steps that must be done: one may be of any length."""
@@ -158,18 +158,18 @@ class ProgressLine:
         self._shown = 0
         self._last = float("-inf")
 
-    def begun(self, stage: Stage) -> None:
+    def on_start(self, stage: Stage) -> None:
         self._open.append((stage, self._clock()))
         self._show(stage)
 
-    def stepped(self, stage: Stage) -> None:
+    def on_step(self, stage: Stage) -> None:
         self._show(stage)
 
-    def ended(self, stage: Stage) -> None:
+    def on_end(self, stage: Stage) -> None:
         self._open = [entry for entry in self._open if entry[0] is not stage]
         self.wipe()
 
-    def touched(self, action: str, path: str) -> None:
+    def on_file(self, action: str, path: str) -> None:
         """Files are for --verbose."""
 
     def wipe(self) -> None:
@@ -210,21 +210,21 @@ class Relay:
     def __init__(self, shown: Listener | None = None):
         self._shown = shown
 
-    def begun(self, stage: Stage) -> None:
+    def on_start(self, stage: Stage) -> None:
         if self._shown:
-            self._shown.begun(stage)
+            self._shown.on_start(stage)
 
-    def stepped(self, stage: Stage) -> None:
+    def on_step(self, stage: Stage) -> None:
         if self._shown:
-            self._shown.stepped(stage)
+            self._shown.on_step(stage)
 
-    def ended(self, stage: Stage) -> None:
+    def on_end(self, stage: Stage) -> None:
         if self._shown:
-            self._shown.ended(stage)
+            self._shown.on_end(stage)
 
-    def touched(self, action: str, path: str) -> None:
+    def on_file(self, action: str, path: str) -> None:
         if self._shown:
-            self._shown.touched(action, path)
+            self._shown.on_file(action, path)
 
     def wipe(self) -> None:
         if self._shown:
@@ -240,17 +240,17 @@ class VerboseListener(Relay):
         self._say = say
         self._start: dict[int, float] = {}
 
-    def begun(self, stage: Stage) -> None:
+    def on_start(self, stage: Stage) -> None:
         self._start[id(stage)] = monotonic()
-        super().begun(stage)
+        super().on_start(stage)
 
-    def ended(self, stage: Stage) -> None:
-        super().ended(stage)
+    def on_end(self, stage: Stage) -> None:
+        super().on_end(stage)
         seconds = monotonic() - self._start.pop(id(stage), monotonic())
         steps = f", {stage.done} done" if stage.done else ""
         self._say(f"{stage.what}: {seconds:.2f} s{steps}")
 
-    def touched(self, action: str, path: str) -> None:
+    def on_file(self, action: str, path: str) -> None:
         self._say(f"{action} {path}")
 
     def total(self, since: float) -> None:
@@ -363,10 +363,10 @@ class LogListener(Relay):
         super().__init__(shown)
         self._log = log
 
-    def touched(self, action: str, path: str) -> None:
+    def on_file(self, action: str, path: str) -> None:
         if action == "written:":
             self._log.add_output(path)
-        super().touched(action, path)
+        super().on_file(action, path)
 
 
 def _open_log(path: str) -> int:

@@ -1,8 +1,7 @@
-"""Where a command's data go, and in which format.
+"""Data of a command: where they go, and in which format.
 
-Rows of results as CSV or JSON, one row in memory at a time, and as the cells that both share.
-
-Rows for people: a table of the columns that fit, and of all of them where that is asked for. No cell is ever cut.
+Rows are written as CSV or JSON, one row in memory at a time. On a terminal they are a table of the columns that fit,
+and of all of them with --wide. No cell is ever cut.
 """
 
 from __future__ import annotations
@@ -176,13 +175,13 @@ NEUTRAL_SUFFIXES = ("", ".txt", ".dat")
 
 
 def _ignore(text: str) -> None:
-    """Nobody is told."""
+    """No message is written."""
 
 
 @dataclass(frozen=True)
 class Output:
     """The user's choice of `-o`, `--format`, `--no-header`, `--color`, `--wide` and `--columns`; opens nothing before
-    data exist. `say` is told what was left out of a table."""
+    data exist. `say` receives the columns excluded from a table."""
 
     path: str = "-"
     format: str = "auto"

@@ -1,10 +1,10 @@
-"""Results in, a page out.
+"""The HTML report of results: its sections in order.
 
-A fleet: ranking, heat map, discoveries, what all engines have in common, and the worst engines one by one.
+A fleet: ranking, heat map, flagged engines, what all engines have in common, and the worst engines one by one.
 
 What the model lacks: answers of `locate`, `explain` and `refine` as a first screen and sections.
 
-The end of a report: what was left out, and everything that is needed to make the page again.
+The end of a report: excluded data, and everything that is needed to make the page again.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ STATES = {"changed": EngineState.CHANGED, "healthy": EngineState.NOTHING_FOUND, 
 IN_FULL = 12
 """Engines with charts of their own, the worst: a page of more would not open at once."""
 LIKELY = 0.5
-"""Probability from which a parameter is told as changed."""
+"""Probability from which a parameter is reported as changed."""
 
 
 def fleet_lead(document: Mapping[str, Any], engines: Sequence[FleetEngine], key: str) -> Lead:
@@ -448,7 +448,8 @@ def build_page(
     left_out: Sequence[str] = (),
     versions: Sequence[str] = (),
 ) -> Page:
-    """All that the results say. command: what makes the page again; left_out: what only reading the recordings told."""
+    """All that the results say. command: what makes the page again; left_out: what only the recordings themselves
+    show."""
     leads: list[Lead] = []
     sections: list[PageSection] = []
     ordered = []

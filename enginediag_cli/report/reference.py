@@ -1,10 +1,6 @@
-"""Reference pages of component types and physics terms, as rows and as text.
+"""Reference pages, made from the declarations: component types and physics terms, and the manual pages of commands.
 
-Component types as rows, and one type as a page that an engineer reads; all from the declarations.
-
-Physics terms as rows, and one term as a page that an engineer reads.
-
-Manual pages in roff (man(7) macros), from click's declarations: the same text as the help.
+Manual pages are in roff (man(7) macros), from click's declarations: the same text as the help.
 """
 
 from __future__ import annotations

@@ -1,19 +1,8 @@
-"""The kinds of results that a report reads, each told by what it holds and never by the name of its file.
+"""The kinds of results that a report reads, each recognised by its content and never by the name of its file.
 
-A file of results, whole: what it is, where it comes from, its rows or its document.
-
-What parameters mean, as far as the results say: an identified engine travels in its nominal file.
-
-Residuals of records as columns, from the rows that `residual --what records` writes.
-
-A row of results, of a file or just made: its cells as texts, numbers and lists, and its place.
-
-Residuals record by record, as columns: what the charts of records read.
-
-Sizes of an answer, flight by flight, as if nothing but the answer had changed.
-
-Where windows stand along an axis: at the number of their flight where flights are numbered, else one after the
-other.
+`ResultFile` is a whole file: its kind, its origin, its rows or its document. `Row` gives the cells of a row as texts,
+numbers and lists, with its place in the file. `ResidualRecords` are the residuals of records as columns, as
+`residual --what records` writes them. The meaning of parameters comes from nominal files.
 """
 
 from __future__ import annotations
@@ -95,7 +84,7 @@ class Row:
 
 
 def parse_alternative(text: str) -> tuple[tuple[str, ...], float]:
-    """A rival as `isolate` and `trend` write it, "a & b (0.022)": the parameters and their probability."""
+    """An alternative as `isolate` and `trend` write it, "a & b (0.022)": the parameters and their probability."""
     names, _, chance = text.rpartition(" (")
     try:
         value = float(chance.rstrip(")"))
@@ -144,7 +133,7 @@ class ResidualRecords:
         return RowOrigin(self.files[k], str(self.lines[k]))
 
     def stretches(self) -> list[tuple[str, np.ndarray]]:
-        """Flights, or files where flights are not told, with the places of their records."""
+        """Flights, or files where flights are not named, with the places of their records."""
         names = [f"flight {flight}" if flight else file for flight, file in zip(self.flights, self.files, strict=True)]
         keys = list(zip(self.files, names, strict=True))
         return [(key[1], np.array([k for k, other in enumerate(keys) if other == key])) for key in dict.fromkeys(keys)]

@@ -1,8 +1,6 @@
-"""Results in plain words: what changed, by how much, how surely, and what these data cannot tell.
+"""Results in plain words: what changed, by how much, how surely, and what these data leave open.
 
-Names in words: what a parameter is called stands in the parameter; other names are spelt as people write them.
-
-Numbers as people write them: as many digits as the uncertainty supports, with the unit behind.
+Parameters hold their own words. Numbers have as many digits as their uncertainty supports, and their unit.
 """
 
 from __future__ import annotations
@@ -105,7 +103,7 @@ def change(parameter: Parameter, delta: float, half_width: float | None = None, 
     "HPC isentropic efficiency fell by 2.0 % ± 0.3 % (probability 0.97)".
 
     `delta` is the value minus the nominal one in the parameter's own unit: a number without unit is a scale
-    factor and is told in per cent. `half_width` is half the interval, `chance` the probability that the
+    factor and is written in per cent. `half_width` is half the interval, `chance` the probability that the
     parameter changed at all.
     """
     unit = parameter.shown_unit
@@ -213,7 +211,7 @@ def sensor_or_component(
     of_components: float,
     shared: Sequence[str] = (),
 ) -> str:
-    """An instrument and the engine as rivals, each in words, the likelier first, for instance
+    """An instrument and the engine as alternatives, each in words, the likelier first, for instance
     "cannot tell T3 sensor bias from HPC isentropic efficiency: 0.55 against 0.41".
 
     `shared`: what has changed in both explanations.
@@ -233,7 +231,7 @@ def named_fault(severities: Sequence[tuple[str, float, float]], chance: float) -
 
 
 def further_records(where: str, records: float, odds: float, noncentrality: float) -> str:
-    """How soon records of one kind would tell two rivals apart, for instance
+    """How soon records of one kind would separate two hypotheses, for instance
     "12 records with T4_K for odds of 20 to 1 (non-centrality 0.51 per record)"."""
     if records == float("inf"):
         return f"records {where} would not separate them"

@@ -94,7 +94,7 @@ def main() -> None:
         f"called changed: {sum(f.verdict == 'changed' for f in healthy)} healthy, "
         f"{sum(f.verdict == 'changed' for f in others)} of {len(others)} faulty"
     )
-    listed = set(fleet.discoveries.engines)
+    listed = set(fleet.flagged.engines)
     print(f"listed: {len(listed - faulty)} healthy, {len(listed & faulty)} of {len(others)} faulty")
     since = ", ".join(f"{f.since} ({f.since_low} to {f.since_high})" for f in others if f.since)
     print(f"since flight (true 16): {since}")

@@ -129,6 +129,6 @@ def test_what_a_recorders_gate_has_left_out_is_kept_beside_the_windows(fleet_fil
     for fresh in (True, False):  # made, and found again
         (outcome,) = condense_all(recordings, models, store, SerialRunner())
         assert outcome.trouble == "" and outcome.fresh == fresh
-        (told,) = outcome.condensed.left_out
+        (told,) = outcome.condensed.excluded
         assert sum(told.gate.reasons.values()) == left
         assert told.gate.kept == told.gate.total - left

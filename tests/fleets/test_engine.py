@@ -16,7 +16,7 @@ def row(finding, name):
 
 
 def test_the_margin_is_of_the_hottest_recorded_temperature_at_given_thrust():
-    assert scale().column == "T45_K" and scale().held_column == "Fn_N" and not scale().reason
+    assert scale().column == "T45_K" and scale().fixed_column == "Fn_N" and not scale().reason
     engine = geometry().monitor.engine
     at = {c: np.array([v]) for c, v in scale().reference.items()}
     first = engine.predict(at, {}, sensors=("T45_K", "Fn_N")).y[0]

@@ -28,10 +28,10 @@ def fleet():
 def test_engines_are_ranked_by_what_they_have_used_and_listed_by_their_e_values(fleet):
     found = judge_fleet(fleet, QUICK, known().parameters)
     assert [f.serial for f in found.engines[:3]] == ["11", "10", "9"]
-    assert set(found.discoveries.engines) >= {"10", "11"} and set(found.discoveries.engines) <= {"9", "10", "11"}
-    assert {f.serial for f in found.engines if f.discovery} == set(found.discoveries.engines)
-    assert "at most 5 % are healthy" in found.discoveries.words
-    assert [serial for serial, _ in found.left_out] == ["short"]
+    assert set(found.flagged.engines) >= {"10", "11"} and set(found.flagged.engines) <= {"9", "10", "11"}
+    assert {f.serial for f in found.engines if f.discovery} == set(found.flagged.engines)
+    assert "at most 5 % are healthy" in found.flagged.words
+    assert [serial for serial, _ in found.excluded] == ["short"]
     assert found.engines[-1].verdict == NO_VERDICT
 
 
@@ -80,7 +80,7 @@ def test_without_a_limit_it_is_said_why_nothing_is_forecast(fleet):
 
 def test_an_empty_fleet_is_a_fleet():
     found = judge_fleet([], QUICK)
-    assert found.engines == () and found.discoveries.engines == ()
+    assert found.engines == () and found.flagged.engines == ()
 
 
 def _without_limit(finding: EngineFinding) -> EngineFinding:

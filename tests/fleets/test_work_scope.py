@@ -159,7 +159,7 @@ def test_what_flights_wore_before_and_after_a_wash_is_not_laid_to_it(engine, tmp
     worn = [0.0012 * k - restored * (k > 10) for k in range(1, 21)]
     series, scoping = followed(engine, tmp_path, [(1.0, 1.0 - w) for w in worn], np.random.default_rng(8))
     (found,) = maintenance_effects(scoping, series, "", ["11"])
-    assert (found.before, found.after) == (10, 10)
+    assert (found.flights_before, found.flights_after) == (10, 10)
     if not restored:
         assert not found.names or found.probability < 0.5
         return
@@ -176,7 +176,7 @@ def test_what_a_wash_did_bring_is_told_by_the_flights_next_to_it(engine, tmp_pat
     states = [(1, 1)] * 2 + [(0.97, 0.985)] * 3 + [(0.99, 0.995)] * 3
     series, scoping = followed(engine, tmp_path, states, np.random.default_rng(6))
     (found,) = maintenance_effects(scoping, series, "", ["6"])
-    assert (found.before, found.after) == (3, 3)
+    assert (found.flights_before, found.flights_after) == (3, 3)
     assert set(found.names) == {"hpc.flow_capacity", "hpc.efficiency"}
     reference = scoping.reference({})
     states = np.array([[-0.03, -0.015], [-0.01, -0.005]])

@@ -84,7 +84,7 @@ def test_the_verdict_on_a_window_does_not_depend_on_the_windows_beside_it(name, 
 def test_a_method_answers_to_its_name_and_its_declared_choices_are_its_own_defaults(name):
     method = METHODS[name]
     assert method.name == name == method.section().name and method.help
-    assert method.with_options({f.name: f.default for f in method.options}) == method
+    assert method.configure({f.name: f.default for f in method.options}) == method
 
 
 def test_a_study_may_ask_for_every_method_by_its_name_and_for_families_as_it_always_did():

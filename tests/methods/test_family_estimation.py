@@ -88,7 +88,7 @@ def test_false_alarms_of_the_local_approach_are_nominal_within_four_binomial_err
     windows = linear_windows(np.random.default_rng(7), 1500, 25, rho=rho, uncertain=0.2)
     result = (
         METHODS["local"]
-        .with_options({"linearise": "nominal"})
+        .configure({"linearise": "nominal"})
         .train(linear_monitor(rho=rho, uncertain=0.2))
         .diagnose(windows, 0.05)
     )

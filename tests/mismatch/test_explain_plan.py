@@ -92,7 +92,7 @@ def test_cruise_alone_does_not_tell_friction_from_an_off_take_but_the_planned_fl
 def test_more_records_of_the_same_cruise_tell_less_than_the_planned_flight(ambiguous):
     _, base, found = ambiguous
     advice = advise_flights_for_explanations(base, found)
-    by = {s.what or s.kind: s for s in advice.suggestions}
+    by = {s.subject or s.kind: s for s in advice.suggestions}
     best = max(s.chance for s in advice.suggestions if s.flight is not None)
     assert by["same"].chance < 0.5 < best
 

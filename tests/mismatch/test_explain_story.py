@@ -120,12 +120,12 @@ def test_switching_the_off_take_off_tells_it_from_a_reynolds_effect_sooner_than_
     found = advise_flights_for_explanations(*rivals)
     assert found is not None and found.separates
     by_kind = {s.kind: s for s in best_of_each_kind(found.suggestions)}
-    assert by_kind[SWITCH].what == "power_offtake@hp"
+    assert by_kind[SWITCH].subject == "power_offtake@hp"
     assert by_kind[SWITCH].records < by_kind[SAME].records
 
 
 def test_the_order_of_the_rivals_does_not_matter(rivals):
     base, (one, other) = rivals
     ways = [advise_flights_for_explanations(base, told) for told in ((one, other), (other, one))]
-    records = [{s.what: s.records for s in w.suggestions if s.flight} for w in ways if w is not None]
+    records = [{s.subject: s.records for s in w.suggestions if s.flight} for w in ways if w is not None]
     assert records[0] == records[1]

@@ -48,7 +48,7 @@ def rank(series: Series, seeds: int = 5) -> None:
         changed = sum(f.verdict == "changed" for f in found)
         print(
             f"seed {seed}: Spearman {rho:.3f} over {len(found)} engines; {changed} changed, "
-            f"{len(fleet.discoveries.engines)} listed, {len(fleet.left_out)} without a verdict"
+            f"{len(fleet.flagged.engines)} listed, {len(fleet.excluded)} without a verdict"
         )
 
 

@@ -39,7 +39,7 @@ def test_engines_cut_at_random_are_ranked_as_they_fail(series):
 def test_at_the_end_of_their_lives_all_are_listed_and_have_the_hpc_in_common(series):
     scale = margin_scale(series)
     found = judge_fleet([judge_engine(h, series, QUICK, scale) for h in histories(series)], QUICK, series.parameters)
-    assert len(found.discoveries.engines) == 100 and not found.left_out
+    assert len(found.flagged.engines) == 100 and not found.excluded
     assert {c.component for c in found.common if c.common} == {"hpc"}
 
 
@@ -49,4 +49,4 @@ def test_flights_before_any_wear_in_random_order_list_no_engine(series):
         early = [history.stretches[k] for k in rng.permutation(40)]
         one = cut_at(history, 40)
         found.append(judge_engine(type(one)(one.serial, "", early, 20), series, QUICK, scale))
-    assert judge_fleet(found, QUICK, series.parameters).discoveries.engines == ()
+    assert judge_fleet(found, QUICK, series.parameters).flagged.engines == ()

@@ -3,7 +3,7 @@
 Nothing here knows of pixels, SVG or a library. Places along an axis with `categories` are 0, 1, 2 …, from the left or
 from the top. `svg` draws a chart as SVG, `interactive` as a plot that moves; a new chart is one function of a topic.
 
-Colours are told apart by who is colour-blind, on white and on black: light ones are those of P. Tol's "bright" scheme
+Colours are distinct to the colour-blind, on white and on black: light ones are those of P. Tol's "bright" scheme
 (SRON/EPS/TN/09-002, 2021), darkened to a contrast of 3 to 1 at least; a page in the dark shows `DARK[k]` where a
 picture says `LIGHT[k]`.
 """
@@ -160,7 +160,7 @@ class Bars:
 @dataclass(frozen=True)
 class HeatCells:
     """A heat map: `value[k]` at column `x[k]` and row `y[k]`, NaN where there is none; 0 is neutral, `largest` darkest.
-    `words`: what stands in the cell; `both`: values have a sign that matters; `rooted`: shaded by the root of
+    `words`: text of the cell; `both`: values have a sign that matters; `rooted`: shaded by the root of
     the share, where the largest is far above what matters."""
 
     name: str
@@ -245,7 +245,7 @@ def colour(number: int) -> str:
 
 
 def shade(value: float, largest: float, rooted: bool = False) -> tuple[str, str]:
-    """The fill of a cell and the ink on it; 0 is paper. Five steps: more are not told apart by eye."""
+    """The fill of a cell and the ink on it; 0 is paper. Five steps: the eye does not separate more."""
     share = min(abs(value) / largest, 1.0) if largest > 0 else 0.0
     share = share**0.5 if rooted else share
     step = min(int(share * STEPS), STEPS - 1)
@@ -303,7 +303,7 @@ PERCENT = 100.0
 
 
 def display_scale(parameter: Parameter) -> tuple[float, str]:
-    """(factor, unit) of a change of this parameter, as `sentences.change` tells it."""
+    """(factor, unit) of a change of this parameter, as `sentences.change` writes it."""
     unit = parameter.shown_unit
     added = bool(unit) or (parameter.of_instrument and parameter.quantity == "bias")
     return (1.0, unit) if added else (PERCENT, "%")

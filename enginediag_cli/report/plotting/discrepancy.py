@@ -29,7 +29,7 @@ from enginediag_cli.report.tables.identification import (
     alarms_in_words,
     fall_in_words,
     named_effect,
-    unseen_flights_words,
+    validation_flights_words,
 )
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ MOST_DOTS = 3000
 @dataclass(frozen=True)
 class HeatMap:
     """`surprise[row][column]` is −ln p, NaN where it cannot be seen; `gate`: what chance alone reaches;
-    `within`: (row, column) of the places that are told."""
+    `within`: (row, column) of the places that are named."""
 
     rows: Sequence[str]
     columns: Sequence[str]
@@ -204,7 +204,10 @@ def picture(r: Refinement) -> str:
     if u is None:
         raise ValueError("a refinement without unseen flights has no picture")
     title = f"{' and '.join(e.label for e in r.effects)}: before and after, on flights that were not fitted"
-    told = [f"In the model now: {named_effect(e)}" for e in r.effects] + [unseen_flights_words(r), alarms_in_words(r)]
+    told = [f"In the model now: {named_effect(e)}" for e in r.effects] + [
+        validation_flights_words(r),
+        alarms_in_words(r),
+    ]
     lines = wrap_notes(told)
     gains = list(zip(u.labels, u.flight_gains.tolist(), strict=True))
     shown = gains if len(gains) <= MOST_FLIGHTS else gains[: MOST_FLIGHTS - 1]
@@ -237,26 +240,26 @@ def draw_sensors(on: Drawing, pairs: Sequence[tuple[SensorQuality, SensorQuality
     values = [q.chi2**0.5 for pair in pairs for q in pair if q.n]
     low, high = padded([*values, 1.0], 0.08)
 
-    def at(value: float) -> float:
+    def x_of(value: float) -> float:
         return LEFT + SPAN * (value - low) / (high - low)
 
     on.words(MARGIN, top + 8, "RMS of the residual in standard deviations of the sensor's noise", letters=HEADING)
     for left, colour, what in ((WIDTH - 148, ORANGE, "before"), (WIDTH - 68, BLUE, "after")):
         on.dots([(left, top + 4)], colour, radius=5)
         on.words(left + 10, top + 8, what)
-    on.words(at(1.0), top + 28, "noise alone", anchor="middle")
+    on.words(x_of(1.0), top + 28, "noise alone", anchor="middle")
     on.words(WIDTH - MARGIN, top + 28, "RMS before → after", anchor="end")
     first, bottom = top + 36, top + 36 + ROW * len(pairs)
     for tick in ticks(low, high):
-        on.line(at(tick), first, at(tick), bottom, FAINT)
-        on.words(at(tick), bottom + 15, f"{tick:g}", anchor="middle")
-    on.line(at(1.0), first, at(1.0), bottom, INK)
+        on.line(x_of(tick), first, x_of(tick), bottom, FAINT)
+        on.words(x_of(tick), bottom + 15, f"{tick:g}", anchor="middle")
+    on.line(x_of(1.0), first, x_of(1.0), bottom, INK)
     for number, (one, other) in enumerate(pairs):
         y = first + ROW * (number + 0.5)
         on.words(LEFT - 10, y + 4, one.sensor, anchor="end")
         if not one.n:
             continue
-        before, after = at(one.chi2**0.5), at(other.chi2**0.5)
+        before, after = x_of(one.chi2**0.5), x_of(other.chi2**0.5)
         on.line(before, y, after, y, FAINT, width=4)
         on.dots([(before, y)], ORANGE, radius=5)
         on.dots([(after, y)], BLUE, radius=5)
@@ -297,9 +300,9 @@ class _DrawnCurve:
     x: np.ndarray
     change: np.ndarray
     error: np.ndarray
-    along: str
-    what: str
-    told: Sequence[str]
+    x_label: str
+    y_label: str
+    lines: Sequence[str]
 
 
 def explanation_picture(story: ExplanationResult) -> str:
@@ -307,9 +310,9 @@ def explanation_picture(story: ExplanationResult) -> str:
     drawn = _formula_curve(story) or _free_curve(story)
     if drawn is None:
         raise ValueError("nothing that was found is a curve of one variable")
-    lines = wrap_notes(drawn.told)
+    lines = wrap_notes(drawn.lines)
     top = HEAD + LINE * len(lines)
-    on = headed(f"{drawn.what} along {drawn.along}", lines, top + HEIGHT + BELOW)
+    on = headed(f"{drawn.y_label} along {drawn.x_label}", lines, top + HEIGHT + BELOW)
     low, high = drawn.change - NORMAL_95 * drawn.error, drawn.change + NORMAL_95 * drawn.error
     panel = Panel(
         CURVE_LEFT,
@@ -319,7 +322,7 @@ def explanation_picture(story: ExplanationResult) -> str:
         padded(drawn.x.tolist(), 0.02),
         padded([*low.tolist(), *high.tolist()]),
     )
-    panel.draw(on, drawn.along, "change about the mean")
+    panel.draw(on, drawn.x_label, "change about the mean")
     for values, colour, width in ((low, ORANGE, 1.0), (high, ORANGE, 1.0), (drawn.change, BLUE, 2.0)):
         on.path([panel.to_pixels(x, y) for x, y in zip(drawn.x, values, strict=True)], colour, width=width)
     on.dots([panel.to_pixels(x, y) for x, y in zip(drawn.x, drawn.change, strict=True)], INK, radius=1.5)

@@ -1,18 +1,7 @@
-"""Health over flights: those parameters that changed with their intervals, and all of them at a glance.
+"""Charts over flights: health of one engine, its EGT margin with forecast, and a fleet.
 
-The margin of the hottest temperature over flights, and its forecast to the limit.
-
-Rows of `trend --what margin` as an engine whose margin is drawn, and its maintenance.
-
-Charts of a fleet: evidence, map of engines and parameters, ranking.
-
-How evidence against an engine gathers over its life.
-
-The document of `fleet` as objects, each with its place; what is not known is NaN.
-
-Engines by severity, worst first, with intervals.
-
-Heat map engines × parameters: what is one engine's own, and what all have.
+Of a fleet: the evidence over the life of an engine, engines by severity, and a heat map engines × parameters, which
+shows what is one engine's own and what all have. The document of `fleet` is read as objects; unknown values are NaN.
 """
 
 from __future__ import annotations
@@ -306,7 +295,7 @@ FULL = 8.0
 
 
 def fleet_map(key: str, engines: Sequence[FleetEngine]) -> Chart | None:
-    """Change of each parameter in its standard errors; empty where it is not known, None where no engine tells."""
+    """Change of each parameter in its standard errors; empty where it is not known, None without such an engine."""
     shown = [e for e in engines if any(math.isfinite(_score(h)) for h in e.health)][:MOST]
     names = list(dict.fromkeys(h.words for e in shown for h in e.health if math.isfinite(_score(h))))
     if not shown:
@@ -356,7 +345,7 @@ def _score(health: ParameterHealth) -> float:
 
 
 MOST_CURVES = 5
-"""Parameters in one chart: more are not told apart."""
+"""Parameters in one chart: the eye does not separate more."""
 APART = 0.06
 """Share of the distance of two flights by which series are moved apart, so that intervals do not cover each other."""
 MOST_FLIGHTS = 60
@@ -499,7 +488,7 @@ class MarginSource(Protocol):
 
 
 def margin_forecast(key: str, engine: MarginSource, marks: Sequence[EventMark] = ()) -> Chart | None:
-    """None where no flight tells of the margin."""
+    """None where no flight shows the margin."""
     told = [f for f in engine.by_flight if math.isfinite(f.consumed_K)]
     if not told:
         return None
@@ -546,7 +535,7 @@ def maintenance_marks(engine: MarginSource) -> list[EventMark]:
 
 
 def _forecast(now: float, left_K: float, median: float, ends: tuple[float, float], flights: int) -> list[Layer]:
-    """Straight from what is left now to nothing after so many flights; of each end of the interval as well."""
+    """Straight from the present margin to zero after so many flights; of each end of the interval as well."""
     last = max(1.0, min(median, AHEAD * flights))
     steps = [last * k / 20 for k in range(21)]
 
@@ -575,7 +564,7 @@ class MaintenanceGain:
     gains: Sequence[str]
     temperature_K: IntervalEstimate
     fuel_percent: IntervalEstimate
-    held: str
+    at_equal: str
 
 
 @dataclass(frozen=True)
@@ -588,7 +577,7 @@ class OwnMargin:
 
 
 def read_margin(rows: Sequence[Row]) -> OwnMargin | None:
-    """The margin of the engine of these rows; None where none of them tells of its margin as a whole."""
+    """The margin of the engine of these rows; None where none of them holds the margin as a whole."""
     whole = next((row for row in rows if row.text("row") == WHOLE), None)
     if whole is None:
         return None

@@ -1,8 +1,8 @@
 """A chart as a plot that moves: zoom, hover with the row of origin, series on and off by their legend.
 
 By bokeh (extra `enginediag[report]`), whose script comes in its package. What a page needs of it is plain JSON and that
-script, once; nothing is asked of any network, and ids are counted anew in every plot, so that the same chart gives the
-same bytes.
+script, once; nothing is fetched from any network, and ids are counted anew in every plot, so that the same chart gives
+the same bytes.
 """
 
 from __future__ import annotations
@@ -194,7 +194,7 @@ def _source(chart: Chart, layer: Points | Intervals | Bars | HeatCells, kept: Se
 
 
 def _hover(on: Any, chart: Chart, glyph: Any, source: Any, *, interval: bool = False, value: str = "") -> None:
-    """What stands at the pointer: the place, the number, and where both come from."""
+    """Text at the pointer: the place, the number, and where both come from."""
     tips = [(chart.x.label or "at", "@x"), (chart.y.label or "of", "@y")]
     if interval:
         tips.append(("95 %", "@low to @high"))
@@ -231,7 +231,7 @@ def _places(axis: Axis, values: Sequence[float], kept: Sequence[int]) -> list[An
 
 
 def _names(axis: Axis) -> list[str]:
-    """Categories, told apart where two are called alike."""
+    """Categories, made distinct where two have the same name."""
     met: dict[str, int] = {}
     names = []
     for name in axis.categories:

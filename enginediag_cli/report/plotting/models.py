@@ -1,14 +1,6 @@
-"""Charts of a model: how well it fits, where it differs, the correction that was found, before and after.
+"""Charts of a model: its fit by reading, where it differs (location × driver), corrections with bands, and refinements.
 
-What a refinement gains on flights that were not fitted: each reading before and after, and flight by flight.
-
-A law, or a free curve, along what it varies with, with its band: what is settled whatever the form.
-
-Where model and recordings differ: location × driver, by how surprising a correction there is.
-
-How well an identified engine reproduces each reading, in standard deviations of the noise that was found.
-
-What `--picture` of `detect`, `isolate`, `trend` and `identify` draws: one chart of each answer, as a file.
+Also the charts that `--picture` of `detect`, `isolate`, `trend` and `identify` writes.
 """
 
 from __future__ import annotations
@@ -62,7 +54,7 @@ ALL = "all"
 
 
 def refinement_fit(key: str, rows: Sequence[Row]) -> Chart:
-    """Rows of `refine`; the readings' own unit stands in the table."""
+    """Rows of `refine`; the readings' own unit is in the table."""
     chi2 = [row for row in rows if row.text("what") == CHI2 and row.text("of") != ALL]
     rms = {row.text("of"): row for row in rows if row.text("what") == RMS}
     names = [split_column(row.text("of"))[0] for row in chi2]
@@ -135,7 +127,7 @@ def law_curve(key: str, band: Mapping[str, Any], place: str, origin: RowOrigin) 
 MOST_ROWS, MOST_COLUMNS = 24, 12
 """Places and drivers of a map that can be read."""
 SMALLEST = 1e-300
-"""A p-value that a float no longer tells from nothing."""
+"""A p-value that a float no longer separates from zero."""
 
 
 def mismatch_places(key: str, rows: Sequence[Row], gate: float = math.nan) -> Chart:
@@ -185,7 +177,7 @@ def mismatch_places(key: str, rows: Sequence[Row], gate: float = math.nan) -> Ch
 
 
 def _short(driver: str) -> str:
-    """Of a group of drivers that the flights cannot tell apart, the first two."""
+    """Of a group of indistinguishable drivers the first two."""
     parts = driver.split(" = ")
     return driver if len(parts) < 3 else f"{' = '.join(parts[:2])} + {len(parts) - 2}"
 

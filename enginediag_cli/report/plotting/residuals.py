@@ -1,18 +1,8 @@
 """Charts of residuals: along windows, records, drivers and flights, and as fingerprints.
 
-The statistic of `detect` window by window, as a multiple of its threshold.
-
-The fingerprint: how far each reading is off, beside what each leading answer would do to it.
-
-The fingerprint of a window, from its statistics and the answers that explain it.
-
-Residuals over time: those of the readings that are farthest off.
-
-Residuals over what they may depend on: a fault stays where it is, missing physics bends with its driver.
-
-The health of the instruments: whether each scatters as it did, how far it is off, how often it was silent.
-
-Snapshots: the mean residual of each flight at take-off and in cruise, as engine trend monitoring has it.
+The statistic of `detect` as a multiple of its threshold; the fingerprint of a window, its residuals beside the effect
+of each leading answer; residuals over time and over drivers (a fault is constant, missing physics bends with its
+driver); the health of instruments; snapshots at take-off and in cruise, as engine trend monitoring has them.
 """
 
 from __future__ import annotations
@@ -50,7 +40,7 @@ from enginediag_cli.units import split_column
 COLUMNS = chart_columns("flight", "verdict", "statistic", "threshold", "p value", "fit", "records judged")
 
 SMALLEST = 1e-3
-"""Multiple of the threshold at which smaller ones are drawn: far below, nothing is to be told apart."""
+"""Multiple of the threshold at which smaller ones are drawn: far below, nothing can be separated."""
 
 
 def detection_course(key: str, rows: Sequence[Row], marks: Sequence[EventMark] = ()) -> Chart:
@@ -180,7 +170,7 @@ def _ratio(value: float, error: float) -> float:
 
 
 MOST_RIVALS = 2
-"""Answers beside the first in a fingerprint: more bars are not told apart."""
+"""Answers beside the first in a fingerprint: the eye does not separate more bars."""
 
 Answers = Sequence[tuple[tuple[str, ...], float]]
 """Sets of parameters with their probabilities, the leading one first."""
@@ -311,7 +301,7 @@ def _chart(key: str, records: ResidualRecords, driver: str, which: str) -> Chart
 def sensors_health(
     key: str, records: ResidualRecords, wrong: Mapping[str, float], masked: Mapping[str, int] | None = None
 ) -> Chart:
-    """wrong: by sensor column, the probability that it reads wrong, where it was asked for; masked: readings masked."""
+    """wrong: by sensor column, the probability that it reads wrong, where it is known; masked: readings masked."""
     names = list(records.sigmas)
     stretches = [mine for _, mine in records.stretches()]
     scatter = [_scatter(records.sigmas[name], stretches) for name in names]

@@ -1,4 +1,4 @@
-"""Drawings as SVG text, or as PNG for what takes no SVG; and any chart as a drawing that stands for itself.
+"""Drawings as SVG text, or as PNG for what takes no SVG; and any chart as a drawing of its own.
 
 A `Drawing` has rectangles, lines, dots and words at coordinates in pixels, y downwards; a `Panel` of it has two axes
 with round ticks and the scale from data to pixels. `picture` draws a `Chart`. The same numbers give the same bytes.
@@ -59,7 +59,7 @@ class Letters:
 
 PLAIN = Letters()
 TITLE, HEADING, LABEL, SMALL = Letters(17.0, bold=True), Letters(13.0, bold=True), Letters(13.0), Letters(11.0)
-"""Sizes that can be told apart and read beside text of 12 pixels."""
+"""Sizes that are distinct and legible beside text of 12 pixels."""
 
 
 class Drawing:

@@ -62,10 +62,10 @@ class Columns(Generic[Source]):
     def part(self, get: Callable[[Source], Any], columns: Sequence[Column]) -> tuple[Column, ...]:
         """Columns of a part of the result; cells are empty where there is no such part."""
 
-        def within(of_part: Callable[[Any], Any]) -> Callable[[Source], Any]:
+        def value(of_part: Callable[[Any], Any]) -> Callable[[Source], Any]:
             return lambda source: None if (found := get(source)) is None else of_part(found)
 
-        return tuple(replace(c, value=within(c.value)) for c in columns)
+        return tuple(replace(c, value=value(c.value)) for c in columns)
 
 
 def _kind(kind: str, help: str) -> tuple[str, str, Any]:
@@ -124,7 +124,7 @@ class Table(Generic[Source]):
 
     @property
     def id(self) -> str:
-        """ "enginediag/detect/1", as it stands in the head of a file."""
+        """ "enginediag/detect/1", as in the head of a file."""
         return f"enginediag/{self.name}/{self.version}"
 
     @property

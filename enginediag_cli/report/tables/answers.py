@@ -1,4 +1,4 @@
-"""What stands beside an answer: what to record next, what would flip it, and what restoring a module would bring.
+"""Additions to an answer: what to record next, the sensitivity of the conclusion, and the work scope.
 
 As sentences, as objects for JSON, and as texts for a table, where they have to be asked for.
 """
@@ -63,12 +63,12 @@ WORK_SCOPE = part("work_scope", "turbine temperature and fuel at equal power if 
 
 
 WHOLE_FLIGHTS = 2
-"""Whole flights that are told: the best, and one of another kind to choose instead."""
+"""Whole flights that are listed: the best, and one of another kind to choose instead."""
 
 
 def next_recording(found: NextRecording | None) -> list[str]:
-    """The rivals, then the best operating conditions, sensors and whole flights (between all leading sets), with the
-    records that each takes; empty where the answer has no rival."""
+    """The alternative hypotheses, then the best operating conditions, sensors and whole flights (between all leading
+    sets), with the records that each takes; empty where the answer has no alternative."""
     if found is None:
         return []
     words = [listed(parameter_words(found.meaning, names)) or "no change" for names in found.alternatives]
@@ -87,12 +87,12 @@ def next_recording(found: NextRecording | None) -> list[str]:
     return lines
 
 
-TOLD = 3
-"""Flips told in a sentence, the nearest first; rows have all."""
+MOST_CONDITIONS = 3
+"""Conditions in a sentence, the nearest first; rows have all."""
 LARGE = 0.2
-"""Share of a reading that is not told any more: of a temperature's or a height's deviation it means nothing."""
+"""Share of a reading from which it is not written: of a temperature's or a height's deviation it means nothing."""
 MANY = 1e6
-"""Odds from which only their order of magnitude is told."""
+"""Odds from which only their order of magnitude is written."""
 
 Words = Callable[[Sequence[str]], Sequence[str]]
 """How the names of an answer are said."""
@@ -109,8 +109,8 @@ def flip_cells(flips: SensitivityAnalysis | None, words: Words) -> dict[str, Any
 
 
 def flip_column(flips: SensitivityAnalysis | None, words: Words) -> dict[str, Any]:
-    """The nearest flips as one column for a table."""
-    return {"flips": None if flips is None else [_short(flip) for flip in flips.changes[:TOLD]]}
+    """The nearest changes of the conclusion as one column of a table."""
+    return {"flips": None if flips is None else [_short(flip) for flip in flips.changes[:MOST_CONDITIONS]]}
 
 
 def _cells(flip: ConclusionChange, first: Sequence[str], words: Words) -> dict[str, Any]:
@@ -161,13 +161,12 @@ def _condition(flip: ConclusionChange, words: Words) -> str:
 
 
 def flips_sentence(flips: SensitivityAnalysis, words: Words) -> str:
-    """The nearest flips in one sentence, or that there are none."""
+    """Sensitivity of the conclusion in one sentence."""
     errors = [flip for flip in flips.changes if flip.error is not None]
     prior = [flip for flip in flips.changes if flip.error is None]
     if errors:
-        return (
-            f"the answer would {'; or '.join(_outcome(flip, flips.conclusion, words) for flip in flips.changes[:TOLD])}"
-        )
+        outcomes = [_outcome(flip, flips.conclusion, words) for flip in flips.changes[:MOST_CONDITIONS]]
+        return f"the answer would {'; or '.join(outcomes)}"
     rest = f"; it would {_outcome(prior[0], flips.conclusion, words)}" if prior else ""
     return (
         f"no single error of a map, a sensor or an input would change the name within {flips.most:g} times what is "
@@ -194,7 +193,7 @@ def flip_words(story: ExplanationResult) -> Words:
 
 
 def explanation_flips(story: ExplanationResult) -> Iterator[str]:
-    """What would flip the first name of `explain`; nothing where none is named."""
+    """What would change the first explanation of `explain`; nothing where none is named."""
     if story.flips is not None:
         told = flips_sentence(story.flips, flip_words(story))
         yield f"{told[:1].upper()}{told[1:]}."
@@ -219,13 +218,13 @@ def work_scope_cell(scope: WorkScope | None) -> dict[str, Any] | None:
 
 
 def reference_cells(reference: PowerReference | None) -> dict[str, Any]:
-    """Where a gain is told."""
+    """Operating point of a gain."""
     if reference is None:
         return {"reference": None, "inputs": None, "held": None, "temperature": None, "fuel": None}
     return {
         "reference": reference.words,
         "inputs": dict(reference.inputs),
-        "held": reference.held_column,
+        "held": reference.fixed_column,
         "temperature": reference.temperature,
         "fuel": reference.fuel,
     }
@@ -280,7 +279,7 @@ def gain_words(gain: Gain, reference: PowerReference) -> str:
 def _gain_sentence(gain: Gain, reference: PowerReference, past: bool = False) -> str:
     quantity, unit = split_column(reference.temperature)
     name = quantity if reference.recorded else f"{quantity} (of the model)"
-    held = "power" if reference.held_column == POWER else "thrust"
+    held = "power" if reference.fixed_column == POWER else "thrust"
     first = _change_words(name, gain.temperature, unit, past)
     share = Quantity(PERCENT * gain.fuel.share, PERCENT * gain.fuel.share_deviation, 0.0, 0.0)
     return f"{first} and {_change_words('fuel flow', share, '%', past)} at equal {held} ({reference.words})"
@@ -295,8 +294,8 @@ def _change_words(name: str, gain: Quantity, unit: str, past: bool) -> str:
 def maintenance_sentence(
     found: MaintenanceEffect, known: Mapping[str, Parameter], reference: PowerReference | None
 ) -> str:
-    """What maintenance did bring, and of what it is told."""
-    sides = f"{count(found.before, 'flight')} before against {found.after} after"
+    """What maintenance restored, and at which operating point."""
+    sides = f"{count(found.flights_before, 'flight')} before against {found.flights_after} after"
     if not found.names:
         return f"nothing changed with it for certain ({sides}; probability {probability(found.probability)})"
     parts = [
@@ -313,8 +312,8 @@ def maintenance_cell(found: MaintenanceEffect, reference: PowerReference | None)
     gain = {} if found.gain is None or reference is None else gain_cells(found.gain, reference)
     return {
         **reference_cells(reference),
-        "flights_before": found.before,
-        "flights_after": found.after,
+        "flights_before": found.flights_before,
+        "flights_after": found.flights_after,
         "changed": list(found.names),
         "probability": found.probability,
         "change": list(found.change),

@@ -334,7 +334,7 @@ RECORDS: Table[dict[str, Any]] = Table(
 
 
 def report_window(messages: Messages, verdict: Verdict, *, in_words: bool) -> None:
-    """Instruments that are stuck or scatter, where they are told in words; a window that is not healthy, for the log
+    """Instruments that are stuck or scatter, where they are named in words; a window that is not healthy, for the log
     alone: its rows say more."""
     if in_words and verdict.window.instruments:
         from enginediag_cli.report.tables.isolation import report_instruments

@@ -1,7 +1,7 @@
 """What a model lacks, in sentences: effects, faults in time, unlisted physics, hidden switches, controls, and doubts.
 
-Also what an explanation leaves of a mismatch, why something that was fitted is no explanation, and what was not looked
-for because a recorder left out the records that would show it.
+Also the residual of an explanation, why something that was fitted is no explanation, and what was not searched for
+because a recorder excludes the records that would show it.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def control_headline(law: ControlLaw) -> str:
     quantity, unit = split_column(law.hold)
     a = law.actuator
     stops = [f"{rounded(v)} {a.unit}" for v in (law.low, law.high)]
-    return f"{a.words}: {quantity} is held at {format_quantity(law.set_point, unit, digits=5)} between {listed(stops)}"
+    return f"{a.words}: {quantity} is fixed at {format_quantity(law.set_point, unit, digits=5)} between {listed(stops)}"
 
 
 def control_sentences(f: ControlSearchResult) -> Iterator[str]:
@@ -160,7 +160,7 @@ def _start(text: str) -> str:
 
 
 def gated_sentences(g: UnsteadyRecords | None) -> Iterator[str]:
-    """None where nothing was left out."""
+    """None where nothing was excluded."""
     if g is not None:
         yield (
             f"Not looked for: {count(len(g.effects), 'effect')} with memory ({', '.join(g.effects)}), which would show "
@@ -170,11 +170,11 @@ def gated_sentences(g: UnsteadyRecords | None) -> Iterator[str]:
 
 
 LEAST_SHARE = 0.005
-"""A share that is told as nothing."""
+"""A share that is written as zero."""
 LIKELIER = 0.5
-"""Probability of all that is told from which it is likelier than not."""
+"""Probability of all explanations listed from which it is likelier than not."""
 PLACES = 3
-"""Places that are told one by one."""
+"""Places that are listed one by one."""
 
 
 def residual_share_words(a: Answer) -> str:
@@ -187,7 +187,7 @@ def residual_share_words(a: Answer) -> str:
 
 
 def doubt_sentence(a: Answer) -> Iterator[str]:
-    """Where what is named and its rivals are together less likely than all that was fitted and not named."""
+    """Where the explanations named are together less likely than those fitted and not named."""
     told = sum(x.probability for x in a.explanations)
     if told < LIKELIER and not a.in_part:
         yield (
@@ -228,7 +228,7 @@ def rejection_words(r: Rejected) -> str:
 
 
 SHOWN = 5
-"""Rejected explanations that are told one by one; the rest are counted."""
+"""Rejected explanations that are listed one by one; the rest are counted."""
 
 
 def sentences(story: ExplanationResult) -> Iterator[str]:
@@ -347,7 +347,8 @@ def _named(story: ExplanationResult) -> Iterator[str]:
 
 
 def _gained(story: ExplanationResult, left: str = "") -> str:
-    """What the first explanation gains, on the flights together and on those left out in turn, and what is `left`."""
+    """What the first explanation gains, on the flights together and in cross-validation, and the unexplained part
+    `left`."""
     x = story.answer.explanations[0]
     asked = x.flights == x.flights
     share = "every flight is" if x.flights >= 1.0 else f"{100 * x.flights:.0f} % of the flights are"
@@ -359,7 +360,7 @@ def _gained(story: ExplanationResult, left: str = "") -> str:
 
 
 def _law(story: ExplanationResult) -> Iterator[str]:
-    """A law that no library holds, with what is settled of it and what it leaves."""
+    """An empirical correction, with what is settled of it and its residual."""
     a, x = story.answer, story.answer.explanations[0]
     assert a.law is not None
     effects = [e for o in x.options for e in o.hypothesis.effects]
@@ -376,7 +377,7 @@ def _law(story: ExplanationResult) -> Iterator[str]:
 
 
 def _coefficients(x: Explanation, effect: Effect) -> Iterator[str]:
-    """Those of an effect, each in a line; of a law with many its curve is told in their place."""
+    """Those of an effect, each in a line; of a formula with many its curve is written instead."""
     if not is_long(effect.term):
         for c in x.coefficients:
             if c.name in effect.amplitudes:

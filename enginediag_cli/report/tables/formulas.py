@@ -1,8 +1,7 @@
-"""A law that no library holds, in plain sentences: what it says, what is settled of it, and what it leaves.
+"""Empirical corrections and hidden effects of `explain`, in sentences and as parts of its document.
 
-Effects whose driver no column records, in plain sentences: where, when they switch, what that follows after all.
-
-What to record next, in words and as rows of a document.
+A correction: its formula, what is settled of it, and its residual. An effect whose driver no column records: where it
+acts, when it switches, and what that follows. What to record next.
 """
 
 from __future__ import annotations
@@ -36,14 +35,14 @@ if TYPE_CHECKING:
 
 
 POSSIBLE = 0.02
-"""Probability below which a rival is not told."""
+"""Probability below which an alternative is not listed."""
 MOST = 3
-"""Rivals in a sentence."""
+"""Alternatives in a sentence."""
 MANY, LONG = 5, 300
-"""Coefficients of a law, and letters of its formula, that a reader follows; of one with more its curve is told in their
-place."""
+"""Coefficients of a law, and letters of its formula, that a reader follows; of one with more its curve is written
+instead."""
 ALONG = 5
-"""Points of such a curve that are told."""
+"""Points of such a curve that are written."""
 
 
 def is_long(term: Term) -> TypeGuard[Law]:
@@ -218,7 +217,7 @@ def _averaged(found: LawFinding) -> Iterator[str]:
 
 
 def _form(x: Share, first: Set[str]) -> str:
-    """Its forms in words; its variables by name where they are not those that are told `first`."""
+    """Its forms in words; its variables by name where they are not those named `first`."""
     it = "it" if len(x.of) == 1 else "both"
     if {v.name for v in x.of} != first:
         it = listed([v.words for v in x.of], "and")
@@ -359,12 +358,12 @@ def follows_document(follows: HysteresisFit) -> dict[str, Any]:
     }
 
 
-TOLD = 2
-"""Suggestions that are told unasked: the best, and one to choose instead."""
+MOST_SUGGESTIONS = 2
+"""Suggestions that are always listed: the best, and one to choose instead."""
 
 
 def advice_sentences(advice: Advice | None, *, all_kinds: bool = False) -> Iterator[str]:
-    """The rivals, and what would tell them apart: the best two, or the best of every kind."""
+    """The alternatives, and what would separate them: the best two, or the best of every kind."""
     if advice is None:
         return
     rivals = [f"{label} ({probability(p)})" for label, p in advice.rivals]
@@ -373,7 +372,7 @@ def advice_sentences(advice: Advice | None, *, all_kinds: bool = False) -> Itera
     useful = [s for s in kinds if math.isfinite(s.records)]
     if not useful:
         yield "  no recording that was tried would do so surely."
-    for s in kinds if all_kinds else useful[:TOLD]:
+    for s in kinds if all_kinds else useful[:MOST_SUGGESTIONS]:
         yield f"  {suggestion(s)}"
 
 
@@ -381,10 +380,10 @@ def suggestion(s: Suggestion) -> str:
     """One recording that would help, how soon, and what RECORDS records of it promise."""
     what = {
         SAME: "more records like these",
-        SWITCH: f"records like these with {s.what} switched off and on by turns",
-        SENSOR: f"records like these with {s.what} recorded",
-    }.get(s.kind, s.what)
-    beyond = "" if s.known else " (beyond the conditions flown)"
+        SWITCH: f"records like these with {s.subject} switched off and on by turns",
+        SENSOR: f"records like these with {s.subject} recorded",
+    }.get(s.kind, s.subject)
+    beyond = "" if s.is_flown else " (beyond the conditions flown)"
     settled = f"after {RECORDS} the right one is found with probability {probability(s.chance)}"
     if not math.isfinite(s.records):
         return f"{what}{beyond}: {settled}"
@@ -394,7 +393,7 @@ def suggestion(s: Suggestion) -> str:
 
 
 def advice_document(advice: Advice | None) -> dict[str, Any] | None:
-    """For JSON: rivals, and every suggestion with its words."""
+    """For JSON: alternatives, and every suggestion with its words."""
     if advice is None:
         return None
     return {
@@ -403,10 +402,10 @@ def advice_document(advice: Advice | None) -> dict[str, Any] | None:
         "suggestions": [
             {
                 "kind": s.kind,
-                "what": s.what,
+                "what": s.subject,
                 "records": s.records,
                 "chance": s.chance,
-                "known": s.known,
+                "known": s.is_flown,
                 "in_words": suggestion(s),
             }
             for s in advice.suggestions

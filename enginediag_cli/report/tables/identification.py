@@ -1,8 +1,7 @@
-"""What identification found, in lines of text for people.
+"""`identify` and `refine`: their tables, words and documents.
 
-Probes that the heat balances contradict, in words.
-
-`refine`: its tables, words and document: what unseen flights say before and after, of effects or of a control.
+`identify`: estimates, lags, errors of maps, and probes that the heat balances contradict. `refine`: the fit on unseen
+flights before and after, of effects or of a control.
 """
 
 from __future__ import annotations
@@ -47,9 +46,9 @@ GIVEN_UP = {
 }
 """What is said of what an identification gave up."""
 NOTEWORTHY = 1.1
-"""Size of a map error, as a multiple of what is stated, from which it is told."""
+"""Size of a map error, as a multiple of what is stated, from which it is reported."""
 PLAINLY = 0.9
-"""Share of a reading's error while power changes that is left without what it lags by, below which that is told."""
+"""Share of a reading's error while power changes that remains without its lag, below which that is reported."""
 SHOWN_COMBINATIONS = 12
 """Unidentified combinations that are listed; the rest are counted."""
 FEW_RECORDS = 20.0
@@ -394,7 +393,7 @@ def sentences(r: Refinement) -> Iterator[str]:
                 yield f"  {_coefficient(c, value, error)}{rate_words(e, c, (value, value - half, value + half))}"
     yield from map(criterion_in_words, r.criteria)
     if r.unseen is not None:
-        yield f"{unseen_flights_words(r)}."
+        yield f"{validation_flights_words(r)}."
         if r.unseen.lost:
             yield f"{count(r.unseen.lost, 'unseen record')} could not be computed by both models."
         for name, (before, after) in (r.unseen.states or {}).items():
@@ -424,7 +423,7 @@ def _coefficient(declared: Coefficient, value: float, error: float | None) -> st
 
 
 def criterion_in_words(c: Criterion) -> str:
-    """What was asked, what was found, and whether it is enough."""
+    """What was required, what was found, and whether it is enough."""
     if isinstance(c, Significance):
         differs = "differs" if c.met else "does not differ"
         asked = f"Wald's test, p {_equal(c.p)}; below {LEVEL:g} is required"
@@ -454,7 +453,7 @@ def refusal(r: Refinement) -> str:
     return text.removesuffix(".") if refused else f"cannot be judged on these flights. {text.removesuffix('.')}"
 
 
-def unseen_flights_words(r: Refinement) -> str:
+def validation_flights_words(r: Refinement) -> str:
     """What the unseen flights say of the fit, or nothing."""
     u = r.unseen
     if u is None:
@@ -574,7 +573,7 @@ def _equal(p: float) -> str:
 
 
 FEWEST = 30
-"""Records of a regime below which its figures are not told in a sentence; rows have them."""
+"""Records of a regime below which its figures are not written in a sentence; rows have them."""
 
 
 def control_refinement_rows(r: ControlRefinement) -> Iterator[dict[str, Any]]:

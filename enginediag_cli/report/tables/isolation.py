@@ -511,7 +511,7 @@ def report_diagnosis(
 
 
 def _named_sentence(named: NamedIsolation, known: Mapping[str, Parameter]) -> str:
-    """The named answer and its leading rival."""
+    """The named answer and its leading alternative."""
 
     if named.faults:
         sentence = named_fault([(s.fault, s.value, s.upper - s.value) for s in named.severities], named.probability)

@@ -104,12 +104,12 @@ TESTS = {
 
 
 def kind_words(kind: Kind) -> str:
-    """The kinds as one cell: "effect", or "fault or sensor fault" where the flights do not tell."""
+    """The kinds as one cell: "effect", or "fault or sensor fault" where the flights do not show which."""
     return " or ".join(kind.names)
 
 
 def located_rows(located: Located, kind: Kind, everything: bool) -> Iterator[dict[str, Any]]:
-    """One row per place within reach, or per place of the map; a single row where there is no place to tell.
+    """One row per place within reach, or per place of the map; a single row where there is no place to name.
 
     What has no recorded driver comes first, with 2 ln of its likelihood ratio as statistic.
     """
@@ -343,7 +343,7 @@ def _amplitude(f: HiddenFinding) -> ScatterData:
 
 
 SEPARATED = 5.0
-"""Times the χ² per record of the best from which a place is told apart."""
+"""Times the χ² per record of the best from which a place is separated."""
 
 
 def per_record_rows(found: Sequence[PerRecord]) -> Iterator[dict[str, Any]]:

@@ -1,6 +1,6 @@
-"""`trend --what margin`: its table and words: what margin is left, what maintenance gave back, how long it lasts.
+"""`trend --what margin` and `fleet`: their tables, documents and words.
 
-What `fleet` found, as rows, as one document, and in words.
+The EGT margin left, what maintenance restored, and the flights to the limit; the findings of a fleet.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ if TYPE_CHECKING:
 
 part_column: Columns[Any] = Columns()
 FLIGHT, MAINTENANCE, WHOLE = "flight", "maintenance", "margin"
-"""What a row tells, in its cell `row`."""
+"""What a row is about, in its cell `row`."""
 NO_LIMIT = "no limit is stated"
-"""The reason that can be mended by an option."""
+"""The reason that an option can remove."""
 AS_MUCH = "until as much is lost as when engines are removed from wing"
 """The limit where no temperature is stated."""
 
@@ -87,11 +87,11 @@ class MarginRow(NamedTuple):
         return None if found is None or found.gain is None or reference is None else (found.gain, reference)
 
     @property
-    def held(self) -> str | None:
+    def comparison_point(self) -> str | None:
         if self.gain is None:
             return None
         _, reference = self.gain
-        held = "power" if reference.held_column == POWER else "thrust"
+        held = "power" if reference.fixed_column == POWER else "thrust"
         return f"{split_column(reference.temperature)[0]} at equal {held}, {reference.words}"
 
     @property
@@ -214,7 +214,7 @@ MARGIN: Table[MarginRow] = Table(
             lambda row: _gain_estimate(row, "fuel_gain_percent", "fuel_low_percent", "fuel_high_percent"),
             "%",
         ),
-        margin_column("held", "text?", "at which power and operating point that is"),
+        margin_column("held", "text?", "at which power and operating point that is", lambda r: r.comparison_point),
         margin_column("reason", "text?", "why something is unknown"),
     ),
     (
@@ -237,7 +237,7 @@ MARGIN: Table[MarginRow] = Table(
 
 
 def margin_rows(margins: SeriesMargins) -> Iterator[dict[str, Any]]:
-    """Rows of all engines: what is left, flight by flight, what maintenance gave back, and how long it lasts."""
+    """Rows of all engines: margin left, flight by flight, what maintenance gave back, and how long it lasts."""
     known = margins.series.parameters
     for followed in margins.engines.values():
         finding, stretches = followed.finding, margins.series.stretches[followed.finding.serial]
@@ -273,7 +273,7 @@ def report_margins(messages: Messages, margins: SeriesMargins) -> None:
 
 
 def removal_words(limit_K: tuple[float, float]) -> str:
-    """What engines that were taken off tell of how far the others may go."""
+    """The limit for other engines, from those that were removed from wing."""
     return "engines were removed from wing with {:.0f} K of their margin lost, give or take {:.0f} K".format(*limit_K)
 
 
@@ -362,10 +362,10 @@ TERMINAL = (
 """Columns of engines that a narrow terminal shows, most important first."""
 
 SHOWN = 10
-"""Recordings that are told one by one; the document has all."""
+"""Recordings that are listed one by one; the document has all."""
 
 LIKELY = 0.5
-"""Probability from which a parameter is told as changed."""
+"""Probability from which a parameter is reported as changed."""
 
 
 def engine_rows(result: FleetRun) -> Iterator[dict[str, Any]]:
@@ -439,10 +439,10 @@ def document(result: FleetRun, provenance: Sequence[str]) -> dict[str, Any]:
         "description": fleet.description,
         "engines": ({"rank": k, **_engine(x)} for k, x in enumerate(finding.engines, start=1)),
         "common": [asdict(x) for x in finding.common],
-        "discoveries": asdict(finding.discoveries),
+        "discoveries": asdict(finding.flagged),
         "left_out": [
-            *({"recording": name, "reason": why} for name, why in result.left_out),
-            *({"engine": name, "reason": why} for name, why in finding.left_out),
+            *({"recording": name, "reason": why} for name, why in result.excluded),
+            *({"engine": name, "reason": why} for name, why in finding.excluded),
             *({"event of engine": name, "reason": "no recording is of this engine"} for name in result.unknown_engines),
         ],
         "consumed_limit_K": result.consumed_limit_K,
@@ -468,7 +468,7 @@ def document(result: FleetRun, provenance: Sequence[str]) -> dict[str, Any]:
 
 
 def _engine(x: EngineFinding) -> dict[str, Any]:
-    """Without its `state`, of which `common` tells what it comes to, and without the moments of its `events`."""
+    """Without its `state`, which `common` summarises, and without the moments of its `events`."""
     told = asdict(replace(x, state=None, event_changes=(), instruments=()))
     del told["state"], told["event_changes"]
     return {**told, "instruments": [_instrument(found) for found in x.instruments]}
@@ -508,7 +508,7 @@ def _model(model: BuildModel) -> dict[str, Any]:
 
 
 def report_models(messages: Messages, result: FleetRun) -> None:
-    """What each build is held against, on stderr."""
+    """The nominal state of each build, on stderr."""
     for name, model in result.models.items():
         found = model.identified
         if found is None:
@@ -519,11 +519,11 @@ def report_models(messages: Messages, result: FleetRun) -> None:
 
 
 def report_fleet(messages: Messages, result: FleetRun) -> None:
-    """What was left out, and what is common, on stderr."""
-    for name, why in result.left_out[:SHOWN]:
+    """Excluded data, and what is common, on stderr."""
+    for name, why in result.excluded[:SHOWN]:
         messages.warning(f"{name}: excluded: {why}")
-    if len(result.left_out) > SHOWN:
-        messages.warning(f"{len(result.left_out) - SHOWN} more recordings excluded; --format json lists all")
+    if len(result.excluded) > SHOWN:
+        messages.warning(f"{len(result.excluded) - SHOWN} more recordings excluded; --format json lists all")
     if result.unknown_engines:
         messages.warning(
             f"events name engines of which there is no recording: {', '.join(result.unknown_engines[:SHOWN])}"
@@ -531,7 +531,7 @@ def report_fleet(messages: Messages, result: FleetRun) -> None:
     for line in (*not_judged_lines(result.counts), *outside_envelope_lines(result.outside_training)):
         messages.note(line)
     counts = result.counts
-    judged = len(result.recordings) - len(result.left_out)
+    judged = len(result.recordings) - len(result.excluded)
     messages.note(
         f"{count(len(result.finding.engines), 'engine')}, {count(judged, 'recording')}, "
         f"{count(counts['records'], 'record')}; {count(counts['fresh'], 'recording')} newly reduced to statistics"
@@ -546,8 +546,8 @@ def report_fleet(messages: Messages, result: FleetRun) -> None:
     for common in result.finding.common:
         if common.common:
             messages.note(f"{common.words}: {common.reading}")
-    if result.finding.discoveries.words:
-        messages.note(result.finding.discoveries.words)
+    if result.finding.flagged.words:
+        messages.note(result.finding.flagged.words)
 
 
 def status_rows(standing: StoreStatus) -> Iterator[dict[str, Any]]:

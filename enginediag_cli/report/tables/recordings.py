@@ -1,6 +1,6 @@
-"""What is known of recordings and of files they are judged by: what was excluded and why, what `check` says, the log.
+"""`check`, `simulate` and the intake of recordings: excluded data with reasons, and the acceptance report.
 
-The acceptance report of a recording is told as rows, one for each thing that is known of it, and as a page of lines; of
+The acceptance report of a recording has rows, one for each finding, and a page of lines; of
 an engine file `check` shows its design table, and a heating value that does not fit the fuel. The columns of what
 `simulate` records are here, too.
 """
@@ -342,7 +342,7 @@ def _content_words(report: CheckedFile) -> str:
 
 
 def remarks(report: CheckedFile) -> Iterator[Remark]:
-    """All that is known of a recording, in the order in which it would be mended."""
+    """All that is known of a recording, in the order in which it would be fixed."""
     yield from _columns(report)
     yield from _units(report)
     yield from _records(report)

@@ -136,9 +136,12 @@ _FIT = (
                 "of the engine: changed, steady, differs from nominal from the first flight on, or cannot tell",
             ),
             story_column(
-                "fit_before", "number?", "χ² per degree of freedom without any change", lambda story: story.fit.before
+                "fit_before",
+                "number?",
+                "χ² per degree of freedom without any change",
+                lambda s: s.fit.chi2_before,
             ),
-            story_column("fit", "number?", "χ² per degree of freedom with this change", lambda story: story.fit.after),
+            story_column("fit", "number?", "χ² per degree of freedom with this change", lambda s: s.fit.chi2_after),
             story_column("unlisted", "number?", "probability that it is something that is not among the suspects"),
         ),
     ),
@@ -220,7 +223,7 @@ def _likelihood(row: TrendRow) -> float:
 
 
 def _suspects(row: TrendRow) -> list[str]:
-    """Of the event; without one those of which it cannot be told whether they changed."""
+    """Of the event; without one those of which it is not known whether they changed."""
     undecided = row.story.undecided.members if row.story.undecided else ()
     return _format_suspects(row.event, row.event.members if row.event else undecided)
 
@@ -273,14 +276,14 @@ def trend_rows(
 def component_rows(
     engine: str, story: SeriesDiagnosis, series: Series, scope: WorkScope | None = None, form: str = ""
 ) -> Iterator[dict[str, Any]]:
-    """One row per event, with the component or the class of components; one alone where nothing changed or it cannot be
-    told whether anything did, with the suspects as rivals. form: as of `trend_rows`."""
+    """One row per event, with the component or the class of components; one alone where nothing changed or it is not
+    known whether anything did, with the suspects as alternatives. form: as of `trend_rows`."""
     restored, optional = work_scope_cells(scope, form)
     for event in story.events or (None,):
         yield EVENTS.row(TrendRow(engine, story, series, event, work_scope=restored), optional)
 
 
-class FlightChange(NamedTuple):
+class FlightParameter(NamedTuple):
     """The change of a parameter in one flight of a series."""
 
     engine: str
@@ -293,9 +296,9 @@ class FlightChange(NamedTuple):
     unit: str
 
 
-flight_column: Columns[FlightChange] = Columns()
+flight_column: Columns[FlightParameter] = Columns()
 
-FLIGHTS: Table[FlightChange] = Table(
+FLIGHTS: Table[FlightParameter] = Table(
     "trend/flights",
     1,
     "trend --what flights: one row per flight and parameter",
@@ -328,7 +331,9 @@ def flight_rows(series: Series) -> Iterator[dict[str, Any]]:
             found = estimate_flight_change(stretch.statistics)
             for name, size, error in zip(found.parameters, found.change, found.standard_error, strict=True):
                 unit = series.parameters[name].unit
-                yield FLIGHTS.row(FlightChange(engine, counts[engine], stretch, found.records, name, size, error, unit))
+                yield FLIGHTS.row(
+                    FlightParameter(engine, counts[engine], stretch, found.records, name, size, error, unit)
+                )
 
 
 def report_instruments_over_flights(messages: Messages, series: Series) -> None:
@@ -346,8 +351,8 @@ def report_trend(messages: Messages, engine: str, story: SeriesDiagnosis, series
         messages.warning(f"{name}the search for onsets did not converge", engine=engine)
     if story.events:
         messages.note(
-            f"{name}chi2 per degree of freedom, by the scatter of the series: {story.fit.before:.3g} without, "
-            f"{story.fit.after:.3g} with the change below",
+            f"{name}chi2 per degree of freedom, by the scatter of the series: {story.fit.chi2_before:.3g} without, "
+            f"{story.fit.chi2_after:.3g} with the change below",
             engine=engine,
         )
     if story.differs_from_start:
@@ -367,7 +372,7 @@ def report_trend(messages: Messages, engine: str, story: SeriesDiagnosis, series
     if story.unlisted >= HALF:
         messages.warning(
             f"{name}no conclusion: probably none of the suspects (probability {probability(story.unlisted)}); "
-            f"the best listed change leaves chi2 per degree of freedom {story.fit.after:.3g}",
+            f"the best listed change leaves chi2 per degree of freedom {story.fit.chi2_after:.3g}",
             engine=engine,
         )
     if story.undecided:

@@ -1,8 +1,6 @@
-"""Declared columns of trials and studies: `prove` and `study`.
+"""`prove` and `study`: the columns of trials and studies.
 
-The score sheets of `prove`: as rows, and as one object, which holds the same by score.
-
-What `study` writes: rates, counts or reliability as rows, all of it as one object.
+The score sheets of `prove` and the rates, counts or reliability of `study`, as rows and as one object.
 """
 
 from __future__ import annotations
