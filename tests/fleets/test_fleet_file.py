@@ -43,7 +43,11 @@ def written(folder: Path, text: str) -> Path:
         ("recordings:", "engines: {serial_from: file, pattern: 'e_('}\nrecordings:", "3:39: error: not a regular"),
         ("recordings:", "engines: {serial_from: file, pattern: 'e'}\nrecordings:", "3:39: error: the pattern has 0"),
         ("recordings:", "judge: {window: ten}\nrecordings:", "3:17: error: 'ten' is not a number of records"),
-        ("recordings:", "judge: {taken_off: ['1', '2']}\nrecordings:", "3:20: error: 2 engines do not determine a limit"),
+        (
+            "recordings:",
+            "judge: {taken_off: ['1', '2']}\nrecordings:",
+            "3:20: error: 2 engines do not determine a limit",
+        ),
         (
             "recordings:",
             "judge: {taken_off: ['1', '2', '3'], consumed_limit_K: [25, 3]}\nrecordings:",
