@@ -207,7 +207,6 @@ def _isolation_rows(question: RecordingsQuestion, windows: list[WindowStatistics
     from enginediag_cli.isolation.methods import IsolationOptions
     from enginediag_cli.isolation.windows import WindowIsolation
     from enginediag_cli.report.tables.isolation import isolated_rows
-    from enginediag_cli.residuals.long_windows import RecentRecords
 
     judging, kept = question.judging, None
     if not judging.reference and judging.linearise == "estimate":
