@@ -207,10 +207,11 @@ def _isolation_rows(question: RecordingsQuestion, windows: list[WindowStatistics
     from enginediag_cli.isolation.methods import IsolationOptions
     from enginediag_cli.isolation.windows import WindowIsolation
     from enginediag_cli.report.tables.isolation import isolated_rows
+    from enginediag_cli.residuals.long_windows import RecentRecords
 
     judging, kept = question.judging, None
     if not judging.reference and judging.linearise == "estimate":
-        kept = RecordHistory(question.isolating, short_windows=not judging.plan.is_whole_flight)
+        kept = RecentRecords(question.isolating, short_windows=not judging.plan.is_whole_flight)
     nonlinear = "auto" if judging.linearise == "estimate" else "never"
     options = DiagnosisOptions(isolation=IsolationOptions(false_alarm=question.false_alarm), nonlinear=nonlinear)
     isolating = WindowIsolation(
