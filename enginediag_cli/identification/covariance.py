@@ -1,4 +1,6 @@
-"""Covariance of the estimates: a sandwich that knows robust loss, priors and noise correlated in time.
+"""Uncertainty of the estimates: covariance, combinations that are not identifiable, parameters at bounds.
+
+**Covariance.** A sandwich estimator for a robust loss, priors and noise that is correlated in time.
 
 With J̃ the sensitivities after elimination of the recordings' offsets, in prior standard deviations:
 
@@ -19,22 +21,19 @@ What the fit takes out of the noise of sensor s, e − ê = J̃ (x̂ − x), in 
 with w = a/(κσ²). With white noise the first is the trace of the hat matrix.
 Source: Huber 1981, chapter 7; W. K. Newey and K. D. West, Econometrica 55 (1987) 703–708, for the idea.
 
-Combinations of parameters that these recordings cannot identify, by name.
-
-In prior standard deviations the data's information has eigenvalues λ; a direction of eigenvalue λ is known to
-λ/(1 + λ) from the data and for the rest from the prior. The directions below a threshold span a space whose
-eigenvectors are an arbitrary mixture; they are rewritten so that each has a leading parameter that is in no
-other (reduced echelon form with pivots from a QR factorisation, Golub and Van Loan, §5.5.7), and printed as
+**Combinations that are not identifiable.** In prior standard deviations the data's information has eigenvalues λ; a
+direction of eigenvalue λ is known to λ/(1 + λ) from the data and for the rest from the prior. The directions below a
+threshold span a space whose eigenvectors are an arbitrary mixture; they are rewritten so that each has a leading
+parameter that is in no other (reduced echelon form with pivots from a QR factorisation, Golub and Van Loan, §5.5.7),
+and printed as
 
     θ_lead + c₂ θ₂ + …     changes in this ratio, in the parameters' own units, leave the readings as they are
 
 with the share of the prior variance along the direction v that the data removed, 1 − vᵀCv / vᵀv.
 
-Parameters at the bounds of what is physically possible.
-
-A bound is no estimate. Where the records hardly determine a parameter, and the rest of the model pushes it against its
-bound, it goes back to what was assumed and stays there with its uncertainty. Where the records do determine it, the
-model lacks something that this parameter cannot stand for, and the identification has failed.
+**Bounds.** A bound is no estimate. Where the records hardly determine a parameter, and the rest of the model pushes it
+against its bound, it is fixed at what was assumed, with its uncertainty. Where the records do determine it, the model
+lacks something that this parameter cannot stand for, and the identification has failed.
 """
 
 from __future__ import annotations

@@ -2,26 +2,25 @@
 
 Minimises  Q(x, z) = Σ_ks ρ(e_ks/σ_s)/κ_s + ½|x|² + ½|z|²  with x and z in prior standard deviations, by
 
-    S dx = −β g,   |dx| ≤ FARTHEST     on the parameters that are not held at a bound,
+    S dx = −β g,   |dx| ≤ FARTHEST     on the parameters that are not fixed at a bound,
 
 S being the reweighted normal matrix with priors after elimination of the offsets, g its gradient, combined with those
 of the points tried near by where the misfit has kinks (below), β ≤ 1 the boldness, and the step projected on
 bounds and longest step (D. P. Bertsekas, "Projected Newton Methods", SIAM J. Control Optim. 20 (1982) 221–246).
 
 A step that loses records is shortened along itself; damping would turn it away from where the misfit is. Where no step
-lowers the misfit any more the search is over: it has converged when what is left is no more than `STALL` standard
-errors, and the distance stands in the reason.
+lowers the misfit any more the search is over: it has converged when the optimum is
+at most `STALL` standard errors away. The reason states the distance.
 
 Why not `scipy.optimize.least_squares`: it needs residuals that are all finite (a record that does not
 converge would have to count as a perfect fit), calls the model for the Jacobian apart from the residuals, and
 builds the (N·m, p + R·q) Jacobian that the elimination of the offsets avoids.
 
-Steps where the misfit has kinks: maps that are read linearly between grid lines have a gradient that jumps.
-
-At a kink the gradient on either side is not small however near the optimum is, and a step along one of them runs into
-the other. So every point that was tried near by keeps its gradient, moved to where the search stands by the common
-curvature S, with the error e ≥ 0 by which that extrapolation misses the misfit here. The misfit is then the largest of
-these pieces, and the best step and the fall of the misfit that it promises follow from their dual,
+**Kinks.** Maps that are read linearly between grid lines have a gradient that jumps. At a kink the gradient on either
+side is not small however near the optimum is, and a step along one of them runs into the other. So every point that was
+tried near by keeps its gradient, moved to the present point by the common curvature S, with the error e ≥ 0 by which
+that extrapolation misses the misfit here. The misfit is then the largest of these pieces, and the best step and the
+fall of the misfit that it promises follow from their dual,
 
     fall = min over λ ≥ 0, Σ λ = 1 of  ½ g_λᵀ S⁻¹ g_λ + λᵀe,   g_λ = Σ λ_i g_i,   step = −S⁻¹ g_λ .
 
@@ -29,10 +28,10 @@ With one gradient that is Newton's step, and √(2·fall) is the Newton decremen
 errors, which a kink no longer hides. Source: L. Lukšan and J. Vlček, "A bundle-Newton method for nonsmooth
 unconstrained minimization", Math. Programming 83 (1998) 373–391.
 
-Steps of the search for the most probable parameters: how one is tried, corrected and followed.
+**Derivatives.** They cost most of the time. They may be kept from point to point as long as steps bring what they
+promise; what is found with kept ones is confirmed with new ones before it counts as converged.
 
-Derivatives cost most of the time. They may be kept from point to point as long as steps bring what they promise; what
-is found with kept ones is confirmed with new ones before it counts as converged. Where many records make a curved
+**Curved valleys.** Where many records make a curved
 valley steep, a full step ends on its slope, and the steps that do not are shorter the more records there are: it is
 then corrected with the same derivatives, which leads back into the valley (R. Fletcher, "Second order corrections for
 non-differentiable optimization", Lecture Notes in Mathematics 912 (1982) 85–114).

@@ -1,14 +1,11 @@
-"""Nominal θ0 and noise of an engine from recordings believed healthy.
+"""Identification as a whole: nominal θ0 and noise of an engine from recordings believed healthy.
 
-The fit and its noise are found in turn: a fit with the noise as it looks, the noise that this fit leaves, a
-fit with that, until the noise no longer changes. The correlation of consecutive records weakens the data
-against the priors by κ = (1 + ρ)/(1 − ρ); without it a few hundred correlated records would overrule every
-prior.
+`identify` lets `passes.py` find fit, noise and map errors in turn, removes sensor lags and repeats the fit, and
+collects the result with its quality on records that the fit has seen and on those that it has not.
 
-Contiguous-block cross-validation: refit without a block of consecutive records, then predict it.
-
-Consecutive records share their model error, so leaving single records out would flatter the fit; whole blocks
-do not (P. Burman, E. Chow and D. Nolan, Biometrika 81 (1994) 351–358).
+**Cross-validation.** The fit is repeated without one block of consecutive records, which it then predicts. Consecutive
+records share their model error, so that leaving single records out would flatter the fit; whole blocks do not
+(P. Burman, E. Chow and D. Nolan, Biometrika 81 (1994) 351–358).
 """
 
 from __future__ import annotations

@@ -1,16 +1,12 @@
-"""Offsets of instruments from one recording to the next: which there are, how large, where their fit begins.
+"""Errors of instruments in an identification: offsets from recording to recording, and sensors that lag.
 
-Instruments that differ from recording to recording: which offsets an identification allows for, and how large.
+**Which offsets.** Every reading is zeroed and calibrated a little differently each time, that of an output and that of
+an input of the model. From LEAST recordings of one engine on the sizes are estimated with the fit (`resize_offsets`);
+with fewer there is no scatter to see, and only offsets that the engine file states are allowed for.
 
-Every reading is zeroed and calibrated a little differently each time, that of an output and that of an input of the
-model. From LEAST recordings of one engine on the sizes are estimated with the fit (`resize_offsets`); with fewer there
-is no scatter to see, and only offsets that the engine file states are allowed for.
-
-How large the offsets of instruments are from one recording to the next: standard deviations under which the training
-records are likeliest.
-
-With H, b information and pull of the data about the parameters x and the offsets z_r of every recording, in units of
-their present prior standard deviations, and t the factors by which the standard deviations s of the offsets change,
+**How large.** The standard deviations of the offsets are those under which the training records are likeliest. With H,
+b information and pull of the data about the parameters x and the offsets z_r of every recording, in units of their
+present prior standard deviations, and t the factors by which the standard deviations s of the offsets change,
 
     ln L(t) = ½ bᵀ(H + T⁻²)⁻¹b − ½ ln det(1 + T² H),     ∂ln L/∂ln t_j = Σ_r [(μ_rj² + C_rj,rj)/t_j² − 1]
 
@@ -23,21 +19,16 @@ A few recordings say little of each instrument, but much of all together. What a
 outputs that it moves explain nearly as well: how far each size may lie from the likeliest is the curvature of the
 posterior of all sizes at once (Laplace), never wider than before the data.
 
-Where the offsets of recordings begin: at what each recording differs by from the model before any fit.
+**Where their fit begins.** At what each recording differs by from the model before any fit. Started at zero, with
+offsets of several times the noise, a fit of many recordings would see gross outliers everywhere, weigh them down, and
+bend the engine for what is each recording's own.
 
-Begun at zero, with offsets of several times the noise, a fit of many recordings would see gross outliers everywhere,
-weigh them down, and bend the engine for what is each recording's own.
-
-What readings of a moving engine lag by that its model does not know.
-
-Residuals of recordings that move are explained by how far each reading is ahead of its own lags (`engine/moving/
-lagging.py`), together with the parameters, which bend to what lags as long as they may. What that foretells in
-stretches that it was not fitted to is no noise: it is large in every slam, in all flights alike, and lasts as long as
-the engine remembers, while the noise model knows one size and one step of memory. So readings are freed of it before
-they are fitted and noise is estimated, and monitors count it as uncertain by its own size, along its own course
-(`residuals/reduced.py`).
-
-A reading that lags behind the model where the engine moves, as identification found it.
+**Lags.** Readings of an engine that moves may lag in a way that its model does not contain. Residuals of recordings
+that move are explained by how far each reading is ahead of its own lags (`engine/memory.py`), together with
+the parameters, which bend to what lags as long as they may. What that predicts in stretches that it was not fitted to
+is no noise: it is large in every slam, in all flights alike, and lasts as long as the transient, while the noise model
+knows one size and one step of memory. It is subtracted from the readings before they are fitted and noise is estimated,
+and monitors count it as uncertain by its own size, along its own course (`residuals/reduced.py`).
 """
 
 from __future__ import annotations

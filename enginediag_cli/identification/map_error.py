@@ -1,14 +1,15 @@
-"""The error of the engine's maps in an identification: its amounts beside the parameters, and how large it is.
+"""Errors of the model in an identification: of its maps, and at operating points that are flown again and again.
+
+**Map errors.** Their amounts are estimated beside the parameters, and their sizes from the records.
 
 A fit alternates three things: the parameters and amounts given their priors, the noise that they leave, and the sizes
-of the map errors under which the records are likeliest. Map coordinates stand in columns of each record
+of the map errors under which the records are likeliest. Map coordinates are columns of each record
 (see `error_model.maps`).
 
-What a model that is wrong at an operating point leaves in all records of that point, and how it weakens the data.
-
-Records at one operating point share the model's error there, whatever their number: a thousand flights at one point say
-where the model's error lies, not that there is none. With the records of the fit dealt to cells of their operating
-points, n_c in cell c, the residuals of each sensor are an error σ_m of the cell and a scatter σ_w of its records,
+**Operating points share an error.** Records at one operating point share the model's error there, whatever their
+number: a thousand flights at one point say where the model's error lies, not that there is none. With the records of
+the fit dealt to cells of their operating points, n_c in cell c, the residuals of each sensor are an error σ_m of the
+cell and a scatter σ_w of its records,
 
     E (mean of cell c)² = σ_m² + σ_w²/n_c,        κ = 1 + n̄ σ_m²/σ²,    n̄ = Σ n_c²/N,
 
@@ -17,10 +18,9 @@ that records count in full. Only snapshots are so dealt: along a recording with 
 time and is seen as correlation (`noise.py`). Estimation: one-way analysis of variance, lack of fit against pure error
 (N. R. Draper and H. Smith, Applied Regression Analysis, §2.1).
 
-What the model misses at a few operating points flown again and again, among the parameters of an identification.
-
-Where every record is at one of a few points, with many records each, the mean residual of a point is known to a small
-part of the noise, and is no noise: see `error_model.maps`. How large it is, is found with the sizes of map errors.
+**Few operating points.** Where every record is at one of a few points, with many records each, the mean residual of a
+point is known to a small part of the noise, and is no noise: see `error_model.maps`. How large it is, is found with the
+sizes of map errors.
 """
 
 from __future__ import annotations

@@ -1,32 +1,29 @@
-"""What the fit leaves: noise per sensor, its correlation in time and between sensors, and the shape of its law.
+"""Noise of the sensors from the residuals of a fit: size, correlation, shape of its distribution.
 
-The scale is the root mean square, which is right whatever the law of the noise, unless there are gross outliers:
-then it is Huber's "proposal 2", σ for which the mean of min((e/σ)², c²) is what it is for Gaussian noise.
-A gross outlier counts as c standard deviations, not as nothing: leaving the tails out would let σ, the weights
-of the fit and the tails chase each other down. Readings beyond `OUTLIER` standard deviations are counted. The
-lag-1 correlation is taken without them between neighbours in time and operating point (`noise.py`), and
+**Size and shape.** The scale is the root mean square, which is right whatever the law of the noise, unless there are
+gross outliers: then it is Huber's "proposal 2", σ for which the mean of min((e/σ)², c²) is what it is for Gaussian
+noise. A gross outlier counts as c standard deviations, not as nothing: leaving the tails out would let σ, the weights
+of the fit and the tails chase each other down. Readings beyond `OUTLIER` standard deviations are counted. The lag-1
+correlation is taken without them between neighbours in time and operating point , and
 
     κ = (1 + ρ)/(1 − ρ),  n_effective = n/κ     where every record follows at the same step
 
-is how many independent readings the n correlated ones are worth for a constant (G. V. Bayley and
-J. M. Hammersley, J. R. Statist. Soc. Suppl. 8 (1946) 184–197). Scale: P. J. Huber, Ann. Math. Statist. 35
-(1964) 73–101, §8. The law is told by the excess kurtosis of what each reading adds to the one before it, e_k − ρ e_k−1.
+is how many independent readings the n correlated ones are worth for a constant (G. V. Bayley and J. M. Hammersley, J.
+R. Statist. Soc. Suppl. 8 (1946) 184–197). Scale: P. J. Huber, Ann. Math. Statist. 35 (1964) 73–101, §8. The shape of
+the distribution is the excess kurtosis of what each reading adds to the one before it, e_k − ρ e_k−1.
 
-How far records lie from the one before them, in steps: correlation decays with elapsed time and with the distance of
-operating points, never with the count of records.
+**Distance of records.** Correlation decays with elapsed time and with the distance of operating points, not with the
+count of records. Two records a usual step apart at the same operating point have correlation ρ, two that are g steps
+apart ρ^g, records of different recordings none. g is the elapsed time over the recording's median step, and one step
+more for each `FAR` of its range by which an input changed. A recording without time counts its records, and one that
+moves on with every record counts time alone: it has no neighbours at one operating point that could say what ρ is,
+those in time do, and by time alone the monitor's windows reckon, too.
 
-Two records a usual step apart at the same operating point have correlation ρ, two that are g steps apart ρ^g, records
-of different recordings none. g is the elapsed time over the recording's median step, and one step more for each `FAR`
-of its range by which an input changed. A recording without time counts its records, and one that moves on with every
-record counts time alone: it has no neighbours at one operating point that could say what ρ is, those in time do, and
-by time alone the monitor's windows reckon, too.
+**Resolution.** Noise is not known to be smaller than the step in which a sensor is recorded.
 
-The step in which a sensor is recorded: noise is not known to be smaller than its rounding.
-
-Noise as later stages must expect it: what the model leaves on records that its fit has not seen.
-
-A generic engine model is wrong by more than its sensors scatter, differently from one stretch of a flight to the
-next. Cross-validation shows by how much; a test that reckons with the sensors' scatter alone cries wolf.
+**Noise for monitoring.** Later stages must expect the residuals of records that the fit has not seen. A generic engine
+model is wrong by more than its sensors scatter, differently from one stretch of a flight to the next. Cross-validation
+shows by how much; a test that allows for the sensors' scatter alone gives false alarms.
 """
 
 from __future__ import annotations

@@ -1,21 +1,17 @@
-"""The nominal state of an engine: what later stages measure departures from.
+"""The nominal state of an engine, from which later stages measure departures: estimates, noise, envelope, quality.
 
-The envelope of operating points that identification has seen.
+**Envelope** of the operating points that identification has seen. Inputs are scaled so that 1 is the spread of the
+training points, or a step that matters physically where they hardly spread. The training points are covered by at most
+`MAX_POINTS` of them (farthest-point sampling, T. F. Gonzalez, Theoret. Comput. Sci. 38 (1985) 293–306). A point is
+outside when the nearest of these is farther than the cover's own radius plus a margin: the 0.95 quantile of the
+distance from a training point to the nearest one of another stretch of the recordings, but no less than 0.25 and no
+more than 1.
 
-Inputs are scaled so that 1 is the spread of the training points, or a step that matters physically where
-they hardly spread. The training points are covered by at most `MAX_POINTS` of them (farthest-point sampling,
-T. F. Gonzalez, Theoret. Comput. Sci. 38 (1985) 293–306). A point is outside when the nearest of these is
-farther than the cover's own radius plus a margin: the 0.95 quantile of the distance from a training point to
-the nearest one of another stretch of the recordings, but no less than 0.25 and no more than 1.
+**Quality**: how well the model reproduces readings, as RMS per sensor and regime and as χ² per reading. Flows,
+pressures, forces and powers are judged in per cent of the prediction, temperatures, speeds and all else in the column's
+own unit, as the field does.
 
-How well the model reproduces readings: RMS per sensor and regime, χ² per reading.
-
-Flows, pressures, forces and powers are judged in per cent of the prediction, temperatures, speeds and all
-else in the column's own unit, as the field does.
-
-Regime of each record: ground, climb, cruise or descent where the recordings tell, else a band of power.
-
-What a fit says of recordings that it has not seen.
+**Regime** of each record: ground, climb, cruise or descent where the recordings state it, else a band of power.
 """
 
 from __future__ import annotations

@@ -1,12 +1,11 @@
-"""What a nominal file must hold beyond the kinds of its keys: noise, covariance and envelope that can be, an engine
-that has what it names, and numbers that nobody changed since `identify` wrote them.
+"""Checks of a nominal file beyond the kinds of its keys, its engine, and its state under another map accuracy.
 
-The engine that travels in a nominal file, built; what is wrong with it is told at its lines of that file.
+Noise, covariance and envelope must be possible, the engine must have what the file names, and the checksum must fit.
+The engine that the file contains is built here; its problems are reported at their lines of the nominal file.
 
-A nominal state as it would be if the maps were as accurate as someone says.
-
+**Map accuracy.** `set_map_accuracy` gives the nominal state as it would be if the maps were as accurate as stated.
 Parameters and amounts of map error were found together, x ~ N(μ, C) under priors of variance P (all in prior standard
-deviations, where P = 1). What the records alone said is C⁻¹ − 1 and C⁻¹ μ; with other variances P' of the amounts,
+deviations, where P = 1). The records alone contribute C⁻¹ − 1 and C⁻¹ μ; with other variances P' of the amounts,
 
     C' = (C⁻¹ − 1 + P'⁻¹)⁻¹,     μ' = C' C⁻¹ μ.
 """

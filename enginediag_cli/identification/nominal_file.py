@@ -3,10 +3,9 @@
 Numbers are written with the shortest digits that give the same float back, and keys in a fixed order, so that
 reading and writing again gives the same bytes.
 
-The keys of nominal.yaml, from which it is validated, documented and written.
-
-Many numbers as one text: base64 of little-endian 64-bit floats, in lines. Lossless, and read a hundred times as fast
-as a list, of which every number is a node with a place of its own.
+The declaration of its keys validates, documents and writes it. Many numbers are one text: base64 of little-endian
+64-bit floats, in lines. Lossless, and read a hundred times as fast as a list, of which every number is a node with a
+place of its own.
 """
 
 from __future__ import annotations

@@ -9,13 +9,11 @@ w_ks, the normal matrix has the shape of an arrow:
 
 so the offsets of any number of recordings are eliminated one recording at a time.
 
-Readings that the model predicts at one point of a fit, and derivatives that were taken there or near by.
-
-Derivatives cost several times what the readings do, and change slowly: near where they were taken a fit goes on with
-the same ones and asks for readings alone (the chord method; C. T. Kelley, Iterative Methods for Linear and Nonlinear
-Equations, SIAM 1995, §5.4.1). What is kept is in the units of the parameters and without offsets of outputs, so that
-other noise, other sizes of map errors and records left out need no new ones; the derivatives by amounts of map error
-follow from columns of the records.
+**Predictions.** Derivatives cost several times what the readings do, and change slowly: near where they were taken a
+fit goes on with the same ones and computes readings alone (the chord method; C. T. Kelley, Iterative Methods for Linear
+and Nonlinear Equations, SIAM 1995, §5.4.1). What is kept is in the units of the parameters and without offsets of
+outputs, so that other noise, other sizes of map errors and excluded records need no new ones; the derivatives by
+amounts of map error follow from columns of the records.
 """
 
 from __future__ import annotations

@@ -3,13 +3,12 @@
 The correlation of consecutive records weakens the data against the priors by κ = (1 + ρ)/(1 − ρ); without it a few
 hundred correlated records would overrule every prior.
 
-What an identification gives up, one thing after the other, rather than end without an answer.
-
-Shapes of maps and amounts of map error describe the same thing: how a map runs between the operating points that were
-flown. At no more points than an error has curves the amounts can do whatever shapes would, and where the maps are
-generic the shapes are then left as the engine file states them. Else both are sought, and where that does not converge
-or drives a shape to a bound the shapes go first, then the amounts. Amounts that are not sought stay at 0 with the
-uncertainty that they have, and the parameters get the uncertainty that comes of it (`considered`).
+**Simplifications.** An identification gives up one thing after the other rather than end without an answer. Shapes of
+maps and amounts of map error describe the same thing: how a map runs between the operating points that were flown. At
+no more points than an error has curves the amounts can do whatever shapes would, and where the maps are generic the
+shapes are then left as the engine file states them. Else both are sought, and where that does not converge or drives a
+shape to a bound the shapes go first, then the amounts. Amounts that are not sought stay at 0 with the uncertainty that
+they have, and the parameters get the uncertainty that comes of it (`consider_map_errors`).
 """
 
 from __future__ import annotations

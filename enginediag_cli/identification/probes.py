@@ -1,8 +1,6 @@
-"""Probes that the heat balances between stations contradict.
+"""Probes that the heat balances between stations contradict, found before any parameter is fitted to them.
 
-Which probe the others contradict, before any parameter is bent to it.
-
-The heat balances of `balances` tie recorded temperatures, fuel and pressures together without a component map.
+Heat balances tie recorded temperatures, fuel and pressures together without a component map.
 Their differences r (N, J) are zero within what stated accuracy and the engine leave open, covariance
 
     R_k = G_k S G_kᵀ + Q_k
@@ -12,7 +10,7 @@ probe is wrong when it alone, with an error of its own in every record, takes aw
 column of G eliminated the rest agrees. Where several probes would do that, they are one class, and nobody can say more.
 The misfit is a mean over the records, never a sum: what makes a balance differ is the same in all of them.
 
-Heat balances between recorded stations that need no component map.
+**The balances** of recorded stations, which need no component map:
 
     shaft    (1 + f) (h₄ − h₅) η_m = h₃ − h₂            one spool that drives nothing else, one stream through both
     duct     T_a = T_b                                  nothing but ducts between two stations
@@ -21,7 +19,7 @@ Heat balances between recorded stations that need no component map.
 
 Each is written as a difference in K of the gas at its hottest station. The constant c stands for everything that is the
 same in all records: nozzle area, heating value, share of the heat that arrives, density of the fuel. It is free, so
-that the burner's balance only says whether temperatures and fuel go together over the operating points. The rise of a
+that the burner's balance only shows whether temperatures and fuel go together over the operating points. The rise of a
 compressor alone judges no probe, since its efficiency is not known; it says how wrong a probe behind it can be.
 """
 

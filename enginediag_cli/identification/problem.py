@@ -1,4 +1,4 @@
-"""The identification problem: which numbers are sought, what is known before, and the readings.
+"""The identification problem: which parameters are estimated, what is known before, and the readings.
 
 A reading of sensor s in record k of recording r is modelled as
 
@@ -9,9 +9,8 @@ with θ the parameters (prior N(mean, sigma²), hard bounds) and, per recording,
 inputs change u_k in the same way. Inside the solver both are measured in prior
 standard deviations, x = (θ − mean)/sigma, so that nothing depends on the units of a parameter.
 
-Losses that bound the pull of a gross outlier, as functions of the normalised residual z = e/σ.
-
-Written as ρ(z) with ρ → ½z² for small z, so that the sum over readings is minus a log-likelihood:
+**Losses** bound the influence of a gross outlier. They are functions of the normalised residual z = e/σ, written as
+ρ(z) with ρ → ½z² for small z, so that the sum over readings is minus a log-likelihood:
 
     soft_l1   ρ = c²(√(1 + z²/c²) − 1)          ψ = ρ' = z/√(1 + z²/c²)
     huber     ρ = ½z² for |z| ≤ c, c|z| − ½c²   ψ = z clipped to ±c
@@ -20,16 +19,10 @@ Written as ρ(z) with ρ → ½z² for small z, so that the sum over readings is
 Source: P. J. Huber, "Robust Estimation of a Location Parameter", Ann. Math. Statist. 35 (1964) 73–101;
 P. J. Huber, Robust Statistics (1981), chapter 7, for the regression equations.
 
-The `identification:` block of an engine file: as values.
-
-A nuisance of identification: an error of an instrument that differs from one recording to the next.
-
-Training recordings out of recording tables: one per engine and flight, in the order of the file.
-
-Recordings given twice: records that an earlier recording holds already would be counted twice as evidence.
-
-The same flight may come under two names, with its clock set differently, or inside a longer file: records are
-compared by what the engine is compared with, inputs and readings, not by file or time.
+**Training recordings** are made of recording tables, one per engine and flight, in the order of the file. Records that
+an earlier recording contains as well are dropped, since they would be counted twice as evidence. The same flight may
+come under two names, with its clock set differently, or inside a longer file: records are equal if their inputs and
+readings are, whatever their file or time.
 """
 
 from __future__ import annotations

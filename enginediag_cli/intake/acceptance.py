@@ -1,11 +1,7 @@
-"""Whether a recording can be used, as data: which columns are there, whether their units can be, and how time runs.
+"""Whether a recording can be used, as data for `check`: columns, units, time, switches, and the engine.
 
-Switch columns: a valve, a bleed, an anti-ice command holds 0 or 1, or nothing.
-
-A recording compared with an engine before anything is judged: what `detect` would find in it, and why not.
-
-Files are read, mapped and masked by the same rules as for judging (intake.py), but each at once: what is wrong with a
-file shows in the whole of it.
+Files are read, mapped and masked by the same rules as for judging (`loader.py`), but each at once, since what is wrong
+with a file shows in the whole of it. A switch column (a valve, a bleed, an anti-ice command) has 0 or 1, or nothing.
 """
 
 from __future__ import annotations

@@ -1,13 +1,8 @@
 """Time stamps to seconds: ISO 8601, a stated format, or numbers; with time zones, and clocks that pass midnight.
 
-Which columns of a foreign file are its clock, and how their stamps are written.
-
-Readings with clocks of their own, put into records: exports of one reading a line, and files of other rates.
-
-A series is times and values in order. A record at time t takes the last reading of a series that is not older than
-stated; or each reading goes to the record nearest to it, and to no other, so that it counts once.
-
-Columns at a lower rate than the file's: empty cells between readings, held or interpolated for a stated while.
+**Joined series.** Readings with clocks of their own are put into records: exports of one reading a line, and files of
+other rates. A record at time t takes the last reading of a series that is not older than stated; or each reading goes
+to the record nearest to it, and to no other, so that it counts once.
 """
 
 from __future__ import annotations

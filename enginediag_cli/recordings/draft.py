@@ -1,6 +1,6 @@
 """A recorder drafted from a file's head, for the user to finish: what was guessed, and what is to be decided.
 
-A drafted recorder as YAML text with comments.
+`make_draft` recognises columns, units, clock and engines; `draft_yaml` writes them as YAML with comments.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """The columns of a foreign file read together: what all names share, which public format they follow, which of them
 come once for each engine, which are probes of one quantity, and which shaft is which.
 
-Public formats whose names mean something else than elsewhere, or nothing by themselves: `TAT` of a power plant is
-the temperature after the turbine, `s11` of C-MAPSS a fuel flow per pressure. A scheme is taken when most of its names
-are there.
+**Public formats** have names that mean something else than elsewhere, or nothing by themselves: `TAT` of a power plant
+is the temperature after the turbine, `s11` of C-MAPSS a fuel flow per pressure. A scheme is taken when most of its
+names are there.
 """
 
 from __future__ import annotations

@@ -1,20 +1,18 @@
-"""Gross errors masked in a stream: the same records and counts whatever the chunks, in bounded memory.
+"""Readings and records that are excluded from a stream: gross errors, and records in which the engine is not steady.
 
-A file is judged in blocks that begin at whole multiples of their length, counted in records from its start, each with
-a halo of records on either side that its readings are compared with; the last block takes the rest, and so a
-file of up to 3,000 records is judged as one. Beyond the halo only this is carried forward: the span that a sensor has
-been seen to read, whether it was stuck when the last block ended, and the memory of the search for repeated rows.
+**Masks** are the same, with the same counts, whatever the chunks, and take bounded memory. A file is judged in blocks
+that begin at whole multiples of their length, counted in records from its start, each with a halo of records on either
+side that its readings are compared with; the last block takes the rest, and so a file of up to 3,000 records is judged
+as one. Beyond the halo only this is carried forward: the span that a sensor has been seen to read, whether it was stuck
+when the last block ended, and the memory of the search for repeated rows.
 
-One rule for every caller: an input (a command, the air outside) may well stand still for hours, so only limits are
-asked of it; a sensor that does so while others move is stuck. Inputs are witnesses in that search. Outliers are single
+One rule for every caller: an input (a command, the air outside) may well stand still for hours, so only its limits
+are checked; a sensor that does so while others move is stuck. Inputs are witnesses in that search. Outliers are single
 records, or two in a row, far from both sides and from all that the column reads at any time; what lies within its
 usual range is judged by the model (`residuals/gross_errors.py`). Every mask is counted.
 
-The stability gate: keeps the records in which the engine has settled, and says why the others went.
-
-Statistics over the last seconds before each record, at any time stamps.
-
-Averages over windows that follow each other: one record out of some seconds of steady ones.
+**The stability gate** keeps the records in which the engine has settled, judged over the last seconds before each
+record at any time stamps, and counts the reasons for the others. Steady records may be averaged over some seconds.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""The recorder YAML: what its keys are, one declaration for validation, help and schema.
+"""The recorder YAML: the declaration of its keys, and the `Recorder` that it describes.
 
-What an engine asks for, and which recorded column can be it: exactly, under another name or station, or not.
+`match_to_engine` finds, for a draft, which recorded column is one that the engine needs: exactly, under another name or
+station, or not at all.
 """
 
 from __future__ import annotations

@@ -1,16 +1,17 @@
-"""What was written more often than it was measured, and counts once: repeated rows, and held readings.
+"""Readings that repeat: rows written twice, held readings, stuck sensors and frozen recorders.
 
-Repeated rows are records of a flight that are there already, to the last digit and with the same time.
+**Repeated rows** are records of a flight that are there already, to the last digit and with the same time.
 
 Only a record whose time does not go on can be one, so a file in order costs no search. Without `time_s` equal rows
 are no proof (hourly means of a coarse sensor) and none is called repeated.
 
-A reading is held where a channel is sampled more slowly than rows are written: it changes every k-th record and at no
-other, k the same throughout. Rounding makes readings repeat as well, but irregularly, or by one step at a time.
+**Held readings.** A reading is held where a channel is sampled more slowly than rows are written: it changes every k-th
+record and at no other, k the same throughout. Rounding makes readings repeat as well, but irregularly, or by one step
+at a time.
 
-Stuck sensors: a reading that repeats itself to the last digit while the others move.
+**Stuck sensors** repeat a reading to the last digit while the others move.
 
-A frozen recorder: every judged column repeats to the last digit for many records while time goes on.
+**Frozen recorders.** Every judged column repeats to the last digit for many records while time goes on.
 
 Sensors have noise, so that even a steady engine does not read the same in every column for long. Coarse recordings
 repeat whole records now and then, or hold each for some records; how often they do is measured on the records that

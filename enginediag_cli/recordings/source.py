@@ -3,9 +3,8 @@
 A file's format is recognised by its first bytes. Texts are decoded, limited in line length, and their head may be
 looked at before the rest is read.
 
-The `#` lines at the head of a file: which program, command, configuration and seed made it.
-
-The same run gives the same bytes, so there is no time stamp unless the caller adds one.
+**Provenance.** The `#` lines at the head of a file state which program, command, configuration and seed made it. The
+same run gives the same bytes, so there is no time stamp unless the caller adds one.
 """
 
 from __future__ import annotations

@@ -1,13 +1,12 @@
-"""Flight data out: one header, then chunk after chunk; a file appears complete or not at all.
+"""Writing of recordings and rows of results: one header, then chunk after chunk; a file appears complete or not at all.
 
-In CSV numbers are written with 10 significant digits: more than any recorder resolves, and short. A missing value is
+In CSV, numbers are written with 10 significant digits: more than any recorder resolves, and short. A missing value is
 an empty cell. A closed pipe is left to the caller.
 
-Parquet files through pyarrow, which is imported when one is named, never before.
-
-In: row group by row group, the records that the same recording as CSV would give. Out: recordings and rows of results
-in row groups of bounded size, with their `#` lines as metadata. Numbers keep all their digits; a missing value is a
-null in the file, and NaN or an empty text here.
+**Parquet** files need pyarrow, which is imported when one is named, never before. They are read row group by row group,
+and give the records that the same recording as CSV would give. They are written in row groups of bounded size, with
+their `#` lines as metadata. Numbers keep all their digits; a missing value is a null in the file, and NaN or an empty
+text here.
 """
 
 from __future__ import annotations

@@ -1,25 +1,18 @@
-"""Windows of files: recordings are condensed, statistics that `residual` wrote are read back.
+"""Windows of files: recordings are reduced to sufficient statistics, statistics that `residual` wrote are read back.
 
-A scale offset for every sensor of a monitor: what one engine's readings differ from those of its type by.
-
-An engine's own early records as the reference of its later ones.
-
-Engines of one type differ from the nominal engine, and from each other, before anything goes wrong. What they
-differ by, x ~ N(0, C) with C the uncertainty of nominal and of sensor offsets, is estimated from records believed
-healthy, s₀ ~ N(F₀ x, F₀), and taken out of every later window of the same engine:
+**Reference.** An engine's own early records may be the reference of its later ones. Engines of one type differ from the
+nominal engine, and from each other, before anything goes wrong. What they differ by, x ~ N(0, C) with C the uncertainty
+of nominal and of sensor offsets, is estimated from records believed healthy, s₀ ~ N(F₀ x, F₀), and taken out of every
+later window of the same engine:
 
     x̂ = C₁ s₀        C₁ = (F₀ + C⁻¹)⁻¹        s ← s − F x̂        C ← C₁
 
-Residuals record by record: measured minus predicted, in the sensor's unit and in standard deviations.
-
-Files of statistics read back: whole, unedited, of one making, each window once.
-
+**Files of statistics** are read back if they are whole and unedited, of one nominal and one setting, each window once.
 Several files may have been put together with `cat`: their `#` lines and repeated headers are passed over.
 
-Statistics that add over windows, flights and files, and what is marginalised at which level.
-
-Of s ~ N(F (Δθ, x), V) with Δθ what is monitored and x ~ N(0, C) what is uncertain beside it, the sums s, F, V and N of
-two windows add as long as both hold x. x is of two kinds:
+**Sums** over windows, flights and files, and what is marginalised at which level. Of s ~ N(F (Δθ, x), V) with Δθ what
+is monitored and x ~ N(0, C) what is uncertain beside it, the sums s, F, V and N of two windows add as long as both
+contain x. x is of two kinds:
 
 - *common*: nominal as identified, errors of its maps: one draw for all windows. It stays a parameter in every sum, in
   unit normals (`reduced.py`), and is marginalised last, once.

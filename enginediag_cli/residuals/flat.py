@@ -7,9 +7,9 @@ and `slopes:a|b`. What is uncertain beside these is described in `nuisance`, a J
 normals `nominal.1` … all windows share, and `own`, name -> standard deviation of what each recording has anew. With k
 of them, and a monitored parameters, `nuisance:1` … hold s (k,), F (a, k), the upper triangle of F (k, k), V (a, k) and
 the upper triangle of V (k, k), row by row: one text in base 64 of little-endian float64, cut into cells that begin
-with `f8:`. All of these but `slopes` add, see `additive.py`.
+with `f8:`. All of these but `slopes` add, see `files.py`.
 
-What binds a row of statistics to how it was made: the nominal and the settings, and a checksum of the row itself.
+A row is bound to how it was made by hashes of the nominal and the settings, and by a checksum of the row itself.
 """
 
 from __future__ import annotations

@@ -1,12 +1,11 @@
-"""Recordings on their way to windows, without their gross errors, and what was rejected, for reports.
+"""Gross errors are removed from recordings on their way to windows, and counted for reports.
 
 `GrossErrorGate` stands between what is read and whatever reads windows, so that statistics, the nonlinear model of
 isolation and reports see the same readings. `GrossCounts` is what it found of a window.
 
-A flight that is still being recorded, without its gross errors and without instruments that are stuck.
-
-What is judged anew with each block that follows, and what is decided for good, is `LiveGate`'s to say; the rules for
-single readings are those of whole recordings.
+`LiveGate` does so for a flight that is still being recorded, and for instruments that are stuck. It decides what is
+judged again with each block that follows, and what is final; the rules for single readings are those of whole
+recordings.
 """
 
 from __future__ import annotations

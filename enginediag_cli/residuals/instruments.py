@@ -20,10 +20,10 @@ maps are, differs between operating points: the variance ΔJ C ΔJᵀ that its c
 records is a part of what is stated. Σt_k/n is a ratio of variances, of n/1.5 degrees of freedom (differences of
 neighbours share a reading), to which `level_of_ratio` applies: as stated within KNOWN, or anything up to LARGEST.
 Instruments compete by their likelihood, since the directions g overlap; the readings of one that is found are weighed
-by (1 + τ²SSᵀ)^-½, S its effect on the readings, and the others are asked again. Where more than MOST_AT_ONCE would be
+by (1 + τ²SSᵀ)^-½, S its effect on the readings, and the others are judged again. Where more than MOST_AT_ONCE would be
 noisy it is the model that fails, and none is named.
 
-Measurement noise of the sensors: size, correlation from record to record, and what a ratio of variances says.
+`NoiseModel` is the noise of the sensors: size, correlation from record to record, and how well both are known.
 """
 
 from __future__ import annotations

@@ -1,20 +1,19 @@
 """Statistics of a window of any length in the memory of one stretch of it.
 
-A stretch of records is held against nominal, then against the point where the window is linearised; what is kept of it
-are sums. What nominal gives costs most. Of a window that is not too long it is kept in a file, and steps begin at
-nominal as those of short windows do. Of a longer one it is computed anew in each pass, so few may be made: the point is
-estimated first from some of the records, from there with `FINER` times as many, and so on, each time with what is left
-to move shrinking by the root of that. The last pass starts a standard error or so from the estimate, and mostly ends
-there.
+A stretch of records is compared with nominal, then with the point where the window is linearised; only sums of it are
+kept. What nominal gives costs most. Of a window that is not too long it is kept in a file, and steps begin at nominal
+as those of short windows do. Of a longer one it is computed anew in each pass, so few may be made: the point is
+estimated first from some of the records, from there with `FINER` times as many, and so on, each time with a remaining
+distance that shrinks by the root of that. The last pass starts a standard error or so from the estimate, and mostly
+ends there.
 
 Stretches are counted from the first record of the window: nothing depends on how the file came in chunks.
 
-Records that are judged, as they wait for the end of their window: in memory, or in a file where a window is long.
+**Records that wait** for the end of their window are in memory, or in a file where a window is long. A window of any
+length costs memory for `IN_MEMORY` records. The file has no name, and is gone with the run: it takes 8 bytes a value,
+some 200 bytes a record, in the folder for temporary files.
 
-A window of any length costs memory for `IN_MEMORY` records. The file has no name, and is gone with the run: it takes 8
-bytes a value, some 200 bytes a record, in the folder for temporary files.
-
-Records held back while they are condensed, for what needs more of a window than its statistics.
+`RecentRecords` keeps records for what needs more of a window than its statistics.
 """
 
 from __future__ import annotations

@@ -2,34 +2,29 @@
 
 Identification leaves dozens of parameters uncertain. Their covariance C = L Lᵀ matters only through J L, which has far
 fewer directions than parameters: those of the eigenvectors of Lᵀ JᵀR⁻¹J L that carry information. The statistics are
-those of the monitor that it comes from, but for what is negligible, and a change of a monitored parameter is told
-apart from the error with which that parameter was identified, so that only the change moves the point at which
+those of the monitor that it comes from, but for what is negligible, and a change of a monitored parameter is
+separated from the error with which that parameter was identified, so that only the change moves the point at which
 the model is linearised. Offsets, which every recording has anew, stay parameters of their own: what is uncertain about
 nominal is one draw for all recordings.
 
-What a model that is linear about nominal leaves out: whether a window needs the engine at its estimate as well.
+**Curvature**: whether a model that is linear about nominal is enough, or a window needs the engine at its estimate.
 
-    y(θ₀ + δ) = y₀ + J δ + ½ δᵀHδ + …,      left out, in standard errors:   ‖½ R^-½ δᵀHδ‖ over the records of a window
+    y(θ₀ + δ) = y₀ + J δ + ½ δᵀHδ + …,      neglected, in standard errors:   ‖½ R^-½ δᵀHδ‖ over the records of a window
 
 H by central differences of the engine's exact sensitivities, at operating points that identification saw.
 
-What readings of a moving engine lag by, as nuisance of a monitor: along its own course, by its own size.
+**Lags** of readings of an engine that moves are nuisance of a monitor, with their own course and size. The error of
+reading s in record k is Σ_τ a_τ d_τ(k), with d_τ the deviation of a lag of the command from the command. The amounts
+are those that identification found, times one unknown number, and beside it each as it differs from stretch to stretch:
+1 + T columns, of standard deviation one, that the statistics marginalise as they do instruments' offsets. Nothing is
+subtracted: what lags for another reason than in training is not made worse.
 
-The error of reading s in record k is Σ_τ a_τ d_τ(k), with d_τ the deviation of a lag of the command from the command.
-The amounts are those that identification found, times one unknown number, and beside it each as it differs from stretch
-to stretch: 1 + T columns, of standard deviation one, that the statistics marginalise as they do instruments' offsets.
-Nothing is subtracted: what lags for another reason than in training is not made worse.
-
-Which form of a monitor is the cheapest for a recording: few records ask the engine, many pay for a fit.
-
-The monitor of a series, whose windows are compared with each other and not with nominal alone.
-
-A monitor that computes the effect of what is uncertain about nominal from a fit instead of from the engine.
-
-The effect J L of the unit normals of `reduced.py` varies smoothly over the operating points: its leading directions
-(over the points that identification saw) are fitted once with polynomials in the engine's inputs. Records then cost the
-engine's sensitivities to the monitored parameters alone; the fit costs as much as a few thousand records. How well it
-holds is checked on points that it has not seen; where it does not hold, the engine is asked.
+**Fitted effects.** `MonitorCache` takes the form of a monitor that is the cheapest for a recording: for few records the
+engine computes the effect of what is uncertain about nominal, for many a fit does. The effect J L of the unit normals
+of `reduced.py` varies smoothly over the operating points: its leading directions (over the points that identification
+saw) are fitted once with polynomials in the engine's inputs. Records then cost the engine's sensitivities to the
+monitored parameters alone; the fit costs as much as a few thousand records. How well it holds is checked on points that
+it has not seen; where it is not accurate, the engine is used.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Local statistics about the re-estimated point: the remedy for changes that are not small.
 
 With hundreds of records a change of 1 % moves the outputs by more than the noise in second order, and tests
-linear in θ0 isolate the wrong parameters with confidence. So θ̂ is estimated by a few Gauss–Newton steps held
-by the prior, and every test reads the residuals carried back linearly from there,
+linear in θ0 isolate the wrong parameters with confidence. So θ̂ is estimated by a few Gauss–Newton steps with
+the prior, and every test reads the residuals carried back linearly from there,
 
     ẽ_k = y_k − Φ(u_k, θ̂) + Ĵ_k (θ̂ − θ0),      which gives      F̂ = F(θ̂),   s̃ = F̂ (θ̂ − θ0) + s(θ̂).
 
@@ -12,9 +12,8 @@ with the sensitivities at nominal, where identification left them, and is elimin
 The steps need nothing of the records but sums over them (`Sums`), which `Records` hands over: from memory here, from a
 file, a stretch at a time, in `long_windows.py`.
 
-What an error that differs from operating point to operating point leaves in the statistics of a window.
-
-An error δ_c ~ N(0, diag v) of k of the parameters at operating point c, independent of that at any other, adds to s
+**Errors of operating points.** An error δ_c ~ N(0, diag v) of k of the parameters at operating point c, independent of
+that at any other, adds to s
 
     Σ_c F_c δ_c        of covariance        M = Σ_q v_q Q_q,    Q_q = Σ_c f_cq f_cqᵀ,
 
@@ -23,8 +22,8 @@ counted as noise, s becomes (1 + F C)⁻¹ s, and M with it. In units of a chang
 
     (F + S⁻²)⁻¹ M (F + S⁻²)⁻¹,     S = diag(prior_sigma):
 
-in directions of which records tell less than is known beforehand, such as a bias and a scale of one instrument against
-each other, F⁺ M F⁺ would be huge changes that cancel at the point where F was computed, and nowhere else.
+in directions of which the records contain less than is known beforehand, such as a bias and a scale of one instrument
+against each other, F⁺ M F⁺ would be huge changes that cancel at the point where F was computed, and nowhere else.
 """
 
 from __future__ import annotations

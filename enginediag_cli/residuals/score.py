@@ -2,15 +2,14 @@
 
 With s ~ N(F Δθ, V + F C F), C the covariance of what is uncertain about θ0 and the nuisance parameters,
 
-    b = F_a (V + F C F)⁻¹ s        I = F_a (V + F C F)⁻¹ F_aᵀ        (F_a: rows of the parameters asked for)
+    b = F_a (V + F C F)⁻¹ s        I = F_a (V + F C F)⁻¹ F_aᵀ        (F_a: rows of the parameters of interest)
 
 so that b ~ N(I Δθ_a, I). For white noise and a certain nominal, b = s and I = F.
 
-Tail probabilities of χ² and F and the values that are exceeded with a given probability.
-
-The functions of scipy.special of the same names, to 1e-12, for degrees of freedom up to `MOST`, as windows have them;
-beyond, or where an argument is out of range, scipy.special itself is asked. Importing it takes longer than judging a
-flight: a quarter of the time in which a command starts.
+**Tail probabilities** of χ² and F, and the values that are exceeded with a given probability. The functions of
+scipy.special of the same names, to 1e-12, for degrees of freedom up to `MOST`, as windows have them; beyond, or where
+an argument is out of range, scipy.special itself is used. Importing it takes longer than judging a flight: a quarter of
+the time in which a command starts.
 
     Q(a, x) = 1 − P(a, x),   P by its series for x < a + 1, Q by its continued fraction above
     I_x(a, b) by its continued fraction, from the side on which that converges fast

@@ -1,12 +1,12 @@
-"""The local statistics (s, F, V, N) of a stretch of records: everything that later tests need to know of it.
+"""The local statistics (s, F, V, N) of a stretch of records: sufficient for all later tests.
 
     s = Σ_k J_kᵀ R_k⁻¹ e_k     F = Σ_k J_kᵀ R_k⁻¹ J_k     V = covariance of s     r_N = s/√N   (eqs. 7, 8)
 
 They add: the statistics of two windows, flights or machines are the sum of their statistics, as long as they are of
 all parameters: what is uncertain beside those that are monitored is a parameter, too, and is marginalised in the sum
-(`additive.py`). Marginalised window by window it would count once for each.
+(`files.py`). Marginalised window by window it would count once for each.
 
-Covariance of a sum of primary residuals when the noise of a sensor remembers its past (AR(1)).
+**Covariance** of a sum of primary residuals when the noise of a sensor is correlated in time (AR(1)):
 
     V = Σ_j σ_j² Σ_k Σ_l ρ_j^|k−l| g_kj g_ljᵀ      with g_kj = the row of whitened sensitivities
 
@@ -14,25 +14,18 @@ The double sum is one pass with the recursion a_k = c_k a_{k−1} + g_k, c_k = �
 
     Σ_k a_k a_kᵀ − Σ_k c_k² a_{k−1} a_{k−1}ᵀ = Σ_k h_k h_kᵀ,    h_k = √(1 − c_{k+1}²) a_k, c = 0 after the last record.
 
-What local statistics are about: the parameters, the point where the model is linear, how far each may go.
-
-Blocks of records that add to windows exactly, also where noise is correlated across their border.
-
-The local approach: primary residuals and their sums, for any number of blocks of records at once.
-
-Primary residual, eq. (7) with the weighting that mixed units need: K_k = J_kᵀ R⁻¹ e_k. R is the *long-run*
+**Blocks** of records add to windows exactly, also where noise is correlated across their border. The primary residual
+is eq. (7) with the weighting that mixed units need: K_k = J_kᵀ R⁻¹ e_k. R is the *long-run*
 noise, σ²(1+ρ)/(1−ρ), the variance that a mean over many records really has; a sensor with slowly wandering
 errors is thereby trusted less, and V ≈ F however correlated the noise.
 
-Which combinations of parameters the operating points excite, and which they leave in the dark.
+**Excitation**: which combinations of parameters the operating points determine, and which they do not. Everything is
+scaled by the prior standard deviations D = diag(prior_sigma), so that D F D has no unit: an eigenvalue of 1 means that
+the data know the combination exactly as well as the prior did.
 
-Everything is scaled by the prior standard deviations D = diag(prior_sigma), so that D F D has no unit: an
-eigenvalue of 1 means that the data know the combination exactly as well as the prior did.
-
-L of a covariance C = L Lᵀ of parameters in mixed units, computed in units in which they are of one size.
-
-Beside a heating value in J/kg, of variance 10¹¹, the error of a map, of variance 10⁻⁵, is less than rounding: a root
-computed in parameter units would leave it out, and what is uncertain would pass for certain.
+**Root of a covariance** C = L Lᵀ of parameters in mixed units, computed in units in which they are of one size. Beside
+a heating value in J/kg, of variance 10¹¹, the error of a map, of variance 10⁻⁵, is less than rounding: a root computed
+in parameter units would leave it out, and what is uncertain would pass for certain.
 """
 
 from __future__ import annotations

@@ -3,16 +3,11 @@
 A window never reaches across two flights or engines: each has its own `WindowAssembler`. Records or pieces of
 records come in order and in chunks of any size; memory holds one window.
 
-Which records can be judged: they have inputs and a reading, and lie where identification has been.
+**Which records can be judged.** They have inputs and a reading, and are inside the identified envelope. Beyond it a
+model whose error begins to grow there still answers, with limits widened accordingly, up to a distance
+at which its error is not known any more (`Envelope.reachable`).
 
-Beyond that a model whose error begins to grow there still answers, with limits as wide as it says, up to a distance
-at which it is not known any more (`Envelope.reachable`).
-
-One window: its statistics, and what was counted, rejected, flown and read in it.
-
-Recordings cut into windows of pieces: chunk by chunk, each flight and engine on its own, in constant memory.
-
-Records of one flight and engine, kept apart from those of others and put in relation to time.
+`WindowStatistics` is one window: its statistics, and what was counted, rejected, flown and read in it.
 """
 
 from __future__ import annotations
