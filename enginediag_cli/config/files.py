@@ -31,7 +31,7 @@ MOST_TABLE_BYTES = 20_000_000
 """A component map of 500 × 500 points and five columns has less."""
 
 PEEKED_BYTES = 65_536
-"""The `kind:` of a file stands in its first lines, behind at most a page of comments."""
+"""The `kind:` of a file is in its first lines, behind at most a page of comments."""
 
 
 @dataclass

@@ -55,7 +55,7 @@ from enginediag_cli.identification.normal_equations import (
 from enginediag_cli.identification.problem import IdentificationProblem
 
 SAMPLE = 1500
-"""Records of which some in this many, in whole stretches, tell what a fit takes out of the noise until the last one. It
+"""Records of which some in this many, in whole stretches, show what a fit takes out of the noise until the last one. It
 is a small part of the noise, and known by so many to a few per cent of itself."""
 
 
@@ -76,8 +76,8 @@ class Uncertainty:
 
 @dataclass(frozen=True)
 class _SensorSums:
-    """Sums over the records of each sensor, with J̃ the sensitivities and f_k = Σ_l C_kl J̃_l; where a trace is all that
-    is asked for it is taken record by record, which costs one product of matrices less."""
+    """Sums over the records of each sensor, with J̃ the sensitivities and f_k = Σ_l C_kl J̃_l; where a trace is all
+    that is required it is taken record by record, which costs one product of matrices less."""
 
     plain: np.ndarray  # (m, p, p) Σ J̃_kᵀ J̃_k
     lagged: np.ndarray  # (m, p, p) Σ J̃_kᵀ J̃_k−1, over neighbours only
@@ -93,8 +93,8 @@ def uncertainty(
 ) -> Uncertainty:
     """Posterior and data-only covariance at the fit for lag-1 correlations `rho` (m,), each in (−1, 1).
 
-    `used` (m,): readings of each sensor that the fit has used up, as far as known: residuals are that much smaller
-    than the noise. sampled: what the fit takes out of the noise is told by SAMPLE records, where there are many more.
+    `used` (m,): readings of each sensor that the fit has used up, as far as known: residuals are that much smaller than
+    the noise. sampled: what the fit takes out of the noise is estimated from SAMPLE records, where there are many more.
     """
     scaled = fit.equations.residual / problem.sigma
     psi = problem.loss.weight(np.nan_to_num(scaled)) * scaled
@@ -187,9 +187,9 @@ def _sums(
     inverse: np.ndarray,
     sampled: bool,
 ) -> _SensorSums:
-    """Sums over all records, or as told by a sample of them; offsets: their gain (R, p, q) and covariance (R, q, q);
-    noise: correlation (m,) and weight of each sensor in the meat (m,); inverse (p, p): S⁻¹, which the traces are taken
-    with."""
+    """Sums over all records, or estimated from a sample of them; offsets: their gain (R, p, q) and covariance (R, q,
+    q); noise: correlation (m,) and weight of each sensor in the meat (m,); inverse (p, p): S⁻¹, which the traces are
+    taken with."""
     p, m = len(fit.x), len(problem.sensors)
     plain, lagged, meat = np.zeros((m, p, p)), np.zeros((m, p, p)), np.zeros((p, p))
     trace, smooth, smooth_lagged, offset_use = (np.zeros(m) for _ in range(4))
@@ -310,7 +310,7 @@ class ActiveBound:
 
 
 def fix_weak_parameters(problem: IdentificationProblem, fit: Fit, found: Uncertainty) -> IdentificationProblem | None:
-    """The problem with those parameters at a bound that the records hardly determine held at what was assumed; None
+    """The problem with those parameters at a bound that the records hardly determine fixed at what was assumed; None
     where there are none."""
     weak = fit.at_bound & (found.from_data < DETERMINED)
     if not weak.any():

@@ -83,7 +83,7 @@ class GradientBundle:
         self.pieces: list[BundlePiece] = []
 
     def add(self, piece: BundlePiece) -> None:
-        """Remember a point that was tried."""
+        """Add a point that was tried."""
         self.pieces = [*self.pieces[1 - PIECES :], piece]
 
     def clear(self) -> None:
@@ -91,7 +91,7 @@ class GradientBundle:
         self.pieces = []
 
     def pieces_near(self, here: BundlePiece, S: np.ndarray, free: np.ndarray) -> PiecewiseMisfit:
-        """The misfit about `here` as pieces; S (p, p) is the curvature, `free` (p,) not held at a bound."""
+        """The misfit about `here` as pieces; S (p, p) is the curvature, `free` (p,) not fixed at a bound."""
         moved, errors = [here.gradient], [0.0]
         for piece in self.pieces:
             back = here.x - piece.x
@@ -378,7 +378,7 @@ class Fit:
 
 @dataclass(frozen=True)
 class _SearchState:
-    """Where the search stands: the misfit around it, what is held at bounds, and the distance to the optimum."""
+    """Where the search is: the misfit around it, what is fixed at bounds, and the distance to the optimum."""
 
     pieces: PiecewiseMisfit
     gradient: np.ndarray  # (p,) at the point itself

@@ -24,7 +24,7 @@ offsets of several times the noise, a fit of many recordings would see gross out
 bend the engine for what is each recording's own.
 
 **Lags.** Readings of an engine that moves may lag in a way that its model does not contain. Residuals of recordings
-that move are explained by how far each reading is ahead of its own lags (`engine/memory.py`), together with
+that move are explained by how far each reading is ahead of its own lags (`engine/wrapped.py`), together with
 the parameters, which bend to what lags as long as they may. What that predicts in stretches that it was not fitted to
 is no noise: it is large in every slam, in all flights alike, and lasts as long as the transient, while the noise model
 knows one size and one step of memory. It is subtracted from the readings before they are fitted and noise is estimated,
@@ -144,10 +144,10 @@ def _precision(free: np.ndarray) -> np.ndarray:
 
 
 LEAST = 3
-"""Recordings from which scatter between them is told from what the fit took."""
+"""Recordings from which scatter between them is separable from what the fit took."""
 USUAL_OUTPUT = 0.3
 """What a sensor's zero, or its span, usually changes by between recordings, over its noise. Judgement, as the others:
-sixty records tell an offset of a tenth, and what a check of the reading itself would find is far larger."""
+sixty records determine an offset of a tenth, and what a check of the reading itself would find is far larger."""
 USUAL_INPUT = 0.1
 """The same of an input, over what such an instrument is plausibly wrong by."""
 SETTLED = 0.1
@@ -276,7 +276,7 @@ WHOLE = 0.8
 """Share of the records between the first and the last that take part, of a recording that shows how an engine moves: a
 gate has left those out of the others that would."""
 STRETCH_S = 120.0
-"""Of a recording that is left out at once: two of the longest lag."""
+"""Of a recording that is excluded at once: two of the longest lag."""
 LEAST_STRETCHES = 6
 """Of fewer it is not known whether what one shows is found in the others."""
 WORTH = 3.0
@@ -287,7 +287,7 @@ RIDGE = 1e-9
 
 
 def find_sensor_lags(problem: IdentificationProblem, fit: Fit) -> tuple[SensorLag, ...]:
-    """What the readings lag by, all of them or none; `fit` is of readings as they stand in the problem."""
+    """What the readings lag by, all of them or none; `fit` is of the readings of the problem."""
     moment, tapes = problem.inputs.get(MOMENT), getattr(problem.model, "tapes", None)
     if moment is None or tapes is None:
         return ()
@@ -391,7 +391,7 @@ class _StretchSums:
 
 def _fit_lags(rows: _StretchSums) -> tuple[np.ndarray, np.ndarray] | None:
     """Amounts (m, T) and their standard deviations between stretches (m, T), fitted with the parameters; None where
-    they do not foretell stretches that are left out better than the parameters alone."""
+    they do not predict excluded stretches better than the parameters alone."""
     K, q = rows.gradient.shape
     p = rows.parameters
     held = np.diag(np.append(np.ones(p), np.full(q - p, RIDGE * np.trace(rows.products.sum(axis=0)) / q)))

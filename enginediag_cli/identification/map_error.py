@@ -53,7 +53,7 @@ CELL = 0.1
 SAME = 0.01
 """Relative change of the readings below which operating points are one: less is the scatter of a control."""
 DIRECTIONS = 3
-"""Directions in which operating points are told apart: power, and two of flight and weather."""
+"""Directions in which operating points are distinguished: power, and two of flight and weather."""
 EMPTY = 0.25
 """Part of a cell without any value that ends a cell, so that none ends within a condition that is flown again and
 again: judgement."""

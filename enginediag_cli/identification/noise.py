@@ -258,13 +258,13 @@ def gross_readings(residual: np.ndarray, recording: np.ndarray) -> np.ndarray:
 
 
 def _running_median(x: np.ndarray) -> np.ndarray:
-    """Median (n, m) of AROUND values about each of x (n, m), fewer at the ends, NaN left out."""
+    """Median (n, m) of AROUND values about each of x (n, m), fewer at the ends, without NaN."""
     padded = np.pad(x, ((AROUND // 2, AROUND // 2), (0, 0)), constant_values=np.nan)
     return _nan_median(np.lib.stride_tricks.sliding_window_view(padded, AROUND, axis=0), axis=-1)
 
 
 def _nan_median(x: np.ndarray, axis: int = 0) -> np.ndarray:
-    """Median along an axis, NaN left out; NaN where nothing is left."""
+    """Median along an axis, without NaN; NaN where there is nothing else."""
     if not x.shape[axis]:
         return np.full(np.delete(x.shape, axis), np.nan)
     ordered, n = np.sort(x, axis=axis), np.isfinite(x).sum(axis=axis, keepdims=True)
@@ -360,7 +360,7 @@ def _correlation(z: np.ndarray, inside: np.ndarray) -> np.ndarray:
     """Correlation of sensors over records in which both have a reading; 0 where fewer than 10 do.
 
     Pairs that are taken over different records need not be the correlation of any numbers: what is negative of its
-    eigenvalues is taken off, and the diagonal brought back to 1 (J. Rousseeuw and G. Molenberghs, Commun. Statist.
+    eigenvalues is removed, and the diagonal brought back to 1 (J. Rousseeuw and G. Molenberghs, Commun. Statist.
     Theory Meth. 22 (1993) 965–984, eigenvalue method)."""
     v = np.where(inside, z, 0.0)
     both = inside.astype(float).T @ inside.astype(float)
@@ -403,7 +403,7 @@ def cross_validated_noise(residual: np.ndarray, gap: np.ndarray, floor: np.ndarr
     """Noise from residuals (N, m), NaN where missing, of records predicted by a fit without them;
     `gap` (N,) as for `estimate_noise`.
 
-    The scale is the root mean square of all readings, none left out: where the model is at its worst is part of
+    The scale is the root mean square of all readings, none excluded: where the model is at its worst is part of
     what it will do again. `floor` (m,) is the noise of the fit, below which prediction cannot be.
     """
     found = estimate_noise(residual, gap, np.zeros(residual.shape[1]), floor)

@@ -193,7 +193,7 @@ MARGIN_RANGE = (0.25, 1.0)
 """Least and largest distance, in spreads of the inputs, up to which a point counts as seen. Judgement: less would
 refuse the next flight on the same route, more would admit another regime."""
 STRETCHES = 10
-"""Parts of a recording, each of which is asked how far it is from the others."""
+"""Parts of a recording, for each of which it is found how far it is from the others."""
 REACH = 3.0
 """Distance beyond the threshold, in spreads of the inputs, up to which a model of errors that widens by itself still
 answers. Judgement: false alarms stay at nominal much farther out, but there other physics than that of the maps begins,
@@ -201,7 +201,7 @@ of which it says nothing."""
 REACH_OF_RANGE = 0.5
 """How far beyond its range an input may be then, as a share of the range, though no less than the spread that is still
 the same operation: what training held constant says nothing of what the engine does elsewhere. A plant at base load
-does not tell what its vanes do below."""
+does not show what its vanes do below."""
 BLOCK = 100
 """Operating points whose distances are computed at once: with a full cover 0.1 MB, which stay in the cache."""
 MINIMUM_SPREAD = {
@@ -337,7 +337,7 @@ def _nearest(v: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 ENGINE_INSTANCE = "engine instance"
-"""Key of `provenance` that names the engine, of those that a recording tells apart, which was identified."""
+"""Key of `provenance` that names the engine, of those that a recording distinguishes, which was identified."""
 STATUSES = ("identified", "weak", "at prior", "at bound")
 IDENTIFIED, WEAK = 0.75, 0.1
 """Shares of the prior variance that the data removed: half the prior's sigma is left, or 95 % of it."""

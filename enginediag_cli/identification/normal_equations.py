@@ -44,9 +44,9 @@ class ModelAnswer:
 class Tangent:
     """Derivatives of all readings, as products of few numbers where they are; 0 where the model had none.
 
-    names: the k parameters that the model is asked for, all that are sought but amounts of map error, and inputs with
-    offsets; own (N, m, k): derivatives by them, to seven digits, more than they are known to; of_maps (N, m, G) and
-    curves (N, G, c): those by amounts are their products.
+    names: the k parameters for which the model gives derivatives, all that are estimated but amounts of map error, and
+    inputs with offsets; own (N, m, k): derivatives by them, to seven digits, more than they are known to; of_maps (N,
+    m, G) and curves (N, G, c): those by amounts are their products.
     """
 
     names: tuple[str, ...]
@@ -142,7 +142,7 @@ def offset_inputs(problem: IdentificationProblem) -> tuple[str, ...]:
 
 
 def derivative_names(problem: IdentificationProblem) -> tuple[str, ...]:
-    """What the model is asked for derivatives by."""
+    """The parameters for which the model gives derivatives."""
     return (*problem.names[: len(problem.names) - count_map_errors(problem)], *offset_inputs(problem))
 
 

@@ -287,8 +287,8 @@ def _tempering(
 ) -> tuple[np.ndarray, np.ndarray]:
     """κ of each sensor as the fit uses it, (m,), and the part of it for an error of the model that records share.
 
-    described (N, m): readings of the engine as its file has it, by which operating points are told apart. Predictions
-    of the fit have the offsets of recordings in them: engines of a fleet would pass for operating points.
+    described (N, m): readings of the engine as its file has it, by which operating points are distinguished.
+    Predictions of the fit have the offsets of recordings in them: engines of a fleet would pass for operating points.
     """
     timely = np.minimum(noise.inflation, MAX_TEMPERING)
     if not is_without_clock(problem.gap):
@@ -362,7 +362,7 @@ def _attempts(problem: IdentificationProblem, settings: IdentificationSettings, 
 
 
 def operating_points(problem: IdentificationProblem) -> int:
-    """How many operating points the records are at, as far as the readings tell them apart."""
+    """How many operating points the records are at, as far as the readings distinguish them."""
     predicted, status = predict(problem, *_zeros(problem))
     there = status <= 1
     return len(np.unique(assign_cells(predicted[there]))) if there.any() else 0

@@ -257,7 +257,7 @@ MENDED = 0.5
 AS_GOOD = 0.8
 """Share of the misfit taken away by the best probe that another one must take away to be as good a name."""
 RECORDS = 400
-"""Records that are asked, evenly spread."""
+"""Records that are used, evenly spread."""
 FEWEST = 5
 """Records below which nothing is said."""
 STEP = 1e-4
@@ -292,7 +292,7 @@ class WrongProbe:
 
 def wrong_probes(engine: Any, recordings: Sequence[TrainingRecording]) -> tuple[WrongProbe, ...]:
     """Probes that the balances contradict, the one that explains most first; nothing where no balance is recorded
-    whole. A class of several ends the list: what else is wrong cannot be told then."""
+    whole. A class of several ends the list: nothing can be concluded about other probes then."""
     if not isinstance(engine, Engine):
         return ()
     columns = frozenset.intersection(*(frozenset(r.columns) for r in recordings)) if recordings else frozenset()
@@ -341,7 +341,7 @@ def _accuracy(engine: Engine, column: str, readings: Mapping[str, np.ndarray]) -
 def _find_wrong_probes(
     given: Sequence[Balance], readings: Mapping[str, np.ndarray], sigma: Mapping[str, float]
 ) -> tuple[WrongProbe, ...]:
-    """One probe after the other, each with those before it left out."""
+    """One probe after the other, each without those before it."""
     probes = tuple(dict.fromkeys(c for b in given for c in b.probes))
     r = np.column_stack([b.difference(readings) for b in given])
     G = np.zeros((*r.shape, len(probes)))

@@ -113,7 +113,7 @@ class IdentificationSettings:
     max_iterations: int = 75
 
     def reduce_iterations(self, steps: int) -> IdentificationSettings:
-        """What is left when so many steps have been taken."""
+        """The rest when so many steps have been taken."""
         return replace(self, max_iterations=max(self.max_iterations - steps, 0))
 
 
@@ -247,7 +247,7 @@ def build_problem(
 ) -> IdentificationProblem:
     """Stack recordings and choose parameters, sensors and offsets.
 
-    Records that lack an input or every reading are left out and counted in `dropped`. Raises DataError for
+    Records that lack an input or every reading are excluded and counted in `dropped`. Raises DataError for
     unknown names in the settings, for a missing input column, and when no record is left.
     """
     sensors = _recorded_sensors(model, recordings, settings)
@@ -336,7 +336,7 @@ def _recorded_sensors(
 
 
 def _no_controls(values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Of a model without controls every record tells."""
+    """Of a model without controls every record counts."""
     return {}
 
 
@@ -470,12 +470,12 @@ def select_records(r: TrainingRecording, rows: slice | np.ndarray) -> TrainingRe
 FEWEST = 5
 """Records that must be repeated before it is more than chance: coarse readings at a standstill agree now and then."""
 SHARE = 0.5
-"""Share of the records of the shorter of two recordings that must stand in both: flights do not share half."""
+"""Share of the records of the shorter of two recordings that must be in both: flights do not share half."""
 
 
 @dataclass(frozen=True)
 class Repeat:
-    """`records` of the recording `label` stand in the earlier recording `of`, too; `whole`: all of them do."""
+    """`records` of the recording `label` are in the earlier recording `original`, too; `whole`: all of them do."""
 
     label: str
     original: str
@@ -486,8 +486,8 @@ class Repeat:
 def drop_repeats(
     recordings: Sequence[TrainingRecording], columns: Sequence[str]
 ) -> tuple[list[TrainingRecording], tuple[Repeat, ...]]:
-    """The recordings with every record once, in their order, and what was left out; a recording of which nothing is
-    left is left out whole. columns: inputs and sensors of the engine, by which records are compared.
+    """The recordings with every record once, in their order, and what was excluded; a recording of which nothing is
+    left is excluded whole. columns: inputs and sensors of the engine, by which records are compared.
 
     Records that repeat within one recording are no matter of this function.
     """

@@ -98,9 +98,9 @@ Place = tuple[str, str, str]
 @dataclass
 class Ledger:
     """What one run has read of statistics. nominal: fingerprint of the nominal given beside them, "" for none;
-    summed: windows of one flight are added up, so that no record may stand in two of them.
+    summed: windows of one flight are added up, so that no record may be in two of them.
 
-    repeated: rows left out, for they had been there before; overlapping: windows that share records with another,
+    repeated: rows excluded, since they had been there before; overlapping: windows that share records with another,
     though none were asked for that do (two recordings of one name, or one made twice).
     """
 

@@ -38,7 +38,7 @@ COUNTS = ("first_line", "last_line", "records", "outside", "incomplete", "failed
 SILENT = "silent"
 """Column that lists the monitored errors of sensors that gave no reading."""
 MOST = 2**53
-"""Counts are whole numbers up to this: beyond it a number no longer tells neighbours apart."""
+"""Counts are whole numbers up to this: beyond it a number no longer distinguishes neighbours."""
 LARGEST_VARIANCE = 1e9
 """Between this and its inverse lies the variance of s in units of its information F: noise that is correlated from
 record to record multiplies it by hundreds, and the uncertainty of nominal has been put into F by then."""
@@ -61,7 +61,8 @@ CELL = 100_000
 MARK = "f8:"
 """Begins a cell of numbers, which would else begin as a formula now and then."""
 CONDITIONS = "conditions"
-"""What was flown, by which a series of windows is told from the weather; a file without this column does not say."""
+"""What was flown, by which a series of windows is separated from the weather; a file without this column does not
+say."""
 WINDOW_COLUMNS = (
     "source",
     "flight",

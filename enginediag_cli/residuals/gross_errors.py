@@ -7,8 +7,8 @@ A reading is judged by z = e/σ, its residual at nominal in standard deviations 
   changes of health within their prior, what is uncertain about nominal, and of each sensor a bias and a scale, so that
   a true fault of a sensor is no gross error; r = z − fit;
 - local: a = r − running median of 31 of r, so that what lasts, a step or a misfit of the model, is no gross error;
-- against noise that remembers, r is predicted from the nearest good neighbours on both sides, g_l and g_r steps away:
-  with α = ρ^g_l and β = ρ^g_r
+- against noise that is correlated in time, r is predicted from the nearest good neighbours on both sides, g_l and g_r
+  steps away: with α = ρ^g_l and β = ρ^g_r
 
       r̂ = [α(1 − β²) r_l + β(1 − α²) r_r]/(1 − α²β²),   v² = (1 − α²)(1 − β²)/(1 − α²β²),   u = (r/S − r̂/S)/v.
 
@@ -41,8 +41,8 @@ AROUND = 31
 """Readings of the running median: as many as let two bursts of seven in a row, one after the other, be the minority."""
 RUN, RUN_S = 7, 600.0
 """Records, and seconds, that a gross error lasts at most, a single record excepted: two such are the minority of
-`AROUND`; ten minutes are longer than any disturbance of a channel that mends itself, and a fault may well begin in that
-time."""
+`AROUND`; ten minutes are longer than any disturbance of a channel that recovers by itself, and a fault may well begin
+in that time."""
 EVENT = 3
 """Records in a row in which several sensors depart together from which it may be an event of the engine."""
 LEAST = 8
@@ -77,7 +77,7 @@ IMPOSSIBLE = 0.5
 DEAD_SIGMAS = 30.0
 """And it is beyond what is fitted as a sensor's own bias."""
 UNRELATED = 1e9
-"""Steps between records of which nobody knows how far they are apart: no noise remembers so long."""
+"""Steps between records of which nobody knows how far they are apart: no noise is correlated for so long."""
 BLOCK, HALO = 2000, 200
 """Records that are judged together, and of their neighbours on either side as context: a running median and the nearest
 good neighbours reach 7 and some records; short flights want a few dozen around them."""

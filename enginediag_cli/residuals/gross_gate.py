@@ -119,7 +119,7 @@ class GrossErrorGate:
 
     def annotate(self, window: WindowStatistics, masked: Iterable[StuckRun] = ()) -> WindowStatistics:
         """The window with what was rejected of its records, and the instruments that are stuck in it; masked: the runs
-        of readings that were stuck by themselves. Windows of a flight are asked for in turn: what lies before this one
+        of readings that were stuck by themselves. Windows of a flight are requested in turn: what lies before this one
         is forgotten."""
         key = (window.source, window.flight, window.engine)
         lines = (window.first_line, window.last_line)
@@ -142,7 +142,7 @@ class GrossErrorGate:
         return replace(window, gross=mine)
 
     def report(self, left_out: Iterable[ExcludedData]) -> None:
-        """Add what was rejected to what was left out of each engine; all of `left_out` are of files that came by their
+        """Add what was rejected to what was excluded of each engine; all of `left_out` are of files that came by their
         whole names, or of the one file that came."""
         left_out = list(left_out)
         alone = len({source for source, _ in self._total}) == len({left.file for left in left_out}) == 1

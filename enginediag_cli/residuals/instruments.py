@@ -172,7 +172,7 @@ class InstrumentFault:
 
     size: the value at which it is stuck, or the standard deviation that its scatter has beyond the stated noise, in the
     column's unit; times: its scatter over the stated noise, NaN of an input, of which none is stated, and where stuck.
-    count: how many readings are concerned, of so many `records`; first_line, last_line: where they stand in the file;
+    count: how many readings are concerned, of so many `records`; first_line, last_line: where they are in the file;
     first: number of the first of them in the window, 0 where lines do not say.
     """
 
@@ -332,7 +332,7 @@ def _typical_moving_chi2(z: np.ndarray) -> float:
 
 
 def _chi2_with_free_input(column: str, rows: np.ndarray, read: np.ndarray, free: Free) -> float:
-    """What is left of the moving residual, a sum of squares, with the input in each of the rows as the readings have
+    """The rest of the moving residual, a sum of squares, with the input in each of the rows as the readings have
     it."""
     values, best = read.astype(float).copy(), np.inf
     for _ in range(NEWTON):
@@ -367,7 +367,7 @@ def find_scatter(
     """Instruments that scatter, the clearest first: e (n, m) residuals at the estimate of consecutive records and level
     (n, m) what is predicted, in the sensors' units; lags (n,) in steps. effects() -> (n, m, q): what a unit of each
     instrument does to the readings; nominal() -> (n − 1, m): variance of the differences of neighbours by what is
-    uncertain about nominal, in the sensors' units squared; both are asked for only where some may scatter."""
+    uncertain about nominal, in the sensors' units squared; both are computed only where some may scatter."""
     sd = noise.sigma * np.sqrt(2 * (1 - noise.rho ** np.maximum(lags[1:, None], 1.0)))
     own = np.diff(_remove_own_line(e, level), axis=0)
     if len(own) < LEAST_DIFFERENCES or not _might_scatter(own / sd):

@@ -412,7 +412,7 @@ class _Passes:
         return PointSums(self._monitor.noise, slopes.position, np.concatenate(self.nominal_predictions))
 
     def _nominal_stretches(self) -> Iterator[tuple[np.ndarray, np.ndarray, NominalResiduals]]:
-        """The records in stretches, held against nominal: their numbers (n,) and lags (n,)."""
+        """The records in stretches, compared with nominal: their numbers (n,) and lags (n,)."""
         known = len(self._kept) if self._kept is not None else 0
         for i, spans in enumerate(self._stretches()):
             number = np.concatenate([np.arange(first, stop) for first, stop in spans])
@@ -503,9 +503,9 @@ class _StepSums:
 
 MOST = 10_000
 """Records of a window beyond which they are not handed out: the full model holds 10 kB of each. With so many the
-statistics at the window's own estimate tell changes apart."""
+statistics at the window's own estimate distinguish changes."""
 HELD = 10 * MOST
-"""Records held at most: windows wait for each other until they hold some thousands."""
+"""Records kept at most: windows wait for each other until they hold some thousands."""
 
 
 class RecentRecords:

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 AnyMonitor = TypeVar("AnyMonitor", bound="Monitor")
 
 DIGITS = 16
-"""Hexadecimal digits of a hash that tells one file from another: an accident in 10¹⁹ passes."""
+"""Hexadecimal digits of a hash that distinguishes files: an accident in 10¹⁹ passes."""
 SEEN = 12
 """Operating points at which readings are computed, and over which the effect of a change on map coordinates is
 averaged; it varies little."""

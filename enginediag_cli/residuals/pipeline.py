@@ -64,7 +64,7 @@ many processes there are."""
 FLOWN = 12
 """Records of a window by which it is known where it was flown: a climb and a cruise have their corners among them."""
 SETTLED = 0.2
-"""Step of the re-estimate, in standard errors, that is not worth another call of the engine: what it leaves out of
+"""Step of the re-estimate, in standard errors, that is not worth another call of the engine: what it neglects in
 the statistics is of second order in it."""
 
 SAMPLED = 4
@@ -244,7 +244,7 @@ def _window_bookkeeping(monitor: Monitor, pieces: Sequence[_WindowPiece]) -> Win
 def _attach_statistics(
     monitor: Monitor, condense: Condense, window: WindowStatistics, statistics: LocalStatistics | None, reason: str = ""
 ) -> WindowStatistics:
-    """The window with its condensed statistics, or with the reason why it has none."""
+    """The window with its sufficient statistics, or with the reason why it has none."""
     if statistics is None or statistics.n == 0:
         return replace(window, reason=reason or describe_excluded(window))
     if reason:
@@ -461,7 +461,7 @@ def _blocks(
     lags: np.ndarray,
     information: np.ndarray | None = None,
 ) -> Iterator[StatisticsBlock]:
-    """Statistics of the windows that hold so many records, those without left out; of short windows together."""
+    """Statistics of the windows that hold so many records, those without excluded; of short windows together."""
     some = np.array(sizes)[np.array(sizes) > 0]
     starts = np.cumsum(some) - some
     first = 0

@@ -91,7 +91,7 @@ def curvature(monitor: Monitor, inputs: Mapping[str, np.ndarray], start: np.ndar
 
 
 NEGLIGIBLE = 5e-5
-"""Information per record of a direction below which it is left out: a tenth in two thousand records."""
+"""Information per record of a direction below which it is neglected: a tenth in two thousand records."""
 
 
 @dataclass(frozen=True)
@@ -314,8 +314,8 @@ def widen_envelope(monitor: Monitor) -> Monitor:
 
 
 def monitor_for_series(monitor: Monitor) -> Monitor:
-    """The monitor whose windows make a series; what wrong slopes of maps make of a change is asked of the series, not
-    of each window."""
+    """The monitor whose windows make a series; what wrong slopes of maps make of a change is computed for the series,
+    not for each window."""
     return replace(widen_envelope(monitor), slopes=None)
 
 
@@ -333,7 +333,7 @@ def ignore_uncertainty(monitor: Monitor) -> Monitor:
 
 def comparison_monitor(monitor: Monitor) -> Monitor:
     """The monitor by which a fleet condenses flights that are compared with each other: `certain`, and without the law
-    of each statistic, which is asked of windows that are judged alone."""
+    of each statistic, which is computed for windows that are judged alone."""
     found = ignore_uncertainty(monitor)
     return replace(found, noise=replace(found.noise, kurtosis=None, readings=None, rho_error=None, rho_common=None))
 
@@ -343,7 +343,7 @@ def input_error_effects(
 ) -> dict[str, dict[str, np.ndarray]]:
     """By how much the reading of each sensor (n,), by the name of its bias, is beyond prediction at `inputs` (n,) that
     were read wrong, for one prior standard deviation: suspected error of an input → bias → effect. sizes: errors, by
-    name, for which that is asked, as far as they are of this monitor.
+    name, for which that is required, as far as they are of this monitor.
 
     The difference of two predictions, not a derivative: a wrong reading moves the engine on its maps, too, off the line
     where their errors are known, and of these `error_model.maps` takes no derivative.
@@ -431,7 +431,7 @@ class MapErrorPolynomial:
 class CompactMonitor(ReducedMonitor):
     """`fit` gives the effect of its unit normals but for the errors of maps, which come of a step of `maps.root` in
     each amount; `start` gives the engine's unknowns at nominal, to begin with. Where training has not been the engine
-    is asked: a polynomial says nothing there."""
+    is used: a polynomial says nothing there."""
 
     fit: OperatingPointPolynomial | None = field(default=None)
     start: StartFit | None = field(default=None)

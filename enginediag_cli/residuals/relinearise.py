@@ -59,8 +59,8 @@ ROUNDS = 5
 that many by turns are seldom met, and what is then left is found by the next step."""
 STALLED = 0.01
 """Share of the fall of χ² since nominal that a window may still promise where no step lowers it any more, because the
-model is bent there: what is told of the change is then right to a tenth of its distance from nominal, and the sets
-that explain it are judged with the full model."""
+model is bent there: what is concluded about the change is then right to a tenth of its distance from nominal, and the
+sets that explain it are judged with the full model."""
 MAX_LOST_SHARE = 0.05
 """Share of a window's records that may be given up because the model fails on them away from nominal."""
 
@@ -153,7 +153,7 @@ class RecordSums(Protocol):
         """At target (w, p), of the windows `chosen` (w,), which stand where `here` says."""
 
     def move(self, accepted: np.ndarray) -> None:
-        """The chosen windows that are accepted (w,) stand at the trial point from now on."""
+        """The chosen windows that are accepted (w,) are at the trial point from now on."""
 
     def bend(self, refused: np.ndarray) -> LinearisedSums:
         """The chosen windows that are refused (w,) have the mean of the sensitivities where they stand and at the trial
@@ -173,9 +173,9 @@ def relinearise(
     """Estimate θ̂ of every window together and linearise there.
 
     y (N, m) measurements, NaN where missing; window (N,): window number of each record, ascending 0…W−1 (default: one
-    window); nominal: y, J, ok at θ0 when already known, else `predict` is asked. Records that fail at θ0 are left out,
-    as are few (MAX_LOST) that fail on the way; a step after which more fail is shortened. Raises ValueError for
-    windows that descend.
+    window); nominal: y, J, ok at θ0 when already known, else `predict` computes them. Records that fail at θ0 are
+    excluded, as are few (MAX_LOST) that fail on the way; a step after which more fail is shortened. Raises ValueError
+    for windows that descend.
     """
     window = np.zeros(len(y), int) if window is None else window
     if np.any(np.diff(window) < 0):
@@ -475,8 +475,8 @@ def _runs(slot: np.ndarray, w: int) -> Iterator[tuple[int, int]]:
 
 
 class PointSums:
-    """f_cq of the parameters at `columns` (k,), record by record, in operating points that `laid_by` (N, m) tells
-    apart: predictions of all of the records, or of some that lie everywhere among them."""
+    """f_cq of the parameters at `columns` (k,), record by record, in operating points that `laid_by` (N, m)
+    distinguishes: predictions of all of the records, or of some that lie everywhere among them."""
 
     def __init__(self, noise: NoiseModel, columns: np.ndarray, laid_by: np.ndarray):
         self._noise, self._columns = noise, columns

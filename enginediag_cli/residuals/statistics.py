@@ -273,7 +273,7 @@ class LocalStatistics:
         return tuple(name for name in self.parameters if name not in {*self.common, *self.own})
 
     def unexcited(self, least_information: float = 1.0) -> tuple[UnexcitedCombination, ...]:
-        """Combinations of parameters that these operating points tell less about than the prior does."""
+        """Combinations of parameters that these operating points contain less about than the prior does."""
         return unexcited_combinations(self.parameters, self.F, self.prior_sigma, least_information)
 
     def drop_parameters(self, names: Collection[str]) -> LocalStatistics:

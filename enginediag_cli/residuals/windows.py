@@ -136,7 +136,7 @@ class WindowPlan:
     whole_flights: bool = False
 
     def flight_plan(self, flight: str) -> WindowPlan:
-        """The plan for the records of one flight, "" where the recording tells none."""
+        """The plan for the records of one flight, "" where the recording states none."""
         return WindowPlan() if self.whole_flights and flight else self
 
     @property
@@ -316,7 +316,7 @@ def select_inputs(monitor: Monitor, recording: Recording, *, widening: bool = Tr
 
 @dataclass(frozen=True)
 class NominalResiduals:
-    """N records held against nominal, before any change is estimated: `inputs`, column -> (N,), what the engine
+    """N records compared with nominal, before any change is estimated: `inputs`, column -> (N,), what the engine
     freezes at nominal among them; readings y (N, m), NaN where there is none; predicted (N, m), J (N, m, p); ok (N,):
     those that the engine can compute; x: its unknowns (nx, N) there, None where it shows none."""
 
@@ -342,7 +342,7 @@ class NominalResiduals:
 def nominal_residuals(
     monitor: Monitor, inputs: Mapping[str, np.ndarray], y: np.ndarray, distinct: np.ndarray | None = None
 ) -> NominalResiduals:
-    """Records that are judged held against nominal: inputs (N,) by column and readings y (N, m). distinct (N,): number
+    """Records that are judged compared with nominal: inputs (N,) by column and readings y (N, m). distinct (N,): number
     of each record, where windows share some."""
     rows = slice(None) if distinct is None else np.unique(distinct, return_index=True)[1]
     asked = {c: v[rows] for c, v in inputs.items()}
