@@ -198,8 +198,22 @@ class Node:
 
 
 def load_document(path: str | Path) -> Node:
-    """The root node of a YAML file; raises ConfigError if the file cannot be read, is no regular file, is larger than
-    `MOST_YAML_BYTES`, or is not YAML."""
+    """Read a YAML file into nodes with their places.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Node
+        The root.
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be read, is no regular file, is larger than ``MOST_YAML_BYTES``, or is not YAML.
+    """
     name = str(path)
     return parse_document(_decode(read_regular(path), name), name)
 
@@ -444,9 +458,20 @@ for _resolvers in Loader.yaml_implicit_resolvers.values():
 
 
 def dump(values: Mapping[str, Any], width: int = 110) -> str:
-    """YAML text of plain values, keys in their order, lists of scalars on one line.
+    """Write plain values as YAML text, keys in their order, lists of scalars on one line.
 
-    Floats have the shortest digits that give the same float back. The text is loaded by `load_document`.
+    Floats have the shortest digits that give the same float back.
+
+    Parameters
+    ----------
+    values : mapping
+    width : int
+        Characters of a line.
+
+    Returns
+    -------
+    str
+        Text that `load_document` reads.
     """
     return str(
         yaml.dump(

@@ -119,7 +119,18 @@ SUPERSCRIPTS = str.maketrans(
 
 
 def near(word: str, known: Iterable[str]) -> str:
-    """Hint for a name that does not exist: the nearest known one, otherwise the list of all of them."""
+    """Say which known name a misspelt one is nearest to, otherwise list them.
+
+    Parameters
+    ----------
+    word : str
+    known : iterable of str
+
+    Returns
+    -------
+    str
+        The second half of an error message.
+    """
     names = list(known)
     close = closest(word, names)
     if close:

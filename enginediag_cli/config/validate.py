@@ -306,10 +306,23 @@ def _child(node: Node, step: str | int) -> Node | None:
 
 
 def validate(document: Node, section: AnySection) -> Checked:
-    """The values of a document, defaults filled in.
+    """Check a document against a declaration, and fill in the defaults.
 
-    Lists and ranges become lists, numbers floats, mappings dicts; an optional key whose default is None may
-    also be left empty. Raises ConfigError with every problem, in the order of the file.
+    Lists and ranges become lists, numbers floats, mappings dicts. An optional key whose default is None may be empty.
+
+    Parameters
+    ----------
+    document : Node
+    section : Section, Variants or Either
+
+    Returns
+    -------
+    Checked
+
+    Raises
+    ------
+    ConfigError
+        With every problem, in the order of the file.
     """
     walk = _Validator(list(document_problems(document)))
     values = walk.mapping(document, section, "")
@@ -547,7 +560,20 @@ FILE_KINDS: dict[str, FileKind] = {
 def load_checked(path: str | Path, kind: str) -> Checked:
     """Read and validate a YAML file that must be of one kind.
 
-    Raises ConfigError with every problem of the file, or with the one problem that it is of another kind.
+    Parameters
+    ----------
+    path : path
+    kind : str
+        A key of ``FILE_KINDS``.
+
+    Returns
+    -------
+    Checked
+
+    Raises
+    ------
+    ConfigError
+        With every problem of the file, or with the one problem that it is of another kind.
     """
     return check_document(load_document(path), kind)
 

@@ -275,13 +275,35 @@ def identify(
     map_accuracy: float | None = None,
     offsets: bool = True,
 ) -> Identification:
-    """Identify `engine` from healthy recordings; `held_out` recordings only judge the result.
+    """Identify the nominal state and the noise of an engine from healthy recordings.
 
-    A held-out recording with the label of a training recording takes its sensor offsets, another one none.
-    Raises DataError for settings or recordings that make no problem; a fit that does not converge is a
-    result. Settings default to the engine file's `identification:` block, where the engine has one; `map_accuracy`: by
-    how much its maps may be wrong, a share, to what the engine file states. `offsets`: what instruments differ by from
-    one recording to the next is allowed for where enough recordings show how much.
+    A fit that does not converge is a result as well: ``converged`` and ``reason`` say so.
+
+    Parameters
+    ----------
+    engine : Model
+    recordings : sequence of TrainingRecording
+        Recordings that are believed healthy.
+    settings : IdentificationSettings, optional
+        By default the ``identification:`` block of the engine file, where the engine has one.
+    held_out : sequence of TrainingRecording
+        Recordings that only judge the result. One with the label of a training recording takes its sensor offsets.
+    cross_validation : bool
+        Whether blocks of records are predicted by fits without them.
+    map_accuracy : float, optional
+        By how much the maps may be wrong, a share; by default what the engine file states.
+    offsets : bool
+        Whether instruments may differ from one recording to the next, where enough recordings show by how much.
+
+    Returns
+    -------
+    Identification
+        Estimates, noise, envelope and quality; ``nominal()`` is what later stages use.
+
+    Raises
+    ------
+    DataError
+        For settings or recordings that make no problem.
     """
     if settings is None:
         settings = settings_from_mapping(getattr(engine, "declared", {}).get("identification"))

@@ -250,8 +250,22 @@ HEADER = """\
 
 
 def read_nominal(path: str | Path) -> Nominal:
-    """Read a nominal file. Raises ConfigError with every problem in it: a key that is wrong, a value that cannot be,
-    any edit since `identify` wrote it. A file without a checksum is read, and its nominal is not `sealed`."""
+    """Read a nominal file.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Nominal
+        Without ``sealed`` if the file has no checksum.
+
+    Raises
+    ------
+    ConfigError
+        With every problem of the file: a wrong key, an impossible value, any edit since ``identify`` wrote it.
+    """
     from enginediag_cli.config.validate import load_checked
 
     checked = load_checked(path, "nominal")
@@ -351,7 +365,20 @@ def format_nominal(nominal: Nominal) -> str:
 
 
 def write_nominal(nominal: Nominal, path: str | Path) -> None:
-    """Write the file completely or not at all. Raises OSError, NoVerdictError for a state that could not be read."""
+    """Write a nominal file completely or not at all.
+
+    Parameters
+    ----------
+    nominal : Nominal
+    path : path
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    NoVerdictError
+        For a state that could not be read back.
+    """
     from enginediag_cli.config.document import parse_document
     from enginediag_cli.config.validate import check_document
     from enginediag_cli.recordings.write import open_output

@@ -412,9 +412,25 @@ SNAPSHOTS = 2.0
 
 
 def training_recordings(recording: Recording, label: str, *, engine: str = "") -> list[TrainingRecording]:
-    """Split by the text columns `engine` and `flight`; `engine` keeps only that instance.
+    """Split a recording by its text columns `engine` and `flight`; a `phase` column becomes the regime of each record.
 
-    A `phase` column becomes the regime of each record. Raises DataError for an engine that is not there.
+    Parameters
+    ----------
+    recording : Recording
+    label : str
+        Name of the recording in messages and offsets.
+    engine : str
+        Keep this instance alone; "" for all.
+
+    Returns
+    -------
+    list of TrainingRecording
+        One per engine and flight, in the order of the file.
+
+    Raises
+    ------
+    DataError
+        For an engine that the recording does not have.
     """
     engines = recording.text.get("engine")
     if engine and engines is not None:
@@ -486,10 +502,20 @@ class Repeat:
 def drop_repeats(
     recordings: Sequence[TrainingRecording], columns: Sequence[str]
 ) -> tuple[list[TrainingRecording], tuple[Repeat, ...]]:
-    """The recordings with every record once, in their order, and what was excluded; a recording of which nothing is
-    left is excluded whole. columns: inputs and sensors of the engine, by which records are compared.
+    """Drop records that an earlier recording contains as well; records that repeat within one recording stay.
 
-    Records that repeat within one recording are no matter of this function.
+    Parameters
+    ----------
+    recordings : sequence of TrainingRecording
+    columns : sequence of str
+        Inputs and sensors of the engine, by which records are compared.
+
+    Returns
+    -------
+    list of TrainingRecording
+        The recordings with every record once, in their order, without those of which nothing remains.
+    tuple of Repeat
+        What was dropped.
     """
     kept: list[TrainingRecording] = []
     found: list[Repeat] = []

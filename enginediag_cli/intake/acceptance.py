@@ -313,8 +313,24 @@ class CheckReference:
 
 
 def check_file(file: str, against: CheckReference) -> Iterator[CheckedFile]:
-    """What is known of a file (`-`: standard input), once for each of its engines that the recorder distinguishes.
-    Raises DataError for a file that cannot be read."""
+    """Check a file before anything is judged, once for each of its engines that the recorder distinguishes.
+
+    Parameters
+    ----------
+    file : str
+        Path; ``-`` is standard input.
+    against : CheckReference
+        Engine, nominal state and recorder to compare it with.
+
+    Yields
+    ------
+    CheckedFile
+
+    Raises
+    ------
+    DataError
+        For a file that cannot be read.
+    """
     if against.recorder is not None:
         yield from _check_foreign_file(file, against, against.recorder)
         return

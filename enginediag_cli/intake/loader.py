@@ -534,10 +534,24 @@ class Thinning:
 
 
 def load_flights(intake: RecordingLoader, thinning: Thinning | None = None) -> list[WholeFlight]:
-    """Every flight of every file, in their order, one engine after the other within a file; thinning: how many records
-    are kept of them, default: all.
+    """Load every flight of every file, in their order, one engine after the other within a file.
 
-    Raises DataError, and NoVerdictError when there is no record in any of them.
+    Parameters
+    ----------
+    intake : RecordingLoader
+    thinning : Thinning, optional
+        How many records are kept; all by default.
+
+    Returns
+    -------
+    list of WholeFlight
+
+    Raises
+    ------
+    DataError
+        For a file that cannot be read.
+    NoVerdictError
+        If none of the files has a record.
     """
     thinning = thinning or Thinning()
     flights: list[tuple[WholeFlight, int]] = []

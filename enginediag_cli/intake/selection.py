@@ -121,8 +121,22 @@ class RequiredColumns:
 def required_columns(
     engine: Model, sensors: Iterable[str] | None = None, others: Sequence[str] = (), *, past: bool = False
 ) -> RequiredColumns:
-    """What this engine reads; `sensors`: only these of its own; `past`: its tapes are kept although it has no
-    memory as it is."""
+    """List the columns that an engine needs of a recording.
+
+    Parameters
+    ----------
+    engine : Model
+    sensors : iterable of str, optional
+        Only these of its sensors; all by default.
+    others : sequence of str
+        Further columns of numbers.
+    past : bool
+        Whether its tapes are kept although the engine has no memory as it is.
+
+    Returns
+    -------
+    RequiredColumns
+    """
     from enginediag_cli.engine.recall import MOMENT
 
     name = str(getattr(engine, "name", "the engine"))
@@ -155,11 +169,25 @@ class NominalBaseline:
 def open_baseline(
     nominal_path: str | Path, engine_path: str | Path | None = None, *, accept_changed_engine: bool = False
 ) -> NominalBaseline:
-    """A nominal file and its engine: the one that travels in it, whatever has become of the engine file.
+    """Open a nominal file and its engine: the one that the file contains, whatever has become of the engine file.
 
-    An engine file that is given, and the one that an older nominal file names, is used itself, and must be the one
-    identified unless a changed one is accepted; accepted, the file named is used, too. Raises ConfigError for files
-    that do not fit each other.
+    An engine file that is given, and the one that an older nominal file names, is used itself. It must be the one that
+    was identified, unless a changed one is accepted.
+
+    Parameters
+    ----------
+    nominal_path : path
+    engine_path : path, optional
+    accept_changed_engine : bool
+
+    Returns
+    -------
+    NominalBaseline
+
+    Raises
+    ------
+    ConfigError
+        For files that do not fit each other.
     """
     from enginediag_cli.identification.nominal_checks import (
         build_described_engine,

@@ -288,7 +288,21 @@ MOST_COLUMNS = 2000
 
 
 def load_recorder(path: str | Path) -> Recorder:
-    """The recorder that a YAML file describes. Raises ConfigError with every problem found."""
+    """Load the recorder that a YAML file describes.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Recorder
+
+    Raises
+    ------
+    ConfigError
+        With every problem of the file.
+    """
     checked = load_checked(path, "recorder")
     values = checked.values
     if len(values["columns"]) > MOST_COLUMNS:

@@ -89,9 +89,21 @@ class Recording:
 
 
 def concat(recordings: Sequence[Recording]) -> Recording:
-    """One recording of all records in turn; line numbers and provenance are those of each part.
+    """Join recordings of the same columns; line numbers and provenance are those of each part.
 
-    Raises DataError when the recordings do not have the same columns.
+    Parameters
+    ----------
+    recordings : sequence of Recording
+
+    Returns
+    -------
+    Recording
+        All records in turn.
+
+    Raises
+    ------
+    DataError
+        If the recordings do not have the same columns.
     """
     if not recordings:
         raise ValueError("nothing to concatenate")
@@ -497,7 +509,19 @@ class MissingColumn:
 
 
 def find_missing_columns(wanted: Iterable[str], order: Collection[str]) -> tuple[MissingColumn, ...]:
-    """Those of the wanted columns that are not in the file's header, each with a near match that is not wanted, too."""
+    """Find required columns that a header lacks, each with a near match that is not required itself.
+
+    Parameters
+    ----------
+    wanted : iterable of str
+        The required columns.
+    order : collection of str
+        The header.
+
+    Returns
+    -------
+    tuple of MissingColumn
+    """
     names = list(wanted)
     others = [column for column in order if column not in names]
     folded = {column.casefold(): column for column in reversed(others)}

@@ -87,11 +87,25 @@ class CsvWriter(RecordingWriter):
 
 @contextmanager
 def open_output(path: str | Path) -> Iterator[TextIO]:
-    """A text stream to `path`: `-` is stdout, `.gz` is packed.
+    """Open a text stream to a path.
 
-    A file is written beside its final place and renamed when the block ends well, so that an error or an
-    interrupt leaves whatever was there before, and of two runs that write the same file one wins, whole. Pipes and
-    devices are written to directly. Raises OSError.
+    A file is written beside its final place and renamed when the block ends well. After an error or an interrupt, what
+    was there before is still there; of two runs that write the same file one wins, whole. Pipes and devices are written
+    to directly.
+
+    Parameters
+    ----------
+    path : path
+        ``-`` is standard output, ``.gz`` is packed.
+
+    Yields
+    ------
+    TextIO
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
     """
     if str(path) == "-":
         yield sys.stdout

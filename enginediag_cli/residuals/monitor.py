@@ -212,11 +212,25 @@ class Monitor:
 def monitor_from_nominal(
     engine: MonitoredModel, nominal: Nominal, patterns: Sequence[str] = (), sensors: Sequence[str] = ()
 ) -> Monitor:
-    """Monitor of an identified engine.
+    """Make the monitor of an identified engine.
 
-    patterns: names or shell patterns of the parameters to watch (default: those that the engine file
-    monitors); sensors: columns to use (default: those identified). Raises DataError for names that do not
-    exist.
+    Parameters
+    ----------
+    engine : MonitoredModel
+    nominal : Nominal
+    patterns : sequence of str
+        Names or shell patterns of the parameters to monitor; by default those that the engine file monitors.
+    sensors : sequence of str
+        Columns to use; by default those that were identified.
+
+    Returns
+    -------
+    Monitor
+
+    Raises
+    ------
+    DataError
+        For names that do not exist.
     """
     from enginediag_cli.identification.nominal_file import fingerprint
 
@@ -376,9 +390,28 @@ def _add_drifts(engine: MonitoredModel, sensors: Sequence[str]) -> MonitoredMode
 def build_monitor(
     baseline: NominalBaseline, patterns: Sequence[str] = (), *, sensors: bool = False, drifts: bool = False
 ) -> Monitor:
-    """Monitor of a baseline; patterns as in `monitor_from_nominal`; sensors: bias and scale of every sensor in use and
-    of every input channel, and bleed valves, may have changed, too; drifts: these instruments may drift as well. Raises
-    DataError for a pattern that names nothing."""
+    """Build the monitor of a baseline.
+
+    Parameters
+    ----------
+    baseline : NominalBaseline
+    patterns : sequence of str
+        Parameters to monitor, as in `monitor_from_nominal`.
+    sensors : bool
+        Whether bias and scale of every sensor in use and of every input channel, and bleed valves, may have changed,
+        too.
+    drifts : bool
+        Whether these instruments may drift as well.
+
+    Returns
+    -------
+    Monitor
+
+    Raises
+    ------
+    DataError
+        For a pattern that names nothing.
+    """
     nominal = baseline.nominal
     engine: MonitoredModel = baseline.engine
     if sensors or patterns:

@@ -122,12 +122,30 @@ def window_statistics(
     condense: Condense | None = None,
     apart: bool = True,
 ) -> Iterator[WindowStatistics]:
-    """Statistics of each window, a few windows at a time; chunks of one file come in order.
+    """Compute the statistics of each window, a few windows at a time.
 
-    linearise: "estimate" re-linearises every window at its own estimate, "nominal" stays at θ0 as the paper
-    does. condense: from the statistics of all parameters of the monitor to those that the window hands over;
-    default: everything that is not monitored counts as noise. apart: that learns nothing from one window for the next,
-    so that several processes may share them. Raises DataError when a recording lacks an input of the engine.
+    Parameters
+    ----------
+    monitor : Monitor
+    recordings : iterable of Recording
+        Chunks of files; those of one file in order.
+    plan : WindowPlan
+    linearise : str
+        ``"estimate"`` re-linearises every window at its own estimate, ``"nominal"`` stays at θ0 (local approach).
+    condense : callable, optional
+        From the statistics of all parameters of the monitor to those that the window has; by default everything that is
+        not monitored counts as noise.
+    apart : bool
+        Whether nothing is learnt from one window for the next, so that several processes may share them.
+
+    Yields
+    ------
+    WindowStatistics
+
+    Raises
+    ------
+    DataError
+        If a recording lacks an input of the engine.
     """
     if linearise not in LINEARISE:
         raise ValueError(f"`linearise` must be one of {', '.join(LINEARISE)}, not {linearise!r}")

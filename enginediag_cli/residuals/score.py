@@ -249,10 +249,26 @@ def fisher_score(
     uncertainty: np.ndarray | None = None,
     tolerance: float = RANK_TOLERANCE,
 ) -> Score:
-    """Score of the `monitored` parameters (default: all), the others certain or covered by `uncertainty`.
+    """Compute score b and Fisher information I, in the range of F, so that singular F and V do no harm.
 
-    uncertainty C (p, p), in parameter units: covariance of θ0 as identified and of nuisance parameters
-    (sensor offsets). Computed in the range of F, so that singular F and V do no harm.
+    Parameters
+    ----------
+    statistics : LocalStatistics
+        s (p,), F (p, p) and V (p, p) of a window.
+    monitored : sequence of str, optional
+        The parameters of interest; all by default. The others are certain, or covered by `uncertainty`.
+    uncertainty : ndarray, optional
+        C (p, p) in parameter units: covariance of θ0 as identified and of nuisance parameters (sensor offsets).
+    tolerance : float
+        Share of the largest eigenvalue below which a direction counts as not observed.
+
+    Returns
+    -------
+    Score
+
+    Notes
+    -----
+    b = F_a (V + F C F)⁻¹ s and I = F_a (V + F C F)⁻¹ F_aᵀ, so that b ~ N(I Δθ_a, I).
     """
     space = range_space(statistics.F, statistics.prior_sigma, tolerance)
     return _compute_score(space, statistics, monitored, uncertainty)

@@ -375,10 +375,22 @@ class StatisticsBlock:
 
 
 def whiten(e: np.ndarray, J: np.ndarray, noise: NoiseModel) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals z (N, m) and sensitivities G (N, m, p) in units of the long-run noise; missing rows are zero.
+    """Scale residuals and sensitivities by the long-run noise.
 
-    e (N, m) in sensor units, NaN where a sensor is missing; J (N, m, p) in sensor unit per parameter unit. A
-    row of J that is not finite is dropped with its measurement.
+    Parameters
+    ----------
+    e : ndarray
+        Residuals (N, m) in sensor units, NaN where a sensor is missing.
+    J : ndarray
+        Sensitivities (N, m, p) in sensor unit per parameter unit. A row that is not finite is dropped with its reading.
+    noise : NoiseModel
+
+    Returns
+    -------
+    z : ndarray
+        Residuals (N, m) without unit; zero where missing.
+    G : ndarray
+        Sensitivities (N, m, p) per parameter unit; zero where missing.
     """
     z, G, _ = whitened(e, J, noise)
     return z, G

@@ -165,9 +165,23 @@ class WindowPlan:
 
 
 def plan_windows(length: str | None, step: str | None = None) -> WindowPlan:
-    """Plan from texts such as "60" (records) or "10min"; step defaults to length (windows that follow).
+    """Read a plan of windows from texts.
 
-    ValueError says what is wrong with the text.
+    Parameters
+    ----------
+    length : str or None
+        "60" (records) or "10min"; None for whole flights.
+    step : str, optional
+        Distance of windows; by default the length, so that windows follow each other.
+
+    Returns
+    -------
+    WindowPlan
+
+    Raises
+    ------
+    ValueError
+        With what is wrong with the text.
     """
     if length is None:
         if step is not None:
