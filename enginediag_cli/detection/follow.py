@@ -217,13 +217,30 @@ def _unit(S: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class BlockReport:
-    """One block of a flight; one of no records judges those that waited for what followed.
+    """Evidence after one block of a flight; a block of no records judges those that waited for what followed.
 
-    repeated: records whose readings are those of the record before, not judged; sensors: how
-    many of `sensors_of` gave a reading that was judged; log10_e: evidence that something has changed, as a power of
-    ten; alarm: E has reached 1/α, in this block or before; change: what it looks like, once there is an alarm; reason:
-    why the block is no evidence, "" where it is; elsewhere: how many records training did not cover, by where they
-    lie; instruments: those that are stuck or scatter, as far as the flight has come."""
+    Attributes
+    ----------
+    judged, outside, incomplete, failed, repeated : int
+        Records that were judged, and those that were not, by reason; `repeated` records have the readings of the record
+        before.
+    sensors, sensors_of : int
+        Sensors that gave a reading that was judged, and all sensors.
+    log10_e : float
+        Evidence of a change, log₁₀ E.
+    alarm : bool
+        Whether E has reached 1/α, in this block or before.
+    change : DetectedChange or None
+        Kind and onset of the change, once there is an alarm.
+    reason : str
+        Why the block is no evidence; "" where it is.
+    extrapolation : Counter of Extrapolation
+        Records outside the identified envelope.
+    gross : GrossCounts
+        Gross errors that were rejected.
+    instruments : sequence of InstrumentFault
+        Instruments that are stuck or scatter, as far as the flight has come.
+    """
 
     key: Key
     block: int
@@ -504,9 +521,25 @@ OPEN_FLIGHTS = 16
 
 @dataclass
 class FlightFollower:
-    """The recordings of an intake followed in blocks of up to `block` records; a file that does not grow for `idle_s`
-    seconds has ended. false_alarm: probability of an alarm in the whole of a healthy flight. `counts`: of records
-    that were not judged, by what became of them."""
+    """The recordings of an intake followed in blocks.
+
+    Attributes
+    ----------
+    intake : RecordingLoader
+        Recordings; a file that does not grow for `idle_s` seconds has ended.
+    monitor : Monitor
+        The engine and its nominal state.
+    false_alarm : float
+        Probability of an alarm in the whole of a healthy flight.
+    block : int
+        Most records of a block.
+    idle_s : float
+        Seconds.
+    counts : Counter of str
+        Records that were not judged, by reason.
+    extrapolation : Counter of Extrapolation
+        Records outside the identified envelope.
+    """
 
     intake: RecordingLoader
     monitor: Monitor

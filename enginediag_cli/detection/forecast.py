@@ -47,9 +47,23 @@ LEAST_WEIGHT = 1e-12
 
 @dataclass(frozen=True)
 class MarginCourse:
-    """Consumption y (n,) after t (n,) flights, negative where nothing can have begun, of errors with covariance `noise`
-    (n, n); steps (n, e): 1 after each maintenance event; now: flights so far. offset, step: standard deviations of c
-    and r beforehand, in the unit of y."""
+    """Consumption of a margin over flights.
+
+    Attributes
+    ----------
+    t : ndarray of shape (n,)
+        Flights since the baseline, negative where nothing can have begun.
+    y : ndarray of shape (n,)
+        Consumption, in K or in another unit of the margin.
+    noise : ndarray of shape (n, n)
+        Covariance of its errors.
+    now : float
+        Flights so far.
+    steps : ndarray of shape (n, e)
+        1 after each maintenance event.
+    offset, step : float
+        Prior standard deviations of the offset c and of the steps r, in the unit of y.
+    """
 
     t: np.ndarray
     y: np.ndarray
@@ -62,8 +76,17 @@ class MarginCourse:
 
 @dataclass(frozen=True)
 class Population:
-    """How engines of a fleet wear: weights (K,) of the curvatures, ln τ ~ N(mean, spread²); spread infinite: every
-    time to the limit is as likely as ten times that. none: probability that nothing grows."""
+    """How engines of a fleet wear.
+
+    Attributes
+    ----------
+    mean, log_spread : float
+        ln τ ~ N(mean, log_spread²); with infinite `log_spread` every τ of the grid is equally probable.
+    weights : ndarray of shape (K,)
+        Probability of each curvature κ.
+    none : float
+        Probability that nothing grows.
+    """
 
     mean: float
     log_spread: float
@@ -107,7 +130,19 @@ def growth(x: np.ndarray, kappa: np.ndarray) -> np.ndarray:
 
 
 def fit_laws(course: MarginCourse, reference: float) -> FittedLaws:
-    """The laws on the grid against a course; reference: L₀."""
+    """Fit every law of growth on the grid to a course.
+
+    Parameters
+    ----------
+    course : MarginCourse
+        Consumption over n flights.
+    reference : float
+        L₀, the consumption that growth reaches after τ flights, in the unit of the course.
+
+    Returns
+    -------
+    FittedLaws
+    """
     n = len(course.t)
     X = np.column_stack([np.ones(n), course.steps])
     prior = np.array([course.offset, *[course.step] * course.steps.shape[1]]) ** 2
@@ -140,7 +175,24 @@ def fit_laws(course: MarginCourse, reference: float) -> FittedLaws:
 
 
 def learn_population(courses: Sequence[FittedLaws], without: int | None = None) -> Population:
-    """The population that these engines come from, without one of them if wanted; `unknown` for fewer than three."""
+    """Learn how engines wear from the courses of a fleet.
+
+    Parameters
+    ----------
+    courses : sequence of FittedLaws
+        One per engine.
+    without : int, optional
+        Position of an engine that is excluded, for a forecast of its own.
+
+    Returns
+    -------
+    Population
+        `unknown_population` for fewer than three engines.
+
+    References
+    ----------
+    A. P. Dempster, N. M. Laird, D. B. Rubin, JRSS B 39 (1977) 1–38.
+    """
     population, mine = unknown_population(), [f for k, f in enumerate(courses) if k != without]
     if len(mine) < 3:
         return population
@@ -185,7 +237,22 @@ class Forecast:
 
 
 def forecast(fit: FittedLaws, population: Population, limit: float, deviation: float = 0.0) -> Forecast:
-    """When the limit ~ N(limit, deviation²) is passed, given that it has not been."""
+    """Forecast when the limit ~ N(limit, deviation²) is passed, given that it has not been passed.
+
+    Parameters
+    ----------
+    fit : FittedLaws
+        Of the engine's course.
+    population : Population
+        How engines of the fleet wear.
+    limit, deviation : float
+        Consumption at the limit and its standard deviation, in the unit of the course.
+
+    Returns
+    -------
+    Forecast
+        Flights to the limit with intervals.
+    """
     from scipy.special import ndtri
 
     w, none = _posterior(fit, population)

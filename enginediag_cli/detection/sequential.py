@@ -374,7 +374,15 @@ ONE_FLIGHT = 1e-3
 
 @dataclass(frozen=True)
 class SuspectDirections:
-    """Directions (d, m) of unit changes in the readings, and the weight (d,) of each beforehand; they sum to 1."""
+    """Directions of change in the readings.
+
+    Attributes
+    ----------
+    directions : ndarray of shape (d, m)
+        Unit changes of the m readings.
+    weights : ndarray of shape (d,)
+        Prior weights, which sum to 1.
+    """
 
     directions: np.ndarray
     weights: np.ndarray
@@ -382,8 +390,17 @@ class SuspectDirections:
 
 @dataclass(frozen=True)
 class FlightReadings:
-    """The flights of one engine: z (n, m); conditions (n, c), standardised; weight (n,): square root of how much of a
-    usual flight each one tells."""
+    """The flights of one engine.
+
+    Attributes
+    ----------
+    z : ndarray of shape (n, m)
+        Readings minus prediction, in units of their noise.
+    conditions : ndarray of shape (n, c)
+        Functions of the conditions flown, standardised.
+    weight : ndarray of shape (n,)
+        Square root of the information of each flight relative to a usual one.
+    """
 
     z: np.ndarray
     conditions: np.ndarray
@@ -392,9 +409,19 @@ class FlightReadings:
 
 @dataclass(frozen=True)
 class EPath:
-    """log_e (n,): logarithm of E after each flight. Of the change, given that there is one: onset (n,), probability
-    that it began with each flight; growing: that it grows; suspect (d,): that it is along each direction, the rest
-    along none of them."""
+    """E-values of one engine, and what changed if something did.
+
+    Attributes
+    ----------
+    log_e : ndarray of shape (n,)
+        Natural logarithm of E after each flight.
+    onset : ndarray of shape (n,)
+        Probability that the change began with each flight, given a change.
+    growing : float
+        Probability that it grows, given a change.
+    suspect : ndarray of shape (d,)
+        Probability of each direction, given a change; the rest is along none of them.
+    """
 
     log_e: np.ndarray
     onset: np.ndarray
@@ -444,9 +471,29 @@ def _courses(n: int, baseline: int, onsets: np.ndarray | None = None, stop: int 
 
 
 def e_path(rows: FlightReadings, suspects: SuspectDirections, baseline: int, looks: int = PEAKS) -> EPath:
-    """E of one engine of which nothing began in its first `baseline` flights. It is 1 until two flights more are known
-    than there are readings. looks: flights at which it is computed, the last among them. ValueError for readings that
-    are not finite."""
+    """Compute the e-values of one engine, of which nothing began in its first `baseline` flights.
+
+    Parameters
+    ----------
+    rows : FlightReadings
+        n flights of m readings.
+    suspects : SuspectDirections
+        Directions of change.
+    baseline : int
+        First flights, believed healthy.
+    looks : int
+        Number of flights at which E is computed, the last among them.
+
+    Returns
+    -------
+    EPath
+        E is 1 until there are two flights more than readings.
+
+    Raises
+    ------
+    ValueError
+        For readings that are not finite.
+    """
     if not np.all(np.isfinite(rows.z)):
         raise ValueError("readings must be finite")
     n, m = rows.z.shape
@@ -469,9 +516,25 @@ def e_path(rows: FlightReadings, suspects: SuspectDirections, baseline: int, loo
 
 
 def onset_posterior(rows: FlightReadings, suspects: SuspectDirections, baseline: int) -> np.ndarray:
-    """Probability (n,) that the change began with each flight, given that there is one: `ONSETS` of them are looked at,
-    evenly spread, then as many among those around the likely ones, as long as these are the fewer half. Flights between
-    two that were looked at share the probability of the first."""
+    """Posterior of the onset, given that there is a change.
+
+    `ONSETS` onsets are evaluated, evenly spread, then as many among those around the likely ones, as long as these are
+    the fewer half. Flights between two that were evaluated share the probability of the first.
+
+    Parameters
+    ----------
+    rows : FlightReadings
+        n flights of m readings.
+    suspects : SuspectDirections
+        Directions of change.
+    baseline : int
+        First flights, believed healthy.
+
+    Returns
+    -------
+    ndarray of shape (n,)
+        Probability that the change began with each flight.
+    """
     n, m = rows.z.shape
     found = np.zeros(n)
     if n <= max(baseline, m + 1):
@@ -678,8 +741,28 @@ def _log_ratios(explained: np.ndarray, left: np.ndarray, free: np.ndarray, sizes
 
 
 def flag_engines(log_e: np.ndarray, level: float) -> np.ndarray:
-    """Which (n,) of the engines with the e-values exp(log_e) (n,) are flagged at the false discovery rate `level`;
-    one without an e-value (NaN) counts, and is not listed. ValueError for a level that is no probability."""
+    """Flag engines at a false discovery rate, by the e-BH procedure.
+
+    Parameters
+    ----------
+    log_e : ndarray of shape (n,)
+        Natural logarithm of the e-value of each engine; one without (NaN) counts, and is not flagged.
+    level : float
+        False discovery rate.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+
+    Raises
+    ------
+    ValueError
+        For a level that is no probability.
+
+    References
+    ----------
+    R. Wang, A. Ramdas, JRSS B 84 (2022) 822–852, theorem 2.
+    """
     if not 0 < level < 1:
         raise ValueError("`level` must lie between 0 and 1")
     log_e = np.nan_to_num(np.asarray(log_e, float), nan=-np.inf, posinf=np.inf, neginf=-np.inf)

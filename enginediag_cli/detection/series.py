@@ -305,7 +305,18 @@ class FlightChange:
 
 
 def estimate_flight_change(statistics: LocalStatistics) -> FlightChange:
-    """Changes in the flight(s) that the statistics stand for."""
+    """Change of each parameter in the flight that the statistics are of.
+
+    Parameters
+    ----------
+    statistics : LocalStatistics
+        Of p parameters.
+
+    Returns
+    -------
+    FlightChange
+        Posterior means and standard errors (p,), in parameter units, with changes N(0, prior_sigma²).
+    """
     D = statistics.prior_sigma
     F, s = _effective(statistics)
     covariance = np.linalg.inv(np.eye(len(D)) + D[:, None] * F * D)
@@ -335,8 +346,15 @@ hundred thousand without. What a machine of 1 GB has to spare."""
 
 @dataclass(frozen=True)
 class FlightWindow:
-    """One flight, or one window of a recording without flights; kept: its statistics, or so much of them as readings
-    take."""
+    """One flight, or one window of a recording without flights.
+
+    Attributes
+    ----------
+    window : WindowStatistics
+        Its place, counts and conditions; its statistics are in `stored`.
+    stored : LocalStatistics or EpochStatistics
+        Its statistics, or the part of them that readings need.
+    """
 
     window: WindowStatistics
     stored: LocalStatistics | EpochStatistics
@@ -351,10 +369,25 @@ class FlightWindow:
 
 @dataclass(frozen=True)
 class Series:
-    """The stretches of each engine in order, what the parameters are, and `lost`: windows that had no statistics.
-    instruments: of each engine those that are stuck or scatter in some of its flights, also of lost ones;
-    steered: inputs that set the power, which an engine's state does not leave alone; errors: of inputs, by name;
-    monitor: None where statistics came without one."""
+    """The flights of engines in order.
+
+    Attributes
+    ----------
+    stretches : mapping of str to sequence of FlightWindow
+        Engine → its flights, or windows, in order of time.
+    parameters : mapping of str to Parameter
+        Meaning of the parameters.
+    skipped_windows : int
+        Windows without statistics.
+    power_inputs : collection of str
+        Inputs that set the power; the state of health of the engine moves them.
+    errors : mapping of str to InputError
+        Errors of inputs, by name.
+    monitor : Monitor or None
+        None where statistics came without one.
+    instruments : mapping of str to tuple of FaultInFlights
+        Engine → instruments that are stuck or scatter in some of its flights, also in skipped windows.
+    """
 
     stretches: Mapping[str, Sequence[FlightWindow]]
     parameters: Mapping[str, Parameter]
@@ -456,9 +489,25 @@ class WindowSource(Protocol):
 
 
 def build_series(files: WindowSource, law: Law = "whole") -> Series:
-    """Raises DataError when windows of a flight have different parameters, and for more flights than memory should take
-    (`MOST_BYTES`). law: how much is kept of the law of each statistic, which is nine tenths of what it holds: all of
-    it; its covariance V, which sums need; or nothing, where `readings` alone will be asked of the series."""
+    """Read windows into a series; windows of a flight are added where `files.summed`.
+
+    Parameters
+    ----------
+    files : WindowSource
+        Windows of recordings, in order of time for each engine.
+    law : {"whole", "covariance", "none"}
+        How much is kept of the covariance of each statistic, nine tenths of the memory: everything; the covariance V,
+        which sums need; or nothing, where only `Series.readings` is used.
+
+    Returns
+    -------
+    Series
+
+    Raises
+    ------
+    DataError
+        When windows of a flight have different parameters, and for more flights than fit into `MOST_BYTES`.
+    """
     found: dict[str, list[FlightWindow]] = {}
     flights: dict[str, int] = {}
     shown: dict[str, list[tuple[int, str, InstrumentFault]]] = {}

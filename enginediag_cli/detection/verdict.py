@@ -121,7 +121,24 @@ def critical_value(score: Score, false_alarm: float) -> float:
 
 
 def glr_test(score: Score, false_alarm: float = 0.01) -> GlrTest:
-    """Test of no change against any change of the parameters of `score`."""
+    """Test "no parameter has changed" against any change of the parameters of `score`.
+
+    Parameters
+    ----------
+    score : Score
+        Score b (p,) and information (p, p) of p parameters.
+    false_alarm : float
+        Probability of an alarm without a change.
+
+    Returns
+    -------
+    GlrTest
+        Statistic, degrees of freedom (the rank of the information), threshold, p-value and alarm.
+
+    References
+    ----------
+    Equations (10) and (11) of the local approach.
+    """
     limit = critical_value(score, false_alarm)
     if score.rank == 0:
         return GlrTest(0.0, 0, limit, float("nan"), None)
@@ -148,7 +165,18 @@ class LackOfFit:
 
 
 def lack_of_fit(statistics: LocalStatistics) -> LackOfFit:
-    """Test of what no change of the parameters explains; NaN where nothing is left over to test."""
+    """Test what no change of the parameters explains.
+
+    Parameters
+    ----------
+    statistics : LocalStatistics
+        Score s (p,), information F (p, p) and χ² of a window.
+
+    Returns
+    -------
+    LackOfFit
+        With NaN for p-value and ratio where there are no degrees of freedom.
+    """
     space = range_space(statistics.F, statistics.prior_sigma)
     v = (statistics.prior_sigma * statistics.s) @ space.basis
     unexplained = statistics.chi2 - float(np.sum(v**2 / space.eigenvalues))
@@ -168,9 +196,16 @@ MUST_SHOW = {"efficiency": 0.02, "effectiveness": 0.02, "flow_capacity": 0.03, "
 
 @dataclass(frozen=True)
 class RequiredPower:
-    """What a window must be able to show before silence is "healthy": `changes`, shell patterns of parameters with a
-    size in their unit (inf: none must show), before those of MUST_SHOW, each with probability `power`,
-    which is larger than that of a false alarm."""
+    """Power that a window must have for "healthy" to be a verdict.
+
+    Attributes
+    ----------
+    changes : tuple of (str, float)
+        Shell patterns of parameters with the change that must show, in the parameter's unit (inf: none must show); they
+        come before those of MUST_SHOW.
+    power : float
+        Probability with which it must show, larger than that of a false alarm.
+    """
 
     changes: tuple[tuple[str, float], ...] = ()
     power: float = POWER
@@ -274,8 +309,21 @@ what would be seen within it. An alarm in spite of them stands."""
 
 @dataclass(frozen=True)
 class Verdict:
-    """`reason` says why there is no verdict; `test`, `fit` and `score` are None where there is nothing to test.
-    detectable: smallest change (p,) of each parameter of the score that would have shown, in its unit."""
+    """The verdict on one window.
+
+    Attributes
+    ----------
+    window : WindowStatistics
+        The window, without parameters that it holds no reading of.
+    verdict : str
+        HEALTHY, FAULT or NO_VERDICT.
+    reason : str
+        Why there is no verdict; "" where there is one.
+    test, fit, score : GlrTest, LackOfFit, Score or None
+        None where there is nothing to test.
+    detectable : ndarray of shape (p,) or None
+        Smallest change of each parameter of the score that would have shown, in its unit.
+    """
 
     window: WindowStatistics
     verdict: str
@@ -305,11 +353,28 @@ def judge(
 ) -> Verdict:
     """Test one window at the given false-alarm probability.
 
-    required: what silence must rest on. monitor: judges anew, without each channel in turn, what could not be checked
-    for gross errors; an alarm that rests on one channel is no verdict then.
-
     Errors of sensors that gave no reading are excluded from the statistics of the verdict's window: they are no
     suspects.
+
+    Parameters
+    ----------
+    window : WindowStatistics
+        Statistics of the window; without them its reason is the verdict's.
+    false_alarm : float
+        Probability of an alarm without a change.
+    required : RequiredPower
+        Changes that must have been detectable for "healthy".
+    monitor : Monitor, optional
+        Repeats the test without each channel in turn where the window was not checked for gross errors: an alarm that
+        rests on one channel is no verdict then.
+
+    Returns
+    -------
+    Verdict
+
+    References
+    ----------
+    Equations (10) and (11) of the local approach.
     """
     statistics = window.statistics
     if statistics is None:

@@ -154,13 +154,41 @@ class HealthChange:
 
 @dataclass(frozen=True)
 class EngineFinding:
-    """What the history of one engine says. flights, records: how many; verdict: HEALTHY, CHANGED or NO_VERDICT, and its
-    `reason`; log10_e: of the sequential test at the end of its data; discovery: whether the fleet's list holds it;
-    since: number of the first changed flight, from 1, with its 95 % interval, 0 where nothing is found; severity: how
-    far it has gone towards its limit, in `severity_unit` ("K" of the margin, or "sigma", prior standard deviations);
-    unlisted: probability that what changed is something that is not among the suspects, NaN where it was not asked;
-    event_changes: what each of the events did, None where that is not known; instruments: those that are stuck or
-    scatter in some of its flights."""
+    """The finding of one engine.
+
+    Attributes
+    ----------
+    flights, records : int
+        How many it has.
+    verdict, reason : str
+        HEALTHY, CHANGED or NO_VERDICT, and why.
+    log10_e : float
+        Evidence of a change at the end of its data, log₁₀ E.
+    discovery : bool
+        Whether the fleet flags it.
+    since, since_low, since_high : int
+        Number of the first changed flight, from 1, with its 95 % interval; 0 without a change.
+    severity, severity_unit : IntervalEstimate, str
+        Distance gone towards the limit, in "K" of the margin, or in "sigma", prior standard deviations.
+    unlisted : float
+        Probability that the change is none of the suspects'; NaN where nothing was isolated.
+    health : sequence of HealthRow
+        Parameters.
+    by_flight : sequence of FlightRow
+        Flights.
+    events : sequence of EventRow
+        Maintenance.
+    margin : Margin
+        EGT margin.
+    baseline : int
+        First flights, believed healthy.
+    state : FinalReadings or None
+        Last flights against the baseline.
+    event_changes : sequence of HealthChange or None
+        Effect of each event; None where it is not known.
+    instruments : sequence of FaultInFlights
+        Instruments that are stuck or scatter in some of its flights.
+    """
 
     serial: str
     build: str
@@ -189,10 +217,25 @@ class EngineFinding:
 
 @dataclass(frozen=True)
 class CommonChange:
-    """A parameter over the fleet, as if its component, or instrument, were what engines have in common. mean: of the
-    changes, with its 95 % interval; spread: standard deviation between engines; alike: share of engines whose change
-    goes the way of the mean; probability: that it is this component; common: whether it is one of those that hold 95 %
-    of it, where most engines have moved alike; reading: what that may be, in words."""
+    """Change of a parameter over the fleet.
+
+    Attributes
+    ----------
+    mean : IntervalEstimate
+        Mean of the changes, with its 95 % interval.
+    spread : float
+        Standard deviation between engines.
+    engines : int
+        Engines that it is of.
+    alike : float
+        Share of engines whose change has the sign of the mean.
+    probability : float
+        That this component, or instrument, is what the engines have in common.
+    common : bool
+        Whether it is one of those that hold 95 % of the probability, where most engines have changed in the same way.
+    reading : str
+        What it may be, in words.
+    """
 
     parameter: str
     component: str
@@ -209,7 +252,17 @@ class CommonChange:
 
 @dataclass(frozen=True)
 class FlaggedEngines:
-    """engines: serial numbers, largest e-value first; level: the bound; words: what it says."""
+    """Engines flagged.
+
+    Attributes
+    ----------
+    engines : sequence of str
+        Serial numbers, largest e-value first.
+    level : float
+        False discovery rate.
+    words : str
+        The same in a sentence.
+    """
 
     engines: Sequence[str]
     level: float
@@ -218,7 +271,19 @@ class FlaggedEngines:
 
 @dataclass(frozen=True)
 class FleetFinding:
-    """engines: ranked by severity, worst first; left_out: serial number and why it has no verdict."""
+    """The finding of a fleet.
+
+    Attributes
+    ----------
+    engines : sequence of EngineFinding
+        By severity, worst first.
+    flagged : FlaggedEngines
+        Engines flagged at the false discovery rate.
+    common : sequence of CommonChange
+        Changes that engines have in common.
+    excluded : sequence of (str, str)
+        Serial number, and why it has no verdict.
+    """
 
     engines: Sequence[EngineFinding]
     flagged: FlaggedEngines
@@ -228,12 +293,26 @@ class FleetFinding:
 
 @dataclass(frozen=True)
 class FleetSettings:
-    """How a fleet is judged. false_alarm: of the verdict on one engine, over its whole life; false_discovery: share of
-    healthy engines among those listed, on average; sensors: instruments are suspects; generic: the maps are not the
-    engine's own; limits_K: column → limit of its temperature at the reference condition; consumed_limit_K: K of margin
-    at which an engine is removed from wing, with its standard deviation, where that and no temperature is known, as
-    from engines that were; thorough: flagged engines are judged as `trend` does, at a second each; onsets: the onset of
-    the change is estimated, which takes longest of very many flights."""
+    """How a fleet is judged.
+
+    Attributes
+    ----------
+    false_alarm : float
+        Probability of a false alarm for one engine, over its whole life.
+    false_discovery : float
+        Share of healthy engines among those flagged, on average.
+    sensors, generic : bool
+        Whether instruments are suspects; whether the maps are not the engine's own.
+    limits_K : mapping of str to float
+        Temperature column → its limit at the reference condition, K.
+    consumed_limit_K : tuple of float or None
+        Margin used at which an engine is removed from wing, with its standard deviation, K; where no limit of a
+        temperature is known, as from engines that were removed.
+    thorough : bool
+        Flagged engines are judged as `trend` does, at a second each.
+    onsets : bool
+        The onset of the change is estimated, which takes longest of very many flights.
+    """
 
     false_alarm: float = 0.01
     false_discovery: float = 0.05

@@ -43,9 +43,23 @@ DESIGN, RATING, RECORDED = "design point", "rating at the design condition", "me
 
 @dataclass(frozen=True)
 class PowerReference:
-    """Inputs of one operating point, among them the power setting of a healthy engine; fixed_column: model column
-    that is the same before and after; temperature: hottest recorded turbine temperature, or, with `recorded` false,
-    the model's behind the last turbine; fuel: column of the fuel flow; words: which operating point it is."""
+    """One operating point of a healthy engine, at which gains are compared.
+
+    Attributes
+    ----------
+    inputs : mapping of str to float
+        Inputs, the power setting among them.
+    fixed_column : str
+        Model column that is the same before and after: thrust or power.
+    temperature : str
+        Hottest recorded turbine temperature; without one (`recorded` false) the model's behind the last turbine.
+    fuel : str
+        Column of the fuel flow.
+    words : str
+        Which operating point it is.
+    recorded : bool
+        Whether the temperature is recorded.
+    """
 
     inputs: Mapping[str, float]
     fixed_column: str

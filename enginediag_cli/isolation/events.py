@@ -37,9 +37,24 @@ CLASS = 0.95
 
 @dataclass(frozen=True)
 class EventSuspect:
-    """One suspect of an event: a component or instrument, the chance that it is the one that changed, and its
-    parameters: chance of each to have changed, change since the onset with its standard deviation, in its unit, given
-    that it changed; expected, covariance: of the changes of all of them, those of zero counted, given this suspect."""
+    """One suspect of an event: a component or an instrument.
+
+    Attributes
+    ----------
+    component : str
+        Its name.
+    probability : float
+        That it is the one that changed, given the event.
+    parameters : tuple of str
+        Its parameters (q).
+    inclusion, change, deviation : tuple of float
+        Of each parameter: probability that it changed; change since the onset with its standard deviation, in its unit,
+        given that it changed.
+    instrument : bool
+        Whether it is an instrument.
+    expected, covariance : tuple
+        Mean (q,) and covariance (q, q) of the changes, those of zero counted, given this suspect.
+    """
 
     component: str
     probability: float
@@ -54,9 +69,22 @@ class EventSuspect:
 
 @dataclass(frozen=True)
 class SeriesEvent:
-    """A change during the series. probability: that there is one at all, the other events given; members: suspects,
-    likeliest first; kind: the likeliest; onset, low, high: number of the first changed flight (of a growing change: of
-    the last unchanged), from 1, most probable and 95 % interval; weight: log odds that it happened."""
+    """A change during the series.
+
+    Attributes
+    ----------
+    probability : float
+        That there is such an event, given the other events.
+    members : tuple of EventSuspect
+        Suspects, likeliest first.
+    kind : str
+        The likeliest kind.
+    onset, low, high : int
+        Number of the first changed flight, from 1 (of a growing change of the last unchanged one): most probable, and
+        95 % interval.
+    weight : float
+        Log odds of the event.
+    """
 
     probability: float
     members: tuple[EventSuspect, ...]
@@ -88,11 +116,28 @@ class SeriesFit:
 
 @dataclass(frozen=True)
 class SeriesDiagnosis:
-    """Events of one series of `flights` flights, surest first; inclusion: component → chance that it changed;
-    converged: the search settled; fit: what is left unexplained; undecided: without an event, a change that the
-    series shows plainly if its readings scatter by themselves, and does not if they wander, when it is not settled that
-    they do; unlisted: probability that what happened is something that is not listed, and then there is no event;
-    departures: numbers, from 1, of flights that differ from nominal for certain."""
+    """What changed during one series.
+
+    Attributes
+    ----------
+    events : tuple of SeriesEvent
+        Surest first.
+    flights : int
+        Flights of the series.
+    inclusion : mapping of str to float
+        Component → probability that it changed.
+    converged : bool
+        Whether the search converged.
+    fit : SeriesFit
+        χ² per degree of freedom without and with the events.
+    undecided : SeriesEvent or None
+        Without an event, a change that the series shows plainly if its readings scatter by themselves, and does not if
+        they wander, when it is not settled that they do.
+    unlisted : float
+        Probability that the change is none of the suspects'; where it is likely there are no events.
+    departures : tuple of int
+        Numbers, from 1, of flights that differ from nominal for certain.
+    """
 
     events: tuple[SeriesEvent, ...]
     flights: int

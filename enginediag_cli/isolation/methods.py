@@ -173,12 +173,23 @@ Named = tuple[tuple[str, ...], float]
 
 @dataclass(frozen=True)
 class IsolationOptions:
-    """Choices common to the methods.
+    """Options common to the methods.
 
-    faults: number of changed parameters when known; false_alarm: level of tests; prior of the posterior
-    method; coverage: total probability of answer and alternatives, more than the share of truths that shall be among
-    them, since how often things are wrong is known roughly; confidence: level of size intervals; largest: largest set
-    considered.
+    Attributes
+    ----------
+    faults : int or None
+        Number of changed parameters, if known.
+    false_alarm : float
+        Level of tests.
+    prior : SetPrior
+        Prior of the posterior method.
+    coverage : float
+        Probability that the answer and its alternatives hold together; more than the share of truths that shall be
+        among them, since how often things are wrong is known roughly.
+    confidence : float
+        Level of the intervals of sizes.
+    largest : int or None
+        Most parameters of a set.
     """
 
     faults: int | None = None

@@ -111,9 +111,34 @@ def set_posterior(
     faults: int | None = None,
     max_sets: int = MAX_SETS,
 ) -> SetPosterior:
-    """Posterior over all sets up to `largest` parameters, or over the sets of exactly `faults`.
+    """Posterior probability of all sets of changed parameters.
 
-    prior: of sets and sizes of changes. ValueError when `faults` leaves more than `max_sets` sets to visit.
+    Parameters
+    ----------
+    score : Score
+        Score b (p,) and information (p, p) of p parameters.
+    prior : SetPrior, optional
+        Of sets and of sizes of changes.
+    largest : int, optional
+        Most parameters of a set; by default as many as `max_sets` allows.
+    faults : int, optional
+        Only sets of exactly so many parameters.
+    max_sets : int
+        Most sets that are visited.
+
+    Returns
+    -------
+    SetPosterior
+        Sets (M, p) bool by falling probability.
+
+    Raises
+    ------
+    ValueError
+        When `faults` leaves more than `max_sets` sets to visit.
+
+    References
+    ----------
+    George, E. I. and McCulloch, R. E. (1997) Statistica Sinica 7, 339–373.
     """
     prior = prior or SetPrior()
     p, instruments = len(score.parameters), InstrumentForms.from_parameters(score.described)
@@ -391,10 +416,18 @@ def _quantile(weight: np.ndarray, mean: np.ndarray, spread: np.ndarray, level: f
 
 @dataclass(frozen=True)
 class SetInference:
-    """The posterior over sets with the score and the prior that it follows from.
+    """The posterior over sets with the score and the prior from which it follows.
 
-    own_scores: for sets that the full model was fitted to, by the bytes of their masks, scores about their own
-    estimates.
+    Attributes
+    ----------
+    score : Score
+        Of p parameters.
+    posterior : SetPosterior
+        Probabilities of sets.
+    prior : SetPrior
+        Prior of sets and sizes.
+    own_scores : mapping of bytes to Score
+        For sets that the full model was fitted to, by the bytes of their masks: scores about their own estimates.
     """
 
     score: Score

@@ -323,9 +323,21 @@ INPUTS = 0.03
 
 @dataclass(frozen=True)
 class TrendOptions:
-    """`prior`: chances of components and sensors, and sizes; healthy: so many epochs at the beginning in which nothing
-    began; sensors: instruments are suspects; generic: the maps are not the engine's own; governed: errors of inputs
-    that a governor may hold where they were read."""
+    """Options of the judgement of a series.
+
+    Attributes
+    ----------
+    prior : SetPrior
+        Probabilities of changes of components and sensors, and their sizes.
+    healthy : int
+        First epochs in which nothing began.
+    sensors : bool
+        Whether instruments are suspects.
+    generic : bool
+        Whether the maps are not the engine's own.
+    governed : collection of str
+        Errors of inputs that a governor may hold where they were read.
+    """
 
     prior: SetPrior = field(default_factory=SetPrior)
     healthy: int = 0
@@ -343,7 +355,26 @@ def epoch_limit(series: int) -> int:
 def judge_series(
     readings: Readings, meaning: Mapping[str, Parameter], options: TrendOptions | None = None
 ) -> SeriesDiagnosis:
-    """What has happened in a series of three epochs at least; ValueError otherwise."""
+    """Find the events of a series.
+
+    Parameters
+    ----------
+    readings : Readings
+        n epochs of m readings and p parameters.
+    meaning : mapping of str to Parameter
+        Meaning of the parameters.
+    options : TrendOptions, optional
+        Prior and suspects.
+
+    Returns
+    -------
+    SeriesDiagnosis
+
+    Raises
+    ------
+    ValueError
+        For fewer than three epochs.
+    """
     if len(readings) < 3:
         raise ValueError("a trend needs at least three flights")
     options = options or TrendOptions()
@@ -576,9 +607,29 @@ def departing_flights(stretches: Sequence[FlightWindow]) -> tuple[int, ...]:
 def diagnose_engines(
     series: Series, *, reference: int = 0, sensors: bool = True, generic: bool = True, against_nominal: bool = False
 ) -> Iterator[tuple[str, SeriesDiagnosis]]:
-    """Engine and story, of those that have flights enough, in their order. reference: records of an engine in the
-    first of which nothing began; sensors, generic: as of `TrendOptions`; against_nominal: the statistics hold what is
-    uncertain about nominal, too, so that each flight can be tested by itself. Raises DataError."""
+    """Find the events of every engine of a series that has flights enough.
+
+    Parameters
+    ----------
+    series : Series
+        Flights of engines.
+    reference : int
+        First records of each engine in which nothing began.
+    sensors, generic : bool
+        As of `TrendOptions`.
+    against_nominal : bool
+        Whether the statistics hold the uncertainty of nominal, too, so that each flight can be tested by itself.
+
+    Returns
+    -------
+    iterator of (str, SeriesDiagnosis)
+        Engine and diagnosis, in the order of the engines.
+
+    Raises
+    ------
+    DataError
+        When flights of an engine have statistics of different parameters.
+    """
     engines = [engine for engine, stretches in series.stretches.items() if len(stretches) >= FEWEST]
     most = epoch_limit(len(series.stretches))
 

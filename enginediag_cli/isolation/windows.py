@@ -155,10 +155,26 @@ class NextRecording:
 
 @dataclass(frozen=True)
 class IsolatedWindow:
-    """One window: its verdict and `diagnosis`, or `components` where the answer is by component; both None without a
-    verdict.
+    """The isolation of one window.
 
-    meaning: what the parameters are; sensitivity: of the conclusion to single errors, None where it was not computed.
+    Attributes
+    ----------
+    verdict : Verdict
+        Of detection.
+    meaning : mapping of str to Parameter
+        Meaning of the parameters.
+    diagnosis : Diagnosis or None
+        The answer by parameter; None without a verdict.
+    components : ComponentIsolation or None
+        The answer by component, if chosen; None without a verdict.
+    advice : NextRecording or None
+        What to record next.
+    to_components : bool
+        Whether the answer is by component.
+    sensitivity : SensitivityAnalysis or None
+        Of the conclusion to single errors; None where it was not computed.
+    score : Score or None
+        Of which the answer is.
     """
 
     verdict: Verdict

@@ -516,9 +516,23 @@ BEYOND = 0.2
 
 @dataclass(frozen=True)
 class Suggestion:
-    """One recording judged. `what`: the flight in words, the effect that is switched, or the column of the sensor;
-    `chance`: that the right hypothesis is identified after RECORDS records; `records`: the fewest that are enough,
-    inf where none are; `known`: whether it keeps to conditions that were flown."""
+    """One possible recording, judged.
+
+    Attributes
+    ----------
+    kind : str
+        Kind of recording.
+    subject : str
+        The flight in words, the effect that is switched, or the column of the sensor.
+    chance : float
+        Probability that the right hypothesis is identified after RECORDS records.
+    records : float
+        Fewest records that are enough; inf where no number is.
+    flight : PlannedFlight or None
+        The flight.
+    is_flown : bool
+        Whether it keeps to conditions that were flown.
+    """
 
     kind: str
     subject: str
