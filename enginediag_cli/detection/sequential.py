@@ -374,15 +374,7 @@ ONE_FLIGHT = 1e-3
 
 @dataclass(frozen=True)
 class SuspectDirections:
-    """Directions of change in the readings.
-
-    Attributes
-    ----------
-    directions : ndarray of shape (d, m)
-        Unit changes of the m readings.
-    weights : ndarray of shape (d,)
-        Prior weights, which sum to 1.
-    """
+    """Directions (d, m) of unit changes in the m readings, and their prior weights (d,), which sum to 1."""
 
     directions: np.ndarray
     weights: np.ndarray
@@ -409,18 +401,10 @@ class FlightReadings:
 
 @dataclass(frozen=True)
 class EPath:
-    """E-values of one engine, and what changed if something did.
+    """E-values of one engine: log_e (n,), natural logarithm of E after each flight.
 
-    Attributes
-    ----------
-    log_e : ndarray of shape (n,)
-        Natural logarithm of E after each flight.
-    onset : ndarray of shape (n,)
-        Probability that the change began with each flight, given a change.
-    growing : float
-        Probability that it grows, given a change.
-    suspect : ndarray of shape (d,)
-        Probability of each direction, given a change; the rest is along none of them.
+    Given a change: onset (n,), probability that it began with each flight; growing: that it grows; suspect (d,): that
+    it is along each direction, the rest along none of them.
     """
 
     log_e: np.ndarray
@@ -516,24 +500,10 @@ def e_path(rows: FlightReadings, suspects: SuspectDirections, baseline: int, loo
 
 
 def onset_posterior(rows: FlightReadings, suspects: SuspectDirections, baseline: int) -> np.ndarray:
-    """Posterior of the onset, given that there is a change.
+    """Posterior probability (n,) of the onset at each of n flights, given a change; arguments as of `e_path`.
 
     `ONSETS` onsets are evaluated, evenly spread, then as many among those around the likely ones, as long as these are
     the fewer half. Flights between two that were evaluated share the probability of the first.
-
-    Parameters
-    ----------
-    rows : FlightReadings
-        n flights of m readings.
-    suspects : SuspectDirections
-        Directions of change.
-    baseline : int
-        First flights, believed healthy.
-
-    Returns
-    -------
-    ndarray of shape (n,)
-        Probability that the change began with each flight.
     """
     n, m = rows.z.shape
     found = np.zeros(n)

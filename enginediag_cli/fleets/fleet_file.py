@@ -174,8 +174,25 @@ COLUMNS = ("engine", "kind", "flight", "time_s", "component")
 
 
 def read_events(path: Path, *, named: bool = True) -> tuple[MaintenanceEvent, ...]:
-    """Events in the order of the file; named: each says its engine, as it must where there are several. Raises
-    ConfigError with every row that is wrong."""
+    """Read the events of a file of maintenance.
+
+    Parameters
+    ----------
+    path : Path
+        CSV file.
+    named : bool
+        Whether each event names its engine, as it must where there are several.
+
+    Returns
+    -------
+    tuple of MaintenanceEvent
+        In the order of the file.
+
+    Raises
+    ------
+    ConfigError
+        With every row that is wrong.
+    """
     try:
         table = read_all(str(path), declared=("time_s",), by_suffix=False)
     except DataError as error:
@@ -263,9 +280,29 @@ class FleetBaseline:
 
 @dataclass(frozen=True)
 class Fleet:
-    """A fleet ready to be worked on. serial_from: "column" or "file", by `pattern`; plan: None for whole flights;
-    judge, identify: the values of these sections; accept_mismatch: recordings are used that cannot be of the engine, or
-    in these units."""
+    """A fleet file, checked.
+
+    Attributes
+    ----------
+    path, description : Path, str
+        The file and its description.
+    builds : tuple of Build
+        Engines of one build each.
+    serial_from, pattern : str, re.Pattern or None
+        Where serial numbers come from: "column", or "file" by the pattern.
+    baseline : FleetBaseline
+        Early life, believed healthy.
+    plan : WindowPlan or None
+        Windows; None for whole flights.
+    judge, identify : mapping of str
+        Values of these sections.
+    events : tuple of MaintenanceEvent
+        Maintenance.
+    configs : tuple of Path
+        Files that it names.
+    accept_mismatch : bool
+        Whether recordings are used that cannot be of the engine, or in these units.
+    """
 
     path: Path
     description: str
@@ -287,7 +324,22 @@ class Fleet:
 
 
 def load_fleet(path: str | Path) -> Fleet:
-    """Read a fleet file and what it names, but for the recordings; raises ConfigError with every problem."""
+    """Read a fleet file and what it names, except the recordings.
+
+    Parameters
+    ----------
+    path : str or Path
+        YAML file.
+
+    Returns
+    -------
+    Fleet
+
+    Raises
+    ------
+    ConfigError
+        With every problem, its line and column.
+    """
     path = Path(path)
     checked = load_checked(path, "fleet")
     values = checked.values
@@ -414,8 +466,17 @@ DIGITS = re.compile(r"(\d+)")
 
 @dataclass(frozen=True)
 class FleetRecording:
-    """One recording. path: absolute; name: how it is called, by which recordings are in order; build: whose it is;
-    serial: of its engine where its name says it, else ""; trouble: why it is not read, "" where nothing is wrong."""
+    """One recording of a fleet.
+
+    Attributes
+    ----------
+    path, name : str
+        Absolute path, and the name by which recordings are ordered.
+    build, serial : str
+        Its build, and the serial number of its engine where the file name holds it, else "".
+    trouble : str
+        Why it is not read; "" where nothing is wrong.
+    """
 
     path: str
     name: str
@@ -431,8 +492,27 @@ def natural_order(name: str) -> tuple[tuple[str | int, ...], str]:
 
 
 def find_recordings(fleet: Fleet, given: Sequence[str] = ()) -> tuple[FleetRecording, ...]:
-    """All recordings of a fleet by name; those `given` in place of its patterns. What a pattern finds and cannot be
-    read is among them, with its trouble. Raises DataError for one of two builds; NoVerdictError where there is none."""
+    """Find all recordings of a fleet.
+
+    Parameters
+    ----------
+    fleet : Fleet
+        With patterns of files.
+    given : sequence of str
+        Files in place of its patterns.
+
+    Returns
+    -------
+    tuple of FleetRecording
+        By name; a file that a pattern finds and that cannot be read is among them, with its trouble.
+
+    Raises
+    ------
+    DataError
+        For a recording of two builds.
+    NoVerdictError
+        When there is none.
+    """
     if given and len(fleet.builds) > 1:
         raise DataError("the fleet has several builds, so its file has to say which recordings are whose")
     found: dict[str, FleetRecording] = {}

@@ -60,9 +60,27 @@ LARGEST = 5
 
 @dataclass(frozen=True)
 class MaintenanceEffect:
-    """What happened before flight number `flight` (from 1), by so many flights before and after it; dispersion: by what
-    the evidence was divided, since flights of one side differ: parameters that changed with their probability, mean
-    changes and deviations; gain: what temperature and fuel fell by at equal power, None with the `reason`."""
+    """The effect of maintenance before one flight.
+
+    Attributes
+    ----------
+    flight : int
+        Number of the first flight after it, from 1.
+    flights_before, flights_after : int
+        Flights that the estimate rests on.
+    dispersion : float
+        Factor ĉ by which the evidence was divided, since flights of one side differ.
+    names : tuple of str
+        Parameters that changed.
+    probability : float
+        That exactly these changed.
+    change, deviation : tuple of float
+        Mean changes and standard deviations, in the parameters' units.
+    gain : Gain or None
+        Fall of temperature and fuel flow at equal power.
+    reason : str
+        Why there is no gain.
+    """
 
     flight: int
     flights_before: int
@@ -227,9 +245,32 @@ def _prior_held_change(level: Score) -> np.ndarray:
 def maintenance_effects(
     scoping: WorkScopeEstimator, series: Series, engine: str, events: Sequence[str]
 ) -> Iterator[MaintenanceEffect]:
-    """What the maintenance before each of the flights `events`, labels or numbers from 1, did bring to an engine.
+    """Estimate what maintenance restored on one engine.
 
-    DataError for a flight that is not there, or that is the first.
+    Parameters
+    ----------
+    scoping : WorkScopeEstimator
+        Of the monitored engine.
+    series : Series
+        Flights of engines.
+    engine : str
+        Name of the engine in the series.
+    events : sequence of str
+        First flights after maintenance: labels, or numbers from 1.
+
+    Yields
+    ------
+    MaintenanceEffect
+        One per event.
+
+    Raises
+    ------
+    DataError
+        For a flight that does not exist, or that is the first.
+
+    References
+    ----------
+    W. N. Anderson and R. J. Duffin (1969) J. Math. Anal. Appl. 26, 576–594.
     """
     stretches = series.stretches[engine]
     flights = [_flight_number(stretches, event, engine) for event in events]
@@ -297,11 +338,26 @@ FIRST = 1
 
 @dataclass(frozen=True)
 class MarginSettings:
-    """limits_K: column → limit at the reference condition; consumed_limit_K: K of margin that engines have lost when
-    they are taken off, with its standard deviation, where that and no temperature is known; taken_off: engines whose
-    recordings end there, from which it is estimated; events: of a file that is called so; baseline: first flights of an
-    engine, of each, that are believed healthy, 0: those within its first `healthy` records; sensors: instruments are
-    suspects."""
+    """How the margin of engines is assessed.
+
+    Attributes
+    ----------
+    limits_K : mapping of str to float
+        Temperature column → its limit at the reference condition, K.
+    consumed_limit_K : tuple of float or None
+        Margin used at which an engine is removed from wing, with its standard deviation, K; where no limit of a
+        temperature is known.
+    taken_off : sequence of str
+        Engines whose recordings end with their removal, from which that limit is estimated.
+    events, events_file : sequence of MaintenanceEvent, str
+        Maintenance, and the name of its file.
+    baseline : int
+        First flights of each engine, believed healthy; 0: those within its first `healthy` records.
+    healthy : int
+        First records, believed healthy.
+    sensors : bool
+        Whether instruments are suspects.
+    """
 
     limits_K: Mapping[str, float] = field(default_factory=dict)
     consumed_limit_K: tuple[float, float] | None = None
@@ -338,9 +394,20 @@ class EngineMargin:
 
 @dataclass(frozen=True)
 class SeriesMargins:
-    """The engines of a series, by their names; unknown_engines: engines that events name, and no recording; learnt_K:
-    margin that engines had lost when they were removed from wing, with its standard deviation, where it can be
-    estimated."""
+    """Margins of the engines of a series.
+
+    Attributes
+    ----------
+    engines : mapping of str to EngineMargin
+        Engine → its margin.
+    series : Series
+        Their flights.
+    unknown_engines : sequence of str
+        Engines that events name, and no recording.
+    learnt_K : tuple of float or None
+        Margin that engines had used when they were removed from wing, with its standard deviation, K, where it can be
+        estimated.
+    """
 
     engines: Mapping[str, EngineMargin]
     series: Series
@@ -349,11 +416,27 @@ class SeriesMargins:
 
 
 def assess_margins(files: WindowSource, monitor: Monitor, question: MarginSettings) -> SeriesMargins:
-    """What a fleet of the engines of these files finds of each, and what maintenance brought.
+    """Assess the margin of each engine of some files, and the effect of its maintenance.
 
-    files: windows of a series, made by `for_comparison(monitor)`; monitor: says what a change does to the temperature.
-    Raises DataError for a limit of what is no temperature of burnt gas, for events of nobody, for engines removed from
-    wing that do not determine a limit, and when flights of an engine have statistics of different parameters.
+    Parameters
+    ----------
+    files : WindowSource
+        Windows of a series, of the monitor `comparison_monitor(monitor)`.
+    monitor : Monitor
+        Gives the effect of a change on the temperature.
+    question : MarginSettings
+        Limits and maintenance.
+
+    Returns
+    -------
+    SeriesMargins
+
+    Raises
+    ------
+    DataError
+        For a limit of a column that is no temperature of burnt gas, for events of engines without recording, for
+        engines removed from wing that do not determine a limit, and when flights of an engine have statistics of
+        different parameters.
     """
     series = replace(build_series(files, "none"), monitor=monitor)
     events, others = events_by_engine(question.events, series.stretches, question.events_file)

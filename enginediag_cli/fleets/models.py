@@ -284,9 +284,19 @@ ABANDONED_S = 3600.0
 
 @dataclass(frozen=True)
 class StoreStatus:
-    """How far a store holds a fleet. recordings: each with the key under which it is kept, "" where it is not;
-    models: of each build whether its model is there; others: keys of recordings that are not this fleet's, or reduced
-    with other settings; bytes: of the whole store."""
+    """How far a store holds a fleet.
+
+    Attributes
+    ----------
+    recordings : tuple of (FleetRecording, str)
+        Each with the key of its statistics; "" where the store lacks them.
+    models : dict of str to bool
+        Build → whether its model is there.
+    others : tuple of str
+        Keys of recordings of other fleets or settings.
+    bytes : int
+        Size of the whole store.
+    """
 
     recordings: tuple[tuple[FleetRecording, str], ...]
     models: dict[str, bool]
@@ -295,7 +305,26 @@ class StoreStatus:
 
 
 def store_status(fleet: Fleet, recordings: Sequence[FleetRecording], store: FleetStore) -> StoreStatus:
-    """Raises DataError when there is no store."""
+    """Compare a store with a fleet.
+
+    Parameters
+    ----------
+    fleet : Fleet
+        The fleet file.
+    recordings : sequence of FleetRecording
+        As `find_recordings` gives them.
+    store : FleetStore
+        The store.
+
+    Returns
+    -------
+    StoreStatus
+
+    Raises
+    ------
+    DataError
+        When there is no store.
+    """
     _require_store(store)
     makings = {}
     for build in fleet.builds:
@@ -330,8 +359,19 @@ def prune_store(
 
 @dataclass(frozen=True)
 class MergeCounts:
-    """copied: recordings that the store did not have; present: that it had; damaged: files excluded; models: nominal
-    files copied; other_models: keys of models that differ in the two stores."""
+    """Outcome of merging a store into another one.
+
+    Attributes
+    ----------
+    copied, present : int
+        Recordings that were copied, and that the store had.
+    damaged : tuple of str
+        Files that were excluded.
+    models : int
+        Nominal files copied.
+    other_models : tuple of str
+        Keys of models that differ between the two stores.
+    """
 
     copied: int
     present: int
@@ -341,7 +381,23 @@ class MergeCounts:
 
 
 def merge_stores(into: FleetStore, other: FleetStore) -> MergeCounts:
-    """Put into a store what another one has and it has not. Raises DataError when there is no other store, OSError."""
+    """Copy into a store what another one has and it lacks.
+
+    Parameters
+    ----------
+    into, other : FleetStore
+        Store that receives, and store that is read.
+
+    Returns
+    -------
+    MergeCounts
+
+    Raises
+    ------
+    DataError
+        When the other store does not exist.
+    OSError
+    """
     _require_store(other)
     copied, there, damaged = 0, 0, []
     for key in other.keys():
@@ -421,7 +477,24 @@ class SerialRunner:
 
 @contextmanager
 def open_runner(jobs: int, scheduler: str = "") -> Iterator[Runner]:
-    """This process for one job, so many processes, or the cluster of a Dask scheduler. Raises DataError."""
+    """Open the place where tasks of a fleet run.
+
+    Parameters
+    ----------
+    jobs : int
+        1: this process; more: so many processes of this machine.
+    scheduler : str
+        Address of a Dask scheduler; "" for none.
+
+    Yields
+    ------
+    Runner
+
+    Raises
+    ------
+    DataError
+        When Dask is not installed, or the cluster cannot be reached.
+    """
     runner: Runner
     if scheduler:
         runner = DaskRunner(scheduler)

@@ -386,10 +386,29 @@ seconds what they believe is not there."""
 
 @dataclass
 class FleetRun:
-    """What a run found. recordings: in order, with what became of each; left_out: recording and why it is; sums: of all
-    statistics of each build; unknown_engines: engines that events name and no recording; outside_training: of
-    records that training did not cover; consumed_limit_K: what engines have lost of their margin when they are taken
-    off, and its standard deviation, None where that is not known."""
+    """Results of a run over a fleet.
+
+    Attributes
+    ----------
+    fleet : Fleet
+        The fleet file.
+    models : mapping of str to BuildModel
+        Build → its nominal state.
+    recordings : sequence of (FleetRecording, CondenseOutcome)
+        In order, with the outcome of each.
+    finding : FleetFinding
+        Findings of engines and of the fleet.
+    excluded : sequence of (str, str)
+        Recording, and why it is excluded.
+    sums : mapping of str to LocalStatistics
+        Build → sum of all its statistics.
+    unknown_engines : sequence of str
+        Engines that events name, and no recording.
+    outside_training : Counter of Extrapolation
+        Records outside the identified envelope.
+    consumed_limit_K : tuple of float or None
+        Margin that engines have used when they are removed from wing, and its standard deviation, K.
+    """
 
     fleet: Fleet
     models: Mapping[str, BuildModel]
@@ -521,7 +540,29 @@ def engine_tasks(
 
 
 def run_fleet(fleet: Fleet, recordings: Sequence[FleetRecording], store: FleetStore, runner: Runner) -> FleetRun:
-    """Everything. Raises ConfigError, DataError, OSError, and NoVerdictError where there is no engine to judge."""
+    """Run a fleet: nominal states, statistics of recordings, judgement of engines and of the fleet.
+
+    Parameters
+    ----------
+    fleet : Fleet
+        The fleet file.
+    recordings : sequence of FleetRecording
+        As `find_recordings` gives them.
+    store : FleetStore
+        Keeps statistics and models.
+    runner : Runner
+        Where tasks run, see `open_runner`.
+
+    Returns
+    -------
+    FleetRun
+
+    Raises
+    ------
+    ConfigError, DataError, OSError
+    NoVerdictError
+        When there is no engine to judge.
+    """
     builds = [b for b in fleet.builds if any(r.build == b.name and not r.trouble for r in recordings)]
     if not builds:
         raise NoVerdictError(f"{fleet.path}: no recording can be read: {recordings[0].name}: {recordings[0].trouble}")

@@ -238,7 +238,15 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Gain:
-    """What restoring `module`, with the parameters `names`, lowers temperature and fuel by at equal power."""
+    """Gain of restoring one module, at equal power.
+
+    Attributes
+    ----------
+    module, names : str, tuple of str
+        The module and its parameters.
+    temperature, fuel : Quantity
+        Fall of turbine temperature and of fuel flow.
+    """
 
     module: str
     names: tuple[str, ...]
@@ -303,7 +311,17 @@ NOT_KNOWN = "the engine file gives neither thrust nor power at an operating poin
 
 @dataclass(frozen=True)
 class WorkScope:
-    """Gains of restoring the modules, the largest first; empty with the `reason` where they are not known."""
+    """Gains of restoring the modules that an answer names.
+
+    Attributes
+    ----------
+    gains : tuple of Gain
+        The largest first.
+    reference : PowerReference or None
+        Operating point.
+    reason : str
+        Why there are no gains.
+    """
 
     gains: tuple[Gain, ...] = ()
     reference: PowerReference | None = None

@@ -285,8 +285,21 @@ becomes hundredths."""
 
 @dataclass(frozen=True)
 class DiagnosisOptions:
-    """`isolation`: choices common to the methods; one_sided: efficiencies fall, other signs from the catalogue;
-    nonlinear: one of NONLINEAR; catalogue: faults to be named."""
+    """Options of the diagnosis of a window.
+
+    Attributes
+    ----------
+    method : str
+        Isolation method, by its name.
+    isolation : IsolationOptions
+        Options common to the methods.
+    one_sided : bool
+        Whether signs of changes are known: efficiencies fall, others follow the catalogue.
+    nonlinear : str
+        One of NONLINEAR: when leading sets are fitted with the full model.
+    catalogue : FaultSet or None
+        Faults that are named.
+    """
 
     method: str = "posterior"
     isolation: IsolationOptions = field(default_factory=IsolationOptions)

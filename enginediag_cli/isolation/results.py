@@ -406,8 +406,20 @@ def likeliest_change(statistics: LocalStatistics, changed: Sequence[str]) -> np.
 
 
 def restricted_change(statistics: LocalStatistics, changed: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-    """The likeliest change (q,) of the parameters `changed`, and its standard error (q,), if these alone may have
-    changed; in their units. The error is the root of the diagonal of (F_Aᵀ V⁻¹ F_A + diag σ⁻²)⁻¹."""
+    """Estimate the change of some parameters, if these alone may have changed.
+
+    Parameters
+    ----------
+    statistics : LocalStatistics
+        Of p parameters.
+    changed : sequence of str
+        q parameters A.
+
+    Returns
+    -------
+    change, standard_error : ndarray of shape (q,)
+        In parameter units. The error is the root of the diagonal of (F_Aᵀ V⁻¹ F_A + diag σ⁻²)⁻¹.
+    """
     places = _positions(statistics.parameters, changed)
     if not places:
         return np.zeros(0), np.zeros(0)

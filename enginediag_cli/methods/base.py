@@ -85,14 +85,28 @@ class DetectionTest:
 class Verdicts:
     """Verdicts of one method on W windows.
 
-    method: its name; tests: it alarms when any of them does (they share the false-alarm probability); names (q,):
-    what `evidence` (W, q) speaks of, and `kind` of which kind they are; `meaning`: what the evidence is;
-    isolated (W, q) bool, nothing where there is no alarm, None for a method that isolates nothing; converged
-    (W,): False where an iteration stopped unfinished, and such a window has no verdict.
-
-    likeliest (W, q) bool: what explains each window best whether it alarms or not, for a method that can say so;
-    probability (W,) that exactly this is right, NaN where there is none; None for a method that states none.
-    withheld: why a window has no verdict although its tests could be made, by window.
+    Attributes
+    ----------
+    method : str
+        Its name.
+    tests : tuple of DetectionTest
+        It alarms when any of them does; they share the false-alarm probability.
+    kind, names : str, tuple of str
+        The q names of the evidence, and of which kind they are.
+    meaning : str
+        What the evidence is.
+    evidence : ndarray of shape (W, q)
+        Evidence for each name.
+    isolated : ndarray of bool, shape (W, q), or None
+        Nothing where there is no alarm; None for a method that isolates nothing.
+    converged : ndarray of bool, shape (W,)
+        False where an iteration did not converge; such a window has no verdict.
+    likeliest : ndarray of bool, shape (W, q), or None
+        What explains each window best, whether it alarms or not; None for a method that does not say so.
+    probability : ndarray of shape (W,) or None
+        That exactly this is right, NaN where there is none; None for a method that states none.
+    withheld : dict of int to str
+        Window → why it has no verdict although its tests could be made.
     """
 
     method: str
@@ -156,9 +170,15 @@ def chi_square_test(name: str, statistic: np.ndarray, dof: np.ndarray, false_ala
 
 @dataclass(frozen=True)
 class RecordWindows:
-    """W windows of n consecutive records: inputs column -> (W, n), readings y (W, n, m), NaN where missing.
+    """W windows of n consecutive records.
 
-    Windows of unequal length are filled up with records that have no reading (and may have no input).
+    Attributes
+    ----------
+    inputs : mapping of str to ndarray of shape (W, n)
+        Column → values.
+    y : ndarray of shape (W, n, m)
+        Readings, NaN where missing. Windows of unequal length are filled up with records that have no reading (and may
+        have no input).
     """
 
     inputs: Mapping[str, np.ndarray]
@@ -314,7 +334,19 @@ class RecordedWindow:
 
 @dataclass(frozen=True)
 class WindowVerdict:
-    """Verdict on a window: `number` is its place in `verdicts`; None for one without a judged reading."""
+    """Verdict on one window of recordings.
+
+    Attributes
+    ----------
+    window : RecordedWindow
+        The window.
+    verdict, reason : str
+        Verdict, and why there is none.
+    verdicts : Verdicts or None
+        The method's verdicts, of which this is number `number`; None for a window without a judged reading.
+    number : int
+        Place in `verdicts`.
+    """
 
     window: RecordedWindow
     verdict: str
@@ -333,7 +365,26 @@ def recorded_windows(monitor: Monitor, recordings: Iterable[Recording], plan: Wi
 
 
 def training_windows(monitor: Monitor, recordings: Iterable[Recording], plan: WindowPlan) -> RecordWindows:
-    """Windows for a method to learn from. Raises DataError when none of them holds a record that can be judged."""
+    """Collect windows for a method to learn from.
+
+    Parameters
+    ----------
+    monitor : Monitor
+        The engine and its nominal state.
+    recordings : iterable of Recording
+        Masked recordings, believed healthy.
+    plan : WindowPlan
+        Length of windows.
+
+    Returns
+    -------
+    RecordWindows
+
+    Raises
+    ------
+    DataError
+        When none of them holds a record that can be judged.
+    """
     found = list(recorded_windows(monitor, recordings, plan))
     usable = [window for window in found if window.judged]
     if not usable:
@@ -345,7 +396,22 @@ def training_windows(monitor: Monitor, recordings: Iterable[Recording], plan: Wi
 def judge_windows(
     fitted: FittedMethod, windows: Iterable[RecordedWindow], false_alarm: float
 ) -> Iterator[WindowVerdict]:
-    """Verdicts on the windows, in their order."""
+    """Judge windows of recordings, many together.
+
+    Parameters
+    ----------
+    fitted : FittedMethod
+        A trained method.
+    windows : iterable of RecordedWindow
+        As `recorded_windows` makes them.
+    false_alarm : float
+        Probability of an alarm without a change.
+
+    Yields
+    ------
+    WindowVerdict
+        In the order of the windows.
+    """
     batch: list[RecordedWindow] = []
     longest = 0
     for window in windows:

@@ -48,7 +48,17 @@ class EngineEvidence:
 
 @dataclass
 class ReportEvidence:
-    """All of it; `known`: what parameters mean, as far as any file says."""
+    """All results by engine.
+
+    Attributes
+    ----------
+    results : sequence of ResultFile
+        The files.
+    engines : dict of str to EngineEvidence
+        Engine → its results.
+    parameters : dict of str to Parameter
+        Meaning of parameters, as far as any file holds it.
+    """
 
     results: Sequence[ResultFile]
     engines: dict[str, EngineEvidence]
@@ -76,7 +86,24 @@ PLACE = ("source", "flight", "first_line", "last_line", "parameter", "components
 
 
 def collect_evidence(results: Sequence[ResultFile], known: Mapping[str, Parameter] | None = None) -> ReportEvidence:
-    """Raises DataError for damaged statistics."""
+    """Sort results by engine.
+
+    Parameters
+    ----------
+    results : sequence of ResultFile
+        Files of results.
+    known : mapping of str to Parameter, optional
+        Meaning of parameters.
+
+    Returns
+    -------
+    ReportEvidence
+
+    Raises
+    ------
+    DataError
+        For damaged statistics, and for two files that hold the same window or parameter.
+    """
     from enginediag_cli.residuals.files import Ledger, read_statistics
     from enginediag_cli.residuals.score import marginalise_nuisance
 
@@ -165,8 +192,25 @@ class RecordingsQuestion:
 
 
 def judge_recordings(question: RecordingsQuestion, given: Sequence[ResultFile]) -> tuple[ReportEvidence, list[str]]:
-    """Evidence of the recordings and of the results `given`, and the excluded data in words. Raises
-    DataError, NoVerdictError."""
+    """Judge recordings as `detect`, `isolate`, `trend` and `residual` do, and add results that were given.
+
+    Parameters
+    ----------
+    question : RecordingsQuestion
+        The recordings, and how they are judged.
+    given : sequence of ResultFile
+        Further results.
+
+    Returns
+    -------
+    evidence : ReportEvidence
+    excluded : list of str
+        Excluded data, in words.
+
+    Raises
+    ------
+    DataError, NoVerdictError
+    """
     left_out: list[str] = []
     windows: list[WindowStatistics] = []
     rows = {

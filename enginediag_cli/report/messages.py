@@ -41,9 +41,18 @@ def wants_color(choice: str, stream: TextIO, environment: Mapping[str, str] = os
 
 
 class Messages:
-    """Writes to stderr; `quiet` leaves only errors. One per run, handed to every command.
+    """Notes, warnings and errors of a run, written to stderr and to its log.
 
-    `log` receives all of it, quiet or not, with what a message is about: `fields` such as file, flight, counts.
+    Parameters
+    ----------
+    quiet : bool
+        Write errors alone; the log receives all messages with their fields, such as file, flight and counts.
+    verbose : bool
+        Also write stages, files and times.
+    debug : bool
+        Show the traceback of an error.
+    color : {"auto", "always", "never"}
+        Whether prefixes are coloured.
     """
 
     def __init__(self, quiet: bool = False, verbose: bool = False, debug: bool = False, color: str = "auto"):

@@ -65,7 +65,26 @@ def write_csv(
     provenance: Sequence[str] = (),
     live: bool = False,
 ) -> int:
-    """Provenance lines behind `# `, the header, then the rows; a column that a row lacks is left empty."""
+    """Write rows as CSV: provenance lines behind `# `, the header, then the rows.
+
+    Parameters
+    ----------
+    rows : iterable of mapping
+        Column → value; a column that a row lacks is empty.
+    columns : sequence of str
+        Columns, in their order.
+    stream : TextIO
+        Where they are written.
+    provenance : sequence of str
+        Lines of the head.
+    live : bool
+        Whether each row is flushed.
+
+    Returns
+    -------
+    int
+        Number of rows.
+    """
     import csv
 
     for line in provenance:
@@ -180,8 +199,25 @@ def _ignore(text: str) -> None:
 
 @dataclass(frozen=True)
 class Output:
-    """The user's choice of `-o`, `--format`, `--no-header`, `--color`, `--wide` and `--columns`; opens nothing before
-    data exist. `say` receives the columns excluded from a table."""
+    """Where results are written, and how; nothing is opened before there are data.
+
+    Attributes
+    ----------
+    path : str
+        File, or "-" for standard output.
+    format : str
+        Format, or "auto": by the file's ending, a table on a terminal.
+    header : bool
+        Whether a CSV begins with its provenance.
+    color : {"auto", "always", "never"}
+        Whether a table is coloured.
+    wide : bool
+        Whether a table has all columns.
+    columns : tuple of str
+        Columns that are written, in their order; empty for all.
+    notify : callable
+        Receives the columns excluded from a table, in words.
+    """
 
     path: str = "-"
     format: str = "auto"

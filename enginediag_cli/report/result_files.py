@@ -280,8 +280,25 @@ PARTS = ("rows", "windows")
 
 @dataclass(frozen=True)
 class ResultFile:
-    """One file. `name`: as the report calls it; `rows` of a table, `document` of JSON; `lines`: of a file of
-    statistics, which its own reader checks; `sha256` of its bytes."""
+    """One file of results.
+
+    Attributes
+    ----------
+    kind : ResultKind
+        What it holds.
+    name, path : str
+        Its name in the report, and where it is.
+    provenance : sequence of str
+        Lines of its head.
+    rows : sequence of Row
+        Of a table.
+    document : mapping
+        Of a JSON object.
+    lines : sequence of str
+        Of a file of statistics, which has its own reader.
+    sha256 : str
+        Of its bytes.
+    """
 
     kind: ResultKind
     name: str
@@ -294,8 +311,24 @@ class ResultFile:
 
 
 def read_result(path: str, name: str, *, recordings: bool = False) -> ResultFile:
-    """What a file holds; recordings: what is no result is one. Raises DataError where nothing that a report reads is
-    recognised, or it is damaged."""
+    """Read a file of results.
+
+    Parameters
+    ----------
+    path, name : str
+        Where it is, and its name in the report.
+    recordings : bool
+        Whether a file that is no result counts as a recording.
+
+    Returns
+    -------
+    ResultFile
+
+    Raises
+    ------
+    DataError
+        For a file that is damaged, or that holds nothing that a report reads.
+    """
     from enginediag_cli.recordings.read import open_table
 
     with open_table(path) as table:

@@ -100,11 +100,24 @@ def object_column(field: Field, value: Callable[[Any], Any], only_with: str = ""
 
 @dataclass(frozen=True)
 class Table(Generic[Source]):
-    """Rows of one kind.
+    """Rows of one kind: their columns, and how they are shown.
 
-    terminal: the columns that a narrow terminal shows, most important first; families: columns whose names hold a name
-    of the engine's, `<parameter>`, with the cells of all of them, which stand behind the column `families_after` or
-    behind all; document: keys of the one object that `--format json` writes instead of rows.
+    Attributes
+    ----------
+    name, version, help : str, int, str
+        Name and version of the schema, and what a row is.
+    columns : tuple of Column
+        Columns that every row has.
+    terminal : tuple of str
+        Columns that a narrow terminal shows, most important first.
+    families : tuple of Column
+        Columns whose names hold a name of the engine's, `<parameter>`.
+    family_cells : callable or None
+        Gives the cells of all families of a row.
+    families_after : str
+        Column after which they follow; "" for the end.
+    document : tuple of Field
+        Keys of the one object that `--format json` writes instead of rows.
     """
 
     name: str
@@ -242,7 +255,22 @@ OUTPUTS = {
 
 
 def output(name: str) -> Table[Any]:
-    """The table of a command; raises KeyError for one that is not there."""
+    """Find the table of a command.
+
+    Parameters
+    ----------
+    name : str
+        For instance "detect" or "trend/flights".
+
+    Returns
+    -------
+    Table
+
+    Raises
+    ------
+    KeyError
+        For a table that does not exist.
+    """
     module, _, attribute = OUTPUTS[name].partition(":")
     found: Table[Any] = getattr(import_module(f"{__name__}.{module}"), attribute)
     return found
