@@ -240,26 +240,26 @@ def draw_sensors(on: Drawing, pairs: Sequence[tuple[SensorQuality, SensorQuality
     values = [q.chi2**0.5 for pair in pairs for q in pair if q.n]
     low, high = padded([*values, 1.0], 0.08)
 
-    def x_of(value: float) -> float:
+    def pixel(value: float) -> float:
         return LEFT + SPAN * (value - low) / (high - low)
 
     on.words(MARGIN, top + 8, "RMS of the residual in standard deviations of the sensor's noise", letters=HEADING)
     for left, colour, what in ((WIDTH - 148, ORANGE, "before"), (WIDTH - 68, BLUE, "after")):
         on.dots([(left, top + 4)], colour, radius=5)
         on.words(left + 10, top + 8, what)
-    on.words(x_of(1.0), top + 28, "noise alone", anchor="middle")
+    on.words(pixel(1.0), top + 28, "noise alone", anchor="middle")
     on.words(WIDTH - MARGIN, top + 28, "RMS before → after", anchor="end")
     first, bottom = top + 36, top + 36 + ROW * len(pairs)
     for tick in ticks(low, high):
-        on.line(x_of(tick), first, x_of(tick), bottom, FAINT)
-        on.words(x_of(tick), bottom + 15, f"{tick:g}", anchor="middle")
-    on.line(x_of(1.0), first, x_of(1.0), bottom, INK)
+        on.line(pixel(tick), first, pixel(tick), bottom, FAINT)
+        on.words(pixel(tick), bottom + 15, f"{tick:g}", anchor="middle")
+    on.line(pixel(1.0), first, pixel(1.0), bottom, INK)
     for number, (one, other) in enumerate(pairs):
         y = first + ROW * (number + 0.5)
         on.words(LEFT - 10, y + 4, one.sensor, anchor="end")
         if not one.n:
             continue
-        before, after = x_of(one.chi2**0.5), x_of(other.chi2**0.5)
+        before, after = pixel(one.chi2**0.5), pixel(other.chi2**0.5)
         on.line(before, y, after, y, FAINT, width=4)
         on.dots([(before, y)], ORANGE, radius=5)
         on.dots([(after, y)], BLUE, radius=5)
