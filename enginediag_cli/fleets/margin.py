@@ -87,7 +87,7 @@ def margin_scale(series: Series, among: Collection[str] = ()) -> MarginScale:
 
 
 def _reads_only(sensor: Any, hot: set[str]) -> bool:
-    return sensor.over is None and set(sensor.reads) <= hot
+    return sensor.denominator is None and set(sensor.reads) <= hot
 
 
 def _hottest_scale(monitor: Monitor, engine: Any, columns: list[str]) -> MarginScale:
