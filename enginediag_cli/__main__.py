@@ -86,11 +86,11 @@ def _report(error: BaseException, messages: Messages) -> int:
     if isinstance(error, click.ClickException):
         from enginediag_cli.safe_text import visible
 
-        told = io.StringIO()
-        error.show(file=told)
+        output = io.StringIO()
+        error.show(file=output)
         messages.record("error", error.format_message())
         with suppress(OSError):
-            click.echo(visible(told.getvalue()), err=True, nl=False)
+            click.echo(visible(output.getvalue()), err=True, nl=False)
         return ExitCode.TROUBLE
     if isinstance(error, ConfigError):
         messages.problems(error)

@@ -278,7 +278,25 @@ def to_si(value: Value, unit: str, full_scale: float | None = None) -> Value:
 
 
 def convert(value: Value, unit: str, to: str) -> Value:
-    """Value in another unit of its dimension; temperatures are points on the scale (0 degC is 273.15 K)."""
+    """Convert a value to another unit of its dimension; temperatures are points on the scale (0 degC is 273.15 K).
+
+    Parameters
+    ----------
+    value
+        A number or an array of any shape.
+    unit, to
+        Names or aliases of the two units.
+
+    Returns
+    -------
+    float or numpy.ndarray
+        The value in `to`, (value · factor + offset − offset') / factor'.
+
+    Raises
+    ------
+    UnitError
+        For an unknown unit, or units of different dimensions.
+    """
     source, target = _same_dimension(unit, to)
     with np.errstate(over="ignore"):  # a cell at the end of what a float holds becomes infinite, and so is no reading
         return (value * source.factor + source.offset - target.offset) / target.factor

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Release:
     """It acts while `column` is `side` of `value`; `rest`: +1 where it rests at the low stop, −1 at the high one.
-    Within `margin` of the value nobody can tell. `wander`: an input column, 0 where it is not recorded, with what the
+    Within `margin` of the value this is uncertain. `wander`: an input column, 0 where it is not recorded, with what the
     actuator stands off its rest by while released, in its unit; `rest_sigma`: standard deviation of that.
 
     A combined machine's load control opens the vanes as soon as the firing temperature is at its limit, whatever the
@@ -71,11 +71,11 @@ class Release:
         return plain > self.value if self.side == "at_most" else plain < self.value
 
     def is_undecided(self, x: Array) -> Array:
-        """Values of the column (N,) that do not tell whether it acts."""
+        """Values of the column (N,) at which it is uncertain whether it acts."""
         return np.asarray(np.abs(x - self.value) < self.margin)
 
     def rest_offset(self, e: Evaluation) -> Value:
-        """What the actuator stands off its rest by (N,): nothing where it acts."""
+        """Offset of the actuator from its rest (N,): 0 where it acts."""
         return e[self.wander] * np.where(self.is_beyond(e.leaves[self.column], e.size), 1.0, 0.0)
 
     def apply(self, surplus: Value, e: Evaluation, network: Network) -> Value:
@@ -129,7 +129,7 @@ class Schedule:
         size = max(abs(v) for v in self.values) or 1.0
         for k, (name, v) in enumerate(zip(self.names(), self.values, strict=True)):
             sigma = PRIOR_SHARE * (size if self.points else abs(v) or size)
-            told = f"at {self.points[k]:g}" if self.points else f"coefficient of power {k}"
+            place = f"at {self.points[k]:g}" if self.points else f"coefficient of power {k}"
             found.append(
                 Parameter(
                     name,
@@ -139,10 +139,10 @@ class Schedule:
                     v + REACH * sigma,
                     sigma,
                     self.unit,
-                    f"value of the schedule {told}",
+                    f"value of the schedule {place}",
                     self.part,
                     f"value_{k + 1}",
-                    f"{spelled(self.owner)} {told}",
+                    f"{spelled(self.owner)} {place}",
                     spelled(self.part),
                 )
             )
@@ -236,7 +236,7 @@ class Aim:
         unit = split_column(self.column)[1] or "1"
         words = f"{spelled(self.owner)} {spelled(self.quantity)}"
         sigma = SET_POINT_SHARE * (abs(v) or 1.0)
-        told = f"{self.column} {self.side.replace('_', ' ') or 'held'}"
+        place = f"{self.column} {self.side.replace('_', ' ') or 'held'}"
         return (
             Parameter(
                 self.name,
@@ -246,7 +246,7 @@ class Aim:
                 v + reach,
                 sigma,
                 unit,
-                told,
+                place,
                 self.owner,
                 self.quantity,
                 words,
@@ -310,7 +310,7 @@ class Control(ABC):
         self.name, self.actuator = name, actuator
 
     def inputs(self) -> dict[str, float | None]:
-        """Input columns that it reads, with the default of those that may be left out."""
+        """Input columns that it reads, with the default of those that are optional."""
         return {}
 
     def parameters(self) -> tuple[Parameter, ...]:
@@ -404,7 +404,7 @@ class Stops:
 
 
 class SetPointControl(Control):
-    """ψ(u − 1, 2 − u, F) = 0: the column stands at its set point, or the actuator at a stop; F as `selected` gives
+    """ψ(u − 1, 2 − u, F) = 0: the column is at its set point, or the actuator at a stop; F as `selected` gives
     it."""
 
     def __init__(self, name: str, stops: Stops, aim: Aim, limits: tuple[Aim, ...], release: Release | None = None):

@@ -227,19 +227,19 @@ def _first(entry: Mapping[str, Any], power_setting: str, inputs: Mapping[str, fl
 
 
 def _release(entry: Mapping[str, Any], stops: Stops) -> Release | None:
-    told = entry["acts_while"]
-    if told is None:
+    condition = entry["acts_while"]
+    if condition is None:
         return None
     nearer = abs(stops.actuator.neutral - stops.low) <= abs(stops.actuator.neutral - stops.high)
-    wander = f"{entry['name']}_off_rest_{stops.actuator.unit}" if told["rest_sigma"] > 0.0 else ""
+    wander = f"{entry['name']}_off_rest_{stops.actuator.unit}" if condition["rest_sigma"] > 0.0 else ""
     return Release(
-        told["column"],
-        told["side"],
-        told["value"],
+        condition["column"],
+        condition["side"],
+        condition["value"],
         1.0 if nearer else -1.0,
-        told["margin"],
+        condition["margin"],
         wander,
-        told["rest_sigma"],
+        condition["rest_sigma"],
     )
 
 

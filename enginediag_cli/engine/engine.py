@@ -42,8 +42,8 @@ class Engine:
         self.declared = declared
         self.name: str = declared["name"]
         self.description: str = declared["description"]
-        self._network_inputs = dict(network.inputs())  # what the network and the readings of its sensors are told
-        # the column that sets the power: where a set point asks for it, its column
+        self._network_inputs = dict(network.inputs())  # inputs of the network and of its sensors
+        # the column that sets the power: the set point, where there is one
         self.power_setting: str = network.demand.column if network.demand is not None else network.power_setting
         self.sensors = {
             c: Sensor.from_mapping(c, v) for c, v in declared["sensors"].items() if c != network.power_setting
@@ -89,12 +89,12 @@ class Engine:
 
     @property
     def wanders(self) -> dict[str, float]:
-        """Input columns with what an actuator stands off its rest by, and by how much that differs from day to day."""
+        """Input columns with the offset of an actuator from its rest, and the scatter of that from day to day."""
         found = (c.release for c in self.network.controls)
         return {r.wander: r.rest_sigma for r in found if r is not None and r.wander}
 
     def undecided(self, inputs: Mapping[str, Any]) -> dict[str, Array]:
-        """Control → records (N,) whose inputs do not tell whether it acts."""
+        """Control → records (N,) for which it is uncertain whether it acts."""
         found = {}
         for c in self.network.controls:
             release = c.release
@@ -134,12 +134,12 @@ class Engine:
 
     @property
     def changed_nominals(self) -> Mapping[str, float]:
-        """Those that were given other nominal values than the file's."""
+        """Parameters with other nominal values than the file's."""
         return dict(self._changed_nominals)
 
     @property
     def recalled(self) -> Any:
-        """What its effects remember of recordings, for another process (`restore_recall`)."""
+        """Memories of its effects, for another process (`restore_recall`)."""
         return self._recall.contents
 
     def restore_recall(self, recalled: Any) -> None:
@@ -179,20 +179,43 @@ class Engine:
     ) -> Prediction:
         """Φ and ∂Φ/∂θ at N operating points.
 
-        `inputs`: column -> (N,) or number, all of `self.inputs`; `parameters`: name -> number or (N,), the
-        rest nominal; `sensors`: columns to return, default all sensors, or any model column ("T4_K");
-        `wrt`: parameters or input columns; `start`: unknowns (nx, N) to begin with, e.g. an earlier `x`; `also`: model
-        columns of which the values will do, without derivatives, and as they are, whatever sensors read of them.
-        `walk`: whether points that fail from there are worth every other way to them.
-        Raises KeyError for unknown names, ValueError for unequal lengths and for a column asked for twice. A point
-        that fails is a flagged row, never an exception; so is one whose switch is neither 0 nor 1. `envelope` is not
-        checked here: it is for those who generate or judge operating points.
+        A point that fails is a flagged row, never an exception; so is one whose switch is neither 0 nor 1. `envelope`
+        is not checked here: it is for those who generate or judge operating points.
+
+        Parameters
+        ----------
+        inputs
+            Column → values (N,) or a number; all of `self.inputs`, any of `self.optional_inputs`, in the column's unit.
+        parameters
+            Name → value (N,) or a number, in the parameter's unit; the others are nominal.
+        sensors
+            Columns to return: sensors, or any column of the model ("T4_K"). By default all sensors.
+        wrt
+            Parameters or input columns by which derivatives are taken.
+        start
+            Unknowns (nx, N) to begin with, such as `Prediction.x` of an earlier call.
+        also
+            Columns of the model to return as values only, without derivatives and without the errors of sensors.
+        walk
+            Whether points that fail are tried again from every other start.
+
+        Returns
+        -------
+        Prediction
+            Values (N, m), derivatives (N, m, p) and the status (N,) of every point.
+
+        Raises
+        ------
+        KeyError
+            For an unknown name, or an input that is missing.
+        ValueError
+            For unequal lengths, a column that is requested twice, or a `start` of another shape.
         """
         columns = tuple(self.sensors) if sensors is None else tuple(sensors)
         wrt = tuple(wrt)
         twice = sorted({c for c in columns if columns.count(c) > 1})
         if twice:
-            raise ValueError(f"asked for twice: {', '.join(twice)}")
+            raise ValueError(f"columns requested twice: {', '.join(twice)}")
         points, theta, size, valid, reasons = self._check_request(inputs, parameters or {}, (*columns, *also), wrt)
         if start is not None and np.shape(start) != (len(self.unknowns), size):
             raise ValueError(f"`start` must have shape ({len(self.unknowns)}, {size}), not {np.shape(start)}")
@@ -219,7 +242,7 @@ class Engine:
         return chain_known_leaves(found, known, wrt) if known else found
 
     def tape_points(self, tape: Tape) -> dict[str, Any]:
-        """What the network is told at the records (N,) of a tape, as far as that stands in columns; neutral else."""
+        """Inputs of the network at the records (N,) of a tape; neutral where the tape has no such column."""
         points: dict[str, Any] = {}
         for c, default in self._network_inputs.items():
             lacking = np.full(len(tape), np.nan if default is None else default)
@@ -236,8 +259,8 @@ class Engine:
         start: Array | None,
         walk: bool = True,
     ) -> Prediction:
-        """Signals of memories, or other columns, at points that the network is told, with nothing remembered but what
-        stands in them; `walk` as of `predict`."""
+        """Signals of memories, or other columns, at these inputs of the network, without any memory but what they
+        contain; `walk` as in `predict`."""
         valid = np.logical_and.reduce([np.broadcast_to(np.isfinite(v), (size,)) for v in points.values()])
         valid = valid & (np.nan_to_num(points[self.network.power_setting]) > 0.0)
         return self._predict_valid(points, theta, (valid, {}), _Request(tuple(columns), tuple(wrt), start, (), walk))
@@ -251,7 +274,7 @@ class Engine:
         checked: tuple[Array, dict[int, str]],
         asked: _Request,
     ) -> Prediction:
-        """The prediction at points that the network is told, of which the valid ones are solved."""
+        """The prediction at these inputs of the network, of which the valid ones are solved."""
         (valid, reasons), (columns, wrt, start, also, walk) = checked, asked
         size = len(valid)
         out = Outputs(self.network, self.sensors, columns, wrt, also, size)
@@ -264,8 +287,8 @@ class Engine:
         return Prediction(*read, columns, wrt, *found, out.also, out.reasons, out.limits)
 
     def _anchors(self) -> dict[str, Array]:
-        """What the network is told at operating points over the envelope and the range of power; none where the engine
-        file does not give them."""
+        """Inputs of the network over the envelope and the range of power; none where the engine file does not state
+        them."""
         power, needed = self.network.power_setting, tuple(c for c, d in self._network_inputs.items() if d is None)
         ranges = {**self.envelope, **({} if self.power_range is None else {power: (0.0, 1.0)})}
         if any(c not in ranges for c in needed):
@@ -361,7 +384,7 @@ def common_length(values: Mapping[str, Any]) -> int:
 
 
 class _Request(NamedTuple):
-    """What of a prediction is asked for, as of `Engine.predict`."""
+    """What a prediction is to contain, as in `Engine.predict`."""
 
     columns: tuple[str, ...]
     wrt: tuple[str, ...]

@@ -41,8 +41,21 @@ ICE_POINT = 273.15  # K
 
 
 def standard_atmosphere(altitude_m: Value) -> tuple[Value, Value]:
-    """Standard temperature [K] and pressure [Pa] at pressure altitude [m]; arrays (N,) or derivatives carriers.
+    """Temperature and pressure of the standard atmosphere.
 
+    Parameters
+    ----------
+    altitude_m
+        Pressure altitude, m: a number, (N,), or with derivatives.
+
+    Returns
+    -------
+    tuple
+        Temperature, K, and pressure, Pa.
+
+    References
+    ----------
+    ISO 2533 / US 1976 standard atmosphere up to 20 km, with altitude as geopotential height.
     Troposphere T = T0 − L h, p = p0 (T/T0)^(g/(R L)); above 11 km isothermal, p = p11 exp(−g (h − h11)/(R T11)).
     """
     below = np.asarray(value(altitude_m) < H_TROPOPAUSE)
@@ -376,7 +389,7 @@ class Evaluation:
             self.flows = Stations(self, self.hooks)
 
     def __getitem__(self, name: str) -> Value:
-        """A leaf's value, as the effects on it leave it; a direction of differentiation if it is asked for."""
+        """A leaf's value, as the effects on it leave it; a direction of differentiation if it is requested."""
         if name in self._read:
             return self._read[name]
         x = self.derived[name](self) if name in self.derived else self.leaves[name]

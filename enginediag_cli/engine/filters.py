@@ -208,8 +208,8 @@ class Delay(Filter):
 
 
 def last_switch_side(clock: FilterClock, above: Array, below: Array) -> tuple[Array, Array]:
-    """Whether a signal was last above a band, not below it, and whether its stretch tells (…, N); `above` and `below`
-    it is now, (…, N)."""
+    """Whether a signal was last above a band, not below it, and whether its stretch shows this (…, N); `above` and
+    `below`: where it is now (…, N)."""
     record = np.arange(len(clock.first))
     outside = np.maximum.accumulate(np.where(below | above, record, -1), axis=-1)
     begin = np.maximum.accumulate(np.where(clock.first, record, 0))

@@ -93,21 +93,21 @@ class InputErrors(WrappedModel):
         errors = [error for error in found if error.parameter.name not in engine.parameters]
         return InputErrors(engine, errors) if errors else engine
 
-    def _predict(self, asked: PredictionRequest) -> Any:
+    def _predict(self, request: PredictionRequest) -> Any:
         """Φ and ∂Φ/∂θ as the engine gives them, at the true inputs; those of the question are as they were read."""
-        true, slopes = dict(asked.inputs), dict[str, Any]()
+        true, slopes = dict(request.inputs), dict[str, Any]()
         for name, error in sorted(self.errors.items(), key=lambda item: item[1].multiplies):  # the bias comes off first
-            value = np.asarray(asked.own.get(name, error.parameter.nominal), float)
+            value = np.asarray(request.own.get(name, error.parameter.nominal), float)
             read = np.asarray(true[error.column], float)
             changed = bool(np.any(value != error.parameter.nominal))
             if changed and error.multiplies:
                 slopes.update({n: slopes[n] / value for n in slopes if self.errors[n].column == error.column})
-            if name in asked.wrt:
+            if name in request.wrt:
                 slopes[name] = error.slope(read, value)
             if changed:
                 true[error.column] = error.corrected(read, value)
         return self._predict_inner_scaled(
-            asked, {name: self.errors[name].column for name in slopes}, slopes, inputs=true
+            request, {name: self.errors[name].column for name in slopes}, slopes, inputs=true
         )
 
 
@@ -240,20 +240,20 @@ class InstrumentDrifts(WrappedModel):
             {c: drift_parameter(p) for c, p in inputs.items()},
         )
 
-    def _predict(self, asked: PredictionRequest) -> Any:
-        true = dict(asked.inputs)
+    def _predict(self, request: PredictionRequest) -> Any:
+        true = dict(request.inputs)
         hours = np.asarray(true.pop(ELAPSED, 0.0), float)
-        rates = {name: np.asarray(value, float) for name, value in asked.own.items() if np.any(value)}
+        rates = {name: np.asarray(value, float) for name, value in request.own.items() if np.any(value)}
         for name, rate in rates.items():
             if name in self._inputs:
                 true[self._inputs[name]] = np.asarray(true[self._inputs[name]], float) - rate * hours
-        slopes = {name: -hours for name in asked.wrt if name in self._inputs}
-        inner = tuple(name for name in asked.wrt if name not in self._outputs)
+        slopes = {name: -hours for name in request.wrt if name in self._inputs}
+        inner = tuple(name for name in request.wrt if name not in self._outputs)
         like = {name: self._inputs[name] for name in slopes}
-        plain = replace(asked, wrt=inner)
+        plain = replace(request, wrt=inner)
         found = self._predict_inner_scaled(plain, like, slopes, inputs=true)
-        drifting = [name for name in (*asked.wrt, *rates) if name in self._outputs]
-        return self._add_drifts(found, asked.wrt, inner, hours, rates) if drifting else found
+        drifting = [name for name in (*request.wrt, *rates) if name in self._outputs]
+        return self._add_drifts(found, request.wrt, inner, hours, rates) if drifting else found
 
     def _add_drifts(
         self,

@@ -378,7 +378,7 @@ def _has_given_speed(network: Network, name: str) -> bool:
 
 
 def _loads(network: Network) -> Iterator[str]:
-    """A load takes what is left at a speed that is given, or a given law at a speed that follows."""
+    """A load takes the surplus at a speed that is given, or a given law at a speed that follows."""
     for machine in network.coupling.machines:
         shaft, law = machine.values["shaft"], machine.values.get("law")
         given = _has_given_speed(network, shaft)
@@ -425,7 +425,7 @@ SIZING_PASSES = 60
 """Of all components, where one assumes what another gives: each gains a digit or more, since a burner's exit
 temperature hardly leaves a way back."""
 HALVINGS = 40
-"""Of that range: far more than the digits that are told."""
+"""Of that range: far more than the digits that are printed."""
 
 
 def size(network: Network, values: Mapping[str, Any], checked: Checked) -> None:

@@ -52,7 +52,7 @@ SIGMA_SHARE = 0.1
 LEAST_POINTS = 2
 """Of a straight line."""
 LOWEST_SHARE, HIGHEST_SHARE = 0.001, 2.0
-"""Bounds of a point of the table, as shares of the largest: an engine that runs is asked for some power."""
+"""Bounds of a point of the table, as shares of the largest: a running engine gives some power."""
 
 
 @dataclass(frozen=True)
@@ -271,11 +271,11 @@ class Network:
 
     @property
     def memories(self) -> tuple[Memory, ...]:
-        """What the effects remember of the past, in their order."""
+        """Memories of the effects, in their order."""
         return tuple(self.hooks.memories) if self.hooks is not None else ()
 
     def inputs(self) -> dict[str, float | None]:
-        """Input columns and the default of those that may be left out, as the network itself reads them."""
+        """Input columns and the default of those that are optional, as the network itself reads them."""
         found: dict[str, float | None] = {}
         for c in self.components:
             found.update(c.inputs())

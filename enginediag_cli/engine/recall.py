@@ -46,7 +46,7 @@ RECORDS = 2**26
 SHORTEST_STEP_S = 1e-6
 """What two records of one time lie apart: a step between them, not a quantity with two values."""
 START_READINGS = 6
-"""Readings at the beginning of a stretch whose median tells where a memory begins, where one shows it; a stretch of
+"""Readings at the beginning of a stretch whose median is the start value of a memory, where one shows it; a stretch of
 fewer begins in equilibrium, else these would be told by themselves: of hourly records, each a stretch of its own, any
 misfit would be a lag. Judgement: of an even number those of a meter that alternates between two values cancel."""
 GAP_S = 900.0
@@ -127,11 +127,11 @@ class Tapes:
     parts: dict[Hashable, tuple[int, list[Mapping[str, Array]]]] = field(default_factory=dict)
 
     def add(self, columns: Mapping[str, Array]) -> Array:
-        """Remember a recording (N records); its MOMENT (N,)."""
+        """Add a recording (N records); returns its MOMENT (N,)."""
         return self._moments(columns, None, 0)
 
     def extend(self, key: Hashable, columns: Mapping[str, Array]) -> Array:
-        """Remember further records (N) of the recording `key`; their MOMENT (N,). What was known of earlier records
+        """Add further records (N) of the recording `key`; their MOMENT (N,). What was known of earlier records
         stays as it is: only filters that look ahead would know more."""
         number, parts = self.parts.setdefault(key, (len(self.tapes), []))
         before = sum(len(p["time_s"]) for p in parts)
@@ -168,7 +168,7 @@ class Memory:
     effect that is absent, changes no digit.
 
     `coefficients`: parameters that the filter takes, in its order; `absent`: the parameters that are sought, with the
-    values at which nothing is remembered. `column`: input column whose value it changes before the network is told,
+    values at which nothing is remembered. `column`: input column whose value it changes before the network reads it,
     which then is its signal; else the signal is what an evaluation leaves in `Evaluation.signals`. `recorded`: column
     from which `measured` makes the signal where the recording has it. `sensor`: column of the reading that shows the
     signal, if it is one. `shown_by`: column of the
@@ -231,7 +231,7 @@ class TapeMemories:
 
 @dataclass
 class MemoryStore:
-    """Remembers for one engine, and its copies at other parameters."""
+    """Memories of one engine, and of its copies at other parameters, with the starts of their sweeps."""
 
     tapes: Tapes
     _cache: OrderedDict[tuple[Any, ...], TapeMemories] = field(default_factory=OrderedDict)
@@ -275,7 +275,7 @@ class MemoryStore:
         memories = [m for m in network.memories if is_active(m, theta, wrt)]
         if not memories:
             return found, unsettled
-        # a reading error of an input is one of the records that are asked for: their past is what the tape shows
+        # a reading error of an input acts on the requested records: their past is what the tape shows
         tried = {n for m in memories for n in m.trial_sizes}
         wrt = tuple(n for n in wrt if n in theta or n in tried)
         number, place = self.tapes.locate(np.broadcast_to(points[MOMENT], (size,)))
@@ -507,14 +507,14 @@ def is_active(m: Memory, theta: Mapping[str, Any], wrt: Sequence[str]) -> bool:
 
 
 def is_present(m: Memory, theta: Mapping[str, Any]) -> bool:
-    """Whether it remembers anything: absent, it passes nothing on, unless its size multiplies what is remembered."""
+    """Whether the memory changes anything: an absent one does not, unless its size multiplies the memory."""
     return m.multiplied or any(float(np.mean(theta[n])) != absent for n, absent in m.absent.items())
 
 
 def demanded_power(
     engine: Engine, points: Mapping[str, Any], theta: Mapping[str, Any], wrt: Sequence[str], size: int
 ) -> KnownLeaf:
-    """The power setting that set points ask for."""
+    """The power setting that belongs to recorded set points."""
     demand = engine.network.demand
     assert demand is not None
     x = np.broadcast_to(np.asarray(points[demand.column], float), (size,))
@@ -545,7 +545,7 @@ def filter_signal(
 
 
 def _tape_values(values: Array, asked: tuple[Array, Array], N: int) -> Array:
-    """A parameter that varies from record to record, at all records of a tape: straight between those asked for."""
+    """A parameter that varies from record to record, at all records of a tape: straight between the requested ones."""
     rows, at = asked
     order = np.argsort(at, kind="stable")
     return np.interp(np.arange(N), at[order], np.asarray(values, float)[rows][order])

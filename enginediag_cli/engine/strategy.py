@@ -42,9 +42,25 @@ STATUS = ("ok", "outside the maps", "did not converge", "invalid input")
 
 @dataclass(frozen=True)
 class Prediction:
-    """Φ at N points: y (N, m), jacobian (N, m, p), status (N,) as in STATUS; y is NaN where status > 1. `also` (N, k):
-    further columns that were asked for, values only. `limits`: limits and stops of controls that act somewhere → where
-    (N,)."""
+    """Φ and its derivatives at N operating points.
+
+    Attributes
+    ----------
+    y
+        Values (N, m) of `columns`, in their units; NaN where `status` > OUTSIDE_MAP.
+    jacobian
+        Derivatives (N, m, p) of `y` by `wrt`.
+    status
+        Status (N,) of each point, an index of STATUS.
+    columns, wrt
+        Names of the m outputs and the p directions.
+    x, residual, passes
+        Unknowns (nx, N) of the network, largest residual (N,) of the balances, and passes (N,) of the iteration.
+    also
+        Values (N, k) of further columns that were requested without derivatives.
+    limits
+        Limits and stops of controls that act somewhere → where (N,).
+    """
 
     y: Array
     jacobian: Array
@@ -61,10 +77,10 @@ class Prediction:
     @property
     def active_limit(self) -> Array:
         """Names (N,) of the limits and stops that act, joined by `+`; empty where every control holds what it is to."""
-        told = np.full(len(self.status), "", dtype=object)
+        names = np.full(len(self.status), "", dtype=object)
         for name, mask in self.limits.items():
-            told[mask] = np.array([f"{t}+{name}" if t else name for t in told[mask]], dtype=object)
-        return told.astype(str)
+            names[mask] = np.array([f"{t}+{name}" if t else name for t in names[mask]], dtype=object)
+        return names.astype(str)
 
     @property
     def ok(self) -> Array:
@@ -269,7 +285,7 @@ class RetryOptions:
 
 
 class Strategy:
-    """Solves batches of operating points of one network; remembers only its fitted start."""
+    """Solves batches of operating points of one network; keeps only its fitted start."""
 
     def __init__(self, network: Network, nominal: Mapping[str, float], envelope: Mapping[str, Array]) -> None:
         """`envelope`: anchors (n,) by input column, none where it is not known."""

@@ -76,7 +76,7 @@ class Driver:
 
 @dataclass(frozen=True)
 class DriverValues:
-    """A driver's values in every record (N,), in its unit; `name` tells apart those of several shafts or nozzles,
+    """A driver's values in every record (N,), in its unit; `name` distinguishes those of several shafts or nozzles,
     `short` is the name as an engineer says it, on an axis or in a sentence."""
 
     driver: Driver
@@ -191,7 +191,7 @@ class Term(ABC):
 
     `DRIVER` is what the effect varies with: one of `enginediag_cli.drivers`, or one that the term brings.
     `INPUTS` are columns that it reads beside the engine's own, with the value that stands for "not recorded".
-    `TRIALS`: sizes at which a search tries the effect, where its derivative at absence tells nothing: a rate limit that
+    `TRIALS`: sizes at which a search tries the effect, where its derivative at absence is no guide: a rate limit that
     nothing meets, a delay whose length matters.
     `SWITCHES`: commanded, so it may be on or off without any column showing it. `OF_A_FILE`: an engine file states it,
     and no library holds it. `SOUGHT`: whether a search tries it, or only engine files carry it. `MEASURED`: it goes
@@ -213,7 +213,7 @@ class Term(ABC):
     MEASURED: bool = False
 
     def __init_subclass__(cls, **given: object) -> None:
-        """Raises TypeError for a term whose driver is none: words would be missing where it is told."""
+        """Raises TypeError for a term whose driver is none: words would be missing in reports."""
         super().__init_subclass__(**given)
         driver = getattr(cls, "DRIVER", None)
         if "NAME" in cls.__dict__ and not isinstance(driver, Driver):
@@ -229,7 +229,7 @@ class Term(ABC):
 
     @property
     def one_sided(self) -> tuple[str, ...]:
-        """Coefficients of which records may tell one end only: any larger, or any smaller, explains as well."""
+        """Coefficients of which records may bound one end only: any larger, or any smaller, explains as well."""
         return ()
 
     def driver_words(self) -> str:
@@ -337,11 +337,11 @@ class Place:
         """Whether the effect is there, or sought: any amplitude not absent or a direction of differentiation."""
         if any(n in e.wrt or np.any(e.leaves[n] != a) for n, a in self._absent.items()):
             return True
-        # what is remembered is known, or its signal is asked for
+        # what is remembered is known, or its signal is requested
         return any(not isinstance(e.leaves[n], float) for n in self._states)
 
     def filter_input(self, column: str, filter: Filter, coefficients: Sequence[str]) -> None:
-        """The network is told what `filter` makes of an input column, or of what sets the power."""
+        """The network reads what `filter` makes of an input column, or of what sets the power."""
         self._hooks.memories.append(
             replace(self._memory(filter, coefficients), column=column, sensor_column=self._sensor_column(column))
         )

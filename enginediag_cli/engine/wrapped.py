@@ -30,7 +30,7 @@ from enginediag_cli.parameters import Parameter
 
 @dataclass(frozen=True)
 class PredictionRequest:
-    """What a wrapper is asked, in the words of `Engine.predict`: `parameters` of the inner model, values of the
+    """What is requested of a wrapper, in the words of `Engine.predict`: `parameters` of the inner model, values of the
     wrapper's `own` as far as they were given, all directions `wrt`, and the `options` of the model innermost."""
 
     inputs: Mapping[str, Any]
@@ -89,31 +89,31 @@ class WrappedModel(ABC):
         return self._predict(PredictionRequest(inputs, given, own, sensors, tuple(wrt), options))
 
     @abstractmethod
-    def _predict(self, asked: PredictionRequest) -> Any:
+    def _predict(self, request: PredictionRequest) -> Any:
         """The prediction, with what the wrapper adds."""
 
-    def _predict_inner(self, asked: PredictionRequest, **other: Any) -> Any:
+    def _predict_inner(self, request: PredictionRequest, **other: Any) -> Any:
         """The answer of the inner model, which knows nothing of `own`; `other`: fields that it is asked otherwise."""
-        q = replace(asked, **other)
+        q = replace(request, **other)
         return self.model.predict(q.inputs, q.parameters, sensors=q.sensors, wrt=q.wrt, **q.options)
 
     def _predict_inner_scaled(
-        self, asked: PredictionRequest, like: Mapping[str, str], slopes: Mapping[str, Any], **other: Any
+        self, request: PredictionRequest, like: Mapping[str, str], slopes: Mapping[str, Any], **other: Any
     ) -> Any:
         """The same where own directions are directions of the inner model: `like` gives its name, `slopes` what its
         column (N, m) is multiplied by, a number or (N,)."""
-        along = [like.get(name, name) for name in asked.wrt]
+        along = [like.get(name, name) for name in request.wrt]
         inner = tuple(dict.fromkeys(along))
-        found = self._predict_inner(asked, wrt=inner, **other)
-        if inner == asked.wrt:
+        found = self._predict_inner(request, wrt=inner, **other)
+        if inner == request.wrt:
             return found
         J = np.asarray(found.jacobian)[:, :, [inner.index(name) for name in along]]
-        for i, name in enumerate(asked.wrt):
+        for i, name in enumerate(request.wrt):
             if name in slopes:
                 J[:, :, i] *= np.reshape(slopes[name], (-1, 1))
         result = copy(found)  # predictions are frozen, and those of small models not all data classes
         object.__setattr__(result, "jacobian", J)
-        object.__setattr__(result, "wrt", asked.wrt)
+        object.__setattr__(result, "wrt", request.wrt)
         return result
 
 
@@ -209,7 +209,7 @@ NEIGHBOURS = 4
 
 AnyModel = TypeVar("AnyModel")
 Memory = OrderedDict[int, tuple[np.ndarray, np.ndarray]]
-"""Operating points (N, d) and unknowns (nx, N) of batches, by what tells them apart, the last one last."""
+"""Operating points (N, d) and unknowns (nx, N) of batches, by a key that distinguishes them, the last one last."""
 
 
 class WarmEngine(WrappedModel):
@@ -234,19 +234,19 @@ class WarmEngine(WrappedModel):
         if like is not None and like.model.unknowns == engine.unknowns:
             self._last = like._last
 
-    def _predict(self, asked: PredictionRequest) -> Prediction:
+    def _predict(self, request: PredictionRequest) -> Prediction:
         """From the remembered start, on which the answer does not depend beyond the solver's tolerance."""
-        points = self._points(asked.inputs)
+        points = self._points(request.inputs)
         key = hash(points.tobytes())
         known = self._last.get(key)
         met = known is not None and np.array_equal(known[0], points)
         before = self._found.get(key)
-        if before is not None and before.asked.is_same(asked):
+        if before is not None and before.request.is_same(request):
             return before.prediction
         start = known[1] if known is not None and met else self._shifted_start(points)
         start = self._nearest_start(points) if start is None else start
         ways = {} if self._walk or not met else {"walk": False}
-        found: Prediction = self._predict_inner(asked, options={**asked.options, "start": start, **ways})
+        found: Prediction = self._predict_inner(request, options={**request.options, "start": start, **ways})
         # a point that failed keeps the start that it had: the next parameters may suit it again
         x = np.where(found.ok, found.x, np.nan if start is None else start)
         if len(points) == found.y.shape[0] and np.isfinite(x).any():
@@ -255,7 +255,7 @@ class WarmEngine(WrappedModel):
             while len(self._last) > 1 and sum(len(p) for p, _ in self._last.values()) > self._remembered:
                 self._last.popitem(last=False)
         self._found.pop(key, None)
-        self._found[key] = _KnownPrediction(replace(asked, inputs=dict(asked.inputs)), found)
+        self._found[key] = _KnownPrediction(replace(request, inputs=dict(request.inputs)), found)
         while sum(f.size for f in self._found.values()) > KEPT:
             self._found.popitem(last=False)
         return found
@@ -321,7 +321,7 @@ class WarmEngine(WrappedModel):
 class _KnownPrediction:
     """A prediction, and what it was asked for."""
 
-    asked: PredictionRequest
+    request: PredictionRequest
     prediction: Prediction
 
     @property
@@ -355,7 +355,7 @@ class LagModel(WrappedModel):
     reading, in first order, as a sum of such deviations: of the reading y as the engine has it at once and first-order
     lags of it, m_τ − y, which is 0 at rest.
 
-    The model, which may have no memory itself, asked with the past of every record: for what readings lag by.
+    The model, which may have no memory itself, called with the past of every record: for what readings lag by.
     `parameters`: values at which its readings are followed."""
 
     def __init__(self, model: Any, parameters: Mapping[str, float], lags_s: Sequence[float] = LAGS_S):
@@ -400,5 +400,5 @@ class LagModel(WrappedModel):
             self._known.popitem(last=False)
         return found
 
-    def _predict(self, asked: PredictionRequest) -> Any:
-        return self._predict_inner(asked)
+    def _predict(self, request: PredictionRequest) -> Any:
+        return self._predict_inner(request)

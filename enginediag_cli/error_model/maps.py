@@ -284,14 +284,14 @@ class PointErrorModel(WrappedModel):
             name, POINT_FAMILY, 0.0, -np.inf, np.inf, self.sizes[sensor], "", words, sensor, "error", words, where
         )
 
-    def _predict(self, asked: PredictionRequest) -> Any:
+    def _predict(self, request: PredictionRequest) -> Any:
         """Each reading moved by what the model misses of it at the record's operating point."""
-        amounts, wrt = {name: float(value) for name, value in asked.own.items()}, asked.wrt
+        amounts, wrt = {name: float(value) for name, value in request.own.items()}, request.wrt
         along = tuple(n for n in wrt if n not in self._place)
-        p = self._predict_inner(asked, wrt=along)
+        p = self._predict_inner(request, wrt=along)
         if len(along) == len(wrt) and not any(amounts.values()):
             return p
-        at, y = self.points.assign(asked.inputs), p.y.copy()
+        at, y = self.points.assign(request.inputs), p.y.copy()
         at = np.broadcast_to(at, len(y))
         table = np.zeros((len(self.points) + 1, y.shape[1]))
         J = np.zeros((*y.shape, len(wrt)))
@@ -370,26 +370,26 @@ class MapErrorModel(WrappedModel):
         """Target → names of its amounts."""
         return {g.target: g.names for g in self._groups}
 
-    def _predict(self, asked: PredictionRequest) -> Any:
+    def _predict(self, request: PredictionRequest) -> Any:
         """Readings moved by the errors of the maps, which the inputs bring along frozen or which are taken here."""
-        amounts = {g.target: np.array([float(asked.own.get(n, 0.0)) for n in g.names]) for g in self._groups}
-        along = tuple(n for n in asked.wrt if n not in self.own)
-        if len(along) == len(asked.wrt) and not any(a.any() for a in amounts.values()):
-            return self._predict_inner(asked)
-        inputs = asked.inputs
-        columns = tuple(self.model.sensors) if asked.sensors is None else tuple(asked.sensors)
+        amounts = {g.target: np.array([float(request.own.get(n, 0.0)) for n in g.names]) for g in self._groups}
+        along = tuple(n for n in request.wrt if n not in self.own)
+        if len(along) == len(request.wrt) and not any(a.any() for a in amounts.values()):
+            return self._predict_inner(request)
+        inputs = request.inputs
+        columns = tuple(self.model.sensors) if request.sensors is None else tuple(request.sensors)
         taken = self._frozen_names(columns)
         plain = {c: v for c, v in inputs.items() if c not in taken}
         brought = self.has_frozen_columns(inputs, columns)
-        options = dict(asked.options)
+        options = dict(request.options)
         if brought:
             frozen = {name: inputs[name] for name in taken}
         else:
             frozen, x = self._compute_frozen(plain, columns)
             if x is not None:  # the machines run near to where they do without errors
                 options.setdefault("start", x)
-        p = self._predict_inner(asked, inputs=plain, sensors=columns, wrt=along, options=options)
-        return _add_map_errors(p, self._groups, amounts, asked.wrt, frozen)
+        p = self._predict_inner(request, inputs=plain, sensors=columns, wrt=along, options=options)
+        return _add_map_errors(p, self._groups, amounts, request.wrt, frozen)
 
     def has_frozen_columns(self, inputs: Mapping[str, Any], sensors: Sequence[str]) -> bool:
         """Whether records bring along how errors of the maps act on these sensors."""
@@ -466,7 +466,7 @@ class MapErrorModel(WrappedModel):
     def _compute_frozen(
         self, plain: Mapping[str, Any], sensors: Sequence[str], **options: Any
     ) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
-        """`frozen` of inputs without any, and the engine's unknowns there, where it tells them."""
+        """`frozen` of inputs without any, and the engine's unknowns there, where it gives them."""
         also = machine_columns(g.machine for g in self._groups)
         p = self.model.predict(plain, {}, sensors=tuple(sensors), wrt=self.targets, also=also, **options)
         values = dict(zip(also, p.also.T, strict=True))
@@ -531,8 +531,8 @@ def _add_map_errors(
         effect = np.column_stack([np.broadcast_to(frozen[_effect(g.target, c)], (n,)) for c in p.columns])
         if amounts[g.target].any():
             y += effect * (phi @ amounts[g.target])[:, None]
-        asked = [j for j, name in enumerate(g.names) if name in where]
-        J[:, :, _columns([where[g.names[j]] for j in asked])] = effect[:, :, None] * phi[:, None, _columns(asked)]
+        columns = [j for j, name in enumerate(g.names) if name in where]
+        J[:, :, _columns([where[g.names[j]] for j in columns])] = effect[:, :, None] * phi[:, None, _columns(columns)]
     kept = {f.name: getattr(p, f.name) for f in fields(Prediction)}
     return ModelledPrediction(**{**kept, "y": y, "jacobian": J, "wrt": wrt}, frozen=frozen)
 

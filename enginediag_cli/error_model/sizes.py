@@ -159,9 +159,10 @@ SETTLED = 0.01
 
 COMMON_SLOPE_SHARE = 0.5
 """Share of the variance of a wrong slope that all operating points of a window have in common. Judgement: points may
-lie side by side or at the ends of the map. With all of it in common, what single conditions show differently is told
-as a second change; with none, the error averages out that a generic map has everywhere. Of 240 simulated engines of
-fleets at six conditions on other maps 24 were named wrongly with all of it, none with half and 1 with none."""
+lie side by side or at the ends of the map. With all of it in common, what single conditions show differently is
+reported as a second change; with none, the error averages out that a generic map has everywhere. Of 240 simulated
+engines of fleets at six conditions on other maps 24 were named wrongly with all of it, none with half and 1 with
+none."""
 
 
 @dataclass(frozen=True)

@@ -202,7 +202,7 @@ def fault_truth(fault: SensorFault, clocks: Clocks) -> NDArray[np.float64]:
 
 
 class SensorFaultState:
-    """A sensor fault in a recording that is made chunk by chunk: remembers the last good reading. entropy: of the
+    """A sensor fault in a recording that is made chunk by chunk: keeps the last good reading. entropy: of the
     random numbers of one that scatters."""
 
     def __init__(self, fault: SensorFault, entropy: Sequence[int] = ()) -> None:
@@ -382,7 +382,18 @@ FAULT_FILE = Section(
 
 
 def load_faults(*paths: str | Path) -> FaultSet:
-    """All faults of the files together; raises ConfigError with file, line and column."""
+    """Read the faults of one or more fault files.
+
+    Returns
+    -------
+    FaultSet
+        All faults together.
+
+    Raises
+    ------
+    ConfigError
+        For anything wrong in a file, with its line and column.
+    """
     components: list[ComponentFault] = []
     sensors: list[SensorFault] = []
     for path in paths:

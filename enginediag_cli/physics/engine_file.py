@@ -59,8 +59,8 @@ class _Entry:
     checked: Checked
     network: Network
 
-    def problem(self, told: str, hint: str = "", *key: str | int) -> Problem:
-        return Problem(self.checked.mark((*self.at, *key)), told, hint)
+    def problem(self, message: str, hint: str = "", *key: str | int) -> Problem:
+        return Problem(self.checked.mark((*self.at, *key)), message, hint)
 
 
 def read_law(
@@ -84,8 +84,8 @@ def read_law(
     except ExpressionError as error:
         return None, [*problems, entry.problem(f"{error} (letter {error.column + 1})", "", "expression")]
     if unit != wanted:
-        told = f"the formula is in {format_unit(unit)}, and what is added at {acts.leaf} in {format_unit(wanted)}"
-        return None, [entry.problem(told, "give its coefficients such units", "expression")]
+        message = f"the formula is in {format_unit(unit)}, and what is added at {acts.leaf} in {format_unit(wanted)}"
+        return None, [entry.problem(message, "give its coefficients such units", "expression")]
     changed = [n for n in sorted(expression.names) if n in variables and changes_variable(acts, variables[n])]
     if changed:
         return None, [entry.problem(f"'{changed[0]}' is what a law at {acts.leaf} changes", "", "expression")]
@@ -112,10 +112,10 @@ def _acts(entry: _Entry) -> tuple[LawPlace | None, list[Problem]]:
     sizes = adjustable_effects(network)
     if place in sizes:
         return effect_place(sizes[place]), []
-    told = (
+    message = (
         f"a law acts at a parameter or a recorded reading of the engine, or at the size of an effect; '{place}' is none"
     )
-    return None, [entry.problem(told, near(place, [*known, *network.sensors, *sizes]), "at")]
+    return None, [entry.problem(message, near(place, [*known, *network.sensors, *sizes]), "at")]
 
 
 def _coefficients(declared: Mapping[str, Mapping[str, Any]]) -> tuple[Coefficient, ...]:
@@ -157,14 +157,14 @@ def _coefficient_problems(entry: _Entry) -> list[Problem]:
         low, high = _bounds(c)
         for key in ("value", "absent"):
             if c[key] is not None and not low <= c[key] <= high:
-                told = f"{name}: {key} is {c[key]:g}, outside its bounds {low:g} to {high:g}"
-                problems.append(entry.problem(told, "", "coefficients", name, key))
+                message = f"{name}: {key} is {c[key]:g}, outside its bounds {low:g} to {high:g}"
+                problems.append(entry.problem(message, "", "coefficients", name, key))
         if c["absent"] is not None and not c["prior_sigma"]:
-            told = f"{name} has a value at which the law is absent, and no prior_sigma: how large may it be?"
-            problems.append(entry.problem(told, "", "coefficients", name))
+            message = f"{name} has a value at which the law is absent, and no prior_sigma: how large may it be?"
+            problems.append(entry.problem(message, "", "coefficients", name))
     if not any(c["absent"] is not None for c in declared.values()):
-        told = "no coefficient says `absent`: the value at which the law is not there"
-        problems.append(entry.problem(told, "", "coefficients"))
+        message = "no coefficient says `absent`: the value at which the law is not there"
+        problems.append(entry.problem(message, "", "coefficients"))
     return problems
 
 
@@ -172,16 +172,16 @@ def _name_problems(entry: _Entry, expression: Expression, variables: Mapping[str
     declared = entry.block["coefficients"]
     for name in sorted(expression.names):
         if name not in variables and name not in declared:
-            told = f"'{name}' is no variable of this engine and no coefficient of the law"
-            yield entry.problem(told, near(name, [*variables, *declared]), "expression")
+            message = f"'{name}' is no variable of this engine and no coefficient of the law"
+            yield entry.problem(message, near(name, [*variables, *declared]), "expression")
     for follower in expression.memory_calls:
         at = f"(letter {follower.column + 1})"
         if not follower.variables & set(variables):
             yield entry.problem(f"{follower.name} follows no variable {at}", "", "expression")
         for name in follower.coefficients:
             if name in variables:
-                told = f"{follower.name} goes by coefficients, and '{name}' is a variable {at}"
-                yield entry.problem(told, "", "expression")
+                message = f"{follower.name} goes by coefficients, and '{name}' is a variable {at}"
+                yield entry.problem(message, "", "expression")
     for name in declared:
         if name in variables or name in FUNCTIONS or name in MEMORY_FUNCTIONS:
             yield entry.problem(f"'{name}' is the name of something else in formulas", "", "coefficients", name)
@@ -202,15 +202,15 @@ def _nothing_problems(entry: _Entry, law: Law, values: Mapping[str, float]) -> I
         sizes = np.abs(np.asarray(value(f.evaluate({**at, **values}))))
         size = float(np.max(sizes, where=np.isfinite(sizes), initial=0.0))
     if not np.isfinite(there):
-        told = "the law has no finite value at the design point, where it must be 0: a pole, 0/0, or a root of less"
-        yield entry.problem(told, ", ".join(f"{n} = {r:g}" for n, r in reference.items()), "expression")
+        message = "the law has no finite value at the design point, where it must be 0: a pole, 0/0, or a root of less"
+        yield entry.problem(message, ", ".join(f"{n} = {r:g}" for n, r in reference.items()), "expression")
     elif abs(there) > NOTHING * max(size, NOTHING):
-        told = f"the law is {there:g} at the design point, where it must be 0"
+        message = f"the law is {there:g} at the design point, where it must be 0"
         hint = ", ".join(f"{n} = {r:g}" for n, r in reference.items())
-        yield entry.problem(told, f"there {hint}" if hint else "", "expression")
+        yield entry.problem(message, f"there {hint}" if hint else "", "expression")
     if not (np.abs(left) <= NOTHING * max(size, NOTHING)).all():
-        told = "the law is not 0 where its coefficients have the values at which it is absent"
-        yield entry.problem(told, "", "expression")
+        message = "the law is not 0 where its coefficients have the values at which it is absent"
+        yield entry.problem(message, "", "expression")
 
 
 DIGITS, ERROR_DIGITS = 6, 3
@@ -263,8 +263,25 @@ def _short(value: float, digits: int = DIGITS) -> float:
 
 
 def load_engine(path: str | Path | EngineDescription, power_setting: str | None = None) -> Engine:
-    """Reads, checks and sizes an engine, from its file or a description that travels in another file; `power_setting`
-    replaces the file's. Raises ConfigError."""
+    """Read, check and size an engine, with the effects that its file lists.
+
+    Parameters
+    ----------
+    path
+        An engine file, or the description of one that was stored in another file.
+    power_setting
+        Column that sets the power, in the place of the file's.
+
+    Returns
+    -------
+    Engine
+        The engine at nominal parameters.
+
+    Raises
+    ------
+    ConfigError
+        For anything wrong in the file, with its line and column.
+    """
     from enginediag_cli.engine.load import build_engine
 
     return build_engine(path, read_effects, power_setting)
@@ -279,8 +296,8 @@ def read_effects(
     for k, block in enumerate(blocks):
         at = ("physics", k)
         if "law" in block:
-            effect, told = read_law(block, at, checked, network)
-            problems += told
+            effect, message = read_law(block, at, checked, network)
+            problems += message
             if effect is not None:
                 problems += _duplicates(effect, effects, at, checked)
                 effects.append(effect)

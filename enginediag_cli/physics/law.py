@@ -116,8 +116,8 @@ Unit = Mapping[str, int]
 class ExpressionError(ValueError):
     """A formula that cannot be; `column`: letter at which it goes wrong, counted from 0."""
 
-    def __init__(self, told: str, column: int = 0):
-        super().__init__(told)
+    def __init__(self, message: str, column: int = 0):
+        super().__init__(message)
         self.column = column
 
 
@@ -153,7 +153,7 @@ class Expression:
 
     @property
     def memory_calls(self) -> tuple[MemoryCall, ...]:
-        """What of it remembers."""
+        """Its memory functions."""
         return tuple(self._calls.values())
 
     @staticmethod
@@ -252,7 +252,7 @@ def _check_numbers(node: ast.expr) -> bool:
 
 
 def _parts(node: ast.expr) -> list[ast.expr]:
-    """What stands in it; of a call, its arguments."""
+    """The parts of a formula; of a call, its arguments."""
     inner = [part for part in ast.iter_child_nodes(node) if isinstance(part, ast.expr)]
     return [part for part in inner if not (isinstance(node, ast.Call) and part is node.func)]
 
@@ -466,7 +466,7 @@ def _corrected(speed: Value, T_K: Value) -> Value:
 def _column(e: Evaluation, network: Network, column: str) -> Value:
     """A column while the gas path is gone along. Raises KeyError for one that is not known yet."""
     if column in network.speed_columns:
-        e.flows[network.inlet_exit]  # how fast a shaft turns is told by the air that has come in
+        e.flows[network.inlet_exit]  # the speed of a shaft follows from the air that has come in
         return e.shaft(network.speed_columns[column]).speed_rpm
     return network.read(e, column)
 

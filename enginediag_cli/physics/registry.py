@@ -69,7 +69,7 @@ def effect(engine: Engine, name: str, site: str, values: Mapping[str, float] | N
 def candidate_effects(engine: Engine, without: Sequence[str] = ()) -> Iterator[Effect]:
     """Every term that is sought, at every site of the engine that its model does not carry, absent.
 
-    `without`: terms, or labels `term@site`, that are left out.
+    `without`: terms, or labels `term@site`, that are excluded.
     """
     carried = {e.label for e in engine.effects}
     for name in term_names():

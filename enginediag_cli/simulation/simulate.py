@@ -176,8 +176,35 @@ def simulate_in_chunks(
     dropped. A point that the engine cannot solve keeps its row, with NaN readings and the reason in `status`.
     An engine with states flies along the time of its records, unless every record is to be `steady`; a point
     that its flight does not reach has no readings either.
-    Raises ConfigError for a fault on something that the engine does not have, DataError for a missing input
-    column or a parameter beyond its bounds, before the first piece.
+
+    Parameters
+    ----------
+    engine
+        The engine, healthy.
+    conditions
+        Operating conditions of N records.
+    faults
+        Faults that act on the engine and on its instruments.
+    noise
+        Column → noise of its readings.
+    rng
+        Random numbers of the noise and of scattering faults.
+    chunk
+        Most records of a piece.
+    steady
+        Whether every record is in equilibrium, also of an engine with states.
+
+    Yields
+    ------
+    Simulated
+        Readings and truth of the next records.
+
+    Raises
+    ------
+    ConfigError
+        For a fault on something that the engine does not have.
+    DataError
+        For a missing input column or a parameter beyond its bounds; both before the first piece.
     """
     check_faults(faults, engine)
     inputs = engine_inputs(engine, conditions)

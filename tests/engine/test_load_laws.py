@@ -128,7 +128,7 @@ def test_loads_that_do_not_add_up_are_refused_with_what_is_missing(tmp_path):
     [
         (("name: a, law: cube", "name: b, law: cube"), "drives a already, which takes what it has"),
         (("name: a, law: surplus", "name: b, law: given, design_power_W: 1000"), "b: stands behind a, which takes all"),
-        (("name: a, law: surplus, design_power_W: 5", ""), "design_power_W is not of a load that takes what is left"),
+        (("name: a, law: surplus, design_power_W: 5", ""), "has no design_power_W"),
         (("name: a, law: torque, speeds_rpm: [100], torques_N_m: [1]", ""), "speeds_rpm must rise"),
     ],
 )

@@ -60,7 +60,7 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Actuator:
-    """A position that a control, a schedule or a recorded column may set: leaf `name`, in `unit`; it stands at
+    """A position that a control, a schedule or a recorded column may set: leaf `name`, in `unit`; it is
     `neutral` where nothing sets it, and no mechanism moves it beyond `lower` and `upper`. `words`: as an engineer
     says it ("HPC guide vanes, closing")."""
 
@@ -90,7 +90,7 @@ class Component(ABC):
         words: the quantity as an engineer says it ("isentropic efficiency"), default its name with spaces; wear:
         the sign of `Parameter`.
         """
-        name, told = f"{self.name}.{quantity}", self._words(quantity, words)
+        name, meaning = f"{self.name}.{quantity}", self._words(quantity, words)
         return Parameter(
             name,
             "health",
@@ -102,7 +102,7 @@ class Component(ABC):
             description,
             self.name,
             quantity,
-            told,
+            meaning,
             spelled(self.name),
             wear,
             HEALTH_ROAMS,
@@ -146,7 +146,7 @@ class Component(ABC):
         return f"{spelled(self.name)} {words or spelled(quantity)}"
 
     def inputs(self) -> dict[str, float | None]:
-        """Input columns that it reads, with the default of those that may be left out."""
+        """Input columns that it reads, with the default of those that are optional."""
         return {}
 
     def parameters(self) -> tuple[Parameter, ...]:

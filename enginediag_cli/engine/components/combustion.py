@@ -169,10 +169,10 @@ SETTINGS: dict[str, tuple[str, str, float | None, str]] = {
 class Afterburner(Combustor):
     """W_out h_out = W h + W_f (η LHV), enthalpies from 298.15 K; P_out = P (1 − loss) × heating loss.
 
-    Its fuel is an actuator that stands at zero, where it is a duct with the same loss: fuel over the dry air that
+    Its fuel is an actuator that is normally zero, where it is a duct with the same loss: fuel over the dry air that
     enters, a flow, or the exit temperature that the fuel shall reach (no fuel where the gas is as hot). Heating in a
     constant area costs total pressure (Rayleigh): W V + p A is the same before and behind it. `Wf_kg_s` remains the
-    fuel of the burner; Wf_total_kg_s is all fuel, and SFC is told with it.
+    fuel of the burner; Wf_total_kg_s is all fuel, and SFC is computed with it.
     """
 
     TYPE = "afterburner"
@@ -336,7 +336,7 @@ class WaterInjection(Component):
     """W_out h_out = W h + W_w h_w, water over dry air war + W_w/W_dry; the pressure stays.
 
     All water evaporates at once: h_w = c_w (T − 298.15 K) − 2.4426 MJ/kg of water, of steam its vapour's enthalpy. A
-    point at which the air cannot hold it as vapour is marked. The flow is an actuator that stands at zero.
+    point at which the air cannot hold it as vapour is marked. The flow is an actuator that is normally zero.
     """
 
     TYPE = "water_injection"

@@ -36,7 +36,7 @@ def report_power(e: Evaluation, name: str, shaft: Shaft, taken_W: Value, deliver
 
 
 SURPLUS = "surplus"
-"""The law of a load that takes what is left."""
+"""The law of a load that takes the surplus."""
 
 
 class Load(Component):

@@ -506,27 +506,27 @@ class Turbine(Component):
     def _no_demand(self, e: Evaluation, inlet: Flow, log_ratio: float) -> str:
         """Nothing before this turbine asks its shaft for power (a free turbine), so no balance gives its ratio."""
         shaft = self.values["shaft"]
-        told = (
+        message = (
             f"{self.name}: nothing before it takes power from shaft '{shaft}', so that its pressure_ratio must be given"
         )
         if not log_ratio > 0.0:
-            return told
+            return message
         ideal = sum(
             scalar(f.W * (f.h - f.expanded_enthalpy(log_ratio)))
             for f in (inlet, *(e.bleeds[name] for name in self.values["cooling_before_rotor"]))
         )
         power = self.values["isentropic_efficiency"] * ideal
-        return f"{told}; {np.exp(log_ratio):.3f} expands the gas to about ambient pressure and gives {_power(power)}"
+        return f"{message}; {np.exp(log_ratio):.3f} expands the gas to about ambient pressure and gives {_power(power)}"
 
     def _report_deficit(self, inlet: Flow, log_ratio: float, wanted: float, surplus: Callable[[float], float]) -> str:
         """The shaft's compressors need more than the gas has."""
-        told = f"{self.name}: the gas cannot give the {_power(wanted)} that its shaft needs"
+        message = f"{self.name}: the gas cannot give the {_power(wanted)} that its shaft needs"
         if not log_ratio > 0.0:
-            return told
+            return message
         available = (1.0 + surplus(log_ratio)) * wanted
         hotter = scalar(inlet.T) * wanted / available
         return (
-            f"{told}: down to ambient pressure it gives {_power(available)}; an exit_temperature_K with which it "
+            f"{message}: down to ambient pressure it gives {_power(available)}; an exit_temperature_K with which it "
             f"enters at {hotter:.0f} K instead of {scalar(inlet.T):.0f} K, or compressors of "
             f"{available / wanted:.2f} times the work, would do"
         )

@@ -60,7 +60,7 @@ EMBEDDED = np.array(
         2193209047091 / 5459859503100,
     ]
 )
-"""Weights of the method of second order that tells the error."""
+"""Weights of the method of second order that estimates the error."""
 ORDER = 3
 """Of the local error: it grows with this power of the step."""
 
@@ -102,7 +102,7 @@ def linear_solve(A: Array, B: Array) -> Array:
 
 
 SLOW = 0.2
-"""A pass that leaves more than this of the residual asks for a new Jacobian."""
+"""A pass that leaves more than this share of the residual needs a new Jacobian."""
 STEP_CHANGE = 1.3
 """So does a step that is as many times as long, or as short, as the one whose Jacobian is kept. Judgement."""
 LEAST_SHOWN = 0.1
@@ -112,7 +112,7 @@ SHARE = 1e-3
 CAREFUL = 3.0
 """Times the pace of the last stage is what a first move is trusted to be followed at."""
 STEADY_PACE = 0.5
-"""A move that is shorter than the last one by less tells nothing of how short the next will be."""
+"""A move that is shorter than the last one by less does not show how short the next will be."""
 SHORT_S = 0.1
 """Stages shorter than this take smaller differences of speeds, in proportion."""
 PASSES = 20

@@ -61,7 +61,7 @@ ROUNDS = 4
 """In which steps are divided, at most."""
 BALANCE = 1e-9
 """Of the size of a state: what a step may leave between what a state does and what its rate adds up to. A run has a
-hundred steps that err either way, and 1e-8 of its energy is asked for."""
+hundred steps that err either way, and 1e-8 of its energy is required."""
 SMOOTH, KINK = 5.0, 2.0
 """Powers of its length with which the error of a step goes: of six, less one for those that it becomes, and where a
 limit takes over within it."""
@@ -82,7 +82,7 @@ FARTHEST = 1e-3
 @dataclass
 class _Steps:
     """All steps of the runs that are going, one after the other (M,): their run, length, whether they are the first of
-    their run, what the network is told at both ends (M, 2), and unknowns (nx, M, 2) to start from there."""
+    their run, inputs of the network at both ends (M, 2), and unknowns (nx, M, 2) to start from there."""
 
     run: Array
     h: Array
@@ -361,11 +361,11 @@ def _rates(of: _Run, x: Array, rows: Array, shares: Array, wrt: bool = True) -> 
     ns), and their derivatives by the states as they are given (n, s, ns, ns)."""
     given, states, steps = of.given, of.states, of.steps
     n, s, ns = x.shape
-    told = {c: (v[rows, :1] + (v[rows, 1:] - v[rows, :1]) * shares).ravel() for c, v in steps.inputs.items()}
-    told |= dict(zip((state.fixed_leaf for state in states), x.reshape(-1, ns).T, strict=True))
-    told[ELAPSED] = (steps.h[rows, None] * shares).ravel()
-    parameters = {**of.theta, **{c: v for c, v in told.items() if c in given.parameters}}
-    points = {c: v for c, v in {**of.theta, **told}.items() if c not in given.parameters}
+    values = {c: (v[rows, :1] + (v[rows, 1:] - v[rows, :1]) * shares).ravel() for c, v in steps.inputs.items()}
+    values |= dict(zip((state.fixed_leaf for state in states), x.reshape(-1, ns).T, strict=True))
+    values[ELAPSED] = (steps.h[rows, None] * shares).ravel()
+    parameters = {**of.theta, **{c: v for c, v in values.items() if c in given.parameters}}
+    points = {c: v for c, v in {**of.theta, **values}.items() if c not in given.parameters}
     columns, along = (
         tuple(state.model_column for state in states),
         tuple(state.fixed_leaf for state in states) if wrt else (),
@@ -501,7 +501,7 @@ class MovingEngine:
         return replace(found, status=status, _reasons=reasons | {k: str(why[k]) for k in away.tolist()})
 
     def _moments(self, track: Track, flight: TransientInputs) -> Array:
-        """Where the records of a flight (N,) stand on the tape of its run, whose past readings remember; NO_MOMENT
+        """Where the records of a flight (N,) stand on the tape of its run, the past that readings lag behind; NO_MOMENT
         where nothing is remembered, or the run did not get."""
         moment = np.full(len(flight.records), NO_MOMENT)
         if not self._given.network.memories or not track.time:

@@ -90,7 +90,7 @@ class TransientState(ABC):
         """dx/dt (N,) at a solution where it is given."""
 
     def represents(self, memory: Memory) -> bool:
-        """Whether it is what a term remembers."""
+        """Whether it is the memory of an effect."""
         return False
 
     def power(self, x: Array, slope: Array) -> Array:
@@ -251,7 +251,7 @@ class MemoryState(TransientState):
             return  # the first one speaks for all
         held = hooks.leaves.setdefault(self.leaf, [])
         filtered = Filtering([MemoryState(self.memory, k, network) for k in range(self.filter.STATES)])
-        # what the network is told comes before effects on it, one memory behind the other
+        # inputs of the network come before effects on them, one memory behind the other
         held.insert(sum(isinstance(hook, Filtering) for hook in held), filtered)
 
     def represents(self, memory: Memory) -> bool:
@@ -486,7 +486,7 @@ BEND = 16
 
 @dataclass(frozen=True)
 class TransientInputs:
-    """What one engine is asked for: columns (C,) of inputs and, where they are not nominal, parameters at rising
+    """Inputs of one engine along time: columns (C,) of inputs and, where they are not nominal, parameters at rising
     `time` (C,) s, straight between; `records` (N,): times at which its states are wanted."""
 
     time: Array

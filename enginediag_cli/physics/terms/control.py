@@ -338,7 +338,7 @@ def recorded_altitude(h: Value, c: Value) -> Value:
 
 class TatProbeHeating(Term):
     """Recorded air temperature above the true one by a (p_ISA/p) M_s/√(M² + M_s²), stated for total temperature and
-    taken off the static one: ∝ 1/(M p) in flight, finite standing still."""
+    subtracted from the static one: ∝ 1/(M p) in flight, finite standing still."""
 
     NAME = "tat_probe_heating"
     TITLE = "Heating of the air-temperature probe"

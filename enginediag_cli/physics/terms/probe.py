@@ -264,7 +264,7 @@ def _radiation(flow: Flow) -> Value:
 
 
 class EgtProfile(ProbeTerm):
-    """Reading T + k [(T₄ − T₃) − (T₄ − T₃)_design]: the probes stand at a hot or cold streak of the burner's rise."""
+    """Reading T + k [(T₄ − T₃) − (T₄ − T₃)_design]: the probes are in a hot or cold streak of the burner's rise."""
 
     NAME = "egt_profile"
     TITLE = "Temperature profile at the exhaust-gas probes"
