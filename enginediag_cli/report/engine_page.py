@@ -48,7 +48,7 @@ LIKELY, SETTLED = 0.5, 0.9
 """Probability from which a parameter is reported as changed, and which the likeliest must have for the answer to
 be in the headline without a doubt."""
 MISFIT = 2.0
-"""χ² per degree of freedom of a window, after its answer, from which no answer explains what was read. Judgement."""
+"""reduced χ² of a window, after its answer, from which no answer explains what was read. Judgement."""
 
 
 def engine_lead(engine: EngineEvidence, evidence: ReportEvidence, key: str) -> Lead:
@@ -85,7 +85,7 @@ def _flag_misfit(engine: EngineEvidence, found: _Found) -> _Found:
     fit = engine.isolated[-1][0].number("fit") if engine.isolated else math.nan
     if state not in (EngineState.CHANGED, EngineState.CANNOT_TELL) or not fit > MISFIT:
         return found
-    told = f"The readings depart from nominal, and no change explains them (χ² per degree of freedom {rounded(fit)}): "
+    told = f"The readings depart from nominal, and no change explains them (reduced χ² {rounded(fit)}): "
     return EngineState.CANNOT_TELL, f"{told}ask explain what the model lacks. Nearest to it: {sentence}", names
 
 
@@ -248,7 +248,7 @@ def _confidence_words(engine: EngineEvidence) -> str:
     if windows:
         head = windows[-1]
         fit = head.number("fit")
-        fits = f", χ² per degree of freedom {rounded(fit)} after it" if math.isfinite(fit) else ""
+        fits = f", reduced χ² {rounded(fit)} with it" if math.isfinite(fit) else ""
         exact = "this and nothing else that matters" if head.list("isolated") else "nothing that matters"
         told.append(f"{head.window} alone: {exact} with probability {probability(head.number('probability'))}{fits}")
     detected = engine.rows_of_kind(result_files.DETECTED)

@@ -203,7 +203,7 @@ def _page(page: Page, scripts: Sequence[str], plots: Mapping[str, Any]) -> Itera
     for lead in page.leads[:MOST_CARDS]:
         yield _lead(lead)
     if len(page.leads) > MOST_CARDS:
-        yield f'<p class="quiet">The {MOST_CARDS} worst of {len(page.leads)} engines; the others stand below.</p>\n'
+        yield f'<p class="quiet">The {MOST_CARDS} worst of {len(page.leads)} engines; the others follow below.</p>\n'
     links = "".join(f'<li><a href="#{escape_text(s.key)}">{escape_text(s.title)}</a></li>' for s in page.sections)
     yield f'<nav aria-label="Contents"><ul>{links}</ul></nav>\n</header>\n<main id="content">\n'
     for section in page.sections:

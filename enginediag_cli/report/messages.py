@@ -299,7 +299,7 @@ ENDINGS = {
     ExitCode.INTERNAL: "internal error",
     ExitCode.LOCKED: "another run holds the lock",
     ExitCode.INTERRUPTED: "interrupted",
-    ExitCode.BROKEN_PIPE: "the reader of the output went away",
+    ExitCode.BROKEN_PIPE: "the reader closed the output",
 }
 """What the last line says; 128 and more is the number of a signal."""
 
@@ -387,7 +387,7 @@ def _open_log(path: str) -> int:
     head = b"" if not os.path.isfile(path) else os.pread(handle, len(OPENING), 0)
     if head and head != OPENING:
         os.close(handle)
-        raise DataError(f"--log {path}: is there and is no log, nothing is added to it; name another file")
+        raise DataError(f"--log {path}: exists and is not an enginediag log; nothing is added to it: name another file")
     return handle
 
 

@@ -431,7 +431,9 @@ def made_section(evidence: ReportEvidence, command: Sequence[str], versions: Seq
     silent = [result.name for result in evidence.results if not result.provenance]
     if silent:
         blocks.append(
-            Paragraph(f"{listed(silent)}: no word of what made it; CSV written with its header says so.", quiet=True)
+            Paragraph(
+                f"{listed(silent)}: its origin is unknown; a CSV that is written with its header states it.", quiet=True
+            )
         )
     return PageSection("made", "How this page was made", blocks)
 

@@ -162,7 +162,7 @@ def _times(factor: float, value: float | None) -> float | None:
 
 def not_listed(ratio: float, unlisted: float) -> str:
     """Why an answer does not stand: what happened is likelier none of the suspects."""
-    left = f", chi2 per degree of freedom {ratio:.2g} after the best of them" if math.isfinite(ratio) else ""
+    left = f", reduced χ² {ratio:.2g} with the best of them" if math.isfinite(ratio) else ""
     return f"something that is not among the suspects (probability {probability(unlisted)}{left}): no conclusion"
 
 
@@ -176,11 +176,15 @@ def wrong_file(found: RecordingMismatch) -> str:
 
 
 def unexplained(before: float, after: float, explained: float) -> str:
-    """What an answer leaves unexplained, "chi2 per degree of freedom 12 before, 1.1 after: 99 % of the excess is
+    """What an answer leaves unexplained, "reduced χ² 12 without, 1.1 with this answer: 99 % of the excess is
     explained"; empty where nothing is left to test it by."""
     if not math.isfinite(after):
         return ""
-    told = f"chi2 per degree of freedom {before:.3g} before, {after:.3g} after"
+    told = (
+        f"reduced χ² {before:.3g} without, {after:.3g} with this answer"
+        if after != before
+        else f"reduced χ² {after:.3g}"
+    )
     return told if not math.isfinite(explained) else f"{told}: {100 * explained:.0f} % of the excess is explained"
 
 

@@ -46,7 +46,7 @@ def test_of_a_file_that_is_too_long_the_first_records_are_looked_over_and_that_i
     [flight] = files(flight__csv=FLIGHT)
     ended = run("check", flight)
     assert ended.exit_code == 0
-    assert "the first 2 records were looked over; the file goes on" in ended.stdout
+    assert "the first 2 records were checked; the file continues" in ended.stdout
 
 
 def test_all_problems_of_all_files_are_said_with_their_lines_and_exit_2(run, files):

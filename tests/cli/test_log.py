@@ -140,7 +140,7 @@ def test_nothing_is_added_to_a_file_that_is_no_log(run, log):
         Path(name).write_text(text)
         ended = run("schema", "flight", "--log", name)
         assert ended.exit_code == 2
-        assert f"{name}: is there and is no log" in ended.stderr
+        assert f"{name}: exists and is not an enginediag log" in ended.stderr
         assert Path(name).read_text() == text
     assert run("schema", "--log", "-").exit_code == 2
     assert run("schema", "--log", "no/folder.jsonl").exit_code == 2

@@ -160,7 +160,7 @@ PAGES = ("read.html", "made.html")
 def test_without_a_limit_the_page_says_why_there_is_no_margin(here, run):
     assert run("report", *JUDGED, "--static", "-q", "-o", "page.html").exit_code == 0
     told = words(Path("page.html"))
-    assert "of the T5 margin; the remaining margin is unknown: no limit is stated: --limit T5_K KELVIN" in told
+    assert "of the T5 margin is used; the remaining margin is unknown: no limit is stated: --limit T5_K KELVIN" in told
     assert "No forecast: no limit is stated." in told
 
 

@@ -65,7 +65,7 @@ def alarms(paths: Sequence[str]) -> None:
             first = w[0]
             if first["verdict"] in ("healthy", "no verdict"):
                 continue
-            told = "; ".join(change(r) for r in w if r.get("parameter")) or answer(w)
+            told = "; ".join(change(r) for r in w if r.get("change")) or answer(w)
             print(
                 f"| `{Path(path).name}` | {first['first_line']}–{first['last_line']} | {first['verdict']} | {told} "
                 f"| {float(first['probability']):.2f} | {float(first['fit']):.2g} |"

@@ -76,7 +76,7 @@ def test_what_no_change_explains_is_told_as_physics_that_the_model_lacks(tmp_pat
     file = isolated(tmp_path)
     file.write_text(file.read_text().replace('"fit": 1.0', '"fit": 4.78'))
     text = " ".join("".join(words(report(tmp_path, file, trend(tmp_path))).text).split())
-    assert "no change explains them (χ² per degree of freedom 4.78): ask explain what the model lacks" in text
+    assert "no change explains them (reduced χ² 4.78): ask explain what the model lacks" in text
     assert "Nearest to it: hpc.efficiency fell by 0.80 %" in text
 
 

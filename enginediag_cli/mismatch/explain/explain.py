@@ -119,7 +119,7 @@ class Search(Fits):
             return self.decide(rest)
         if self.unrecorded():
             return self._hidden(rest)
-        return self.answer(NO_DISCREPANCY, "nothing stands out of noise and identified parameters", rest)
+        return self.answer(NO_DISCREPANCY, "no significant difference beyond noise and identified parameters", rest)
 
     def weighed(self, rest: Remainder) -> Remainder:
         """What the base leaves, with the gates that it is judged by: set here."""

@@ -179,7 +179,7 @@ def _anything(whole: Search, share: Search) -> Answer:
         return whole.answer(NOT_CONVERGED, f"the model could not be fitted to all records: {found.reason}", rest)
     rest = whole.weighed(rest)
     if not rest.over(whole.detect):
-        return whole.answer(NO_DISCREPANCY, "nothing stands out of noise and identified parameters", rest)
+        return whole.answer(NO_DISCREPANCY, "no significant difference beyond noise and identified parameters", rest)
     return whole.decide(rest)
 
 

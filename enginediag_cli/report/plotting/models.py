@@ -208,7 +208,7 @@ def identified_fit(key: str, result: Identification) -> Chart:
     columns = chart_columns("reading", "records", "RMS, standard deviations", "RMS", "unit", "readings")
     return Chart(
         key,
-        "What identification leaves of each reading",
+        "Residual of each reading after identification",
         Axis("RMS of the residual in standard deviations of the noise"),
         Axis("", categories=[split_column(name)[0] for name in names]),
         layers,

@@ -104,7 +104,7 @@ DETECT: Table[Verdict] = Table(
         verdict_column(
             "fit",
             "number?",
-            "χ² per degree of freedom that no change of parameters explains",
+            "reduced χ² that no change of parameters explains",
             lambda v: v.fit.ratio if v.fit else None,
         ),
         VERDICT,

@@ -281,7 +281,7 @@ def _searched(story: ExplanationResult) -> Iterator[str]:
             "judged on all. Sizes from which effects show, and effects whose driver is not recorded, are of the share."
         )
     else:
-        yield f"Searched in, and judged on, {of}; the other records had no say."
+        yield f"Only {of} were used; the other records were ignored."
 
 
 def _not_identifiable(story: ExplanationResult) -> Iterator[str]:

@@ -158,15 +158,17 @@ def format_sets(sets: Sequence[Any]) -> list[str]:
 
 
 _TESTED = (
-    row_column("verdict", "text", "healthy, fault, no verdict, or cannot tell where the leading answer does not stand"),
+    row_column(
+        "verdict", "text", "healthy, fault, no verdict, or cannot tell where the leading answer is not reliable"
+    ),
     row_column(
         "p_value",
         "number?",
         "probability of such a statistic where nothing changed",
         lambda row: row.isolated_window.verdict.test.p_value if row.isolated_window.verdict.test else None,
     ),
-    row_column("fit_before", "number?", "χ² per degree of freedom without any answer", _figure(lambda a: a.fit_before)),
-    row_column("fit", "number?", "χ² per degree of freedom that the answer leaves", _figure(lambda a: a.fit)),
+    row_column("fit_before", "number?", "reduced χ² without any answer", _figure(lambda a: a.fit_before)),
+    row_column("fit", "number?", "reduced χ² with the answer", _figure(lambda a: a.fit)),
     row_column(
         "explained", "number?", "share of the excess χ² that the answer takes away", _figure(lambda a: a.explained)
     ),

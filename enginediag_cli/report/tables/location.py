@@ -177,7 +177,7 @@ def sentences(located: Located, kind: Kind, engine: Engine) -> Iterator[str]:
     if len(located.found.evidence.engines) == 1:
         yield (
             "one engine is recorded: what is constant on it is identified with its parameters and is no mismatch; "
-            "whether an effect is common to its type cannot be said"
+            "whether an effect is common to its type is unknown"
         )
 
 

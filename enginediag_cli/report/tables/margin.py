@@ -164,10 +164,8 @@ MARGIN: Table[MarginRow] = Table(
                 ),
             ),
         ),
-        *_estimate(
-            "used_K", f"kelvins that wear has taken since the baseline, {_OF_FLIGHTS}", lambda row: row.used, "K"
-        ),
-        *_estimate("margin_K", f"kelvins to the limit, {_OF_FLIGHTS}", lambda row: row.remaining, "K"),
+        *_estimate("used_K", f"margin used since the baseline, {_OF_FLIGHTS}", lambda row: row.used, "K"),
+        *_estimate("margin_K", f"margin to the limit, {_OF_FLIGHTS}", lambda row: row.remaining, "K"),
         *_estimate(
             "remaining_flights",
             "flights until the limit; empty: no end in sight",
@@ -177,7 +175,7 @@ MARGIN: Table[MarginRow] = Table(
         ),
         *_estimate(
             "rate_K",
-            "kelvins that wear takes in a flight now",
+            "margin used per flight at the present rate",
             lambda row: row.whole.rate_K_per_flight if row.whole else None,
             "K",
         ),
@@ -313,7 +311,7 @@ def margin_words(m: Margin | MarginRecord) -> str:
         return f"the margin of the turbine temperature is unknown: {m.reason or 'no flight shows it'}"
     quantity = split_column(m.column)[0]
     if not math.isfinite(m.now_K.value):
-        used = f"wear has taken {_size(m.consumed_K)} of the {quantity} margin"
+        used = f"{_size(m.consumed_K)} of the {quantity} margin is used"
         if not m.reason and not math.isnan(m.remaining_flights.value):
             return f"{used}; {remaining_words(m.remaining_flights, AS_MUCH)}"
         mend = f": --limit {m.column} KELVIN states it" if m.reason == NO_LIMIT else ""

@@ -210,7 +210,7 @@ def gross_lines(gross: GrossCounts) -> Iterator[str]:
     for name, runs in gross.excursions.items():
         for first, last, n in runs:
             yield (
-                f"{name}: short excursion in lines {first} to {last} ({n} records), taken for a disturbance of the "
+                f"{name}: short excursion in lines {first} to {last} ({n} records), treated as a disturbance of the "
                 "sensor and not used"
             )
 
@@ -234,7 +234,7 @@ def not_judged_lines(records: Mapping[str, int]) -> Iterator[str]:
 
 def outside_envelope_lines(elsewhere: Mapping[Extrapolation, int]) -> Iterator[str]:
     """Of records outside the operating points identified: which input it is, and what became of them."""
-    for judged, what in ((True, "judged with limits as much wider"), (False, "too far to be judged")):
+    for judged, what in ((True, "judged with widened limits"), (False, "too far to be judged")):
         by = {w.column: n for w, n in elsewhere.items() if w.judged == judged and n}
         if by:
             most = sorted(by, key=lambda column: (-by[column], column))
@@ -353,7 +353,7 @@ def remarks(report: CheckedFile) -> Iterator[Remark]:
 def _columns(report: CheckedFile) -> Iterator[Remark]:
     acceptance, wanted = report.acceptance, report.wanted
     if report.is_partial:
-        what = f"the first {acceptance.records:,} records were looked over; the file goes on"
+        what = f"the first {acceptance.records:,} records were checked; the file continues"
         yield Remark(NOTE, "recording", what, count=acceptance.records)
     if not acceptance.records:
         yield Remark(PROBLEM, "recording", "there is no record", count=0)
