@@ -135,8 +135,8 @@ _FIT = (
                 "text",
                 "of the engine: changed, steady, differs from nominal from the first flight on, or cannot tell",
             ),
-            story_column("fit_before", "number?", "reduced χ² without any change", lambda story: story.fit.before),
-            story_column("fit", "number?", "reduced χ² with this change", lambda story: story.fit.after),
+            story_column("fit_before", "number?", "reduced χ² without any change", lambda story: story.fit.chi2_before),
+            story_column("fit", "number?", "reduced χ² with this change", lambda story: story.fit.chi2_after),
             story_column("unlisted", "number?", "probability that it is something that is not among the suspects"),
         ),
     ),
@@ -346,8 +346,8 @@ def report_trend(messages: Messages, engine: str, story: SeriesDiagnosis, series
         messages.warning(f"{name}the search for onsets did not converge", engine=engine)
     if story.events:
         messages.note(
-            f"{name}reduced χ², by the scatter of the series: {story.fit.before:.3g} without, "
-            f"{story.fit.after:.3g} with the change below",
+            f"{name}reduced χ², by the scatter of the series: {story.fit.chi2_before:.3g} without, "
+            f"{story.fit.chi2_after:.3g} with the change below",
             engine=engine,
         )
     if story.differs_from_start:
@@ -367,7 +367,7 @@ def report_trend(messages: Messages, engine: str, story: SeriesDiagnosis, series
     if story.unlisted >= HALF:
         messages.warning(
             f"{name}no conclusion: probably none of the suspects (probability {probability(story.unlisted)}); "
-            f"the reduced χ² with the best listed change is {story.fit.after:.3g}",
+            f"the reduced χ² with the best listed change is {story.fit.chi2_after:.3g}",
             engine=engine,
         )
     if story.undecided:
