@@ -134,7 +134,7 @@ class _Raised:
 PLAIN_CODEC = ProcessCodec()
 
 
-class _Current:
+class _ProcessCount:
     """How many processes work, this one counted."""
 
     jobs: int = 1
@@ -143,16 +143,16 @@ class _Current:
 @contextmanager
 def use_processes(jobs: int) -> Iterator[None]:
     """Let this many processes share the pieces of all work inside the block."""
-    before, _Current.jobs = _Current.jobs, jobs if CAN_FORK else 1
+    before, _ProcessCount.jobs = _ProcessCount.jobs, jobs if CAN_FORK else 1
     try:
         yield
     finally:
-        _Current.jobs = before
+        _ProcessCount.jobs = before
 
 
 def process_count(pieces: int | None = None) -> int:
     """Number of processes in use; with `pieces`, how many of them would work on so many pieces."""
-    return _Current.jobs if pieces is None else max(1, min(_Current.jobs, pieces))
+    return _ProcessCount.jobs if pieces is None else max(1, min(_ProcessCount.jobs, pieces))
 
 
 def resident_MB() -> float:
@@ -227,7 +227,7 @@ def parallel_imap(work: Callable[[int], Result], pieces: int) -> Iterator[Result
 
 def pieces_in_flight() -> int:
     """Number of pieces that `parallel_imap` computes together: one where one process works."""
-    return 1 if _Current.jobs == 1 else PIECES_PER_PROCESS * _Current.jobs
+    return 1 if _ProcessCount.jobs == 1 else PIECES_PER_PROCESS * _ProcessCount.jobs
 
 
 def _shifted(work: Callable[[int], Result], first: int, k: int) -> Result:

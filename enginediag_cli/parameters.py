@@ -89,19 +89,19 @@ class Parameter:
     reach: float = inf
 
     @property
-    def of_sensor(self) -> bool:
+    def belongs_to_sensor(self) -> bool:
         """Whether it is an error of a measured output, which touches one reading and no balance of the engine."""
         return self.family == "sensor"
 
     @property
-    def of_instrument(self) -> bool:
+    def belongs_to_instrument(self) -> bool:
         """Whether it is an error of an instrument, of a measured output or of an input of the model."""
         return self.family in ("sensor", "input")
 
     @property
     def fails_alone(self) -> bool:
         """Whether it seldom changes, and by itself: an instrument or an actuator, which do not wear with the engine."""
-        return self.of_instrument or self.family == "actuator"
+        return self.belongs_to_instrument or self.family == "actuator"
 
     def with_nominal(self, nominal: float) -> Parameter:
         """The same parameter with another nominal value, as identified."""

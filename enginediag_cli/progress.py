@@ -47,7 +47,7 @@ class Listener(Protocol):
     def wipe(self) -> None: ...
 
 
-class _Current:
+class _CurrentListener:
     """The one listener of this process."""
 
     listener: Listener | None = None
@@ -56,7 +56,7 @@ class _Current:
 @contextmanager
 def stage(what: str, total: int | None = None) -> Iterator[Callable[[int], None]]:
     """A stage of work; what it gives is called with the number of steps done so far."""
-    listener = _Current.listener
+    listener = _CurrentListener.listener
     if listener is None:
         yield _nothing
         return
@@ -88,24 +88,24 @@ def each(
 
 def touched(action: str, path: object) -> None:
     """Say that a file is "read" or "written"."""
-    if _Current.listener is not None:
-        _Current.listener.on_file(action, str(path))
+    if _CurrentListener.listener is not None:
+        _CurrentListener.listener.on_file(action, str(path))
 
 
 def wipe() -> None:
     """Clear what is shown on the terminal, because something else is about to be written to it."""
-    if _Current.listener is not None:
-        _Current.listener.wipe()
+    if _CurrentListener.listener is not None:
+        _CurrentListener.listener.wipe()
 
 
 @contextmanager
 def listening(listener: Listener | None) -> Iterator[None]:
     """Report all stages inside to `listener`, if there is one."""
-    before, _Current.listener = _Current.listener, listener
+    before, _CurrentListener.listener = _CurrentListener.listener, listener
     try:
         yield
     finally:
-        _Current.listener = before
+        _CurrentListener.listener = before
 
 
 def _nothing(done: int) -> None:

@@ -291,7 +291,6 @@ def code_lines(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
     return (function.end_lineno or function.lineno) - function.lineno + 1 - docstring
 
 
-@OPEN
 def test_functions_are_short() -> None:
     assert [
         f"{name_of(file)}:{f.lineno}: {f.name} has {code_lines(f)} lines"
@@ -309,7 +308,6 @@ def definitions(file: Path) -> Iterator[tuple[int, str]]:
             yield node.lineno, node.name
 
 
-@OPEN
 def test_names_are_the_fields() -> None:
     assert [
         f"{name_of(file)}:{line}: {name}"
@@ -320,7 +318,6 @@ def test_names_are_the_fields() -> None:
     ] == []
 
 
-@OPEN
 def test_a_class_has_a_name_of_its_own() -> None:
     places: dict[str, list[str]] = defaultdict(list)
     for file in files():

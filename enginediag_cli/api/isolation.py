@@ -118,7 +118,7 @@ class IsolationChoices:
 
     def warn_of_sensors(self, messages: Messages, parameters: Iterable[Parameter]) -> None:
         """Warn that statistics without sensor errors attribute a wrong sensor to the engine."""
-        if self.sensors is None and not any(p.of_sensor for p in parameters):
+        if self.sensors is None and not any(p.belongs_to_sensor for p in parameters):
             messages.warning(
                 "these statistics hold no errors of sensors: a wrong sensor would be taken for a change of the engine; "
                 "`residual --sensors` writes statistics that hold them"

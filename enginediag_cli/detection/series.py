@@ -149,7 +149,7 @@ def build_readings(
     at = np.array([position[p.name] for p in described], int)
     D = first.prior_sigma[at]
     s = np.stack([x.s[at] for x in statistics]) * D
-    sensors = [i for i, p in enumerate(described) if p.of_sensor and p.quantity == "bias"]
+    sensors = [i for i, p in enumerate(described) if p.belongs_to_sensor and p.quantity == "bias"]
     own = np.median([np.diag(x.F)[at[sensors]] for x in statistics], axis=0) * D[sensors] ** 2
     told = [i for i, information in zip(sensors, own, strict=True) if information > LEAST_INFORMATION]
     directions = np.eye(len(at))[:, told]
@@ -566,7 +566,7 @@ def _trim_statistics(
         return statistics
     if law == "covariance":
         return replace(statistics, by_sensor=None, rows=None, kurtosis=None)
-    biases = {name for name, p in statistics.meaning.items() if p.of_sensor and p.quantity == "bias"}
+    biases = {name for name, p in statistics.meaning.items() if p.belongs_to_sensor and p.quantity == "bias"}
     return EpochStatistics.from_statistics(statistics, biases)
 
 

@@ -262,7 +262,7 @@ def required_changes(
     """
     found = np.full(len(described), np.inf)
     for i, p in enumerate(described):
-        if not p.of_instrument:
+        if not p.belongs_to_instrument:
             found[i] = MUST_SHOW.get(p.quantity, prior_sigma[i])
         for pattern, size in chosen:
             if fnmatch(p.name, pattern):

@@ -283,7 +283,7 @@ def _unlisted_reason(
         at, least, most = np.array([row.change.value, row.change.low, row.change.high]) / flights.readings.D[k]
         named = row.onset and row.probability >= SUSPECTED
         if (named and (at < low[k] or at > high[k])) or least > high[k] or most < low[k]:
-            what = "an instrument" if flights.described[k].of_instrument else "a component"
+            what = "an instrument" if flights.described[k].belongs_to_instrument else "a component"
             why = f"it would take a change of {row.words} outside what {what} can do: check units and engine file"
             return np.fmax(row.probability, unlisted) if named else unlisted, f"cannot tell what changed: {why}"
     if unlisted >= SUSPECTED:
@@ -311,7 +311,7 @@ def _faulty_instruments(flights: EngineFlights, changed: Mapping[int, float]) ->
     forms, which exclude each other, where together they are probable enough. changed: position → probability."""
     forms: dict[str, list[int]] = {}
     for i in changed:
-        if flights.described[i].of_instrument:
+        if flights.described[i].belongs_to_instrument:
             forms.setdefault(flights.described[i].component, []).append(i)
     return [max(at, key=lambda i: changed[i]) for at in forms.values() if sum(changed[i] for i in at) >= SUSPECTED]
 

@@ -351,7 +351,7 @@ class EngineFlights:
     @property
     def health(self) -> np.ndarray:
         """Positions of the parameters that are of no instrument."""
-        return np.array([i for i, p in enumerate(self.described) if not p.of_instrument], int)
+        return np.array([i for i, p in enumerate(self.described) if not p.belongs_to_instrument], int)
 
     def rows(self) -> FlightReadings:
         """As the e-value reads them: what maintenance may have moved is a condition like any other."""
@@ -366,12 +366,12 @@ class EngineFlights:
         told = np.abs(J).max(axis=0) > 0
         groups: dict[str, list[int]] = {}
         for i, p in enumerate(self.described):
-            if told[i] and (instruments or not p.of_instrument):
+            if told[i] and (instruments or not p.belongs_to_instrument):
                 groups.setdefault(p.component, []).append(i)
         directions: list[np.ndarray] = []
         members: list[tuple[int, ...]] = []
         weights: list[float] = []
-        parts = {c: self.described[at[0]].of_instrument for c, at in groups.items()}
+        parts = {c: self.described[at[0]].belongs_to_instrument for c, at in groups.items()}
         for component, at in groups.items():
             own: list[tuple[np.ndarray, tuple[int, ...]]] = [(J[:, i], (i,)) for i in at]
             if not parts[component]:
@@ -466,7 +466,7 @@ def movable_parameters(
     prior standard deviations. A wash moves what fouling moves, an overhaul or an exchange all of its component."""
     found = {}
     for i, p in enumerate(described):
-        if p.of_instrument:
+        if p.belongs_to_instrument:
             continue
         if event.kind == "wash":
             if p.component in compressors or not compressors:

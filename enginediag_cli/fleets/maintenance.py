@@ -122,7 +122,7 @@ def estimate_maintenance(
     names = belief.posterior.names(0)
     mean, covariance = belief.moments()
     at = score.indices(names)
-    engine = [i for i, p in enumerate(score.described) if not p.of_instrument]
+    engine = [i for i, p in enumerate(score.described) if not p.belongs_to_instrument]
     told = ChangeMoments(tuple(score.parameters[i] for i in engine), mean[engine], covariance[np.ix_(engine, engine)])
     # the level before, as far as flights tell it beyond what is plausible
     gain, reason = scoping.maintenance_gain(_prior_held_change(one)[engine], told, recorded or {})
@@ -206,7 +206,7 @@ class _LevelAndWear:
     def _split_parameters(self, like: Score) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Positions of the levels, and of the wear of what can wear, with its precision."""
         p = len(like.parameters)
-        wears = np.array([not q.of_instrument for q in like.described])
+        wears = np.array([not q.belongs_to_instrument for q in like.described])
         return np.arange(p), p + np.flatnonzero(wears), np.full(int(wears.sum()), WEAR**-2)
 
     def level_score(self, like: Score) -> Score:

@@ -104,7 +104,7 @@ def _hottest_scale(monitor: Monitor, engine: Any, columns: list[str]) -> MarginS
     at = {c: float(v[row]) for c, v in inputs.items()}
     setting = engine.power_setting
     delivers = [c for c in DELIVERED if c in engine.model_columns and c != setting]
-    names = [n for n in monitor.monitored if n in engine.parameters and not monitor.meaning[n].of_instrument]
+    names = [n for n in monitor.monitored if n in engine.parameters and not monitor.meaning[n].belongs_to_instrument]
     asked = (column, *delivers[:1])
     here = engine.predict({c: np.array([v]) for c, v in at.items()}, base, sensors=asked, wrt=(*names, setting))
     J = np.asarray(here.jacobian[0])

@@ -185,7 +185,7 @@ def _credible_components(chance: Mapping[str, float]) -> tuple[str, ...]:
 
 def _interpretation(mean: float, parameter: Parameter, among: int) -> str:
     """What a common change may be."""
-    if parameter.of_instrument:
+    if parameter.belongs_to_instrument:
         what = "an error of the recorder or of this kind of instrument, or physics that the model lacks"
     elif parameter.wear and np.sign(mean) == parameter.wear:
         what = "wear that all engines share, or physics that the model lacks"

@@ -408,7 +408,7 @@ class WorkScopeEstimator:
         self, described: Sequence[Parameter], mean: np.ndarray, covariance: np.ndarray
     ) -> ChangeMoments:
         known = self.engine.parameters if self.engine is not None else {}
-        at = [i for i, p in enumerate(described) if not p.of_instrument and p.name in known]
+        at = [i for i, p in enumerate(described) if not p.belongs_to_instrument and p.name in known]
         return ChangeMoments(tuple(described[i].name for i in at), mean[at], covariance[np.ix_(at, at)])
 
     def _scope(

@@ -312,7 +312,7 @@ def _chosen_parameters(
         chosen = [
             n
             for n, p in model.parameters.items()
-            if p.family != "physics" and (not p.of_sensor or p.component in recorded)
+            if p.family != "physics" and (not p.belongs_to_sensor or p.component in recorded)
         ]
     fixed = set(match_names(settings.fixed, known, "parameter"))
     chosen = [n for n in chosen if n not in fixed]

@@ -346,7 +346,7 @@ def engine_reference(engine: Engine) -> EngineReference:
 
 def _differing_parameters(model: MonitoredModel, chosen: Sequence[str]) -> tuple[str, ...]:
     """Chosen parameters, with health and errors of instruments; those without a finite spread cannot be searched."""
-    always = [n for n, p in model.parameters.items() if p.family == "health" or p.of_instrument]
+    always = [n for n, p in model.parameters.items() if p.family == "health" or p.belongs_to_instrument]
     kept = dict.fromkeys([*chosen, *always])
     return tuple(n for n in kept if np.isfinite(s := model.parameters[n].prior_sigma) and s > 0.0)
 
@@ -360,5 +360,5 @@ def nominal_reference(
     known = {n: v for n, v in values.items() if n in model.parameters}
     names = _differing_parameters(model, ())
     known_by = [model.parameters[n] for n in names]
-    spread = np.array([p.prior_sigma if p.of_instrument else SPREAD * p.prior_sigma for p in known_by])
+    spread = np.array([p.prior_sigma if p.belongs_to_instrument else SPREAD * p.prior_sigma for p in known_by])
     return EngineReference(model, known, names, spread, tuple(sensors), np.asarray(noise, float), REPEATABLE, True)

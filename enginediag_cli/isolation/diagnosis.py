@@ -244,7 +244,7 @@ def find_sensor_ambiguity(result: SetIsolation, score: Score) -> SensorAmbiguity
     """The most probable pair of explanations, one of them the answer, in which a sensor stands against a
     component; None when there is no such pair or one of the two is improbable. `score`: of which the result was made,
     which knows what is a sensor's error."""
-    answer, sensors = set(result.isolated), {p.name for p in score.described if p.of_instrument}
+    answer, sensors = set(result.isolated), {p.name for p in score.described if p.belongs_to_instrument}
     for rival in result.alternatives:
         if rival.probability < LEAST * result.probability:
             continue

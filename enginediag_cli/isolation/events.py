@@ -192,12 +192,12 @@ def suspect_groups(
     read: its instrument steps either in its readings or, with the governor after it, in all others."""
     members: dict[str, list[int]] = {}
     for i, parameter in enumerate(described):
-        if sensors or not parameter.of_instrument:
+        if sensors or not parameter.belongs_to_instrument:
             members.setdefault(parameter.component, []).append(i)
     groups: list[tuple[int, ...]] = []
     owner, wrong, shown, log_odds = [], [], [], []
     for component, mine in members.items():
-        instrument = all(described[i].of_instrument for i in mine)
+        instrument = all(described[i].belongs_to_instrument for i in mine)
         chance = prior.sensor if instrument else prior.inclusion
         each, whole = [(i,) for i in mine], [tuple(mine)]
         # an instrument is wrong in one of its forms, a component in all of its parameters or in one

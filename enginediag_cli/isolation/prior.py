@@ -48,7 +48,7 @@ SEPARATED = 0.9
 
 def are_sensors(parameters: Sequence[Parameter]) -> np.ndarray:
     """Which parameters (p,) are errors of instruments, of a measured output or of an input."""
-    return np.array([p.of_instrument for p in parameters], bool)
+    return np.array([p.belongs_to_instrument for p in parameters], bool)
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class InstrumentForms:
 
     @staticmethod
     def from_parameters(parameters: Sequence[Parameter]) -> InstrumentForms:
-        kinds = {p.component: p.of_instrument for p in parameters if p.fails_alone}
+        kinds = {p.component: p.belongs_to_instrument for p in parameters if p.fails_alone}
         number = {name: k for k, name in enumerate(kinds)}
         return InstrumentForms(
             np.array([number[p.component] if p.fails_alone else -1 for p in parameters], int),
@@ -192,7 +192,7 @@ class SetPrior:
         """Lowest and highest change (p,) that is possible, in prior_sigma of each parameter; where nothing is known of
         rises (a repair, a difference of levels) as far up as down."""
         wear = np.array([p.wear if self.p_recovery != 0.5 else 0 for p in parameters])
-        reach = np.array([p.reach if p.of_instrument else REACH for p in parameters])
+        reach = np.array([p.reach if p.belongs_to_instrument else REACH for p in parameters])
         return np.where(wear > 0, -RISE, -reach), np.where(wear < 0, RISE, reach)
 
     def scaled(self, score: Score) -> tuple[np.ndarray, np.ndarray]:

@@ -379,7 +379,7 @@ def fingerprint(statistics: LocalStatistics, sets: Sequence[Sequence[str]] = ())
     rows = [
         i
         for i, name in enumerate(names)
-        if name in meaning and meaning[name].of_sensor and meaning[name].quantity == BIAS
+        if name in meaning and meaning[name].belongs_to_sensor and meaning[name].quantity == BIAS
     ]
     rows = [i for i in rows if statistics.F[i, i] > 0]
     if not rows or any(name not in names for one in sets for name in one):

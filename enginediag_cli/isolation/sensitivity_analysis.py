@@ -137,7 +137,7 @@ def single_errors(
     mean reading."""
     found = []
     for i, p in enumerate(score.described):
-        kind = SENSOR if p.of_sensor else INPUT if p.of_instrument else MAP
+        kind = SENSOR if p.belongs_to_sensor else INPUT if p.belongs_to_instrument else MAP
         if p.quantity == DRIFT or (kind == MAP and p.quantity not in QUANTITIES):
             continue
         own = stated.get(p.name) or StatedError(float(score.prior_sigma[i]), CHANGE if kind == MAP else PLAUSIBLE)

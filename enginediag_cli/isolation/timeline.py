@@ -385,7 +385,7 @@ def judge_series(
     for group in suspects.groups:
         together[np.ix_(group, group)] = True
     at = pair_places(together)
-    of_sensors = [all(described[i].of_sensor for i in group) for group in suspects.groups]
+    of_sensors = [all(described[i].belongs_to_sensor for i in group) for group in suspects.groups]
     doubt = np.where(suspects.instrument, INPUTS, GENERIC if options.generic else KNOWN)
     doubt[of_sensors] = 0.0
     kinds = log_kind_prior(suspects, among)

@@ -284,7 +284,7 @@ class WindowIsolation:
     def _isolate(self, judged: WindowStatistics, known: Mapping[str, Parameter]) -> IsolatedWindow:
         window = judged
         # whether anything changed is asked of the usual forms of instruments' errors: a drift shows as a bias
-        drifts = tuple(p.name for p in known.values() if p.of_instrument and p.quantity == DRIFT)
+        drifts = tuple(p.name for p in known.values() if p.belongs_to_instrument and p.quantity == DRIFT)
         verdict = judge(window.drop_parameters(drifts), self.false_alarm)
         if verdict.score is None or window.statistics is None:
             return IsolatedWindow(verdict, known, to_components=self.to_components)

@@ -215,7 +215,7 @@ def _power(window: Row, evidence: ReportEvidence) -> str:
     smallest: dict[str, tuple[float, Parameter]] = {}
     for name in window.cells:
         parameter = evidence.parameters.get(name.removeprefix(DETECTABLE)) if name.startswith(DETECTABLE) else None
-        if parameter is None or parameter.of_instrument or not math.isfinite(window.number(name)):
+        if parameter is None or parameter.belongs_to_instrument or not math.isfinite(window.number(name)):
             continue
         known = smallest.get(parameter.component)
         if known is None or window.number(name) < known[0]:
@@ -550,7 +550,7 @@ def _sensor_error_probability(engine: EngineEvidence, evidence: ReportEvidence) 
     for row in engine.rows_of_kind(result_files.TREND):
         known = evidence.parameters[row.text("parameter")]
         column = columns.get(known.part.removesuffix(" sensor"), "")
-        if known.of_sensor and column:
+        if known.belongs_to_sensor and column:
             found[column] = max(found.get(column, 0.0), row.number("probability"))
     return found
 

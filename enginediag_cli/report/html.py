@@ -96,8 +96,8 @@ def next_step(state: EngineState, changed: Sequence[Parameter], telling: Sequenc
 
 
 def _own_step(state: EngineState, changed: Sequence[Parameter], telling: Sequence[str]) -> str:
-    instruments = _parts(p for p in changed if p.of_instrument)
-    components = _parts(p for p in changed if not p.of_instrument)
+    instruments = _parts(p for p in changed if p.belongs_to_instrument)
+    components = _parts(p for p in changed if not p.belongs_to_instrument)
     if state is EngineState.NO_VERDICT:
         return "Fix the problems below and rerun, or record under conditions that identification covered."
     if state is EngineState.NOTHING_FOUND:
@@ -119,7 +119,9 @@ def _own_step(state: EngineState, changed: Sequence[Parameter], telling: Sequenc
 
 
 def _parts(parameters: Iterable[Parameter]) -> list[str]:
-    return list(dict.fromkeys(("the " if p.of_instrument else "") + (p.part or p.component) for p in parameters))
+    return list(
+        dict.fromkeys(("the " if p.belongs_to_instrument else "") + (p.part or p.component) for p in parameters)
+    )
 
 
 @dataclass(frozen=True)

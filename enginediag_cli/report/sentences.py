@@ -108,13 +108,13 @@ def change(parameter: Parameter, delta: float, half_width: float | None = None, 
     """
     unit = parameter.shown_unit
     # an error that is added to a ratio is a ratio, no share of what is read
-    added = bool(unit) or (parameter.of_instrument and parameter.quantity == "bias")
+    added = bool(unit) or (parameter.belongs_to_instrument and parameter.quantity == "bias")
     shown = (delta, half_width, unit) if added else (100 * delta, _times(100, half_width), "%")
     size = format_quantity(abs(shown[0]), shown[2], shown[1])
     behind = f" (probability {probability(chance)})" if chance is not None else ""
-    if parameter.of_instrument and parameter.quantity in READ_WRONG:
+    if parameter.belongs_to_instrument and parameter.quantity in READ_WRONG:
         return f"{parameter.part} reads {size} too {'high' if delta > 0 else 'low'}{behind}"
-    if parameter.of_instrument and parameter.quantity == "drift":
+    if parameter.belongs_to_instrument and parameter.quantity == "drift":
         return f"{parameter.part} drifts {'up' if delta > 0 else 'down'} by {size}{behind}"
     return f"{parameter.words} {'rose' if delta > 0 else 'fell'} by {size}{behind}"
 
@@ -201,7 +201,7 @@ def ambiguity_words(found: AmbiguityGroup, words: Callable[[Sequence[str]], Sequ
 
 def outside_physics(parameter: Parameter, delta: float, unlisted: float) -> str:
     """Why an answer does not stand: what would fit best is a change that is impossible."""
-    what = "an instrument" if parameter.of_instrument else "a component"
+    what = "an instrument" if parameter.belongs_to_instrument else "a component"
     return (
         f"something that is not among the suspects (probability {probability(unlisted)}): it would take that "
         f"{change(parameter, delta)}, outside what {what} can do; check units and engine file: no conclusion"

@@ -637,7 +637,9 @@ class WindowReader:
         self.intake.add_provenance(file.table.provenance)
         form = drop_nuisance if self.series else marginalise_nuisance
         for window, known in read_statistics(file.table.lines, file.table.name, self.ledger):
-            drifting = {n for n, p in known.items() if p.of_instrument and p.quantity == DRIFT and not self.drifts}
+            drifting = {
+                n for n, p in known.items() if p.belongs_to_instrument and p.quantity == DRIFT and not self.drifts
+            }
             if window.statistics is not None:
                 window = replace(window, statistics=form(window.statistics).drop_parameters(drifting))
             yield window, {name: p for name, p in known.items() if name not in drifting}

@@ -127,7 +127,7 @@ class GrossErrorGate:
         stuck = tuple(find_stuck_faults(runs, self.monitor.engine.inputs, lines, window.records))
         window = replace(window, instruments=(*stuck, *window.instruments))
         wrong = {fault.instrument for fault in window.instruments}
-        silent = [name for name, p in self.monitor.meaning.items() if p.of_instrument and p.component in wrong]
+        silent = [name for name, p in self.monitor.meaning.items() if p.belongs_to_instrument and p.component in wrong]
         window = replace(window, silent=tuple(dict.fromkeys((*window.silent, *silent))))
         blind = [fault.column for fault in stuck if fault.is_input]
         if window.statistics is None and blind:

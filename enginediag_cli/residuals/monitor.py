@@ -294,7 +294,7 @@ def _meaning(
     """What the monitored parameters are, biases of sensors with how far they reach by what these read where
     identification was."""
     found = {name: engine.parameters[name] for name in monitored}
-    if any(p.of_sensor and p.quantity == "bias" for p in found.values()):
+    if any(p.belongs_to_sensor and p.quantity == "bias" for p in found.values()):
         values = {name: v for name, v in nominal.theta0.items() if name in engine.parameters}
         answer = engine.predict(sample_envelope(nominal.envelope), values, sensors=tuple(sensors))
         read = np.abs(np.asarray(answer.y)[np.asarray(answer.ok)]).max(axis=0, initial=0.0)
@@ -381,7 +381,7 @@ def _bleed_valves(engine: Any) -> list[str]:
 
 def _add_drifts(engine: MonitoredModel, sensors: Sequence[str]) -> MonitoredModel:
     """The engine with a drift of every instrument that has a bias, of these sensors and of the inputs."""
-    known = {p.component: p for p in engine.parameters.values() if p.of_instrument and p.quantity == "bias"}
+    known = {p.component: p for p in engine.parameters.values() if p.belongs_to_instrument and p.quantity == "bias"}
     outputs = {c: known[s] for c in sensors if (s := f"sensor.{split_column(c)[0]}") in known}
     inputs = {c: known[s] for c in engine.inputs if (s := f"input.{split_column(c)[0]}") in known}
     return InstrumentDrifts.from_biases(engine, outputs, inputs)
@@ -424,8 +424,8 @@ def build_monitor(
     if sensors:
         known = [p for column in monitor.sensors for p in engine.sensors[column].parameters()]
         wrong = [p.name for p in known if p.quantity in ("bias", "scale")]
-        wrong += [p.name for p in engine.parameters.values() if p.of_instrument and not p.of_sensor]
-        wrong += [p.name for p in engine.parameters.values() if p.of_sensor and p.quantity == DRIFT]
+        wrong += [p.name for p in engine.parameters.values() if p.belongs_to_instrument and not p.belongs_to_sensor]
+        wrong += [p.name for p in engine.parameters.values() if p.belongs_to_sensor and p.quantity == DRIFT]
         wrong += _bleed_valves(engine)
         added = [name for name in wrong if name not in monitor.monitored]
         monitor = monitor_from_nominal(engine, nominal, (*monitor.monitored, *added))

@@ -103,7 +103,7 @@ def condense_statistics(monitor: Monitor, statistics: LocalStatistics, uncertain
     found = marginalise(statistics, monitor.monitored, uncertainty)
     if monitor.slopes is None:
         return replace(found, points=None)
-    engine = np.array([not monitor.meaning[name].of_instrument for name in monitor.monitored])
+    engine = np.array([not monitor.meaning[name].belongs_to_instrument for name in monitor.monitored])
     spread = np.where(engine, PRIOR_SHARE * found.prior_sigma, 0.0)
     variance = monitor.slopes.likely_variance(found.s, found.F, spread)
     slopes = np.diag(variance)
@@ -277,7 +277,7 @@ def _attach_statistics(
 def _is_silent(monitor: Monitor, name: str, statistics: LocalStatistics) -> bool:
     """Whether it is the error of a sensor that gave no reading: its sensitivities are zero, not merely small."""
     i = monitor.names.index(name)
-    return monitor.engine.parameters[name].of_instrument and not statistics.F[i, i]
+    return monitor.engine.parameters[name].belongs_to_instrument and not statistics.F[i, i]
 
 
 def _judge_batch(

@@ -160,7 +160,7 @@ def read_true_changes(engine: Engine, path: Path) -> Iterator[tuple[str, dict[st
 
 def _columns_of_truth(engine: Engine) -> dict[str, Parameter]:
     """The parameter behind each column of the truth, where a sensor has its column's name: `sensor.T3_K.bias`."""
-    own = {n: p for n, p in engine.parameters.items() if not p.of_sensor}
+    own = {n: p for n, p in engine.parameters.items() if not p.belongs_to_sensor}
     errors = {f"sensor.{c}.{p.quantity}": p for c, s in engine.sensors.items() for p in s.parameters()}
     return own | errors
 

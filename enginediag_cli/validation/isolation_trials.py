@@ -455,7 +455,7 @@ def _relevant_places(engine: Engine, concealed: ConcealedChanges) -> frozenset[s
 def _acting_places(engine: Engine, concealed: ConcealedChanges) -> frozenset[str]:
     """Places of the components through which the effects act, and of the readings that they falsify."""
     acting = frozenset().union(*(cause_components(engine, Cause(e.label)) for e in concealed.effects))
-    places = {n for n, p in engine.parameters.items() if p.component in acting and not p.of_sensor}
+    places = {n for n, p in engine.parameters.items() if p.component in acting and not p.belongs_to_sensor}
     places |= {
         instrument_place(c) for c, s in engine.sensors.items() if {s.quantity, c, f"sensor.{s.quantity}"} & acting
     }

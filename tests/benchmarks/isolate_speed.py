@@ -41,7 +41,7 @@ def suspects() -> Monitor:
 def timed(windows: int, seed: int = 1) -> dict[str, list[float]]:
     """CPU seconds of each part, for every window."""
     monitor, rng = suspects(), np.random.default_rng(seed)
-    health = [n for n, p in monitor.meaning.items() if not p.of_instrument]
+    health = [n for n, p in monitor.meaning.items() if not p.belongs_to_instrument]
     found: dict[str, list[float]] = {"statistics": [], "search": [], "diagnosis": []}
     for k in range(windows + 1):
         names = rng.choice(health, rng.integers(1, 3), replace=False)

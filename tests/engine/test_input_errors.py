@@ -69,7 +69,7 @@ def test_a_torque_meter_that_sets_the_power_is_a_suspect():
 def test_power_plant_suspects_the_reading_that_sets_its_power():
     plant = InputErrors.wrap(load_engine(str(shipped("power_plant.yaml"))))
     error = plant.parameters["input.T4.bias"]
-    assert error.of_instrument and not error.of_sensor and error.family == "input"
+    assert error.belongs_to_instrument and not error.belongs_to_sensor and error.family == "input"
     assert error.component == "input.T4" and error.part == "T4 reading" and error.unit == "K"
     # 0.75 % of 1177 °C, against 2.5 K of the air
     assert error.prior_sigma == pytest.approx(8.83, abs=0.05)
@@ -144,4 +144,4 @@ class _Engine:
 def test_its_meaning_travels_with_statistics(model):
     error = model.parameters["input.Wf.scale"]
     again = Parameter.from_mapping(error.as_mapping())
-    assert again.of_instrument and again.words == "Wf reading scale factor"
+    assert again.belongs_to_instrument and again.words == "Wf reading scale factor"

@@ -42,7 +42,7 @@ def test_every_parameter_says_what_it_is(every, name):
     for p in every[name].parameters.values():
         assert p.component and p.quantity and p.words and p.part and p.unit, p
         # a sensor is called as its column is
-        assert p.of_sensor or ("_" not in p.words and not p.words.endswith(f" {p.unit}")), p.words
+        assert p.belongs_to_sensor or ("_" not in p.words and not p.words.endswith(f" {p.unit}")), p.words
 
 
 @pytest.mark.parametrize("name", ENGINES)
@@ -106,7 +106,7 @@ def test_a_loss_that_was_identified_larger_may_vary_by_as_large_a_part_of_itself
 def test_a_parameter_survives_the_way_through_its_description(every):
     for p in every["turbofan.yaml"].parameters.values():
         again = Parameter.from_mapping(p.as_mapping())
-        assert again.as_mapping() == p.as_mapping() and again.of_sensor == p.of_sensor
+        assert again.as_mapping() == p.as_mapping() and again.belongs_to_sensor == p.belongs_to_sensor
 
 
 @pytest.mark.parametrize(

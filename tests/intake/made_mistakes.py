@@ -36,7 +36,7 @@ def recording(engine: Engine, inputs: Columns, rng: np.random.Generator, *, iden
     yardstick = engine_reference(engine)
     for name, spread in zip(yardstick.names, yardstick.spread, strict=True):
         parameter = engine.parameters.get(name)
-        if identified or parameter is None or parameter.of_instrument:
+        if identified or parameter is None or parameter.belongs_to_instrument:
             continue
         share = 0.7 if parameter.family == "design" else 1.0  # dozens of shapes at once are seldom all typical
         drawn = parameter.nominal + share * spread * rng.standard_normal()

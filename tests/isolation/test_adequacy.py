@@ -112,7 +112,7 @@ def test_the_noise_is_divided_out_less_where_it_is_hardly_known_and_its_law_is_t
 
 def test_all_readings_off_at_once_by_amounts_that_no_set_makes_is_something_that_is_not_listed():
     rng, found = np.random.default_rng(3), statistics(7, {})
-    sensors = [i for i, p in enumerate(fisher_score(found).described) if p.of_sensor]
+    sensors = [i for i, p in enumerate(fisher_score(found).described) if p.belongs_to_sensor]
     change = np.zeros(len(found.parameters))
     change[sensors] = 3 * found.prior_sigma[sensors] * rng.choice([-1.0, 1.0], len(sensors))
     e = found.F @ change

@@ -60,13 +60,13 @@ def few_sensors(monitor):
     """The same with three sensors, as an airline records them, and their errors alone."""
     kept = [monitor.sensors.index(column) for column in FEW]
     own = {f"sensor.{column.rsplit('_', 1)[0]}.bias" for column in FEW}
-    monitor = monitor.drop_parameters([n for n, p in monitor.meaning.items() if p.of_sensor and n not in own])
+    monitor = monitor.drop_parameters([n for n, p in monitor.meaning.items() if p.belongs_to_sensor and n not in own])
     return replace(monitor, sensors=FEW, noise=white_noise(monitor.noise.sigma[kept]))
 
 
 def test_with_three_sensors_two_faults_are_never_one_name_with_a_high_probability():
     monitor, rng = few_sensors(turbofan_monitor(sensors=True)), np.random.default_rng(5)
-    health = [n for n, p in monitor.meaning.items() if not p.of_sensor]
+    health = [n for n, p in monitor.meaning.items() if not p.belongs_to_sensor]
     classes = 0
     for _ in range(12):
         change = {str(n): -rng.uniform(0.008, 0.02) for n in rng.choice(health, 2, replace=False)}

@@ -143,8 +143,8 @@ def test_what_is_left_off_the_space_of_all_candidates_is_that_of_all_rows(found)
     got = unexplained(projection, cells, 1.0)
     free, sensor = 1.0 - (U**2).sum(axis=1), projection.frame.sensor
     # the trace is drawn: to some per cent of what the space takes
-    of_sensor = [free[sensor == s].mean() for s in range(len(got.free))]
-    np.testing.assert_allclose(got.free, of_sensor, atol=0.02)
+    belongs_to_sensor = [free[sensor == s].mean() for s in range(len(got.free))]
+    np.testing.assert_allclose(got.free, belongs_to_sensor, atol=0.02)
     unit, taken = A / np.linalg.norm(A, axis=0), projection.left - got.left
     np.testing.assert_allclose(unit.T @ got.left, 0.0, atol=1e-3 * np.linalg.norm(got.left))
     np.testing.assert_allclose(unit @ np.linalg.lstsq(unit, taken, rcond=None)[0], taken, atol=1e-5)

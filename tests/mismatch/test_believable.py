@@ -29,8 +29,8 @@ PARAMETERS = {
 }
 
 
-def place(parameter="", scale=0.02, through=None, of_sensor=False):
-    return SimpleNamespace(parameter=parameter, scale=scale, through=through, of_sensor=of_sensor)
+def place(parameter="", scale=0.02, through=None, belongs_to_sensor=False):
+    return SimpleNamespace(parameter=parameter, scale=scale, through=through, belongs_to_sensor=belongs_to_sensor)
 
 
 BLEED = place("", 0.02, effect(turbofan(), "customer_bleed", "hpc"))

@@ -61,7 +61,7 @@ def test_an_effect_along_a_recorded_temperature_is_no_effect_that_switches():
     valve = DriverValues(SWITCH, "valve", np.tile([0.0, 1.0], 20), "valve")
     assert _kind(place(fuel, hpc), None) == EFFECT
     assert _kind(place(valve, hpc), None) == SWITCHES
-    sensor = Location("sensor.T3", "sensor.T3.scale", "sensor.T3", words="T3 sensor", of_sensor=True)
+    sensor = Location("sensor.T3", "sensor.T3.scale", "sensor.T3", words="T3 sensor", belongs_to_sensor=True)
     assert _kind(place(fuel, sensor), None) == SENSOR_ERROR
 
 

@@ -353,6 +353,20 @@ class _Now:
     past: list[tuple[Array, Array]]  # seconds before now (R,), and unknowns (nx, R) there, of the last step
 
 
+def _initial(course: InputCourse, x: Array, states: Array) -> _Now:
+    """Each run at its first corner, with unknowns x (nx, R) and states (ns, R) that have not changed before."""
+    return _Now(
+        course.time[course.first].copy(),
+        course.first.copy(),
+        np.full(x.shape[1], FIRST_STEP_S),
+        states.copy(),
+        np.zeros_like(states),
+        np.zeros_like(states),
+        x.copy(),
+        [(np.full(x.shape[1], s), x.copy()) for s in (-1.0, -0.5)],
+    )
+
+
 def integrate(
     network: MovingNetwork,
     course: InputCourse,
@@ -364,16 +378,7 @@ def integrate(
     """All runs of a course, from steady unknowns x (nx, R) and states (ns, R); runs whose states are not finite do not
     move. `theta`: parameters that hold throughout, numbers or (R,)."""
     R = x.shape[1]
-    now = _Now(
-        course.time[course.first].copy(),
-        course.first.copy(),
-        np.full(R, FIRST_STEP_S),
-        states.copy(),
-        np.zeros_like(states),
-        np.zeros_like(states),
-        x.copy(),
-        [(np.full(R, s), x.copy()) for s in (-1.0, -0.5)],  # it has stood still
-    )
+    now = _initial(course, x, states)
     tracks = [Track() for _ in range(R)]
     going = np.isfinite(states).all(axis=0) & np.isfinite(x).all(axis=0)
     for r in range(R):

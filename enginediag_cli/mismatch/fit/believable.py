@@ -63,7 +63,7 @@ def hidden(place: Location, parameters: Mapping[str, Parameter], accuracy: float
         return scale
     if place.through is not None:
         return SLOW_SHARE * scale
-    if place.of_sensor:
+    if place.belongs_to_sensor:
         return INSTRUMENT_SHARE * scale
     return min(scale, max(accuracy, LEAST))
 

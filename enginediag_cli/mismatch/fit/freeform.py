@@ -40,8 +40,8 @@ class Location:
     """A place where something may be missing: the parameter that stands for it, its component ("hpc",
     "sensor.T45"), and the effect that brings the parameter in, where the engine itself has none. `scale`: how far the
     parameter may plausibly vary along a driver (rms), in its unit. `words`: the place as an engineer says it;
-    `quantity` of the parameter; `of_sensor`: it is an instrument. `also`: the other quantity of a turbomachine, where
-    both are moved together."""
+    `quantity` of the parameter; `belongs_to_sensor`: it is an instrument. `also`: the other quantity of a turbomachine,
+    where both are moved together."""
 
     name: str
     parameter: str
@@ -50,7 +50,7 @@ class Location:
     scale: float = HEALTH_ROAMS
     words: str = ""
     quantity: str = ""
-    of_sensor: bool = False
+    belongs_to_sensor: bool = False
     also: Location | None = None
 
     @property
@@ -75,7 +75,7 @@ def list_locations(engine: Engine, sensors: Sequence[str]) -> list[Location]:
     """The same for an engine of which these sensor columns are recorded: the parameters that say how far they roam,
     and the effects of LEVERS."""
     known = [p for p in engine.parameters.values() if p.roams is not None]
-    result = [_of_parameter(p, p.name) for p in known if not p.of_sensor]
+    result = [_of_parameter(p, p.name) for p in known if not p.belongs_to_sensor]
     for lever in LEVERS:
         for site in term(lever).sites(engine.network):
             e = effect(engine, lever, site.name)
@@ -87,8 +87,8 @@ def list_locations(engine: Engine, sensors: Sequence[str]) -> list[Location]:
 
 
 def _of_parameter(p: Parameter, name: str) -> Location:
-    words = p.part if p.of_sensor else p.words
-    return Location(name, p.name, p.component, None, p.roams or 0.0, words, p.quantity, p.of_sensor)
+    words = p.part if p.belongs_to_sensor else p.words
+    return Location(name, p.name, p.component, None, p.roams or 0.0, words, p.quantity, p.belongs_to_sensor)
 
 
 def of_effect(e: Effect, scale: float = HEALTH_ROAMS) -> Location:

@@ -301,7 +301,7 @@ def _prior_sigma(
 ) -> dict[str, float]:
     """Nuisance parameter → standard deviation of its prior, in the order of the engine's parameters."""
     errors = {p.name: p for s in sensors for p in engine.sensors[s].parameters()}
-    names = [n for n, p in engine.parameters.items() if not p.of_sensor or n in errors]
+    names = [n for n, p in engine.parameters.items() if not p.belongs_to_sensor or n in errors]
     scales = [n for n, p in errors.items() if p.quantity == "scale"]
     if block["nuisance"]:
         wanted = _matched(engine, block["nuisance"], "mismatch: nuisance")

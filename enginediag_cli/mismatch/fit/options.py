@@ -110,7 +110,7 @@ def fault_options(found: IdentifiedHypothesis) -> list[Option]:
     parameters = evidence.engine.parameters
     watched = [n for n in found.problem.names if n in parameters and parameters[n].family in ("health", "sensor")]
     watched += [p.name for p in scales_not_identified(evidence.engine, found.problem.sensors, watched)]
-    reads = [n for n in watched if parameters[n].of_sensor and parameters[n].quantity in READ_WRONG]
+    reads = [n for n in watched if parameters[n].belongs_to_sensor and parameters[n].quantity in READ_WRONG]
     watched = [n for n in watched if n in evidence.engine.monitored or n in reads]
     # a sensor's scale and bias step alike within what a flight spans
     scaled = {parameters[n].component for n in watched if parameters[n].quantity == "scale"}
@@ -118,7 +118,7 @@ def fault_options(found: IdentifiedHypothesis) -> list[Option]:
     result = []
     for name, curve in _steps(found).items():
         for n in watched:
-            sensor, component = parameters[n].of_sensor, parameters[n].component
+            sensor, component = parameters[n].belongs_to_sensor, parameters[n].component
             d = Discrepancy(n, name, parameters[n].prior_sigma)
             result.append(
                 Option(

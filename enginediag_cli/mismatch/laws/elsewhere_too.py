@@ -30,7 +30,7 @@ def elsewhere_too(laws: Sequence[Proposal], trial: HypothesisFit, where: Sequenc
     taken = {p.candidate.location.name for p in laws}
     found: list[Candidate] = []
     # a curve of steps is one place's own: it has no shape that another could have
-    formed = [p for p in laws if p.candidate.formula.form.listed and not p.candidate.location.of_sensor]
+    formed = [p for p in laws if p.candidate.formula.form.listed and not p.candidate.location.belongs_to_sensor]
     for p in {p.candidate.formula.form.name: p for p in reversed(formed)}.values():
         place = p.candidate.location
         free = [w for w in likes(place, where) if w.name not in taken and w.through is None and place.through is None]
@@ -43,7 +43,7 @@ def elsewhere_too(laws: Sequence[Proposal], trial: HypothesisFit, where: Sequenc
 
 def likes(place: Location, where: Sequence[Location]) -> list[Location]:
     """Places at which the same law may act, itself among them: those of its quantity, none of an instrument."""
-    return [w for w in where if w.quantity == place.quantity and not (w.of_sensor or place.of_sensor)]
+    return [w for w in where if w.quantity == place.quantity and not (w.belongs_to_sensor or place.belongs_to_sensor)]
 
 
 def _as_fitted(law: Proposal, trial: HypothesisFit) -> Formula:

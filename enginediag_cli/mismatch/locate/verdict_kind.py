@@ -87,7 +87,7 @@ def hidden_beats_map(located: Located) -> HiddenFinding | None:
 
 
 def _kind(place: Place, engines: PerEngine | None) -> str:
-    sensor = place.cell.location.of_sensor
+    sensor = place.cell.location.belongs_to_sensor
     if place.cell.driver.driver == TIME:
         return SENSOR_FAULT if sensor else FAULT
     if sensor:

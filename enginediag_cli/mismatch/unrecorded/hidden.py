@@ -171,7 +171,7 @@ def effects_at(location: Location, engine: Engine) -> list[Effect]:
     own first, then those that act on the same leaf, station or reading."""
     own = location.through
     reach = set(own.site.targets) if own is not None else {location.parameter}
-    if location.of_sensor:
+    if location.belongs_to_sensor:
         reach |= {
             f"reading {c}"
             for c, s in engine.sensors.items()

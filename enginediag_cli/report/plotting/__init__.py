@@ -305,7 +305,7 @@ PERCENT = 100.0
 def display_scale(parameter: Parameter) -> tuple[float, str]:
     """(factor, unit) of a change of this parameter, as `sentences.change` writes it."""
     unit = parameter.shown_unit
-    added = bool(unit) or (parameter.of_instrument and parameter.quantity == "bias")
+    added = bool(unit) or (parameter.belongs_to_instrument and parameter.quantity == "bias")
     return (1.0, unit) if added else (PERCENT, "%")
 
 

@@ -225,7 +225,7 @@ def _place_sentences(located: Located) -> Iterator[str]:
 def place_words(place: Place) -> str:
     """A location as an engineer says it."""
     at = place.cell.location
-    return f"the {at.words}" if at.of_sensor else at.words
+    return f"the {at.words}" if at.belongs_to_sensor else at.words
 
 
 def _kind(located: Located, kind: Kind) -> str:

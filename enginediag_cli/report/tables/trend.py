@@ -262,7 +262,7 @@ def trend_rows(
                 if row.probability >= LEAST_INCLUSION:
                     changed.add(name)
                     yield TREND.row(row, optional)
-    wrong = {series.parameters[name].component for name in changed if series.parameters[name].of_instrument}
+    wrong = {series.parameters[name].component for name in changed if series.parameters[name].belongs_to_instrument}
     for name, parameter in series.parameters.items():
         if name not in changed and parameter.component not in wrong:  # the other form of an instrument's error
             yield TREND.row(TrendRow(engine, story, series, parameter=name, work_scope=restored), optional)
