@@ -75,6 +75,8 @@ def alarms(paths: Sequence[str]) -> None:
 def change(row: Row) -> str:
     """A parameter's change with its 95 % interval, in per cent of nominal or in its unit, and how probable it is."""
     probable = f"probability {float(row['inclusion']):.2f}"
+    if not row["lower"]:  # an instrument that is stuck or scatters has a size without an interval
+        return f"{row['parameter']} {float(row['change']):.3g} {row['unit']} ({probable})"
     size, low, high = (float(row[c]) for c in ("change", "lower", "upper"))
     if row["percent"]:
         scale = float(row["percent"]) / size if size else 100.0
