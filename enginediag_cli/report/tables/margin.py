@@ -474,13 +474,17 @@ def _engine(x: EngineFinding) -> dict[str, Any]:
 
 def _instrument(x: FaultInFlights) -> dict[str, Any]:
     fault = x.fault
-    names = ("flights", "of", "first", "first_flight", "last", "last_flight")
     return {
         "instrument": fault.instrument,
         "column": fault.column,
         "form": fault.form,
         "words": instrument_in_flights(x),
-        **{name: getattr(x, name) for name in names},
+        "flights": x.flights,
+        "of": x.flights_in_all,
+        "first": x.first,
+        "first_flight": x.first_flight,
+        "last": x.last,
+        "last_flight": x.last_flight,
     }
 
 
