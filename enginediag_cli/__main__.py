@@ -81,8 +81,8 @@ def _report(error: BaseException, messages: Messages) -> int:
         return ExitCode.INTERRUPTED
     if isinstance(error, BrokenPipeError):
         return ExitCode.BROKEN_PIPE
-    if isinstance(error, SystemExit):
-        return error.code if isinstance(error.code, int) else ExitCode.INTERNAL
+    if (stop := _stop_request(error)) is not None:
+        return stop.code if isinstance(stop.code, int) else ExitCode.INTERNAL
     if isinstance(error, click.ClickException):
         from enginediag_cli.safe_text import visible
 
@@ -106,6 +106,13 @@ def _report(error: BaseException, messages: Messages) -> int:
     if not messages.debug:
         messages.error("this is a fault of the program, not of your data; run with --debug for the traceback")
     return ExitCode.INTERNAL
+
+
+def _stop_request(error: BaseException | None) -> SystemExit | None:
+    """The request to stop that an error is or follows from: Python wraps one that comes while a class is made."""
+    while error is not None and not isinstance(error, SystemExit):
+        error = error.__cause__ or error.__context__
+    return error
 
 
 def _where_from(error: BaseException, messages: Messages) -> dict[str, str]:

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from enginediag_cli import __version__
+from enginediag_cli.__main__ import _stop_request
 from enginediag_cli.cli.main import COMMANDS
 
 LEVELS = {"note", "warning", "error"}
@@ -160,3 +161,10 @@ def test_every_command_takes_a_log_and_help_and_configuration_leave_none(run, lo
     assert run(name, "--log", log, "--help").exit_code == 0
     assert run(name, "--log", log, "--print-config").exit_code == 0
     assert not log.exists()
+
+
+def test_a_request_to_stop_is_recognised_behind_the_error_that_python_makes_of_it():
+    stop, wrapped = SystemExit(129), RuntimeError("Error calling __set_name__")
+    wrapped.__cause__ = stop
+    assert _stop_request(wrapped) is stop
+    assert _stop_request(ValueError("another")) is None
