@@ -26,6 +26,7 @@ from enginediag_cli.cli.options import (
     POSITIVE,
     FiniteRange,
     RequiredChange,
+    by_option,
     completions,
     exit_code_option,
     extra_form,
@@ -316,14 +317,7 @@ def _block_length(window: str | None) -> int | None:
 )
 @probability_option("--coverage", 0.98, "Probability that the answer and its alternatives cover together.")
 @probability_option("--confidence", 0.95, "Confidence level of intervals.")
-@option(
-    OUTPUT,
-    "--by",
-    type=click.Choice(["parameter", "component"]),
-    default="parameter",
-    show_default=True,
-    help="component: one row per window with the changed components (posterior), for an engine with generic maps.",
-)
+@by_option("component: one row per window with the changed components (posterior), for an engine with generic maps.")
 @option(OUTPUT, "--advise", is_flag=True, help="Recommend the next recording that best separates the alternatives.")
 @option(
     OUTPUT,

@@ -9,8 +9,8 @@
 The name of a parameter is that of its option, so that click finds its default in the environment
 (ENGINEDIAG_DETECT_FALSE_ALARM) and in a file. A group of options may replace its values by one argument (`options`).
 
-Values of options: finite numbers, lengths, YAML files that come in, files that go out, and none of these that is one
-of those.
+Types of values: finite numbers, lengths of windows, YAML files to read, and files to write, which must not be one of
+those that are read.
 """
 
 from __future__ import annotations
@@ -363,6 +363,14 @@ jobs_option = options(
     adapt=_start_jobs,
 )
 
+all_cores_option = option(
+    OPERATION,
+    "--jobs",
+    metavar="N",
+    type=COUNT,
+    help="Number of processes. Default: one per core. The result does not depend on it.",
+)
+
 
 # -- input and model
 
@@ -508,6 +516,12 @@ def probability_option(name: str, default: float, help: str, heading: str = JUDG
 
 
 false_alarm_option = probability_option("--false-alarm", 0.01, "False-alarm rate of the test.")
+
+
+def by_option(component: str) -> Decorator:
+    """--by; component: what its rows are."""
+    kinds = click.Choice(["parameter", "component"])
+    return option(OUTPUT, "--by", type=kinds, default="parameter", show_default=True, help=component)
 
 
 def _collect_margin(values: Values) -> None:

@@ -14,7 +14,6 @@ import click
 
 from enginediag_cli.cli.config import Command, choose_exit_code, command, write_result
 from enginediag_cli.cli.options import (
-    COUNT,
     EXISTING,
     INPUT,
     MODEL,
@@ -22,6 +21,8 @@ from enginediag_cli.cli.options import (
     OUTPUT,
     ConfigFile,
     accept_mismatch_option,
+    all_cores_option,
+    by_option,
     comparison_options,
     exit_code_option,
     extra_form,
@@ -72,14 +73,7 @@ if TYPE_CHECKING:
     help="trend: one row per change, with kind, onset and rate; flights: one row per flight and parameter; margin: EGT "
     "margin, one row per flight and maintenance event, and one with the forecast.",
 )
-@option(
-    OUTPUT,
-    "--by",
-    type=click.Choice(["parameter", "component"]),
-    default="parameter",
-    show_default=True,
-    help="component: one row per event with all parameters of the component, for an engine with generic maps.",
-)
+@by_option("component: one row per event with all parameters of the component, for an engine with generic maps.")
 @work_scope_option
 @picture_option("the health of the engine that changed over its flights")
 @jobs_option
@@ -217,13 +211,7 @@ class FleetCommand(Command):
     type=click.Path(file_okay=False),
     help="Keep reduced recordings in FOLDER. The next run processes only new ones, also after an interruption.",
 )
-@option(
-    OPERATION,
-    "--jobs",
-    metavar="N",
-    type=COUNT,
-    help="Number of processes. Default: one per core. The result does not depend on it.",
-)
+@all_cores_option
 @option(
     OPERATION,
     "--scheduler",

@@ -27,6 +27,7 @@ from enginediag_cli.cli.options import (
     OUTPUT,
     ConfigFile,
     OutputFile,
+    all_cores_option,
     option,
     output_options,
     seed_option,
@@ -308,13 +309,7 @@ class TrialChoices:
     help="Keep every trial with its sealed answer and its marks, one JSON line each.",
 )
 @option(OPERATION, "--resume", is_flag=True, help="Resume from the trials in --trials-output.")
-@option(
-    OPERATION,
-    "--jobs",
-    metavar="J",
-    type=COUNT,
-    help="Number of processes. Default: one per core. The result does not depend on it.",
-)
+@all_cores_option
 @seed_option
 @output_options
 def prove(

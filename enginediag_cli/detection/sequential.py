@@ -172,7 +172,7 @@ def onset_sums(past: list[Segment], law: str = "step") -> OnsetSums:
 FROM_THE_START = 0.5
 """Weight of a change that was there when the flight began; the rest is for those that begin on the way."""
 HORIZON = 60
-"""Blocks over which onsets on the way have about the same weight; it falls as 1/j² beyond."""
+"""Blocks, or flights, over which later onsets have about the same weight; it falls as 1/j² beyond."""
 SCALES = (1.0, 0.25)
 """Sizes of a change of one parameter alone, in multiples of its prior standard deviation."""
 
@@ -233,11 +233,11 @@ def log_ratio(found: ChangeEquations, coordinates: Coordinates) -> np.ndarray:
     return log_mean_exp(np.stack(parts), axis=0)
 
 
-def onset_weight(block: np.ndarray) -> np.ndarray:
-    """w_j for block numbers j = 0, 1, …: ½, then ½ H/((j + H − 1)(j + H)), which sum to 1."""
-    j = np.asarray(block, float)
-    late = (1 - FROM_THE_START) * HORIZON / ((j + HORIZON - 1) * (j + HORIZON))
-    return np.where(j == 0, FROM_THE_START, late)
+def onset_weight(number: np.ndarray, first: float) -> np.ndarray:
+    """w_j for the numbers j = 0, 1, … of blocks or flights: w_0 = `first`, then (1 − w_0) H/((j + H − 1)(j + H)), which
+    sum to 1."""
+    j = np.asarray(number, float)
+    return np.where(j == 0, first, (1 - first) * HORIZON / ((j + HORIZON - 1) * (j + HORIZON)))
 
 
 @dataclass
@@ -294,7 +294,7 @@ class EProcess:
         if not pieces:
             return 0.0
         found = eliminate_nuisance(onset_sums(pieces), self.coordinates.nuisance)
-        weights = onset_weight(np.array([piece.first for piece in pieces]))
+        weights = onset_weight(np.array([piece.first for piece in pieces]), FROM_THE_START)
         # onsets that have been forgotten count as ratio 0, those to come as ratio 1
         to_come = (1 - FROM_THE_START) * HORIZON / (pieces[-1].last + HORIZON - 1)
         return float(np.logaddexp.reduce([*(np.log(weights) + log_ratio(found, self.coordinates)), np.log(to_come)]))
@@ -348,16 +348,14 @@ RAMP = 30.0
 """Flights in which a growing change reaches its size: a unit, sizes span a hundredfold."""
 SINGLE = 2 / 3
 """Weight of changes of one suspect alone; the rest is for those in any direction."""
-E_VALUES_HORIZON = 60.0
-"""Flights over which onsets have about the same weight; it falls as 1/j² beyond."""
-AT_ONCE = 0.1
+FROM_FIRST_FLIGHT = 0.1
 """Weight of a change that was there with the first flight after the baseline."""
 FINE_STEPS, FINE_RAMPS = 12, 4
 """Onsets lie one flight apart to begin with, and as far apart as a twelfth (a fourth) of the flights since later."""
 ONSETS, UNLIKELY = 200, 1e-3
 """Onsets that are evaluated together for the posterior of the onset, each a column over all flights: 60 MB of 20,000;
 and the probability below which one of them is excluded."""
-E_VALUES_LAWS = ((0.0, 1.0, 0.5), (0.2, 20.0, 0.25), (0.5, 20.0, 0.25))
+SCATTER_LAWS = ((0.0, 1.0, 0.5), (0.2, 20.0, 0.25), (0.5, 20.0, 0.25))
 """Laws in time of what readings scatter by: share that wanders, flights over which it does, weight. An engine whose
 instruments wander by more than the last of them is called changed more often than is said; the more laws there are the
 more of the logarithm of E faults pay. The remaining loss: `tests/benchmarks/fleet_discoveries.py --wander 1.5`."""
@@ -421,12 +419,6 @@ class _Courses:
     log_weight: np.ndarray
 
 
-def e_values_onset_weight(j: np.ndarray) -> np.ndarray:
-    """w_j of a change that begins with the j-th flight after the baseline, from 0; they sum to 1."""
-    late = (1 - AT_ONCE) * E_VALUES_HORIZON / ((j + E_VALUES_HORIZON - 1.0) * (j + E_VALUES_HORIZON))
-    return np.where(j == 0, AT_ONCE, late)
-
-
 def _ladder(n: int, fine: int) -> np.ndarray:
     """Onsets 0 … n − 1, ever farther apart."""
     found, j = [], 0
@@ -448,7 +440,7 @@ def _courses(n: int, baseline: int, onsets: np.ndarray | None = None, stop: int 
         g = np.clip(after + 1.0, 0.0, None) / RAMP if ramp else (after >= 0).astype(float)
         # each onset has the weight of those up to the next one
         edges = np.append(at, stop)
-        total = np.concatenate([[0.0], np.cumsum(e_values_onset_weight(np.arange(stop, dtype=float)))])
+        total = np.concatenate([[0.0], np.cumsum(onset_weight(np.arange(stop), FROM_FIRST_FLIGHT))])
         parts.append((g, at + baseline, np.full(len(at), ramp), 0.5 * np.diff(total[edges])))
     g, onset, ramp_, weight = (np.concatenate(x) for x in zip(*parts, strict=True))
     return _Courses(g, onset, ramp_, np.log(np.maximum(weight, 1e-300)))
@@ -541,7 +533,7 @@ class _Ratios:
     ) -> _Ratios:
         g, k = np.nonzero(among.onset[:, None] <= peaks)
         along, by_reading = _BestLaw(), _BestLaw()
-        for share, length, chance in E_VALUES_LAWS:
+        for share, length, chance in SCATTER_LAWS:
             sums = _LawSums.from_whitened(_whiten(rows, among, share, length), peaks, clipped)
             told, gamma = sums.project_courses(g, k), sums.gamma[g, k]
             along.add(*sums.direction_ratios(suspects.directions, told, gamma, k), k, chance)

@@ -94,9 +94,7 @@ def make_tape(columns: Mapping[str, Array], names: Sequence[str]) -> Tape | None
     if len(time) < 2 or not np.isfinite(time).any():
         return None
     N = len(time)
-    lost = ~np.isfinite(time)
-    if lost.any():
-        time = np.interp(np.arange(N), np.flatnonzero(~lost), time[~lost])
+    time = bridge_gaps(time)
     steps = np.diff(time)
     order = np.arange(N)
     if np.count_nonzero(steps < 0.0) > np.count_nonzero(steps > 0.0):
@@ -109,10 +107,8 @@ def make_tape(columns: Mapping[str, Array], names: Sequence[str]) -> Tape | None
     kept = {}
     for name in names:
         x = np.asarray(columns.get(name, ()), float)
-        known = np.isfinite(x)
-        if len(x) == N and known.any():
-            x = x if known.all() else np.interp(np.arange(N), np.flatnonzero(known), x[known])
-            kept[name] = x[order]
+        if len(x) == N and np.isfinite(x).any():
+            kept[name] = bridge_gaps(x)[order]
     place = np.empty(N, int)
     place[order] = np.arange(N)
     return Tape(time, kept, first, place)
@@ -558,7 +554,7 @@ def _signal(m: Memory, tape: Tape, solved: Array) -> Array:
 
 
 def bridge_gaps(x: Array) -> Array:
-    """Records without a solution lie on straight lines between those that have one."""
+    """x (N,) with straight lines in the place of what is not finite, the nearest at the ends, 0 where nothing is."""
     good = np.isfinite(x)
     if good.all() or not good.any():
         return np.where(good, x, 0.0)

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from enginediag_cli.engine.engine import Engine, Prediction
 from enginediag_cli.engine.filters import Lag
-from enginediag_cli.engine.recall import MOMENT, UNKNOWN_PAST
+from enginediag_cli.engine.recall import MOMENT, UNKNOWN_PAST, bridge_gaps
 from enginediag_cli.parameters import Parameter
 
 
@@ -390,9 +390,8 @@ class LagModel(WrappedModel):
         y, clock, none = np.where(p.ok[:, None], p.y, np.nan), tape.clock(), np.zeros((0, len(tape)))
         found = np.zeros((*y.shape, len(self.lags_s)))
         for i, reading in enumerate(y.T):
-            good = np.isfinite(reading)
-            if good.any():
-                whole = np.interp(np.arange(len(y)), np.flatnonzero(good), reading[good])
+            if np.isfinite(reading).any():
+                whole = bridge_gaps(reading)
                 for j, lag in enumerate(self.lags_s):
                     found[:, i, j] = Lag()(clock, whole, none, (lag,)).value
         self._known[key] = found

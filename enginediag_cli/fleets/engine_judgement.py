@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import stdtr
 
-from enginediag_cli.detection.sequential import EPath, e_path, onset_posterior
+from enginediag_cli.detection.sequential import EPath, SuspectDirections, e_path, onset_posterior
 from enginediag_cli.detection.series import FEWEST, Series
 from enginediag_cli.fleets.findings import (
     CHANGED,
@@ -160,8 +160,9 @@ class _EngineState:
     """What is known of an engine when its rows are made."""
 
     flights: EngineFlights
-    path: EPath
+    suspects: SuspectDirections
     members: Sequence[tuple[int, ...]]
+    path: EPath
     course: HealthCourse
 
 
@@ -204,12 +205,11 @@ def judge_engine(
     found, story = _engine_state(flights, current, series, settings)
     log_e, chance = found.path.log_e, _change_probability(found.path.log_e[-1])
     verdict, reason = _verdict(found, settings)
-    flagged = verdict == CHANGED or log_e[-1] >= -np.log(settings.false_discovery)
+    flagged = verdict == CHANGED or _is_discovery(found.path, settings)
     used = margin_consumption(flights, found.course, margin_scale(series) if scale is None else scale, settings)
     since = (0, 0, 0)
     if settings.onsets and (flagged or chance >= SUSPECTED):
-        suspects, _ = flights.suspects(settings.sensors)
-        since = _onset_interval(onset_posterior(flights.rows(), suspects, flights.baseline), flights)
+        since = _onset_interval(onset_posterior(flights.rows(), found.suspects, flights.baseline), flights)
     health = _health_rows(found, chance, since, current)
     best, low, high = since if flagged else (0, 0, 0)
     if story is not None:
@@ -249,8 +249,8 @@ def _engine_state(
     """
     suspects, members = flights.suspects(settings.sensors)
     path = e_path(flights.rows(), suspects, flights.baseline)
-    flagged = path.log_e[-1] >= -np.log(settings.false_discovery)
-    story = isolate_history(flights, series, settings, current) if settings.thorough and flagged else None
+    is_isolated = settings.thorough and _is_discovery(path, settings)
+    story = isolate_history(flights, series, settings, current) if is_isolated else None
     if story is None:
         chance = _change_probability(path.log_e[-1])
         changed = {i: w * chance for i, w in _parameter_weights(path, members).items()}
@@ -259,7 +259,12 @@ def _engine_state(
     compressors = washable_components(series)
     moved = [movable_parameters(e, flights.described, compressors) for e in flights.events]
     course = fit_course(flights, moved, _faulty_instruments(flights, changed))
-    return _EngineState(flights, path, members, course), story
+    return _EngineState(flights, suspects, members, path, course), story
+
+
+def _is_discovery(path: EPath, settings: FleetSettings) -> bool:
+    """Whether the evidence now, of this engine alone, reaches the false discovery rate of the fleet."""
+    return bool(path.log_e[-1] >= -np.log(settings.false_discovery))
 
 
 def _unknown_margin(margin: Margin, reason: str) -> Margin:

@@ -280,11 +280,8 @@ class AgreementCheck:
         if (best is None and not others) or (best is not None and -best.misfit.log_likelihood > NAMED):
             factor = try_factors(yardstick, behind, columns, as_read)
             if factor is not None and _is_sufficient(factor, ODDS_OF_A_FACTOR):
-                best = (
-                    factor
-                    if best is None or factor.gain >= best.gain + _required_gain(best, APART, ODDS_OF_A_FACTOR)
-                    else best
-                )
+                if best is None or factor.gain >= best.gain + _required_gain(best, APART, ODDS_OF_A_FACTOR):
+                    best = factor
         if best is not None:
             return replace(shown, trial=best)
         if others:  # each is likely enough to be named, so that the recording as it was read is not

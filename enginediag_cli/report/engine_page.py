@@ -15,7 +15,7 @@ from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.report import result_files
 from enginediag_cli.report.evidence import EngineEvidence, ReportEvidence
 from enginediag_cli.report.html import Block, EngineState, Lead, PageSection, Paragraph, TableBlock, next_step
-from enginediag_cli.report.plotting import Chart, ChartTable, EventMark, Value, chart_columns, display_scale
+from enginediag_cli.report.plotting import Chart, ChartTable, EventMark, Value, chart_columns
 from enginediag_cli.report.plotting.health import (
     MaintenanceGain,
     TrendCourse,
@@ -38,10 +38,10 @@ from enginediag_cli.report.plotting.residuals import (
     window_fingerprint,
 )
 from enginediag_cli.report.result_files import ALONE, Order, Row, conditional_rows, order_windows, parse_alternative
-from enginediag_cli.report.sentences import change, count, format_quantity, listed, probability, rounded
+from enginediag_cli.report.sentences import change, count, display_scale, format_quantity, listed, probability, rounded
 from enginediag_cli.report.tables.answers import MAINTENANCE
+from enginediag_cli.report.tables.fleet import margin_words
 from enginediag_cli.report.tables.isolation import CANNOT_TELL
-from enginediag_cli.report.tables.margin import margin_words
 from enginediag_cli.units import split_column
 
 LIKELY, SETTLED = 0.5, 0.9

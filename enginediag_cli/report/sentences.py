@@ -98,6 +98,14 @@ STUCK_DIGITS = 6
 """Digits of a reading that repeats itself: as many as make it found again in the file."""
 
 
+def display_scale(parameter: Parameter) -> tuple[float, str]:
+    """Factor and unit by which a change of this parameter is shown: a scale factor in per cent."""
+    unit = parameter.shown_unit
+    # an error that is added to a ratio is a ratio, no share of what is read
+    added = bool(unit) or (parameter.belongs_to_instrument and parameter.quantity == "bias")
+    return (1.0, unit) if added else (100.0, "%")
+
+
 def change(parameter: Parameter, delta: float, half_width: float | None = None, *, chance: float | None = None) -> str:
     """The change of one parameter from nominal, for instance
     "HPC isentropic efficiency fell by 2.0 % ± 0.3 % (probability 0.97)".
@@ -106,11 +114,8 @@ def change(parameter: Parameter, delta: float, half_width: float | None = None, 
     factor and is written in per cent. `half_width` is half the interval, `chance` the probability that the
     parameter changed at all.
     """
-    unit = parameter.shown_unit
-    # an error that is added to a ratio is a ratio, no share of what is read
-    added = bool(unit) or (parameter.belongs_to_instrument and parameter.quantity == "bias")
-    shown = (delta, half_width, unit) if added else (100 * delta, _times(100, half_width), "%")
-    size = format_quantity(abs(shown[0]), shown[2], shown[1])
+    scale, unit = display_scale(parameter)
+    size = format_quantity(abs(scale * delta), unit, _times(scale, half_width))
     behind = f" (probability {probability(chance)})" if chance is not None else ""
     if parameter.belongs_to_instrument and parameter.quantity in READ_WRONG:
         return f"{parameter.part} reads {size} too {'high' if delta > 0 else 'low'}{behind}"

@@ -100,7 +100,7 @@ from enginediag_cli.validation.formula_marks import (
     mark_formula_trial,
     same_driver,
 )
-from enginediag_cli.validation.marks import ExplainAnswer, Marks, mark_trial, short, trial_dataset, trial_record
+from enginediag_cli.validation.marks import ExplainAnswer, Marks, mark_trial, trial_dataset, trial_record
 from enginediag_cli.validation.separability import (
     ALIAS,
     NEAR,
@@ -122,8 +122,7 @@ from enginediag_cli.validation.trial_flights import (
     causes_hypothesis,
     hour_columns,
 )
-from enginediag_cli.validation.trials import EXPLAIN, LOCATE, PLAN, TrialPlan, diagnoser
-from enginediag_cli.validation.trials import short as trials_short
+from enginediag_cli.validation.trials import EXPLAIN, LOCATE, PLAN, TrialPlan, diagnoser, short
 
 
 @dataclass(frozen=True)
@@ -531,7 +530,7 @@ def run_planned(
         "truth": truth,
         "kind": kinds.PLANNED,
         "causes": [c.to_json() for c in concealed.causes],
-        "values": {n: trials_short(v) for n, v in concealed.values.items()},
+        "values": {n: short(v) for n, v in concealed.values.items()},
         "records": int(concealed.records.sum()),
         "failed_records": recorded.failed,
         "scorer_converged": True,
@@ -593,7 +592,7 @@ def _answer_columns(answer: ExplainAnswer) -> dict[str, Any]:
     return {
         "status": answer.status,
         "named": [" + ".join(sorted(a)) for a in answer.aliases],
-        "probabilities": [trials_short(p) for p in answer.probabilities],
+        "probabilities": [short(p) for p in answer.probabilities],
     }
 
 

@@ -20,7 +20,7 @@ from enginediag_cli.detection.sequential import (
     flag_engines,
     onset_posterior,
 )
-from enginediag_cli.detection.sequential import E_VALUES_LAWS as LAWS
+from enginediag_cli.detection.sequential import SCATTER_LAWS as LAWS
 
 M = 4
 DIRECTIONS = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [1, -2, 3, 1], [0.5, 1, 0, -1]])
@@ -123,7 +123,7 @@ def test_until_there_are_more_flights_than_readings_e_is_one():
 
 
 def test_the_weights_of_onsets_sum_to_one():
-    assert np.sum(e_values.onset_weight(np.arange(1e6))) == pytest.approx(1.0, abs=1e-4)
+    assert np.sum(e_values.onset_weight(np.arange(1e6), e_values.FROM_FIRST_FLIGHT)) == pytest.approx(1.0, abs=1e-4)
 
 
 @pytest.mark.parametrize("law", LAWS)

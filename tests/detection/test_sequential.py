@@ -11,6 +11,7 @@ from white_statistics import white_noise
 
 from enginediag_cli.detection.follow import FlightMonitor
 from enginediag_cli.detection.sequential import (
+    FROM_THE_START,
     RECENT,
     Coordinates,
     EProcess,
@@ -41,7 +42,7 @@ def segments(rng, count=6, d=5):
 
 def test_the_weights_of_all_onsets_add_up_to_one():
     j = np.arange(10**6)
-    assert onset_weight(j).sum() == pytest.approx(1.0, abs=1e-4)
+    assert onset_weight(j, FROM_THE_START).sum() == pytest.approx(1.0, abs=1e-4)
 
 
 def test_likelihood_ratios_are_those_of_the_gaussian_densities():

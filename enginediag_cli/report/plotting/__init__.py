@@ -15,7 +15,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
-from enginediag_cli.parameters import Parameter
 from enginediag_cli.report.sentences import rounded
 
 INK, FAINT, PAPER = "#1f2933", "#d5dbe1", "#ffffff"
@@ -296,17 +295,6 @@ def _ys(chart: Chart) -> Iterator[float]:
             yield from layer.y
     for level in chart.levels:
         yield level.y
-
-
-PERCENT = 100.0
-"""Of a scale factor."""
-
-
-def display_scale(parameter: Parameter) -> tuple[float, str]:
-    """(factor, unit) of a change of this parameter, as `sentences.change` writes it."""
-    unit = parameter.shown_unit
-    added = bool(unit) or (parameter.belongs_to_instrument and parameter.quantity == "bias")
-    return (1.0, unit) if added else (PERCENT, "%")
 
 
 def padded(values: Sequence[float], share: float = 0.05) -> tuple[float, float]:

@@ -29,11 +29,10 @@ from enginediag_cli.report.plotting import (
     ReferenceLine,
     RowOrigin,
     chart_columns,
-    display_scale,
 )
 from enginediag_cli.report.result_files import Order, Row, order_windows
-from enginediag_cli.report.sentences import maintained
-from enginediag_cli.report.tables.margin import FLIGHT, MAINTENANCE, WHOLE, interval_columns
+from enginediag_cli.report.sentences import display_scale, maintained
+from enginediag_cli.report.tables.fleet import FLIGHT, MAINTENANCE, WHOLE, interval_columns
 from enginediag_cli.units import split_column
 
 NAN = float("nan")
@@ -290,7 +289,7 @@ def fleet_ranking(key: str, engines: Sequence[FleetEngine]) -> Chart:
     )
 
 
-FULL = 8.0
+FLEET_DARKEST = 8.0
 """Standard errors at which a cell is darkest."""
 
 
@@ -331,7 +330,7 @@ def fleet_map(key: str, engines: Sequence[FleetEngine]) -> Chart | None:
         "Engines × parameters",
         Axis("", categories=names),
         Axis("", categories=[e.serial for e in shown]),
-        [HeatCells("change", x, y, value, FULL, words, signed=True, rooted=True, origins=origins)],
+        [HeatCells("change", x, y, value, FLEET_DARKEST, words, signed=True, rooted=True, origins=origins)],
         ChartTable(columns, rows, origins),
         "Change of each parameter in its standard errors; orange above, blue below the engine's baseline. A column of "
         "one colour is what most engines have in common: physics that the model lacks, or the recorder."
@@ -350,7 +349,7 @@ APART = 0.06
 """Share of the distance of two flights by which series are moved apart, so that intervals do not cover each other."""
 MOST_FLIGHTS = 60
 """Columns of a heat map that still have a width."""
-HEALTH_FULL = 6.0
+HEALTH_DARKEST = 6.0
 """Standard errors at which a cell is darkest; beyond, everything is plain."""
 
 Known = Mapping[str, Parameter]
@@ -465,7 +464,7 @@ def health_map(key: str, rows: Sequence[Row], known: Known) -> Chart:
         "All parameters, flight by flight",
         Axis(order.axis.label, categories=labels),
         Axis("", categories=[known[name].words for name in series]),
-        [HeatCells("change", x, y, value, HEALTH_FULL, words, signed=True, origins=origins)],
+        [HeatCells("change", x, y, value, HEALTH_DARKEST, words, signed=True, origins=origins)],
         ChartTable(columns, cells, origins),
         "Change of each parameter in standard errors of that flight taken alone, all others free: below 2 is nothing "
         f"unusual; orange is above nominal, blue below.{before}",

@@ -27,7 +27,6 @@ from enginediag_cli.report.plotting import (
     RowOrigin,
     Value,
     chart_columns,
-    display_scale,
 )
 from enginediag_cli.report.plotting.health import (
     TrendCourse,
@@ -39,6 +38,7 @@ from enginediag_cli.report.plotting.health import (
 from enginediag_cli.report.plotting.residuals import detection_course, window_fingerprint
 from enginediag_cli.report.plotting.svg import picture
 from enginediag_cli.report.result_files import ALONE, Row, conditional_rows, order_windows
+from enginediag_cli.report.sentences import display_scale
 from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
