@@ -37,7 +37,7 @@ class FleetResult(DocumentResult):
     """
 
     def __init__(self, run: FleetRun, what: str, head: Callable[[], tuple[str, ...]], messages: Messages):
-        from enginediag_cli.report.tables.margin import TERMINAL
+        from enginediag_cli.report.tables.fleet import TERMINAL
 
         self.run, self._what = run, what
         super().__init__(head=head, summary_columns=TERMINAL if what == "engines" else (), messages=messages)
@@ -46,7 +46,7 @@ class FleetResult(DocumentResult):
         self.judged = sum(engine.verdict != "no verdict" for engine in engines)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.report.tables.margin import report_fleet, report_models
+        from enginediag_cli.report.tables.fleet import report_fleet, report_models
 
         report_models(self.messages, self.run)
         yield from self.tabulate(self._what)
@@ -64,7 +64,7 @@ class FleetResult(DocumentResult):
         -------
         list of dict
         """
-        from enginediag_cli.report.tables.margin import ROWS
+        from enginediag_cli.report.tables.fleet import ROWS
 
         return list(ROWS[_table(what)](self.run))
 
@@ -84,7 +84,7 @@ class FleetResult(DocumentResult):
         return self.tabulate("flights")
 
     def _document(self, provenance: Sequence[str]) -> Mapping[str, Any]:
-        from enginediag_cli.report.tables.margin import document
+        from enginediag_cli.report.tables.fleet import document
 
         return document(self.run, provenance)
 
@@ -180,7 +180,7 @@ class StoreResult(Result):
         self.findings, self.judged = sum(bool(key) for _, key in standing.recordings), len(standing.recordings)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.report.tables.margin import report_standing, status_rows
+        from enginediag_cli.report.tables.fleet import report_standing, status_rows
 
         yield from status_rows(self.standing)
         report_standing(self.messages, self.standing)
@@ -285,7 +285,7 @@ def merge_stores(into: str | Path, *others: str | Path, messages: Messages | Non
     """
     from enginediag_cli.fleets.models import merge_stores
     from enginediag_cli.fleets.store import FleetStore
-    from enginediag_cli.report.tables.margin import report_merged
+    from enginediag_cli.report.tables.fleet import report_merged
 
     found = []
     for other in others:

@@ -177,23 +177,29 @@ class RefineResult(DocumentResult):
         return list(named_effects(story)), None
 
     def _refusal(self) -> str:
-        from enginediag_cli.report.tables import identification as refinement
+        from enginediag_cli.report.tables.identification import control_refinement_refusal, refinement_refusal
 
         if self._control is not None:
-            return "" if self._control.accepted else refinement.control_refinement_refusal(self._control)
-        return "" if self._refinement is None else refinement.refusal(self._refinement)
+            return "" if self._control.accepted else control_refinement_refusal(self._control)
+        return "" if self._refinement is None else refinement_refusal(self._refinement)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.report.tables import identification as refinement
+        from enginediag_cli.report.tables.identification import (
+            comparison_lines,
+            control_refinement_rows,
+            control_refinement_sentences,
+            refinement_rows,
+            refinement_sentences,
+        )
 
         lines: list[str] = []
         if self._control is not None:
-            yield from refinement.control_refinement_rows(self._control)
-            lines = list(refinement.control_refinement_sentences(self._control))
+            yield from control_refinement_rows(self._control)
+            lines = list(control_refinement_sentences(self._control))
         elif self._refinement is not None:
-            rows = list(refinement.rows(self._refinement))
+            rows = list(refinement_rows(self._refinement))
             yield from rows
-            lines = [*refinement.comparison_lines(rows), *refinement.sentences(self._refinement)]
+            lines = [*comparison_lines(rows), *refinement_sentences(self._refinement)]
         for line in lines:
             self.messages.note(line)
 
@@ -208,13 +214,13 @@ class RefineResult(DocumentResult):
         return super().summary() + ("" if self.accepted else f"\nnot accepted: {self.reason}")
 
     def _document(self, provenance: Sequence[str]) -> Mapping[str, Any]:
-        from enginediag_cli.report.tables import identification as refinement
+        from enginediag_cli.report.tables.identification import control_refinement_document, refinement_document
 
         if self._control is not None:
-            return refinement.control_refinement_document(self._control, tuple(provenance))
+            return control_refinement_document(self._control, tuple(provenance))
         if self._refinement is None:
             raise NoVerdictError(self.reason)
-        return refinement.document(self._refinement, tuple(provenance))
+        return refinement_document(self._refinement, tuple(provenance))
 
     @property
     def engine(self) -> Engine:

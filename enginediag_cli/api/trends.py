@@ -162,7 +162,7 @@ class TrendResult(Result):
         """Read the series of flights, with margins if requested, and the files it comes from."""
         from enginediag_cli.detection.series import build_series
         from enginediag_cli.fleets.maintenance import assess_margins
-        from enginediag_cli.report.tables.margin import report_margins
+        from enginediag_cli.report.tables.fleet import report_margins
         from enginediag_cli.report.tables.trend import report_instruments_over_flights
         from enginediag_cli.residuals.reduced import comparison_monitor
 
@@ -185,7 +185,7 @@ class TrendResult(Result):
         return series, margins, files
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.report.tables.margin import margin_rows
+        from enginediag_cli.report.tables.fleet import margin_rows
         from enginediag_cli.report.tables.trend import flight_rows
 
         if self._choices.what == "margin" and self._margins is not None:

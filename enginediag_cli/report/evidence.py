@@ -289,7 +289,7 @@ def _trend_rows(question: RecordingsQuestion) -> dict[result_files.ResultKind, l
 @stage("following the margin")
 def _margin_rows(question: RecordingsQuestion, left_out: list[str]) -> list[Row]:
     from enginediag_cli.fleets.maintenance import assess_margins
-    from enginediag_cli.report.tables.margin import margin_rows, odd_events
+    from enginediag_cli.report.tables.fleet import margin_rows, odd_events
     from enginediag_cli.residuals.reduced import comparison_monitor, monitor_for_series
 
     monitor = monitor_for_series(question.suspicious)

@@ -13,7 +13,7 @@ import pytest
 import small_fleet
 from washed_engine import BASELINE, LIMIT_K, WASHED, make
 
-from enginediag_cli.report.tables.margin import interval_columns
+from enginediag_cli.report.tables.fleet import interval_columns
 
 ASKED = ("--limit", "T5_K", f"{LIMIT_K:g}", "--events", "washes.csv", "--baseline", str(BASELINE))
 JUDGED = ("-n", "nominal.yaml", "engine_7.csv")

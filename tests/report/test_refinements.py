@@ -11,7 +11,7 @@ from enginediag_cli.mismatch.refine.criteria import Prediction, Records, Signifi
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
 from enginediag_cli.report.plotting.discrepancy import MOST_FLIGHTS, picture
-from enginediag_cli.report.tables.identification import sentences
+from enginediag_cli.report.tables.identification import refinement_sentences
 from enginediag_cli.shipped import shipped
 
 
@@ -61,13 +61,13 @@ def words(text):
 
 
 def test_a_coefficient_is_told_with_its_interval_and_what_it_is():
-    effects, fitted, *_ = sentences(refinement([5.0, 3.0]))
+    effects, fitted, *_ = refinement_sentences(refinement([5.0, 3.0]))
     assert effects == "Shaft power off-take at HP (power_offtake@hp):"
     assert fitted.startswith("  fraction = 0.010 ± 0.002 (95 %): load over")
 
 
 def test_false_alarms_and_gains_are_told_with_how_many_were_judged():
-    told = " ".join(sentences(refinement([5.0, -1.0])))
+    told = " ".join(refinement_sentences(refinement([5.0, -1.0])))
     assert "the readings ask for 1.02 ± 0.05 of the change that is predicted" in told and "log likelihood +4.0" in told
     assert "4 of 20 windows (20 %, 95 % interval 0 to 20 %) before, 0 of 20 windows" in told
 

@@ -11,12 +11,22 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar
 
 from enginediag_cli.drivers import CORRECTED_SPEED, HUMIDITY, MACH, RATE
-from enginediag_cli.engine import evaluation as atmosphere
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.passages import Ambient, Inlet
 from enginediag_cli.engine.controls import RecordedPosition
 from enginediag_cli.engine.dual import Value, select, sqrt, value
-from enginediag_cli.engine.evaluation import GRAVITY, P_ISA, R_AIR, Evaluation, saturated_water, standard_atmosphere
+from enginediag_cli.engine.evaluation import (
+    GRAVITY,
+    H_TROPOPAUSE,
+    LAPSE,
+    P_ISA,
+    R_AIR,
+    T_ISA,
+    T_TROPOPAUSE,
+    Evaluation,
+    saturated_water,
+    standard_atmosphere,
+)
 from enginediag_cli.engine.filters import Delay, Filter, FullScaleFilter, Lag, RateLimit, SecondOrder
 from enginediag_cli.engine.recall import UNKNOWN_PAST
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term, shape_coefficient
@@ -332,8 +342,8 @@ class StaticPressureError(Term):
 
 def recorded_altitude(h: Value, c: Value) -> Value:
     """The recorded altitude h_rec of h = h_rec + c T_ISA(h_rec)."""
-    low = (h - c * atmosphere.T_ISA) / (1.0 - c * atmosphere.LAPSE)
-    return select(value(low) < atmosphere.H_TROPOPAUSE, low, h - c * atmosphere.T_TROPOPAUSE)
+    low = (h - c * T_ISA) / (1.0 - c * LAPSE)
+    return select(value(low) < H_TROPOPAUSE, low, h - c * T_TROPOPAUSE)
 
 
 class TatProbeHeating(Term):

@@ -232,7 +232,7 @@ OUTPUTS = {
     "trend": "trend:TREND",
     "trend/components": "trend:EVENTS",
     "trend/flights": "trend:FLIGHTS",
-    "trend/margin": "margin:MARGIN",
+    "trend/margin": "fleet:MARGIN",
     "residual": "detection:RESIDUAL",
     "residual/records": "detection:RECORDS",
     "locate": "location:LOCATE",

@@ -348,7 +348,7 @@ NOTHING_TO_TELL = {
 }
 
 
-def rows(r: Refinement) -> Iterator[dict[str, Any]]:
+def refinement_rows(r: Refinement) -> Iterator[dict[str, Any]]:
     """RMS and χ²/N by sensor, then totals, gains by flight, and what `detect` does."""
     u = r.unseen
     if u is None:
@@ -382,7 +382,7 @@ def comparison_lines(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         yield f"{what:{width}}  {short_cell(r['before']):>10}  {short_cell(r['after']):>10}{unit}"
 
 
-def sentences(r: Refinement) -> Iterator[str]:
+def refinement_sentences(r: Refinement) -> Iterator[str]:
     """Coefficients, gains and alarms, or why nothing is written."""
     for e in r.effects:
         yield f"{named_effect(e)}:"
@@ -441,7 +441,7 @@ def criterion_in_words(c: Criterion) -> str:
     return f"{found}: predicted better." if c.met else f"{found}: not predicted better."
 
 
-def refusal(r: Refinement) -> str:
+def refinement_refusal(r: Refinement) -> str:
     """Why nothing may be written, or nothing."""
     if r.failed:
         return r.failed
@@ -488,15 +488,15 @@ def state_rows(r: Refinement) -> Iterator[dict[str, Any]]:
             }
 
 
-def document(r: Refinement, provenance: tuple[str, ...]) -> dict[str, Any]:
+def refinement_document(r: Refinement, provenance: tuple[str, ...]) -> dict[str, Any]:
     """Everything as one object."""
     u = r.unseen
     return {
         "schema": REFINE.id,
         "verdict": r.verdict.value,
-        "refused": refusal(r) or None,
+        "refused": refinement_refusal(r) or None,
         "still_missing": r.still_missing or None,
-        "sentences": list(sentences(r)),
+        "sentences": list(refinement_sentences(r)),
         "effects": [{"term": e.term.NAME, "at": e.site.name, "coefficients": dict(e.values)} for e in r.effects],
         "standard_errors": r.standard_errors,
         "criteria": [_criterion(c) for c in r.criteria],
@@ -511,7 +511,7 @@ def document(r: Refinement, provenance: tuple[str, ...]) -> dict[str, Any]:
         "detect": None
         if r.alarms_before is None or r.alarms_after is None
         else {"before": _alarms(r.alarms_before), "after": _alarms(r.alarms_after)},
-        "rows": list(rows(r)),
+        "rows": list(refinement_rows(r)),
         "provenance": list(provenance),
     }
 
