@@ -42,6 +42,7 @@ ORDER = (
     "detection",
     "planning",
     "isolation",
+    "history",
     "mismatch",
     "methods",
     "fleets",

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from enginediag_cli.detection.series import Series
     from enginediag_cli.fleets.maintenance import MarginSettings, SeriesMargins
     from enginediag_cli.fleets.work_scope import WorkScopeEstimator
+    from enginediag_cli.history.engines import EngineTrend
     from enginediag_cli.intake.selection import RecordingSource
     from enginediag_cli.report.evidence import ReportEvidence
     from enginediag_cli.report.result_files import ResultFile
@@ -129,19 +130,19 @@ class TrendChoices:
 
 
 class TrendResult(Result):
-    """Rows of health over flights; see `trend`."""
+    """Rows of health over flights; see `trend`. histories: engine → what is known of it, as soon as there are rows."""
 
     def __init__(self, comparison: Comparison, choices: TrendChoices):
         from enginediag_cli.residuals.reduced import monitor_for_series
 
         choices.check(comparison)
         self._choices, self.messages = choices, comparison.messages
+        self.histories: dict[str, EngineTrend] = {}
         judging = comparison.judging
         self._whole, self._healthy = judging.plan.is_whole_flight, judging.reference
         # the options of windows hold for the series, not for a window of it
         self._comparison = replace(comparison, judging=replace(judging, plan=judging.plan.series_plan, reference=0))
         monitor = self._comparison.monitor(sensors=not comparison.options.monitor)
-        self._generic = monitor is None or monitor.slopes is not None
         self._monitor = None if monitor is None else monitor_for_series(monitor)
         self._series, self._margins, self._files = self._read()
         table = self._table()
@@ -162,6 +163,7 @@ class TrendResult(Result):
         """Read the series of flights, with margins if requested, and the files it comes from."""
         from enginediag_cli.detection.series import build_series
         from enginediag_cli.fleets.maintenance import assess_margins
+        from enginediag_cli.history.engines import HistoryWindows
         from enginediag_cli.report.tables.fleet import report_margins
         from enginediag_cli.report.tables.trend import report_instruments_over_flights
         from enginediag_cli.residuals.reduced import comparison_monitor
@@ -175,7 +177,9 @@ class TrendResult(Result):
             if choices.what == "margin":
                 return margins.series, margins, files
         files = self._comparison.files(monitor, summed=self._whole, series=True)
-        series = build_series(files, "covariance" if choices.what == "trend" else "whole")
+        files.additive = choices.what == "trend"
+        self._history = HistoryWindows(files)
+        series = build_series(self._history, "covariance") if files.additive else build_series(files)
         report_instruments_over_flights(self.messages, series)
         if monitor is None and series.stretches and choices.what == "trend":
             self.messages.note(
@@ -203,8 +207,9 @@ class TrendResult(Result):
     def _changes(self) -> Iterator[Row]:
         """Make the rows of changes in each engine, and of maintenance."""
         from enginediag_cli.detection.series import FEWEST
+        from enginediag_cli.fleets.maintenance import maintenance_flights
         from enginediag_cli.fleets.work_scope import WorkScopeEstimator
-        from enginediag_cli.isolation.timeline import diagnose_engines
+        from enginediag_cli.history.engines import judge_engines
         from enginediag_cli.report.tables.trend import report_too_few_flights
 
         choices, series = self._choices, self._series
@@ -212,11 +217,16 @@ class TrendResult(Result):
             if len(stretches) < FEWEST:
                 report_too_few_flights(self.messages, engine, len(stretches))
         scoping = None if self._monitor is None or choices.work_scope == "" else WorkScopeEstimator(self._monitor)
-        stories = diagnose_engines(
-            series, reference=self._healthy, sensors=choices.sensors, generic=self._generic, against_nominal=True
+        stories = judge_engines(
+            self._history.engines,
+            series,
+            reference=self._healthy,
+            sensors=choices.sensors,
+            maintenance={e: maintenance_flights(series, e, choices.events) for e in series.stretches},
         )
         rows: list[Row] = []
         for engine, story in stories:
+            self.histories[engine] = story
             rows += self._engine_rows(engine, story, scoping, rows)
         return iter(rows)
 
@@ -233,7 +243,7 @@ class TrendResult(Result):
         report_trend(messages, engine, story, series)
         scope = None
         if scoping is not None and story.events and (form or not messages.quiet):
-            scope = scoping.series_scope(story, series.parameters, mean_conditions(series.stretches[engine]))
+            scope = scoping.series_scope(story.events, series.parameters, mean_conditions(series.stretches[engine]))
         report_work_scope(messages, engine, scope)
         rows = list(as_rows(engine, story, series, scope, form))
         if scoping is not None:

@@ -286,13 +286,15 @@ class TrialChoices:
     INPUT,
     "--kind",
     multiple=True,
-    type=click.Choice(tuple(dict.fromkeys((*trial_kinds.CHOICES, *trial_kinds.ISOLATION_CHOICES)))),
+    type=click.Choice(
+        tuple(dict.fromkeys((*trial_kinds.CHOICES, *trial_kinds.ISOLATION_CHOICES, trial_kinds.HISTORY)))
+    ),
     metavar="KIND",
     help=f"Only trials of this kind. Repeatable. For explain: {', '.join(trial_kinds.KINDS)}; only on request dynamic "
     "(unsteady recordings, effects with memory), law (formulas outside the library), planned (what to fly next), "
     f"several ({', '.join(kind for own in trial_kinds.SPECIAL_KINDS.values() for kind in own)}). For isolate: "
     f"{', '.join(trial_kinds.ISOLATION_KINDS)}; only on request {trial_kinds.FIELD} (whole flights with everything at "
-    "once, a quarter of them healthy).",
+    f"once, a quarter of them healthy). {trial_kinds.HISTORY}, alone: engines over 20 to 200 flights, judged by trend.",
 )
 @option(
     OUTPUT,
@@ -345,6 +347,20 @@ def prove(
 
     if resume and not trials_output:
         raise click.UsageError("--resume needs --trials-output FILE")
+    if trial_kinds.HISTORY in kind:
+        from enginediag_cli.shipped import shipped
+
+        if len(kind) > 1:
+            raise click.UsageError(f"--kind {trial_kinds.HISTORY} is a question of its own; give it alone")
+        truths = (trial_kinds.SAME_MODEL, trial_kinds.REALISTIC) if truth in (None, BOTH) else (truth,)
+        engines = (engine or str(shipped(AIRLINER)),)
+        _prove_histories(
+            messages,
+            TrialPlan(ISOLATE, engines, seed, truths, kind),
+            partial(_finished_trials, messages, trials, jobs or os.cpu_count() or 1, trials_output, resume),
+            output,
+        )
+        return
     choices = TrialChoices(question, truth, kind)
     choices.check()
     plan = TrialPlan(question, choices.engines(engine), seed, choices.truths, choices.kinds)
@@ -430,6 +446,23 @@ def _write_explanations(plan: TrialPlan, records: list[Record], sizes: bool, out
     binned = ("lambda", "lambda_sep", "signal_to_noise")
     parts = [sheet_table(scores), *(bin_rows(found["bins"], what) for what in binned)]
     output.write_tables([*parts, *([size_rows(found["detectable_size"])] if sizes else [])])
+
+
+def _prove_histories(messages: Messages, plan: TrialPlan, run: Callable[..., list[Record]], output: Output) -> None:
+    """Run the trials of histories and write their sheet."""
+    from enginediag_cli.api.results import header_lines
+    from enginediag_cli.report.tables.trials import HISTORIES
+    from enginediag_cli.validation import history_trials
+
+    records = run(plan, history_trials.run_group)
+    _report_cost(messages, records, "trend_seconds", "to follow")
+    for r in records:
+        if r["error"]:
+            messages.warning(f"trial {r['trial']}: {r['error']}")
+    found = history_trials.history_document(plan, records)
+    notes = HISTORIES.notes | {"trials": str(len(records))}
+    head = header_lines("prove", seed=plan.seed, configs=list(plan.engines), notes=notes)
+    output.write_document(found, found["sheet"], HISTORIES.names, provenance=head)
 
 
 def _write_isolation(plan: TrialPlan, records: list[Record], output: Output) -> None:

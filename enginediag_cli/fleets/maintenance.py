@@ -273,7 +273,7 @@ def maintenance_effects(
     W. N. Anderson and R. J. Duffin (1969) J. Math. Anal. Appl. 26, 576–594.
     """
     stretches = series.stretches[engine]
-    flights = [_flight_number(stretches, event, engine) for event in events]
+    flights = maintenance_flights(series, engine, events)
     monitor, conditions = series.monitor, mean_conditions(stretches)
     spread = {}
     if monitor is not None and flights:
@@ -286,6 +286,12 @@ def maintenance_effects(
             yield estimate_maintenance(scoping, statistics, flight, flights, spread, conditions)
         except ValueError as error:
             raise DataError(f"--event: {error}") from None
+
+
+def maintenance_flights(series: Series, engine: str, events: Sequence[str]) -> list[int]:
+    """Numbers, from 1, of the first flights after maintenance; `events`: labels or numbers. DataError for a flight that
+    is not there."""
+    return [_flight_number(series.stretches[engine], event, engine) for event in events]
 
 
 def mean_conditions(stretches: Sequence[FlightWindow]) -> Mapping[str, float]:

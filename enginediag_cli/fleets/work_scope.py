@@ -25,8 +25,8 @@ import numpy as np
 from enginediag_cli.engine.components.combustion import Burner
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.start import correction, total_ratios
+from enginediag_cli.history.posterior import ChangeEvent
 from enginediag_cli.isolation.diagnosis import infer_components
-from enginediag_cli.isolation.events import EventSuspect, SeriesDiagnosis
 from enginediag_cli.isolation.posterior import SetInference
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.isolation.results import AmbiguityGroup, temper
@@ -372,24 +372,15 @@ class WorkScopeEstimator:
         return self._scope(change, _modules(belief.score.described, change.names, chosen), recorded)
 
     def series_scope(
-        self, story: SeriesDiagnosis, known: Mapping[str, Parameter], recorded: Mapping[str, float]
+        self, events: Sequence[ChangeEvent], known: Mapping[str, Parameter], recorded: Mapping[str, float]
     ) -> WorkScope:
-        """Of what changed during a series; of indistinguishable suspects each by itself, beside the likeliest
-        of the other events."""
-        healthy = [[m for m in event.named if m.expected and not m.instrument] for event in story.events]
-        found: list[Gain] = []
-        scope = WorkScope()
-        for k, members in enumerate(healthy):
-            for member in members:
-                beside = [others[0] for j, others in enumerate(healthy) if j != k and others]
-                change = _independent_moments([member, *beside], self.engine)
-                modules = {member.component: [n for n in change.names if known[n].component == member.component]}
-                scope = self._scope(change, modules, recorded)
-                if scope.reason:
-                    return scope
-                found += [g for g in scope.gains if g.module not in [f.module for f in found]]
-        ordered = tuple(sorted(found, key=lambda g: -abs(g.temperature.value)))
-        return WorkScope(ordered, scope.reference)
+        """Of what changed during a history: the likeliest suspect of each event, beside those of the others."""
+        healthy = [event for event in events if not event.instrument]
+        change = _independent_moments(healthy, self.engine)
+        modules: dict[str, list[str]] = {}
+        for name in change.names:
+            modules.setdefault(known[name].component, []).append(name)
+        return self._scope(change, modules, recorded) if modules else WorkScope()
 
     def maintenance_gain(
         self, before: np.ndarray, difference: ChangeMoments, recorded: Mapping[str, float]
@@ -440,15 +431,15 @@ def _modules(described: Sequence[Parameter], names: Sequence[str], chosen: set[s
     return found
 
 
-def _independent_moments(members: Sequence[EventSuspect], engine: Engine | None) -> ChangeMoments:
-    """All changes of several suspects, each independent of the others."""
+def _independent_moments(events: Sequence[ChangeEvent], engine: Engine | None) -> ChangeMoments:
+    """Changes now by several events, each independent of the others."""
     known = engine.parameters if engine is not None else {}
-    names = tuple(dict.fromkeys(n for m in members for n in m.parameters if n in known))
+    names = tuple(dict.fromkeys(x.name for event in events for x in event.changes if x.name in known))
     place = {n: i for i, n in enumerate(names)}
     mean, covariance = np.zeros(len(names)), np.zeros((len(names), len(names)))
-    for m in members:
-        own = [q for q, n in enumerate(m.parameters) if n in place]
-        at = [place[m.parameters[q]] for q in own]
-        mean[at] += np.array(m.expected)[own]
-        covariance[np.ix_(at, at)] += np.array(m.covariance)[np.ix_(own, own)]
+    for event in events:
+        own = [q for q, x in enumerate(event.changes) if x.name in place]
+        rows = [place[event.changes[q].name] for q in own]
+        mean[rows] += [event.changes[q].now for q in own]
+        covariance[np.ix_(rows, rows)] += event.covariance[np.ix_(own, own)]
     return ChangeMoments(names, mean, covariance)

@@ -28,6 +28,7 @@ from enginediag_cli.report.plotting.health import (
     read_maintenance,
     read_margin,
 )
+from enginediag_cli.report.plotting.models import LASTING
 from enginediag_cli.report.plotting.residuals import (
     MOST_RIVALS,
     detection_course,
@@ -42,6 +43,7 @@ from enginediag_cli.report.sentences import change, count, display_scale, format
 from enginediag_cli.report.tables.answers import MAINTENANCE
 from enginediag_cli.report.tables.fleet import margin_words
 from enginediag_cli.report.tables.isolation import CANNOT_TELL
+from enginediag_cli.report.tables.trend import COURSE_WORDS
 from enginediag_cli.units import split_column
 
 LIKELY, SETTLED = 0.5, 0.9
@@ -267,7 +269,7 @@ def _onset_words(engine: EngineEvidence, state: EngineState) -> str:
     changed = changed_in_trend(engine)
     if changed:
         row = min(changed, key=lambda r: r.number("onset"))
-        word = "at once" if row.text("kind") == "step" else "growing"
+        word = COURSE_WORDS.get(row.text("kind"), row.text("kind"))
         flight = row.text("onset_flight") or f"stretch {row.count('onset')}"
         low, high = row.count("onset_low"), row.count("onset_high")
         within = "" if low == high else f"; counted from the first, between {low} and {high}"
@@ -432,7 +434,11 @@ def _one_engine(engine: EngineEvidence) -> Iterator[Block]:
 def _health(engine: EngineEvidence, evidence: ReportEvidence, key: str) -> Iterator[Block]:
     rows = engine.rows_of_kind(result_files.FLIGHTS)
     changed = [row.text("parameter") for row in changed_in_trend(engine)]
-    courses = {row.text("parameter"): _read_course(row) for row in changed_in_trend(engine)}
+    courses = {
+        row.text("parameter"): _read_course(row)
+        for row in changed_in_trend(engine)
+        if row.text("kind") in LASTING and not row.text("end")
+    }
     isolated = engine.isolated[-1][0].list("isolated") if engine.isolated else ()
     alone = conditional_rows(engine.windows, changed or isolated)
     if alone:

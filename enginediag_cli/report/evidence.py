@@ -270,19 +270,21 @@ def _isolation_rows(question: RecordingsQuestion, windows: list[WindowStatistics
 @stage("following the series")
 def _trend_rows(question: RecordingsQuestion) -> dict[result_files.ResultKind, list[Row]]:
     from enginediag_cli.detection.series import build_series
-    from enginediag_cli.isolation.timeline import diagnose_engines
+    from enginediag_cli.history.engines import HistoryWindows, judge_engines
     from enginediag_cli.report.tables.trend import flight_rows, trend_rows
     from enginediag_cli.residuals.reduced import monitor_for_series
 
-    series = build_series(_series_files(question, monitor_for_series(question.suspicious)))
+    files = _series_files(question, monitor_for_series(question.suspicious))
+    files.additive = True
+    windows = HistoryWindows(files)
+    series = build_series(windows)
     told: dict[result_files.ResultKind, list[Row]] = {result_files.FLIGHTS: [], result_files.TREND: []}
     for row in flight_rows(series):
         window = series.stretches[row["engine"]][row["number"] - 1].window
         told[result_files.FLIGHTS].append(Row(row, _window_origin(window)))
-    generic = question.suspicious.slopes is not None
-    for engine, story in diagnose_engines(series, reference=question.judging.reference, generic=generic):
+    for engine, found in judge_engines(windows.engines, series, reference=question.judging.reference):
         last = _window_origin(series.stretches[engine][-1].window)
-        told[result_files.TREND] += [Row(row, last) for row in trend_rows(engine, story, series)]
+        told[result_files.TREND] += [Row(row, last) for row in trend_rows(engine, found, series)]
     return told
 
 

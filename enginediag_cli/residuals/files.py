@@ -641,7 +641,8 @@ class WindowReader:
                 n for n, p in known.items() if p.belongs_to_instrument and p.quantity == DRIFT and not self.drifts
             }
             if window.statistics is not None:
-                window = replace(window, statistics=form(window.statistics).drop_parameters(drifting))
+                kept = window.statistics if self.series and self._is_additive else form(window.statistics)
+                window = replace(window, statistics=kept.drop_parameters(drifting))
             yield window, {name: p for name, p in known.items() if name not in drifting}
 
     def _count(self, window: WindowStatistics) -> None:

@@ -23,7 +23,9 @@ from pathlib import Path
 from time import process_time
 from typing import Any
 
+from enginediag_cli.api.trends import trend
 from enginediag_cli.engine.engine import Engine
+from enginediag_cli.history.posterior import ChangeEvent
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.nominal_file import write_nominal
 from enginediag_cli.identification.problem import drop_repeats
@@ -52,6 +54,7 @@ from enginediag_cli.residuals.long_windows import RecentRecords
 from enginediag_cli.residuals.monitor import build_monitor
 from enginediag_cli.units import split_column
 from enginediag_cli.validation.formula_marks import formula_entries, formula_json
+from enginediag_cli.validation.kinds import HISTORY
 from enginediag_cli.validation.trial_flights import causes_from_options, instrument_place
 from enginediag_cli.validation.trials import ISOLATE, LOCATE, PLAN
 
@@ -266,8 +269,51 @@ def _finite(x: float) -> float | None:
     return float(x) if abs(float(x)) < float("inf") else None
 
 
+def follow_history(question: Mapping[str, Any]) -> dict[str, Any]:
+    """What `trend` finds in the flights that are to be judged; no events where identification failed."""
+    begun = process_time()
+    found = identify_once(Path(question["engine"]), tuple(question["healthy"]))
+    reported: dict[str, Any] = {"identified": found.nominal is not None, "error": found.reason, "events": []}
+    if found.nominal is not None:
+        begun = process_time()
+        result = trend(found.nominal, [question["judged"]], events=question["maintenance"], work_scope="")
+        result.rows  # noqa: B018 - computes
+        reported |= {"error": "", "verdict": "no verdict"}
+        for history in result.histories.values():
+            reported["verdict"] = history.verdict
+            reported["events"] = [_change_event(event) for event in history.events]
+            reported["probability"] = history.posterior.probability
+            reported["unlisted"] = history.posterior.unlisted
+            reported["fit"] = history.posterior.check.ratio
+    return reported | {"seconds": process_time() - begun}
+
+
+def _change_event(event: ChangeEvent) -> dict[str, Any]:
+    return {
+        "probability": event.probability,
+        "suspects": dict(event.suspects),
+        "group": list(event.group),
+        "shapes": dict(event.shapes),
+        "growing": event.growing,
+        "onset": event.onset,
+        "onset_set": list(event.onset_set),
+        "end": event.end,
+        "changes": [
+            {
+                "name": x.name,
+                "probability": x.probability,
+                "now": [x.now, x.now_low, x.now_high],
+                "largest": [x.largest, x.largest_low, x.largest_high],
+            }
+            for x in event.changes
+        ],
+    }
+
+
 def answer(question: Mapping[str, Any]) -> dict[str, Any]:
     """The answer to a question, by its task."""
+    if question["task"] == HISTORY:
+        return follow_history(question)
     return isolate(question) if question["task"] == ISOLATE else explain(question)
 
 

@@ -52,6 +52,9 @@ SEVERAL_KINDS = tuple(SEVERAL_WEIGHTS)
 COUNTS: Mapping[str, int] = dict(zip(SEVERAL_KINDS, (2, 3, 4), strict=True))
 """Of causes."""
 
+HISTORY = "history"
+"""Engines followed over flights. A choice of its own, and a task of the diagnosing process."""
+
 PLANNED = "planned"
 """An effect with alternatives, the next flight, and whether it resolves them."""
 

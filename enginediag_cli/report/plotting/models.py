@@ -255,6 +255,10 @@ def isolation_chart(windows: Sequence[IsolatedWindow]) -> Chart:
     raise NoVerdictError("--picture: no window that was judged has statistics with every sensor's error")
 
 
+LASTING = ("step", "deterioration")
+"""Kinds whose course is drawn from the onset to the last flight, where nothing has ended it."""
+
+
 def trend_chart(series: Series, rows: Sequence[Mapping[str, Any]]) -> Chart:
     """Of the first engine in which something changed, else of the first: its health over flights; rows: of `trend`.
     Raises NoVerdictError where no engine has flights."""
@@ -288,6 +292,7 @@ def trend_chart(series: Series, rows: Sequence[Mapping[str, Any]]) -> Chart:
             int(row["onset"]), row["kind"] == "step", row["change"], row["change_low"], row["change_high"]
         )
         for row in of_it
+        if row["kind"] in LASTING and row.get("end") is None
     }
     return health_trend("trend", mine, names, series.parameters, marks, caption=told, courses=courses)
 

@@ -244,6 +244,7 @@ OUTPUTS = {
     "refine/control": "identification:CONTROL",
     "prove": "trials:PROVE",
     "prove/isolate": "trials:ISOLATED",
+    "prove/history": "trials:HISTORIES",
     "study": "trials:STUDY",
     "study/counts": "trials:COUNTS",
     "study/reliability": "trials:RELIABILITY",

@@ -10,7 +10,14 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from enginediag_cli.detection.series import estimate_flight_change, has_times
-from enginediag_cli.isolation.events import CANNOT_TELL, HALF
+from enginediag_cli.history.engines import (
+    CANNOT_TELL,
+    DETERIORATION,
+    UNLIKELY,
+    EngineTrend,
+)
+from enginediag_cli.history.posterior import EVENT
+from enginediag_cli.history.shapes import FROM_START, INTERMITTENT, WASHED, WITH_END
 from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.sentences import (
@@ -25,15 +32,16 @@ from enginediag_cli.report.tables.answers import WORK_SCOPE, work_scope_cells
 if TYPE_CHECKING:
     from enginediag_cli.detection.series import FlightWindow, Series
     from enginediag_cli.fleets.work_scope import WorkScope
-    from enginediag_cli.isolation.events import EventSuspect, SeriesDiagnosis, SeriesEvent
+    from enginediag_cli.history.posterior import ChangeEvent, HistoryChange
 
 
-LEAST_INCLUSION = 0.01
-"""Probability below which a suspect's parameter has no row of its own."""
+COURSE_WORDS = {"step": "at once", DETERIORATION: "growing", FROM_START: "off nominal"}
+"""How a change came, in a sentence."""
 
 
 class Onset(NamedTuple):
-    """Since when something has changed: flights of the series, counted from 1, and where that flight is recorded."""
+    """Since when something has changed: flights of the series, counted from 1, and where that flight is recorded; end:
+    first flight without the change again, None where it lasts."""
 
     onset: int
     onset_low: int
@@ -42,27 +50,32 @@ class Onset(NamedTuple):
     onset_source: str
     onset_line: int
     onset_s: float | None
+    end: int | None
 
 
 class ChangeSize(NamedTuple):
-    """Change up to the last flight and, where it grows, its mean rate since the onset, with 95 % intervals."""
+    """Change up to the last flight, its largest, and, where it grows, its mean rate since the onset, with 95 %
+    intervals."""
 
     change: float
     change_low: float
     change_high: float
+    largest: float
+    largest_low: float
+    largest_high: float
     rate_per_flight: float | None = None
     rate_low: float | None = None
     rate_high: float | None = None
 
 
 class TrendRow(NamedTuple):
-    """What a row is about: the series of an engine, an event in it, one of its suspects and a parameter of that."""
+    """What a row is about: the history of an engine, an event in it, and the parameter of its likeliest suspect."""
 
     engine: str
-    story: SeriesDiagnosis
+    found: EngineTrend
     series: Series
-    event: SeriesEvent | None = None
-    member: EventSuspect | None = None
+    event: ChangeEvent | None = None
+    part: HistoryChange | None = None
     parameter: str = ""
     work_scope: Any = None
 
@@ -70,74 +83,79 @@ class TrendRow(NamedTuple):
     def onset(self) -> Onset | None:
         if self.event is None:
             return None
-        e, window = self.event, self.series.stretches[self.engine][self.event.onset - 1].window
+        e, found = self.event, self.found
+        number = found.flight_number(e.onset)
+        window = self.series.stretches[self.engine][number - 1].window
         time_s = window.start_s if has_times(window) else None
-        return Onset(e.onset, e.low, e.high, window.flight, window.source, window.first_line, time_s)
-
-    @property
-    def place(self) -> int:
-        """Of the parameter among those of the suspect."""
-        return self.member.parameters.index(self.parameter) if self.member else 0
+        low, high = found.flight_number(e.onset_set[0]), found.last_number(e.onset_set[-1])
+        end = found.flight_number(e.end) if 0 <= e.end < len(found.first) else None
+        return Onset(number, low, high, window.flight, window.source, window.first_line, time_s, end)
 
     @property
     def size(self) -> ChangeSize | None:
-        if self.event is None or self.member is None:
+        if self.event is None or self.part is None:
             return None
-        x, half = self.member.change[self.place], NORMAL_95 * self.member.deviation[self.place]
-        sizes = (x, x - half, x + half)
-        if self.event.kind == "step":
+        x = self.part
+        sizes = (x.now, x.now_low, x.now_high, x.largest, x.largest_low, x.largest_high)
+        if self.found.family(self.event) != DETERIORATION or self.event.end >= 0:
             return ChangeSize(*sizes)
-        span = max(self.story.flights - self.event.onset, 1)
-        return ChangeSize(*sizes, *(size / span for size in sizes))
+        span = max(self.found.flights - self.found.flight_number(self.event.onset) + 1, 1)
+        return ChangeSize(*sizes, *(size / span for size in sizes[:3]))
 
     @property
     def probability(self) -> float:
-        if self.event is None or self.member is None:
-            return self.story.inclusion.get(self.series.parameters[self.parameter].component, 0.0)
-        return self.event.probability * self.member.probability * self.member.inclusion[self.place]
+        if self.event is None or self.part is None:
+            return self.found.posterior.inclusion.get(self.series.parameters[self.parameter].component, 0.0)
+        return self.event.probability * self.event.suspects[self.event.group[0]] * self.part.probability
 
     @property
     def kind(self) -> str:
         if self.event is not None:
-            return self.event.kind
-        return CANNOT_TELL if self.story.differs_from_start or self.story.verdict == CANNOT_TELL else "steady"
+            return self.found.family(self.event)
+        return CANNOT_TELL if self.found.verdict == CANNOT_TELL else "steady"
 
     @property
     def rivals(self) -> list[str]:
         """The other suspects."""
-        suspects = self.event.members if self.event and self.member else ()
-        return _format_suspects(
-            self.event, [m for m in suspects if self.member and m.component != self.member.component]
-        )
+        return _format_suspects(self.event)[1:] if self.event is not None else []
 
 
-def _format_suspects(event: SeriesEvent | None, members: Sequence[EventSuspect]) -> list[str]:
-    chance = event.probability if event else 1.0
-    return [f"{m.component} ({chance * m.probability:.2g})" for m in members]
+def _format_suspects(event: ChangeEvent) -> list[str]:
+    return [f"{name} ({event.probability * p:.2g})" for name, p in event.suspects.items() if p >= UNLIKELY]
 
 
 row_column: Columns[TrendRow] = Columns()
-story_column: Columns[SeriesDiagnosis] = Columns()
+found_column: Columns[EngineTrend] = Columns()
 onset_column: Columns[Onset] = Columns()
 size_column: Columns[ChangeSize] = Columns()
 part_column: Columns[Any] = Columns()
 
 _SERIES = (
     row_column("engine", "text", "engine, as its recording calls it"),
-    row_column("flights", "integer", "flights, or windows, of the series", lambda row: row.story.flights),
+    row_column("flights", "integer", "flights, or windows, of the series", lambda row: row.found.flights),
 )
 _FIT = (
     *row_column.part(
-        lambda row: row.story,
+        lambda row: row.found,
         (
-            story_column(
+            found_column(
                 "verdict",
                 "text",
                 "of the engine: changed, steady, differs from nominal from the first flight on, or cannot tell",
             ),
-            story_column("fit_before", "number?", "reduced χ² without any change", lambda story: story.fit.chi2_before),
-            story_column("fit", "number?", "reduced χ² with this change", lambda story: story.fit.chi2_after),
-            story_column("unlisted", "number?", "probability that it is something that is not among the suspects"),
+            found_column(
+                "fit_before",
+                "number?",
+                "reduced χ² without any change",
+                lambda found: found.posterior.quiet.ratio,
+            ),
+            found_column("fit", "number?", "reduced χ² with all changes", lambda found: found.posterior.check.ratio),
+            found_column(
+                "unlisted",
+                "number?",
+                "probability that it is something that is not among the suspects",
+                lambda found: found.posterior.unlisted,
+            ),
         ),
     ),
     row_column(
@@ -157,6 +175,7 @@ _ONSET = row_column.part(
         onset_column("onset_source", "text?", "file that holds it"),
         onset_column("onset_line", "integer?", "its first line there"),
         onset_column("onset_s", "number?", "its time, where the recording has one", unit="s"),
+        onset_column("end", "integer?", "first flight after it was taken back, at least in part; none where it lasts"),
     ),
 )
 _SCOPE = object_column(WORK_SCOPE, lambda row: row.work_scope, "--work-scope, or json")
@@ -176,12 +195,19 @@ TREND: Table[TrendRow] = Table(
             "component",
             "text",
             "component or instrument that it belongs to",
-            lambda row: row.member.component if row.member else row.series.parameters[row.parameter].component,
+            lambda row: row.series.parameters[row.parameter].component,
         ),
         row_column(
             "kind",
             "text",
-            "steady, step, deterioration, or cannot tell where the series is not steady and no change is named",
+            "steady, step, deterioration, comes and goes (once), intermittent, from the start, irregular, or cannot "
+            "tell where the series is not steady and no change is named",
+        ),
+        row_column(
+            "shapes",
+            "texts?",
+            "courses over flights, with their probabilities",
+            lambda row: _format_shapes(row.event) if row.event else None,
         ),
         row_column("probability", "number", "probability that it changed at all"),
         *_ONSET,
@@ -191,6 +217,9 @@ TREND: Table[TrendRow] = Table(
                 size_column("change", "number?", "change from before the onset to the last flight", unit=_PARAMETER),
                 size_column("change_low", "number?", "lower end of its 95 % interval", unit=_PARAMETER),
                 size_column("change_high", "number?", "upper end of its 95 % interval", unit=_PARAMETER),
+                size_column("largest", "number?", "its largest change", unit=_PARAMETER),
+                size_column("largest_low", "number?", "lower end of its 95 % interval", unit=_PARAMETER),
+                size_column("largest_high", "number?", "upper end of its 95 % interval", unit=_PARAMETER),
                 size_column("rate_per_flight", "number?", "mean rate since the onset", unit=_PARAMETER),
                 size_column("rate_low", "number?", "lower end of its 95 % interval", unit=_PARAMETER),
                 size_column("rate_high", "number?", "upper end of its 95 % interval", unit=_PARAMETER),
@@ -209,18 +238,15 @@ TREND: Table[TrendRow] = Table(
 )
 
 
+def _format_shapes(event: ChangeEvent) -> list[str]:
+    return [f"{name} ({p:.2g})" for name, p in event.shapes.items() if p >= UNLIKELY]
+
+
 def _likelihood(row: TrendRow) -> float:
     """Of the change; without an event, that nothing changed. Flights that differ for certain leave nothing to that."""
     if row.event is not None:
-        return row.event.probability * sum(m.probability for m in row.event.named)
-    story = row.story
-    return max(1 - story.unlisted - max(story.inclusion.values(), default=0.0), 0.0) * (not story.departures)
-
-
-def _suspects(row: TrendRow) -> list[str]:
-    """Of the event; without one those of which it is not known whether they changed."""
-    undecided = row.story.undecided.members if row.story.undecided else ()
-    return _format_suspects(row.event, row.event.members if row.event else undecided)
+        return row.event.probability * sum(row.event.suspects[name] for name in row.event.group)
+    return (1 - row.found.posterior.probability) * (not row.found.departures)
 
 
 EVENTS: Table[TrendRow] = Table(
@@ -234,14 +260,24 @@ EVENTS: Table[TrendRow] = Table(
             "components",
             "texts",
             "the component that changed, or those that are indistinguishable",
-            lambda row: [m.component for m in row.event.named] if row.event else [],
+            lambda row: list(row.event.group) if row.event else [],
         ),
         row_column(
             "probability", "number", "probability of the change; without an event, that nothing changed", _likelihood
         ),
-        row_column("kind", "text?", "step or deterioration", lambda row: row.event.kind if row.event else None),
+        row_column(
+            "kind",
+            "text?",
+            "step, deterioration, comes and goes, intermittent, from the start or irregular",
+            lambda row: row.found.family(row.event) if row.event else None,
+        ),
         *_ONSET,
-        row_column("rivals", "texts", "all suspects, with their probabilities", _suspects),
+        row_column(
+            "rivals",
+            "texts",
+            "all suspects, with their probabilities",
+            lambda row: _format_suspects(row.event) if row.event else [],
+        ),
         _SCOPE,
     ),
     ("engine", "verdict", "components", "probability", "kind", "onset", *_COURSE),
@@ -249,33 +285,30 @@ EVENTS: Table[TrendRow] = Table(
 
 
 def trend_rows(
-    engine: str, story: SeriesDiagnosis, series: Series, scope: WorkScope | None = None, form: str = ""
+    engine: str, found: EngineTrend, series: Series, scope: WorkScope | None = None, form: str = ""
 ) -> Iterator[dict[str, Any]]:
-    """One row per parameter: those of the suspects of each event, then the steady ones. form: of what restoring would
-    bring, "" without, "cell" as text, "nested" in full."""
+    """One row per parameter: those of the likeliest suspect of each event, then the steady ones. form: of what
+    restoring would bring, "" without, "cell" as text, "nested" in full."""
     restored, optional = work_scope_cells(scope, form)
     changed = set()
-    for event in story.events:
-        for member in event.members:
-            for name in member.parameters:
-                row = TrendRow(engine, story, series, event, member, name, restored)
-                if row.probability >= LEAST_INCLUSION:
-                    changed.add(name)
-                    yield TREND.row(row, optional)
+    for event in found.events:
+        for part in event.changes:
+            changed.add(part.name)
+            yield TREND.row(TrendRow(engine, found, series, event, part, part.name, restored), optional)
     wrong = {series.parameters[name].component for name in changed if series.parameters[name].belongs_to_instrument}
     for name, parameter in series.parameters.items():
         if name not in changed and parameter.component not in wrong:  # the other form of an instrument's error
-            yield TREND.row(TrendRow(engine, story, series, parameter=name, work_scope=restored), optional)
+            yield TREND.row(TrendRow(engine, found, series, parameter=name, work_scope=restored), optional)
 
 
 def component_rows(
-    engine: str, story: SeriesDiagnosis, series: Series, scope: WorkScope | None = None, form: str = ""
+    engine: str, found: EngineTrend, series: Series, scope: WorkScope | None = None, form: str = ""
 ) -> Iterator[dict[str, Any]]:
     """One row per event, with the component or the class of components; one alone where nothing changed or it is not
-    known whether anything did, with the suspects as alternatives. form: as of `trend_rows`."""
+    known whether anything did. form: as of `trend_rows`."""
     restored, optional = work_scope_cells(scope, form)
-    for event in story.events or (None,):
-        yield EVENTS.row(TrendRow(engine, story, series, event, work_scope=restored), optional)
+    for event in found.events or (None,):
+        yield EVENTS.row(TrendRow(engine, found, series, event, work_scope=restored), optional)
 
 
 class FlightParameter(NamedTuple):
@@ -339,76 +372,82 @@ def report_instruments_over_flights(messages: Messages, series: Series) -> None:
             messages.note(f"{name}{instrument_in_flights(found)}", engine=engine)
 
 
-def report_trend(messages: Messages, engine: str, story: SeriesDiagnosis, series: Series) -> None:
-    """What happened during a series, in words."""
+def report_trend(messages: Messages, engine: str, found: EngineTrend, series: Series) -> None:
+    """What happened during a history, in words."""
     name = f"engine {engine}: " if engine else ""
-    if not story.converged:
-        messages.warning(f"{name}the search for onsets did not converge", engine=engine)
-    if story.events:
+    posterior, flights = found.posterior, series.stretches[engine]
+    if found.events:
         messages.note(
-            f"{name}reduced χ², by the scatter of the series: {story.fit.chi2_before:.3g} without, "
-            f"{story.fit.chi2_after:.3g} with the change below",
+            f"{name}reduced χ² {posterior.quiet.ratio:.3g} without, {posterior.check.ratio:.3g} with the changes below",
             engine=engine,
         )
-    if story.differs_from_start:
+    if found.differs_from_start:
         messages.warning(
-            f"{name}differs from nominal from the first flight on ({len(story.departures)} of {story.flights} flights):"
-            " another engine, a wrong column or unit, or a change before that; run check and isolate",
+            f"{name}differs from nominal from the first flight on: another engine, a wrong column or unit, or a change "
+            "before that; run check and isolate",
             engine=engine,
         )
-    elif story.departures and not story.events:
-        first = series.stretches[engine][story.departures[0] - 1].window
+    elif found.departures and not found.events:
+        first = flights[found.departures[0] - 1].window
         since = f"flight {first.flight}" if first.flight else f"line {first.first_line} of {first.source}"
         messages.warning(
-            f"{name}no conclusion: {len(story.departures)} of {story.flights} flights differ from nominal for certain,"
+            f"{name}no conclusion: {len(found.departures)} of {found.flights} flights differ from nominal for certain,"
             f" the first of them {since}, and no listed change explains the series; run isolate",
             engine=engine,
         )
-    if story.unlisted >= HALF:
+    if posterior.unlisted >= EVENT:
         messages.warning(
-            f"{name}no conclusion: probably none of the suspects (probability {probability(story.unlisted)}); "
-            f"the reduced χ² with the best listed change is {story.fit.chi2_after:.3g}",
+            f"{name}no conclusion: something changed that is probably none of the suspects (probability "
+            f"{probability(posterior.unlisted)})",
             engine=engine,
         )
-    if story.undecided:
-        suspects = listed([m.component for m in story.undecided.named])
+    for sensor, ratio in posterior.check.scatter.items():
         messages.note(
-            f"{name}no conclusion: if the readings scatter from each flight to the next alone, {suspects} changed; if "
-            "they wander by themselves, as instruments and unrecorded operation do, nothing did",
-            engine=engine,
+            f"{name}{sensor} scatters from flight to flight by {ratio**0.5:.2g} times what was learnt", engine=engine
         )
-    for event in story.events:
-        since = _onset_words(event, series.stretches[engine])
-        members = event.named
-        parts = []
-        for member in members:
-            shown = [
-                change(series.parameters[p], member.change[q], NORMAL_95 * member.deviation[q])
-                for q, p in enumerate(member.parameters)
-                if member.inclusion[q] >= 0.5
-            ]
-            if shown or not member.parameters:
-                shown = shown or [f"{member.component} changed"]
-                parts.append((listed(shown), event.probability * member.probability))
-        if len(members) == 1:
-            text, chance = parts[0]
-            messages.note(f"{name}{since}: {text} (probability {probability(chance)})", engine=engine)
-        else:
-            each = "; or ".join(f"{text} ({probability(chance)})" for text, chance in parts)
-            messages.note(f"{name}{since}: not separated: {each}", engine=engine)
+    for event in found.events:
+        messages.note(f"{name}{_event_words(event, found, series, flights)}", engine=engine)
 
 
-def _onset_words(event: SeriesEvent, stretches: Sequence[FlightWindow]) -> str:
+def _event_words(event: ChangeEvent, found: EngineTrend, series: Series, flights: Sequence[FlightWindow]) -> str:
+    """One event in words, with its suspect or ambiguity group."""
+    parts = []
+    for x in event.changes:
+        if x.probability >= EVENT:
+            low, high, size = x.now_low, x.now_high, x.now
+            if event.kind in (*WITH_END - {WASHED}, INTERMITTENT):
+                low, high, size = x.largest_low, x.largest_high, x.largest
+            parts.append(change(series.parameters[x.name], size, (high - low) / 2))
+    shown = listed(parts) or f"{event.group[0]} changed"
+    since = _onset_words(event, found, flights)
+    if len(event.group) == 1:
+        return f"{since}: {shown} (probability {probability(event.probability * event.suspects[event.group[0]])})"
+    each = [f"{n} ({probability(event.probability * event.suspects[n])})" for n in event.group]
+    return f"{since}: not separated: {listed(each, 'or')}; if {event.group[0]}, {shown}"
+
+
+def _onset_words(event: ChangeEvent, found: EngineTrend, flights: Sequence[FlightWindow]) -> str:
     """When it began: flights by their labels, else seconds, else lines, with the interval."""
-    at, low, high = (stretches[k - 1].window for k in (event.onset, event.low, event.high))
-    word = "at once, from" if event.kind == "step" else "growing, from"
+    numbers = (
+        found.flight_number(event.onset),
+        found.flight_number(event.onset_set[0]),
+        found.last_number(event.onset_set[-1]),
+    )
+    at, low, high = (flights[k - 1].window for k in numbers)
+    family = found.family(event)
+    word = COURSE_WORDS.get(family, family)
     if at.flight:
         text, interval = f"flight {at.flight}", f"{low.flight} to {high.flight}"
     elif has_times(at):
         text, interval = f"{at.start_s:.10g} s", f"{low.start_s:.10g} to {high.start_s:.10g}"
     else:
         text, interval = f"line {at.first_line} of {at.source}", f"{low.first_line} to {high.first_line}"
-    return f"{word} {text} on ({interval})" if low is not high else f"{word} {text} on"
+    words = f"{word}, from {text} on ({interval})" if low is not high else f"{word}, from {text} on"
+    if 0 <= event.end < len(found.first):
+        last = flights[found.flight_number(event.end) - 1].window
+        how = "restored at" if event.kind == WASHED else "until"
+        words += f", {how} {f'flight {last.flight}' if last.flight else f'line {last.first_line}'}"
+    return words
 
 
 def report_too_few_flights(messages: Messages, engine: str, count: int) -> None:

@@ -81,6 +81,25 @@ ISOLATED: Table[Mapping[str, Any]] = Table(
 )
 
 
+HISTORIES: Table[Mapping[str, Any]] = Table(
+    "prove/history",
+    1,
+    "prove --kind history: one row per truth and figure",
+    (
+        column("truth", "text", "how the true engines differ from the model"),
+        column("figure", "text", "what is counted"),
+        column("rate", "number", "share, or gap"),
+        column("low", "number?", "lower end of its 95 % interval"),
+        column("high", "number?", "upper end of its 95 % interval"),
+        column("hits", "integer?", "how often"),
+        column("count", "integer", "of how many"),
+        column("target", "text", "its target; empty for none"),
+        column("met", "boolean", "whether the rate is within its target"),
+    ),
+    document=(_SCHEMA, part("sheet", "figures with their intervals and targets"), *_RUN),
+)
+
+
 _PLACE = (
     column("case", "text", "fault case of the study file"),
     column("method", "text", "method of diagnosis"),

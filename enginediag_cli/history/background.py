@@ -1,0 +1,258 @@
+"""Everything that is uncertain in all flights alike, marginalised: block diagonal minus low rank.
+
+    x_t = Σ_e g_e(t) δ_e + H_t z,     z ~ N(0, I): nominal's uncertainty, wander of instruments, doubt about events
+
+With 𝔽 the information on the stacked x of all flights and r the score,
+
+    𝔽 = blockdiag F_t − B A⁻¹ Bᵀ,   r = s − B A⁻¹ d,    B_t = F_t H_t,  A = I + Σ H_tᵀ F_t H_t,  d = Σ H_tᵀ s_t
+
+so that a course g of any parameters has the score b and the information M
+
+    b = Σ_t g_t s_t − N A⁻¹ d,     M = Σ_t g_t² F_t − N A⁻¹ Nᵀ,      N = Σ_t g_t B_t
+
+Nothing is larger than (T, p, r): cost and memory are linear in flights.
+
+What instruments are off by in single flights: learnt from flights that follow each other, and marginalised.
+
+    θ_t = … + b_t,      b_t ~ N(0, Q),    Q diagonal, over the errors of all instruments
+
+Errors of sensors in a flight, e_t = R_t s_S with R_t = (F_SS)⁻¹ (S: all their forms, biases and scales), differ from
+those of the flight before by noise, by what both flights' conditions make of ν, and by offsets:
+
+    e_t+1 − e_t ~ N(0, R_t + R_t+1 + ΔH ΔHᵀ + 2 L Q Lᵀ),     H_t = R_t F_Sν,  L = [1, R_t F_S,inputs]
+
+Q by expectation and maximisation with weights of Student's t, so that a change is in one difference and counts little.
+Then, flight by flight (Woodbury),
+
+    F̃ = F − F_o (Q⁻¹ + F_oo)⁻¹ F_oᵀ,      s̃ = s − F_o (Q⁻¹ + F_oo)⁻¹ s_o
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.special import chdtri
+
+from enginediag_cli.history.records import LEAST_INFORMATION, History
+
+WANDER_MODES = 8
+"""Modes of a Brownian motion: the ninth has a 300th of the variance of the first."""
+WANDER_UNIT = 0.01
+"""Standard deviation of wander at the end of the history for a multiple of one, in prior standard deviations."""
+WANDER_MULTIPLES = (1.0, 4.0, 16.0)
+"""How far instruments wander, in `WANDER_UNIT`: hardly, noticeably, much. Bounded, so that a drift is no wander."""
+WANDER_PRIOR = (0.5, 0.3, 0.2)
+"""Probability of each. Judgement: most instruments hold their calibration."""
+
+
+@dataclass(frozen=True)
+class Background:
+    """F (T, p, p), s (T, p): information and score of each flight; B (T, p, r), A (r, r), d (r,) as above."""
+
+    F: np.ndarray
+    s: np.ndarray
+    B: np.ndarray
+    A: np.ndarray
+    d: np.ndarray
+
+    @staticmethod
+    def from_history(history: History) -> Background:
+        """With what is uncertain about nominal."""
+        p = history.width
+        F, s = history.information, history.score
+        value, vector = np.linalg.eigh(F[:, p:, p:].sum(axis=0))
+        seen = value > LEAST_INFORMATION
+        U = vector[:, seen]
+        return Background(F[:, :p, :p], s[:, :p], F[:, :p, p:] @ U, np.diag(1 + value[seen]), s[:, p:].sum(axis=0) @ U)
+
+    def add_columns(self, h: np.ndarray) -> Background:
+        """With columns h (T, p, c) of standard normal amount; those without information are left out."""
+        Fh = self.F @ h
+        own = inner(h, Fh)
+        value, vector = np.linalg.eigh(own)
+        U = vector[:, value > LEAST_INFORMATION]
+        h, Fh, own = h @ U, Fh @ U, U.T @ own @ U
+        cross = inner(self.B, h)
+        A = np.block([[self.A, cross], [cross.T, np.eye(len(own)) + own]])
+        d = np.concatenate([self.d, inner(h, self.s[:, :, None])[:, 0]])
+        return Background(self.F, self.s, np.concatenate([self.B, Fh], axis=2), A, d)
+
+    @cached_property
+    def _root(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """A⁻½ (r, r) with A⁻¹ = A⁻½ A⁻½ᵀ, B A⁻½ (T, p, r) and A⁻½ᵀ d (r,)."""
+        lower = np.linalg.cholesky(self.A)
+        half = np.linalg.inv(lower).T
+        T, p, r = self.B.shape
+        return half, (self.B.reshape(T * p, r) @ half).reshape(T, p, r), half.T @ self.d
+
+    @property
+    def log_evidence(self) -> float:
+        """Log marginal likelihood relative to nothing being uncertain: ½ dᵀA⁻¹d − ½ ln|A|."""
+        half, _, w = self._root
+        return float(0.5 * w @ w + np.sum(np.log(np.diag(half))))
+
+    def project(self, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Scores b (K, p) and information M (K, p, p) of the courses g (K, T), of all parameters at once."""
+        _, whitened, w = self._root
+        T, p, r = whitened.shape
+        K = len(g)
+        N = (g @ whitened.reshape(T, p * r)).reshape(K, p, r)
+        b = g @ self.s - N @ w
+        M = (g**2 @ self.F.reshape(T, p * p)).reshape(K, p, p) - N @ N.transpose(0, 2, 1)
+        return b, M
+
+    def joint(self, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Score (c,) and information (c, c) of columns h (T, p, c), the background marginalised."""
+        _, whitened, w = self._root
+        N = inner(h, whitened)
+        return inner(h, self.s[:, :, None])[:, 0] - N @ w, inner(h, self.F @ h) - N @ N.T
+
+
+def inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Σ_t a_tᵀ b_t (c, d) of a (T, p, c) and b (T, p, d)."""
+    rows = a.shape[0] * a.shape[1]
+    return np.asarray(a.reshape(rows, a.shape[2]).T @ b.reshape(rows, b.shape[2]))
+
+
+def wander_modes(flights: int) -> np.ndarray:
+    """Karhunen–Loève modes (T, k) of a Brownian motion of variance 1 at the end: √2 sin((j − ½)π t)/((j − ½)π)."""
+    k = min(WANDER_MODES, max(flights // 3, 1))
+    t = (np.arange(flights) + 0.5) / flights
+    j = np.pi * (np.arange(k) + 0.5)
+    return np.sqrt(2.0) * np.sin(np.outer(t, j)) / j
+
+
+def add_wander(background: Background, history: History, multiple: float) -> Background:
+    """With instruments that wander slowly, each in its usual form of error."""
+    modes = wander_modes(len(history))
+    usual = [forms[0] for forms in history.instruments().values()]
+    h = np.zeros((len(history), history.width, len(usual) * modes.shape[1]))
+    for c, i in enumerate(usual):
+        h[:, i, c * modes.shape[1] : (c + 1) * modes.shape[1]] = multiple * WANDER_UNIT * modes
+    return background.add_columns(h) if usual else background
+
+
+# Offsets of single flights
+
+FREEDOM = 4.0
+"""Degrees of freedom of Student's t by which differences are weighed: a step of any size then counts as a few."""
+ROUNDS = 40
+"""Of expectation and maximisation; sizes only have to be known to a few per cent."""
+LEAST_SHARE = 0.01
+"""Smallest variance of an offset, in variances of the flight's mean reading: no instrument is better."""
+START_SHARE = 4.0
+"""Variance with which inputs begin, in the same unit: from small ones the iteration hardly moves."""
+MEDIAN = 0.455
+"""Median of the square of a standard normal variable."""
+CAP = 1.5
+"""Largest size of a sensor's offset, in sizes by the median of its differences: a fault that comes and goes in less
+than a half of the flights does not pass for scatter."""
+NEEDED = 1.0
+"""Nats by which an offset must make the differences likelier to count as more than the smallest: chance alone gives
+one in six of them as much, and twenty-five that are kept all at once would take a quarter of the information."""
+FEWEST_DIFFERENCES = 10
+"""Differences from which their median is worth a factor: to a third, of ten times nine sensors."""
+RIDGE = 1e-6
+"""Information that a reading's errors have at least: one that is missing is known to a thousand prior deviations."""
+TINY = 1e-12
+"""Keeps a division by no information from failing."""
+
+
+@dataclass(frozen=True)
+class OffsetModel:
+    """Variance (p,) of what each parameter is off by in single flights, 0 of what is no instrument's; inflation: factor
+    by which differences of flights are larger than offsets and noise explain, 1 at least."""
+
+    variance: np.ndarray
+    inflation: float = 1.0
+
+
+def learn_offsets(history: History) -> OffsetModel:
+    """The sizes of offsets from differences of neighbours; two flights at least, else none."""
+    p = history.width
+    S = np.array([i for i, parameter in enumerate(history.parameters) if parameter.belongs_to_sensor], int)
+    forms = np.array([i for own in history.instruments().values() for i in own], int)
+    variance = np.zeros(p)
+    if not len(S) or len(history) < 2:
+        return OffsetModel(variance)
+    F, s = history.information, history.score
+    R = np.linalg.inv(F[:, S[:, None], S] + RIDGE * np.eye(len(S)))
+    e = np.einsum("tij,tj->ti", R, s[:, S])
+    moved = np.diff(R @ F[:, S, p:], axis=0)
+    V = R[1:] + R[:-1] + moved @ moved.transpose(0, 2, 1)
+    L = np.median(R @ F[:, S[:, None], forms], axis=0)
+    information = np.einsum("tii->ti", F)[:, forms]
+    strength = np.maximum(np.median(information, axis=0), TINY)
+    alone = np.diff(s[:, forms] / np.maximum(information, TINY), axis=0)
+    sensor = np.array([history.parameters[i].belongs_to_sensor for i in forms], bool)
+    cap = np.where(sensor, CAP**2 * np.median(alone**2, axis=0) / MEDIAN / 2, np.inf)
+    least = LEAST_SHARE / strength
+    start = np.where(sensor, np.maximum(cap, least), START_SHARE / strength)
+    d = np.diff(e, axis=0)
+    variance[forms] = _expectation_maximisation(d, V, L, start, least, np.maximum(cap, least))
+    return OffsetModel(variance, _inflation(d, V + 2 * (L * variance[forms]) @ L.T))
+
+
+def _inflation(d: np.ndarray, total: np.ndarray) -> float:
+    """Median of dᵀ Σ⁻¹ d of differences d (n, k) of covariance (n, k, k) over that of χ²(k): a change is in few.
+    Of too few differences nothing is inferred."""
+    n, k = d.shape
+    squares = np.einsum("ni,ni->n", d, np.linalg.solve(total, d[:, :, None])[:, :, 0])
+    ratio = float(np.median(squares)) / float(chdtri(k, 0.5))
+    return max(ratio, 1.0) if n >= FEWEST_DIFFERENCES else 1.0
+
+
+def _expectation_maximisation(
+    d: np.ndarray, V: np.ndarray, L: np.ndarray, start: np.ndarray, least: np.ndarray, most: np.ndarray
+) -> np.ndarray:
+    """Variances (c,) of offsets with the effects L (k, c) from differences d (n, k), of covariance V (n, k, k)
+    without; where they start, and what they are at least and at most (c,)."""
+    k = d.shape[1]
+    q = start.copy()
+    for _ in range(ROUNDS):
+        total = V + 2 * (L * q) @ L.T
+        inverse = np.linalg.inv(total)
+        z = np.einsum("nij,nj->ni", inverse, d)
+        weight = (FREEDOM + k) / (FREEDOM + np.sum(z * d, axis=1))
+        mean = 2 * q * (z @ L)
+        shrink = 2 * q - 4 * q**2 * np.sum(L * (inverse @ L), axis=1)
+        q = np.clip((weight[:, None] * mean**2 + shrink).mean(axis=0) / 2, least, most)
+    return _drop_needless(d, V, L, q, least)
+
+
+def _log_likelihood(d: np.ndarray, V: np.ndarray, L: np.ndarray, q: np.ndarray) -> float:
+    """Of differences d (n, k) by Student's law with offsets of variance q (c,)."""
+    total = V + 2 * (L * q) @ L.T
+    z = np.linalg.solve(total, d[:, :, None])[:, :, 0]
+    k = d.shape[1]
+    tail = (FREEDOM + k) / 2 * np.log1p(np.sum(z * d, axis=1) / FREEDOM)
+    return float(-np.sum(tail) - 0.5 * np.sum(np.linalg.slogdet(total)[1]))
+
+
+def _drop_needless(d: np.ndarray, V: np.ndarray, L: np.ndarray, q: np.ndarray, least: np.ndarray) -> np.ndarray:
+    """Variances q (c,) with those at the smallest that the differences do not need, the least needed first."""
+    free = np.flatnonzero(q > least)
+    own = _log_likelihood(d, V, L, q)
+    losses = [own - _log_likelihood(d, V, L, np.where(np.arange(len(q)) == j, least, q)) for j in free]
+    for j in free[np.argsort(losses, kind="stable")]:
+        trial = np.where(np.arange(len(q)) == j, least, q)
+        log = _log_likelihood(d, V, L, trial)
+        if log >= own - NEEDED:
+            own, q = max(own, log), trial
+    return q
+
+
+def marginalise_offsets(history: History, offsets: OffsetModel) -> History:
+    """The history with each flight's offsets counted as noise of that flight."""
+    o = np.flatnonzero(offsets.variance)
+    if not len(o):
+        return history
+    F, s = history.information, history.score
+    inner = F[:, o[:, None], o] + np.diag(1 / offsets.variance[o])
+    cross = F[:, o]  # (T, o, m)
+    solved = np.linalg.solve(inner, np.concatenate([cross, s[:, o, None]], axis=2))
+    information = F - cross.transpose(0, 2, 1) @ solved[:, :, :-1]
+    score = s - np.einsum("tom,to->tm", cross, solved[:, :, -1])
+    return replace(history, information=information / offsets.inflation, score=score / offsets.inflation)

@@ -1,0 +1,280 @@
+"""The histories of engines from their recordings, and what is known of each.
+
+While windows are read for the series of flights, what they know of the nominal engine's uncertainty is summed here,
+flight by flight:
+
+    s_t = Σ s_w,   F_t = Σ F_w      over the windows w of flight t
+
+Long histories are summed over neighbouring flights, so that memory has a limit: two epochs become one whenever an
+engine has twice `EPOCHS` of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from enginediag_cli.detection.series import FEWEST, Series, WindowSource
+from enginediag_cli.errors import DataError
+from enginediag_cli.history.background import learn_offsets, marginalise_offsets
+from enginediag_cli.history.hypotheses import UNLISTED
+from enginediag_cli.history.posterior import ChangeEvent, HistoryPosterior, judge_history
+from enginediag_cli.history.records import History
+from enginediag_cli.history.shapes import FROM_START, GROWING, PULSE, STEP
+from enginediag_cli.parallel import parallel_imap
+from enginediag_cli.parameters import Parameter
+from enginediag_cli.progress import each
+from enginediag_cli.residuals.files import OWN_HEALTH, Window
+from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.score import drop_nuisance
+from enginediag_cli.residuals.statistics import LocalStatistics
+
+UNLIKELY = 0.01
+"""Probability below which a suspect or a shape is not shown."""
+EPOCHS = 200
+"""Epochs of a history: an onset is then known to half a per cent of its length, and judging takes a few seconds."""
+DETERIORATION, COMES_AND_GOES = "deterioration", "comes and goes"
+"""Families of kinds, beside those that are one kind."""
+CHANGED, STEADY, CANNOT_TELL = "changed", "steady", "cannot tell"
+FROM_THE_FIRST = "differs from nominal from the first flight on"
+STEP_EPOCHS, NEARLY_ALL = 5, 0.9
+"""Epochs within which a step that falls into one epoch has come for the most part, by any shape that is looked at."""
+TINY = 1e-300
+"""Keeps a division by a width of zero from failing."""
+SEEN = 1e-9
+"""Share of the largest information below which a direction of the parameters is not seen at all."""
+GROSS = 1e-4
+"""Probability of one flight among all of a healthy history to count as one that differs from nominal for certain."""
+
+
+@dataclass(frozen=True)
+class EpochSums:
+    """Sums of `flights` flights from number `first` on, counted from 0: s (p,) and F (p, p) of all parameters."""
+
+    first: int
+    flights: int
+    s: np.ndarray
+    F: np.ndarray
+
+    def __add__(self, other: EpochSums) -> EpochSums:
+        return EpochSums(self.first, self.flights + other.flights, self.s + other.s, self.F + other.F)
+
+    def add_window(self, statistics: LocalStatistics) -> EpochSums:
+        """With one more window of its last flight."""
+        return replace(self, s=self.s + statistics.s, F=self.F + statistics.F)
+
+
+@dataclass
+class EngineSums:
+    """Epochs of one engine in order, and the parameters of `like`, their first window."""
+
+    like: LocalStatistics
+    epochs: list[EpochSums] = field(default_factory=list)
+    flights: int = 0
+
+    def add(self, number: int, statistics: LocalStatistics) -> None:
+        """The window of flight `number`, counted from 0. ValueError for other parameters than before."""
+        if statistics.parameters != self.like.parameters:
+            raise ValueError("statistics of different parameters have no common history")
+        if number < self.flights:
+            k = int(np.searchsorted([e.first for e in self.epochs], number, side="right")) - 1
+            self.epochs[k] = self.epochs[k].add_window(statistics)
+            return
+        self.flights = number + 1
+        self.epochs.append(EpochSums(number, 1, statistics.s, statistics.F))
+        if len(self.epochs) >= 2 * EPOCHS:
+            self.epochs = self._joined(2)
+
+    def _joined(self, most: int) -> list[EpochSums]:
+        """Neighbours joined, `most` epochs to one."""
+        found = []
+        for k in range(0, len(self.epochs), most):
+            total = self.epochs[k]
+            for other in self.epochs[k + 1 : k + most]:
+                total = total + other
+            found.append(total)
+        return found
+
+    def history(self, meaning: Mapping[str, Parameter]) -> tuple[History, tuple[int, ...]]:
+        """The history, and the number of each epoch's first flight, from 0. Offsets that each flight has anew are
+        learnt from the history, so that theirs are left out."""
+        epochs = self.epochs if len(self.epochs) <= EPOCHS else self._joined(2)
+        names, common = self.like.parameters, self.like.common
+        own = {*common, *self.like.own}
+        described = tuple(meaning[name] for name in names if name not in own)
+        rows = self.like.indices([*(p.name for p in described), *common])
+        D = self.like.prior_sigma[rows]
+        score = np.stack([e.s[rows] * D for e in epochs])
+        information = np.stack([D[:, None] * e.F[np.ix_(rows, rows)] * D for e in epochs])
+        labels = tuple(str(e.first + 1) for e in epochs)
+        return History(described, D[: len(described)], score, information, labels), tuple(e.first for e in epochs)
+
+
+@dataclass
+class HistoryWindows:
+    """The windows of `files` without what is uncertain beside the monitored parameters, which is summed by engine."""
+
+    files: WindowSource
+    engines: dict[str, EngineSums] = field(default_factory=dict)
+
+    @property
+    def monitor(self) -> Monitor | None:
+        """That of the files."""
+        return self.files.monitor
+
+    @property
+    def summed(self) -> bool:
+        """Whether the windows of a flight are added."""
+        return self.files.summed
+
+    def windows(self) -> Iterator[Window]:
+        """Each window, its statistics of the monitored parameters alone. Raises DataError."""
+        place: dict[tuple[str, str, str], int] = {}
+        for window, known in self.files.windows():
+            statistics = window.statistics
+            if statistics is None:
+                yield window, known
+                continue
+            sums = self.engines.setdefault(window.engine, EngineSums(statistics))
+            key = (window.engine, window.source, window.flight)
+            if not window.flight or key not in place or not self.summed:
+                place[key] = sums.flights
+            try:
+                sums.add(place[key], statistics)
+            except ValueError as error:
+                name = f"engine {window.engine}: " if window.engine else ""
+                raise DataError(f"{name}{error}") from None
+            meaning = {n: p for n, p in known.items() if n in statistics.monitored}
+            yield replace(window, statistics=replace(drop_nuisance(statistics), meaning=meaning)), known
+
+
+@dataclass(frozen=True)
+class EngineTrend:
+    """What is known of one engine's history. posterior: of its epochs; first: number of each epoch's first flight, from
+    0; flights: how many there are; departures: numbers, from 1, of flights that differ from nominal for certain."""
+
+    posterior: HistoryPosterior
+    first: tuple[int, ...]
+    flights: int
+    departures: tuple[int, ...] = ()
+
+    @property
+    def events(self) -> tuple[ChangeEvent, ...]:
+        """What happened and has a suspect, most probable first."""
+        return tuple(event for event in self.posterior.events if event.group[0] != UNLISTED)
+
+    @property
+    def differs_from_start(self) -> bool:
+        """Whether the engine, or what was recorded of it, was off nominal before anything could change."""
+        started = any(event.kind == FROM_START for event in self.events)
+        return started or (not self.events and 1 in self.departures and 2 * len(self.departures) > self.flights)
+
+    @property
+    def verdict(self) -> str:
+        """Of the history as a whole; never "steady" where flights differ from nominal for certain."""
+        if any(event.kind != FROM_START for event in self.events):
+            return CHANGED
+        if self.differs_from_start:
+            return FROM_THE_FIRST
+        return CANNOT_TELL if self.posterior.changed or self.departures else STEADY
+
+    def family(self, event: ChangeEvent) -> str:
+        """The kind of an event as a reader knows it: all that grows is deterioration, whether it saturates, ends or
+        not. Where an epoch holds several flights, a step within one looks like growth over a few epochs, and is a step
+        at this resolution."""
+        total: dict[str, float] = {}
+        for shape, p in event.shapes.items():
+            family = DETERIORATION if shape in GROWING else COMES_AND_GOES if shape == PULSE else shape
+            total[family] = total.get(family, 0.0) + p
+        found = max(total, key=lambda name: total[name])
+        if found == DETERIORATION and len(self.first) < self.flights and event.end < 0 and event.changes:
+            largest = max(event.changes, key=lambda x: abs(x.largest) / max(x.largest_high - x.largest_low, TINY))
+            level = np.abs(self.posterior.level[:, self.posterior.parameters.index(largest.name)])
+            soon = level[event.onset : event.onset + STEP_EPOCHS].max()
+            return STEP if soon >= NEARLY_ALL * level.max() else found
+        return found
+
+    def flight_number(self, epoch: int) -> int:
+        """Number, from 1, of the first flight of an epoch."""
+        return self.first[epoch] + 1
+
+    def last_number(self, epoch: int) -> int:
+        """Number, from 1, of the last flight of an epoch."""
+        return self.first[epoch + 1] if epoch + 1 < len(self.first) else self.flights
+
+
+def add_engine_level(history: History) -> History:
+    """The history of an engine that differs from nominal before anything happens: by manufacture and initial wear,
+
+        θ_t = … + c,   c ~ N(0, diag σ²),   the same in all flights
+
+    σ: `OWN_HEALTH` of a plausible change of components, `OWN_LEVEL` of a plausible error of instruments."""
+    share = np.array([OWN_HEALTH if not p.belongs_to_instrument else OWN_LEVEL for p in history.parameters])
+    p = history.width
+    F, s = history.information, history.score
+    columns = F[:, :, :p] * share  # (T, m, p)
+    own = share[:, None] * columns[:, :p]
+    information = np.concatenate(
+        [
+            np.concatenate([F, columns], axis=2),
+            np.concatenate([columns.transpose(0, 2, 1), own], axis=2),
+        ],
+        axis=1,
+    )
+    return replace(history, information=information, score=np.concatenate([s, s[:, :p] * share], axis=1))
+
+
+OWN_LEVEL = 1.0
+"""How far an engine's readings plausibly differ from those of its type, as a share of a plausible error of the
+instrument: the errors of its instruments are its own."""
+
+
+def departing_epochs(history: History) -> tuple[int, ...]:
+    """Epochs, from 0, that differ from nominal for certain, each by itself: with offsets o as learnt,
+
+    s_t ~ N(0, F̃_aa + F̃_aν F̃_νa)      (a: monitored parameters; ν ~ N(0, I): uncertain about nominal)
+    """
+    calm = marginalise_offsets(history, learn_offsets(history))
+    p = history.width
+    F, cross, s = calm.information[:, :p, :p], calm.information[:, :p, p:], calm.score[:, :p]
+    value, vector = np.linalg.eigh(F)
+    seen = value > SEEN * value[:, -1:]
+    scale = np.where(seen, np.maximum(value, 0.0), np.inf) ** -0.5
+    whitened = np.einsum("tij,ti->tj", vector, s) * scale
+    loose = np.einsum("tij,tir->tjr", vector, cross) * scale[:, :, None]
+    V = np.eye(p) + loose @ loose.transpose(0, 2, 1)
+    statistic = np.einsum("ti,ti->t", whitened, np.linalg.solve(V, whitened[:, :, None])[:, :, 0])
+    limit = chi2.isf(GROSS / len(history), np.maximum(seen.sum(axis=1), 1))
+    return tuple(int(t) for t in np.flatnonzero(statistic > limit))
+
+
+def judge_engines(
+    sums: Mapping[str, EngineSums],
+    series: Series,
+    *,
+    reference: int = 0,
+    sensors: bool = True,
+    maintenance: Mapping[str, Sequence[int]] | None = None,
+) -> Iterator[tuple[str, EngineTrend]]:
+    """Engine and what is known of it, of those that have flights enough, in their order.
+
+    reference: records of an engine in the first of which nothing began, 0 where nominal is the reference; sensors:
+    instruments may have changed; maintenance: of each engine the numbers, from 1, of first flights after it.
+    """
+    engines = [engine for engine, stretches in series.stretches.items() if len(stretches) >= FEWEST]
+
+    def judged(k: int) -> EngineTrend:
+        history, first = sums[engines[k]].history(series.parameters)
+        restored = np.searchsorted(first, [n - 1 for n in (maintenance or {}).get(engines[k], ())])
+        history = replace(history, maintenance=tuple(sorted({int(t) for t in restored if 0 < t < len(first)})))
+        if reference:
+            history = add_engine_level(history)
+        found = judge_history(history, sensors=sensors)
+        departures = tuple(first[t] + 1 for t in departing_epochs(history))
+        return EngineTrend(found, first, len(series.stretches[engines[k]]), departures)
+
+    stories = zip(engines, parallel_imap(judged, len(engines)), strict=True)
+    return each(stories, "engines judged", len(engines))

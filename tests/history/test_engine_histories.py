@@ -1,0 +1,171 @@
+"""Histories from windows, and what the account of an engine may never say."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from enginediag_cli.detection.series import Series
+from enginediag_cli.errors import DataError
+from enginediag_cli.history.engines import (
+    CANNOT_TELL,
+    CHANGED,
+    EPOCHS,
+    OWN_HEALTH,
+    STEADY,
+    EngineSums,
+    EngineTrend,
+    HistoryWindows,
+    add_engine_level,
+    departing_epochs,
+    judge_engines,
+)
+from enginediag_cli.history.records import History
+from enginediag_cli.parameters import Parameter
+from enginediag_cli.residuals.statistics import LocalStatistics
+
+HEALTH = ("hpc.efficiency", "hpc.flow_capacity", "hpt.efficiency")
+SENSORS = ("sensor.T3.bias", "sensor.P3.bias", "sensor.T5.bias", "sensor.N2.bias")
+NORMALS = ("nominal.1", "nominal.2")
+EFFECT = np.array([[4.0, 1.0, 0.5], [-2.0, 3.0, 1.0], [-3.0, 1.0, 4.0], [1.0, -2.0, 3.0]])
+COMMON = np.array([[0.5, 0.1], [0.2, -0.4], [0.1, 0.3], [-0.3, 0.2]])
+MEANING = {
+    n: Parameter(n, "health", 1.0, 0.5, 1.5, 0.02, component=n.split(".")[0], quantity=n.split(".")[1]) for n in HEALTH
+} | {n: Parameter(n, "sensor", 0.0, -9, 9, 3.0, component=n[: n.rindex(".")], quantity="bias") for n in SENSORS}
+
+
+def statistics(rng: np.random.Generator, change: dict[str, float] | None = None) -> LocalStatistics:
+    """Of one flight with four readings of noise one, changed by so many prior standard deviations."""
+    sigma = np.array([*(MEANING[n].prior_sigma for n in MEANING), 1.0, 1.0])
+    J = np.concatenate([EFFECT, 3 * np.eye(4), COMMON], axis=1) / sigma
+    x = np.array([(change or {}).get(n, 0.0) for n in (*MEANING, *NORMALS)]) * sigma
+    e = J @ x + rng.standard_normal(4)
+    F = J.T @ J
+    names = (*MEANING, *NORMALS)
+    return LocalStatistics(
+        names, np.zeros(9), sigma, J.T @ e, F, F, 1, 4.0, 4.0, additive=True, common=NORMALS, meaning=MEANING
+    )
+
+
+def sums_of(flights: list[LocalStatistics]) -> EngineSums:
+    found = EngineSums(flights[0])
+    for k, one in enumerate(flights):
+        found.add(k, one)
+    return found
+
+
+@dataclass(frozen=True)
+class StubWindow:
+    """As much of a window as the sums look at."""
+
+    engine: str
+    source: str
+    flight: str
+    statistics: LocalStatistics | None
+    silent: tuple[str, ...] = field(default=())
+
+
+def trend_of(flights: list[LocalStatistics]) -> EngineTrend:
+    sums = sums_of(flights)
+    series = Series({"": [SimpleNamespace() for _ in flights]}, MEANING, 0)  # type: ignore[list-item]
+    ((_, found),) = judge_engines({"": sums}, series)
+    return found
+
+
+def test_windows_of_a_flight_are_one_epoch_and_keep_what_is_monitored_alone() -> None:
+    rng = np.random.default_rng(0)
+    flights = [statistics(rng) for _ in range(6)]
+    windows = [(StubWindow("A", "a.csv", str(k // 2), x), MEANING) for k, x in enumerate(flights)]
+    source = HistoryWindows(SimpleNamespace(windows=lambda: iter(windows), monitor=None, summed=True))  # type: ignore[arg-type]
+    kept = [window.statistics for window, _ in source.windows()]
+    assert {x.parameters for x in kept if x is not None} == {tuple(MEANING)}
+    epochs = source.engines["A"].epochs
+    assert [e.first for e in epochs] == [0, 1, 2]
+    np.testing.assert_allclose(epochs[1].F, flights[2].F + flights[3].F)
+    np.testing.assert_allclose(epochs[1].s, flights[2].s + flights[3].s)
+
+
+def test_statistics_of_other_parameters_are_refused_with_the_engine() -> None:
+    rng = np.random.default_rng(0)
+    one = statistics(rng)
+    windows = [
+        (StubWindow("A", "a.csv", "1", one), MEANING),
+        (StubWindow("A", "a.csv", "2", one.drop_parameters(["hpt.efficiency"])), MEANING),
+    ]
+    source = HistoryWindows(SimpleNamespace(windows=lambda: iter(windows), monitor=None, summed=True))  # type: ignore[arg-type]
+    with pytest.raises(DataError, match="engine A: statistics of different parameters"):
+        list(source.windows())
+
+
+def test_long_histories_are_summed_over_neighbours_and_lose_nothing() -> None:
+    rng = np.random.default_rng(1)
+    one = statistics(rng)
+    count = 4 * EPOCHS + 7
+    sums = sums_of([one] * count)
+    history, first = sums.history(MEANING)
+    assert len(history) <= EPOCHS + EPOCHS // 2 and first[0] == 0 and list(first) == sorted(set(first))
+    D = one.prior_sigma
+    np.testing.assert_allclose(history.information.sum(axis=0), count * D[:, None] * one.F * D)
+    np.testing.assert_allclose(history.score.sum(axis=0), count * D * one.s)
+
+
+def test_an_engines_own_level_counts_as_a_uniform_change_of_that_size() -> None:
+    """Marginal covariance of the scores with the added columns against the dense sum."""
+    rng = np.random.default_rng(2)
+    history, _ = sums_of([statistics(rng) for _ in range(3)]).history(MEANING)
+    p = history.width
+    wide = add_engine_level(history)
+    assert wide.information.shape[1] == history.information.shape[1] + p
+    cross = wide.information[:, :p, history.information.shape[1] :]
+    share = np.array([OWN_HEALTH] * 3 + [1.0] * 4)
+    np.testing.assert_allclose(cross, history.information[:, :p, :p] * share)
+    values = np.linalg.eigvalsh(wide.information)
+    assert values.min() > -1e-9 * values.max()
+
+
+def test_healthy_flights_do_not_depart_and_a_large_error_of_one_does() -> None:
+    rng = np.random.default_rng(3)
+    flights = [statistics(rng) for _ in range(20)]
+    assert departing_epochs(sums_of(flights).history(MEANING)[0]) == ()
+    flights[7] = statistics(rng, {"sensor.T5.bias": 20.0})
+    assert departing_epochs(sums_of(flights).history(MEANING)[0]) == (7,)
+
+
+def test_a_flight_that_departs_is_never_beside_steady() -> None:
+    rng = np.random.default_rng(4)
+    flights = [statistics(rng) for _ in range(20)]
+    assert trend_of(flights).verdict == STEADY
+    flights[12] = statistics(rng, {"sensor.P3.bias": 15.0})
+    found = trend_of(flights)
+    assert found.departures == (13,) and found.verdict in (CHANGED, CANNOT_TELL)
+
+
+@pytest.mark.parametrize("size", [2.0, 20.0])
+def test_a_step_has_its_first_flight_and_its_size(size: float) -> None:
+    rng = np.random.default_rng(5)
+    found = trend_of([statistics(rng, {"sensor.T3.bias": size} if k >= 9 else {}) for k in range(20)])
+    (event,) = found.events
+    assert event.group == ("sensor.T3",) and found.family(event) == "step"
+    assert found.flight_number(event.onset_set[0]) <= 10 <= found.last_number(event.onset_set[-1])
+    (part,) = event.changes
+    assert part.now_low <= 3.0 * size <= part.now_high and part.sign == 1
+
+
+def test_events_of_maintenance_are_places_in_the_history() -> None:
+    rng = np.random.default_rng(6)
+    course = [min(k - 5, 8) * 0.2 if 5 < k < 16 else 0.0 for k in range(24)]
+    flights = [statistics(rng, {"hpc.efficiency": -c, "hpc.flow_capacity": -c}) for c in course]
+    sums = sums_of(flights)
+    series = Series({"": [SimpleNamespace() for _ in flights]}, MEANING, 0)  # type: ignore[list-item]
+    ((_, found),) = judge_engines({"": sums}, series, maintenance={"": [17]})
+    (event,) = found.events
+    assert event.group == ("hpc",) and found.flight_number(event.end) == 17
+    assert replace(found, departures=()).verdict == CHANGED
+
+
+def test_a_history_needs_a_unit_for_each_parameter() -> None:
+    with pytest.raises(ValueError, match="unit"):
+        History(tuple(MEANING.values()), np.ones(2), np.zeros((3, 7)), np.zeros((3, 7, 7)))

@@ -1,0 +1,204 @@
+"""The account of change over time: closed forms against brute force, and what must hold of every history."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from enginediag_cli.history.background import (
+    Background,
+    OffsetModel,
+    add_wander,
+    learn_offsets,
+    marginalise_offsets,
+    wander_modes,
+)
+from enginediag_cli.history.hypotheses import SLABS, Suspect, list_suspects, size_posterior
+from enginediag_cli.history.posterior import HistoryPosterior, judge_history
+from enginediag_cli.history.records import History
+from enginediag_cli.history.shapes import KINDS, RAMP, SATURATING, STEP, coarse_shapes, open_cells
+from enginediag_cli.parameters import Parameter
+
+T = 24
+READINGS = 4
+
+
+def parameter(name: str, family: str, component: str, quantity: str, wear: int = 0) -> Parameter:
+    return Parameter(name, family, 0.0, -np.inf, np.inf, 1.0, component=component, quantity=quantity, wear=wear)
+
+
+PARAMETERS = (
+    parameter("hpc.efficiency", "health", "hpc", "efficiency", -1),
+    parameter("hpc.flow_capacity", "health", "hpc", "flow_capacity"),
+    parameter("hpt.efficiency", "health", "hpt", "efficiency", -1),
+    *(parameter(f"sensor.{k}.bias", "sensor", f"sensor.{k}", "bias") for k in range(READINGS)),
+)
+
+
+def make_history(rng: np.random.Generator, change: np.ndarray | None = None, flights: int = T) -> History:
+    """Flights of four readings with noise of a tenth of a prior standard deviation, and two unit normals."""
+    p, r = len(PARAMETERS), 2
+    effect = np.random.default_rng(0).standard_normal((READINGS, 3))
+    common = 0.1 * np.random.default_rng(1).standard_normal((READINGS, r))
+    J = np.concatenate([effect, np.eye(READINGS), common], axis=1) / 0.1
+    x = np.zeros((flights, p + r))
+    x[:, p:] = rng.standard_normal(r)
+    if change is not None:
+        x[:, :p] += change
+    y = x @ J.T + rng.standard_normal((flights, READINGS))
+    F = np.broadcast_to(J.T @ J, (flights, p + r, p + r)).copy()
+    return History(PARAMETERS, np.ones(p), y @ J, F)
+
+
+def step(position: int, size: float, onset: int, flights: int = T) -> np.ndarray:
+    change = np.zeros((flights, len(PARAMETERS)))
+    change[onset:, position] = size
+    return change
+
+
+def judge(history: History) -> HistoryPosterior:
+    return judge_history(history)
+
+
+def test_the_bayes_factor_of_a_step_is_that_of_the_gaussian_integral() -> None:
+    rng = np.random.default_rng(3)
+    J, g = rng.standard_normal((6, 2)), (np.arange(5) >= 2).astype(float)
+    y = rng.standard_normal((5, 6))
+    b, M = np.einsum("t,tj,ji->i", g, y, J), float(g @ g) * J.T @ J
+    suspect = Suspect((0, 1), "hpc", 0.0, False, (0, 0), (0.5, 0.5))
+    sizes = size_posterior(b[None], M[None], suspect)
+    X = np.einsum("t,ji->tji", g, J).reshape(30, 2)
+    for k, sigma in enumerate(SLABS):
+        changed = multivariate_normal(np.zeros(30), np.eye(30) + sigma**2 * X @ X.T).logpdf(y.ravel())
+        same = multivariate_normal(np.zeros(30), np.eye(30)).logpdf(y.ravel())
+        from enginediag_cli.history.hypotheses import SLAB_WEIGHTS
+
+        assert sizes.log[0, k] - np.log(SLAB_WEIGHTS[k]) == pytest.approx(changed - same, abs=1e-9)
+
+
+def test_the_sign_of_wear_counts_as_its_share_of_the_integral() -> None:
+    b, M = np.array([[-3.0]]), np.array([[[4.0]]])
+    free = size_posterior(b, M, Suspect((0,), "hpc", 0.0, False, (0,), (0.5,)))
+    falls = size_posterior(b, M, Suspect((0,), "hpc", 0.0, False, (-1,), (0.05,)))
+    rng = np.random.default_rng(0)
+    for k in range(len(SLABS)):
+        draws = rng.normal(free.mean[0, k, 0], np.sqrt(free.covariance[0, k, 0, 0]), 200_000)
+        factor = np.mean(np.where(draws < 0, 2 * 0.95, 2 * 0.05))
+        assert falls.log[0, k] - free.log[0, k] == pytest.approx(np.log(factor), abs=0.02)
+
+
+def test_low_rank_is_the_dense_answer() -> None:
+    history = make_history(np.random.default_rng(5))
+    p, r = history.width, history.score.shape[1] - history.width
+    background = add_wander(Background.from_history(history), history, 4.0)
+    modes = wander_modes(T)
+    prior = np.zeros((T * p, r + 4 * modes.shape[1]))
+    F, s, cross = history.information[:, :p, :p], history.score[:, :p].ravel(), history.information[:, :p, p:]
+    big = np.zeros((T * p, T * p))
+    H = np.zeros((T * p, 4 * modes.shape[1]))
+    for t in range(T):
+        big[t * p : t * p + p, t * p : t * p + p] = F[t]
+        for c in range(4):
+            H[t * p + 3 + c, c * modes.shape[1] : (c + 1) * modes.shape[1]] = 0.04 * modes[t]
+    B = np.concatenate([cross.reshape(T * p, r), big @ H], axis=1)
+    A = np.eye(prior.shape[1])
+    A[:r, :r] += history.information[:, p:, p:].sum(axis=0)
+    A[:r, r:] += cross.reshape(T * p, r).T @ H
+    A[r:, :r] += H.T @ cross.reshape(T * p, r)
+    A[r:, r:] += H.T @ big @ H
+    d = np.concatenate([history.score[:, p:].sum(axis=0), H.T @ s])
+    whole, right = big - B @ np.linalg.solve(A, B.T), s - B @ np.linalg.solve(A, d)
+    g = np.random.default_rng(6).random((2, T))
+    b, M = background.project(g)
+    for k in range(2):
+        X = np.kron(g[k][:, None], np.eye(p))
+        np.testing.assert_allclose(b[k], X.T @ right, rtol=2e-2, atol=2e-2 * np.abs(b[k]).max())
+        np.testing.assert_allclose(M[k], X.T @ whole @ X, rtol=2e-2, atol=2e-2 * np.abs(M[k]).max())
+
+
+def test_offsets_of_flights_are_learnt_and_counted_as_noise() -> None:
+    rng = np.random.default_rng(8)
+    offset = np.zeros((200, len(PARAMETERS)))
+    offset[:, 4] = 0.3 * rng.standard_normal(200)
+    history = make_history(rng, offset, 200)
+    learnt = learn_offsets(history)
+    assert np.sqrt(learnt.variance[4]) == pytest.approx(0.3, rel=0.25)
+    assert np.sqrt(learnt.variance[[3, 5, 6]]).max() < 0.1
+    calm = marginalise_offsets(history, OffsetModel(learnt.variance))
+    assert calm.information[0, 4, 4] < 1 / learnt.variance[4]
+
+
+def test_cells_hold_every_onset_once() -> None:
+    shapes = coarse_shapes(150)
+    for kind in (STEP, RAMP):
+        mine = shapes.kind == KINDS.index(kind)
+        assert shapes.cell[mine, 0].sum() == 149
+        assert np.exp(shapes.log_prior[0, mine]).sum() == pytest.approx(0.2)
+    rows = np.flatnonzero(shapes.kind == KINDS.index(SATURATING))[:3]
+    parts = open_cells(shapes, rows, 150)
+    assert parts.cell[:, 0].sum() == shapes.cell[rows, 0].sum()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_healthy_history_has_no_change(seed: int) -> None:
+    found = judge(make_history(np.random.default_rng(100 + seed)))
+    assert not found.events
+    assert found.probability < 0.3
+
+
+def test_a_step_is_named_dated_and_sized() -> None:
+    found = judge(make_history(np.random.default_rng(11), step(2, -0.4, 10)))
+    (event,) = found.events
+    assert event.group == ("hpt",)
+    assert event.kind == STEP
+    assert 10 in event.onset_set
+    (change,) = event.changes
+    assert change.now_low < -0.4 < change.now_high
+    assert change.sign == -1
+    assert found.level[-1, 2] == pytest.approx(-0.4, abs=0.1)
+
+
+def test_a_larger_change_is_never_less_certain() -> None:
+    found = [
+        judge(make_history(np.random.default_rng(12), step(5, size, 14))).probability
+        for size in (0.03, 0.1, 0.3, 1.0, 10.0, 60.0)
+    ]
+    assert all(later >= earlier - 1e-3 for earlier, later in pairwise(found))
+    assert found[-1] > 0.999
+
+
+def test_intermittent_and_from_the_start() -> None:
+    change = np.zeros((T, len(PARAMETERS)))
+    change[[5, 6, 11, 15, 16, 17], 3] = 1.0
+    (event,) = judge(make_history(np.random.default_rng(13), change)).events
+    assert event.group == ("sensor.0",)
+    assert event.kind == "intermittent"
+    (event,) = judge(make_history(np.random.default_rng(14), step(3, 0.8, 0))).events
+    assert event.group == ("sensor.0",)
+    assert event.onset == 0
+
+
+def test_the_order_of_suspects_does_not_matter() -> None:
+    history = make_history(np.random.default_rng(15), step(1, -0.5, 9))
+    order = np.array([4, 0, 6, 1, 2, 5, 3])
+    every = np.concatenate([order, [7, 8]])
+    turned = replace(
+        history,
+        parameters=tuple(PARAMETERS[i] for i in order),
+        score=history.score[:, every],
+        information=history.information[:, every][:, :, every],
+    )
+    one, other = judge(history), judge(turned)
+    assert one.events[0].group == other.events[0].group
+    assert one.probability == pytest.approx(other.probability, abs=1e-6)
+
+
+def test_suspects_are_whole_components_and_single_forms() -> None:
+    suspects = list_suspects(PARAMETERS)
+    assert [s.owner for s in suspects].count("hpc") == 3
+    assert all(len(s.positions) == 1 for s in suspects if s.owner.startswith("sensor"))
+    assert not any(s.instrument for s in list_suspects(PARAMETERS, sensors=False) if s.owner != "something else")
