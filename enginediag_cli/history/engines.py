@@ -19,7 +19,13 @@ from scipy.stats import chi2
 
 from enginediag_cli.detection.series import FEWEST, Series, WindowSource
 from enginediag_cli.errors import DataError
-from enginediag_cli.history.background import learn_offsets, marginalise_offsets
+from enginediag_cli.history.background import (
+    WANDER_MULTIPLES,
+    Background,
+    add_wander,
+    learn_offsets,
+    marginalise_offsets,
+)
 from enginediag_cli.history.hypotheses import UNLISTED
 from enginediag_cli.history.posterior import ChangeEvent, HistoryPosterior, judge_history
 from enginediag_cli.history.records import History
@@ -98,6 +104,12 @@ class EngineSums:
             found.append(total)
         return found
 
+    def since(self, number: int) -> EngineSums:
+        """Of the flights from `number` on, counted from 0, which is then flight 0; an epoch that holds some of both is
+        left out."""
+        later = [replace(e, first=e.first - number) for e in self.epochs if e.first >= number]
+        return EngineSums(self.like, later, self.flights - number)
+
     def history(self, meaning: Mapping[str, Parameter]) -> tuple[History, tuple[int, ...]]:
         """The history, and the number of each epoch's first flight, from 0. Offsets that each flight has anew are
         learnt from the history, so that theirs are left out."""
@@ -154,17 +166,33 @@ class HistoryWindows:
 @dataclass(frozen=True)
 class EngineTrend:
     """What is known of one engine's history. posterior: of its epochs; first: number of each epoch's first flight, from
-    0; flights: how many there are; departures: numbers, from 1, of flights that differ from nominal for certain."""
+    0; flights: how many there are; departures: numbers, from 1, of flights that differ from nominal for certain;
+    visible: as of `step_visibility`, at the end of the baseline, where there is one."""
 
     posterior: HistoryPosterior
     first: tuple[int, ...]
     flights: int
     departures: tuple[int, ...] = ()
+    visible: float = float("inf")
 
     @property
     def events(self) -> tuple[ChangeEvent, ...]:
         """What happened and has a suspect, most probable first."""
         return tuple(event for event in self.posterior.events if event.group[0] != UNLISTED)
+
+    @property
+    def changes(self) -> tuple[ChangeEvent, ...]:
+        """Of these, what came while the engine flew."""
+        return tuple(event for event in self.events if event.kind != FROM_START)
+
+    @property
+    def probability(self) -> float:
+        """That the engine changed while it flew: of no event alone, where none was there from the start."""
+        posterior = self.posterior
+        if not posterior.events:
+            return posterior.probability
+        same = [1 - event.probability * (1 - event.shapes.get(FROM_START, 0.0)) for event in posterior.events]
+        return 1 - float(np.prod(same))
 
     @property
     def differs_from_start(self) -> bool:
@@ -175,7 +203,7 @@ class EngineTrend:
     @property
     def verdict(self) -> str:
         """Of the history as a whole; never "steady" where flights differ from nominal for certain."""
-        if any(event.kind != FROM_START for event in self.events):
+        if self.changes:
             return CHANGED
         if self.differs_from_start:
             return FROM_THE_FIRST
@@ -212,19 +240,22 @@ def add_engine_level(history: History) -> History:
         θ_t = … + c,   c ~ N(0, diag σ²),   the same in all flights
 
     σ: `OWN_HEALTH` of a plausible change of components, `OWN_LEVEL` of a plausible error of instruments."""
-    share = np.array([OWN_HEALTH if not p.belongs_to_instrument else OWN_LEVEL for p in history.parameters])
-    p = history.width
+    share = [OWN_LEVEL if p.belongs_to_instrument else OWN_HEALTH for p in history.parameters]
+    return add_shifts(history, np.ones(len(history)), dict(enumerate(share)))
+
+
+def add_shifts(history: History, course: np.ndarray, sizes: Mapping[int, float]) -> History:
+    """The history with monitored parameters that may have moved along a course (T,) for a reason that is known and no
+    change: position → standard deviation, in prior ones."""
+    T, m = history.score.shape
+    at, size = np.array(list(sizes), int), np.array(list(sizes.values()))
     F, s = history.information, history.score
-    columns = F[:, :, :p] * share  # (T, m, p)
-    own = share[:, None] * columns[:, :p]
-    information = np.concatenate(
-        [
-            np.concatenate([F, columns], axis=2),
-            np.concatenate([columns.transpose(0, 2, 1), own], axis=2),
-        ],
-        axis=1,
-    )
-    return replace(history, information=information, score=np.concatenate([s, s[:, :p] * share], axis=1))
+    columns = course[:, None, None] * F[:, :, at] * size  # (T, m, c)
+    own = course[:, None, None] * size[:, None] * columns[:, at]
+    information = np.empty((T, m + len(at), m + len(at)))
+    information[:, :m, :m], information[:, m:, m:] = F, own
+    information[:, :m, m:], information[:, m:, :m] = columns, columns.transpose(0, 2, 1)
+    return replace(history, information=information, score=np.concatenate([s, course[:, None] * s[:, at] * size], 1))
 
 
 OWN_LEVEL = 1.0
@@ -232,13 +263,12 @@ OWN_LEVEL = 1.0
 instrument: the errors of its instruments are its own."""
 
 
-def departing_epochs(history: History) -> tuple[int, ...]:
-    """Epochs, from 0, that differ from nominal for certain, each by itself: with offsets o as learnt,
+def departing_epochs(calm: History) -> tuple[int, ...]:
+    """Epochs, from 0, that differ from nominal for certain, each by itself, of a history without offsets:
 
     s_t ~ N(0, F̃_aa + F̃_aν F̃_νa)      (a: monitored parameters; ν ~ N(0, I): uncertain about nominal)
     """
-    calm = marginalise_offsets(history, learn_offsets(history))
-    p = history.width
+    p = calm.width
     F, cross, s = calm.information[:, :p, :p], calm.information[:, :p, p:], calm.score[:, :p]
     value, vector = np.linalg.eigh(F)
     seen = value > SEEN * value[:, -1:]
@@ -247,8 +277,61 @@ def departing_epochs(history: History) -> tuple[int, ...]:
     loose = np.einsum("tij,tir->tjr", vector, cross) * scale[:, :, None]
     V = np.eye(p) + loose @ loose.transpose(0, 2, 1)
     statistic = np.einsum("ti,ti->t", whitened, np.linalg.solve(V, whitened[:, :, None])[:, :, 0])
-    limit = chi2.isf(GROSS / len(history), np.maximum(seen.sum(axis=1), 1))
+    limit = chi2.isf(GROSS / len(calm), np.maximum(seen.sum(axis=1), 1))
     return tuple(int(t) for t in np.flatnonzero(statistic > limit))
+
+
+def step_visibility(calm: History, epoch: int) -> float:
+    """How plainly a plausible step of the component that shows best would stand out from an epoch on, in squared
+    standard deviations, of a history without offsets: its efficiency and flow by PLAUSIBLE together, the second half as
+    far as the first and so on."""
+    parts: dict[str, list[int]] = {}
+    for i, parameter in enumerate(calm.parameters):
+        if not parameter.belongs_to_instrument:
+            parts.setdefault(parameter.component, []).append(i)
+    background = add_wander(Background.from_history(calm), calm, WANDER_MULTIPLES[0])
+    _, M = background.project((np.arange(len(calm)) >= epoch).astype(float)[None])
+    best = 0.0
+    for at in parts.values():
+        size = 0.5 ** np.arange(len(at))
+        change = -PLAUSIBLE * size / np.linalg.norm(size)
+        best = max(best, float(change @ M[0][np.ix_(at, at)] @ change))
+    return best
+
+
+PLAUSIBLE = 2.0
+"""Change, in prior standard deviations, which an engine that is called healthy must have been able to show."""
+
+
+@dataclass(frozen=True)
+class HistoryOptions:
+    """How one engine is judged. baseline: its first flights, believed healthy, which say what it is like; 0 where
+    nominal says that; sensors: instruments may have changed; maintenance: number, from 1, of each first flight after
+    it; shifts: number of a first flight → parameter → by how much, in prior standard deviations, something that is
+    known may have moved it since."""
+
+    baseline: int = 0
+    sensors: bool = True
+    maintenance: Sequence[int] = ()
+    shifts: Sequence[tuple[int, Mapping[str, float]]] = ()
+
+
+def judge_engine_history(sums: EngineSums, meaning: Mapping[str, Parameter], options: HistoryOptions) -> EngineTrend:
+    """What is known of one engine of `FEWEST` flights at least; meaning: what its parameters are."""
+    history, first = sums.history(meaning)
+    begins = np.searchsorted(first, [n - 1 for n in options.maintenance])
+    history = replace(history, maintenance=tuple(sorted({int(t) for t in begins if 0 < t < len(first)})))
+    if options.baseline:
+        history = add_engine_level(history)
+    place = {p.name: i for i, p in enumerate(history.parameters)}
+    for number, moved in options.shifts:
+        since = (np.array(first) >= number - 1).astype(float)
+        history = add_shifts(history, since, {place[name]: size for name, size in moved.items() if name in place})
+    found = judge_history(history, sensors=options.sensors)
+    calm = marginalise_offsets(history, learn_offsets(history))
+    departures = tuple(first[t] + 1 for t in departing_epochs(calm))
+    visible = step_visibility(calm, int(np.searchsorted(first, options.baseline))) if options.baseline else np.inf
+    return EngineTrend(found, first, sums.flights, departures, visible)
 
 
 def judge_engines(
@@ -267,14 +350,10 @@ def judge_engines(
     engines = [engine for engine, stretches in series.stretches.items() if len(stretches) >= FEWEST]
 
     def judged(k: int) -> EngineTrend:
-        history, first = sums[engines[k]].history(series.parameters)
-        restored = np.searchsorted(first, [n - 1 for n in (maintenance or {}).get(engines[k], ())])
-        history = replace(history, maintenance=tuple(sorted({int(t) for t in restored if 0 < t < len(first)})))
-        if reference:
-            history = add_engine_level(history)
-        found = judge_history(history, sensors=sensors)
-        departures = tuple(first[t] + 1 for t in departing_epochs(history))
-        return EngineTrend(found, first, len(series.stretches[engines[k]]), departures)
+        engine = engines[k]
+        baseline = max(series.healthy(engine, reference), 1) if reference else 0
+        options = HistoryOptions(baseline, sensors, (maintenance or {}).get(engine, ()))
+        return judge_engine_history(sums[engine], series.parameters, options)
 
     stories = zip(engines, parallel_imap(judged, len(engines)), strict=True)
     return each(stories, "engines judged", len(engines))
