@@ -5,11 +5,18 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
-from enginediag_cli.api.inputs import EngineLike, RecordingsLike, resolve_engine, resolve_recordings
+from enginediag_cli.api.inputs import (
+    EngineLike,
+    NominalLike,
+    RecordingsLike,
+    resolve_baseline,
+    resolve_engine,
+    resolve_recordings,
+)
 from enginediag_cli.api.results import Result, Row, frame
 from enginediag_cli.errors import DataError, UsageError
 from enginediag_cli.progress import each
@@ -21,8 +28,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from enginediag_cli.engine.engine import Engine
+    from enginediag_cli.engine.wrapped import NominalEngine
     from enginediag_cli.faults.catalogue import FaultSet
     from enginediag_cli.report.output import Output
+    from enginediag_cli.report.result_files import Row as ResultRow
     from enginediag_cli.simulation.flights import ColumnNoise, FlightConditions
     from enginediag_cli.simulation.simulate import Simulated
 
@@ -38,6 +47,8 @@ LOOSE = "the run of these could not be made exact: energy balances to about 1e-6
 Flown = TypeVar("Flown", bound="SimulationResult")
 FaultsLike: TypeAlias = Any
 """A path of a fault file, several, or a `FaultSet`."""
+HealthLike: TypeAlias = Any
+"""A file that `trend` wrote, CSV or JSON, or its result."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +78,7 @@ class SimulationChoices:
                 raise UsageError(f"--{name}: {count} is not a number of {name}, from 1 on")
 
     def operating_conditions(
-        self, engine: Engine, rng: np.random.Generator
+        self, engine: Engine | NominalEngine, rng: np.random.Generator
     ) -> tuple[FlightConditions, dict[str, ColumnNoise], tuple[str, ...]]:
         """Return operating conditions, noise of each column, and provenance of the conditions."""
         from enginediag_cli.config.validate import load_checked
@@ -78,7 +89,7 @@ class SimulationChoices:
         counts = {"flights": self.flights, "records": self.records}
         if self.conditions is not None:
             given, inherited = self._recorded(engine)
-            return given, column_noise(KINDS[kind or "gaussian"], engine, mark), inherited
+            return given, self._correlate(column_noise(KINDS[kind or "gaussian"], engine, mark), engine), inherited
         if self.flight is not None:
             checked = load_checked(own_or_shipped(self.flight), "flight")
             plan = checked.values
@@ -86,9 +97,15 @@ class SimulationChoices:
         else:
             plan = default_plan(engine)
         given = generate_flights(plan, engine, rng, **counts)
-        return given, column_noise(KINDS[kind] if kind else plan["noise"], engine, mark), ()
+        noise = column_noise(KINDS[kind] if kind else plan["noise"], engine, mark)
+        return given, noise if self.flight is not None else self._correlate(noise, engine), ()
 
-    def _recorded(self, engine: Engine) -> tuple[FlightConditions, tuple[str, ...]]:
+    def _correlate(self, noise: dict[str, ColumnNoise], engine: Engine | NominalEngine) -> dict[str, ColumnNoise]:
+        """Correlate readings from record to record as identified, where no noise was chosen."""
+        rho1 = getattr(engine, "rho1", {}) if self.noise is None else {}
+        return {c: replace(one, correlation=rho1[c]) if c in rho1 else one for c, one in noise.items()}
+
+    def _recorded(self, engine: Engine | NominalEngine) -> tuple[FlightConditions, tuple[str, ...]]:
         """Read conditions record by record, and their provenance."""
         from enginediag_cli.recordings.read import read_all
         from enginediag_cli.simulation.simulate import to_conditions
@@ -108,7 +125,12 @@ class SimulationResult(Result):
     """
 
     def __init__(
-        self, engine: Engine, faults: FaultSet, files: Sequence[str], choices: SimulationChoices, messages: Any
+        self,
+        engine: Engine | NominalEngine,
+        faults: FaultSet,
+        files: Sequence[str],
+        choices: SimulationChoices,
+        messages: Any,
     ):
         import numpy as np
 
@@ -123,7 +145,7 @@ class SimulationResult(Result):
         made = {"noise": choices.noise, "flights": choices.flights, "records": choices.records, "states": self._states}
         notes = {"engine": engine.name, **{key: str(value) for key, value in made.items() if value is not None}}
         flight = [] if choices.flight is None else [str(own_or_shipped(choices.flight))]
-        configs = [engine.path, *flight, *files]
+        configs = [*flight, *files]
         head = header_lines("simulate", seed=choices.seed, configs=configs, notes=notes, inherited=inherited)
         super().__init__(head=lambda: head, summary_columns=output("simulate").terminal, messages=messages)
         self._warn_outside(given)
@@ -298,8 +320,12 @@ def _rows(pieces: Iterable[Simulated]) -> Iterator[Row]:
 
 
 def simulate(
-    engine: EngineLike,
+    engine: EngineLike | None = None,
     *,
+    nominal: NominalLike = None,
+    health: HealthLike = None,
+    engine_instance: str = "",
+    instruments: bool = False,
     flight: str | Path | None = None,
     conditions: RecordingsLike = None,
     faults: FaultsLike = (),
@@ -310,6 +336,7 @@ def simulate(
     seed: int = 0,
     messages: Messages | None = None,
     stream: bool = False,
+    accept_changed_engine: bool = False,
 ) -> SimulationResult:
     """Simulate what the sensors of an engine record.
 
@@ -318,8 +345,17 @@ def simulate(
 
     Parameters
     ----------
-    engine : str, Path or Engine
+    engine : str, Path or Engine, optional
         Engine YAML, or a loaded engine.
+    nominal : str, Path, Baseline or IdentificationResult, optional
+        Nominal engine, instead of `engine`: its parameters, errors of maps and sensor noise are as identified.
+    health : str, Path or TrendResult, optional
+        What `trend` found with this `nominal`, one row per parameter: today's changes of components are in the engine
+        from the first record on.
+    engine_instance : str
+        The engine among those of `health`, where it has several.
+    instruments : bool
+        Also implant the errors of instruments that `health` has.
     flight : str or Path, optional
         Flight YAML; without it and `conditions`, a few flights of an airliner.
     conditions : recording, optional
@@ -339,6 +375,8 @@ def simulate(
         Receives notes and warnings; by default they are collected in the result.
     stream : bool
         Simulate only as records are written, in bounded memory.
+    accept_changed_engine : bool
+        Use the engine file although it has changed since the identification.
 
     Returns
     -------
@@ -355,14 +393,103 @@ def simulate(
     >>> flown.arrays()["status"].tolist()
     ['ok', 'ok', 'ok']
     """
+    from enginediag_cli.api.results import MessageLog
     from enginediag_cli.faults.catalogue import FaultSet, load_faults
 
     choices = SimulationChoices(flight, conditions, noise, flights, records, steady, seed)
     choices.check()
-    model = resolve_engine(engine)
-    files: list[str] = []
+    if (engine is None) == (nominal is None):
+        raise UsageError("give ENGINE or --nominal, one of them: a nominal file contains its engine")
+    if health is None and (engine_instance or instruments):
+        raise UsageError("--engine-instance and --instruments are about what --health found, which is not given")
+    if health is not None and nominal is None:
+        raise UsageError("--health needs --nominal: what trend found are changes from it")
+    log = messages if messages is not None else MessageLog()
+    model, files = _identified_engine(nominal, accept_changed_engine) if engine is None else _plain_engine(engine)
     if not isinstance(faults, FaultSet):
         several = [faults] if isinstance(faults, (str, Path)) else list(faults)
-        files = [str(own_or_shipped(file)) for file in several]
-        faults = load_faults(*files)
-    return SimulationResult(model, faults, files, choices, messages).complete(stream)
+        paths = [str(own_or_shipped(file)) for file in several]
+        files, faults = [*files, *paths], load_faults(*paths)
+    if health is not None:
+        if isinstance(health, (str, Path)):
+            files.append(str(health))
+        found = _health_faults(health, engine_instance, instruments, model, log)
+        faults = FaultSet((*found.components, *faults.components), (*found.sensors, *faults.sensors))
+    return SimulationResult(model, faults, files, choices, log).complete(stream)
+
+
+def _plain_engine(engine: EngineLike) -> tuple[Engine, list[str]]:
+    model = resolve_engine(engine)
+    return model, [str(model.path)]
+
+
+def _identified_engine(nominal: NominalLike, accept_changed_engine: bool) -> tuple[NominalEngine, list[str]]:
+    """Build the engine of a nominal state, with its parameters and noise; also name the nominal file."""
+    from enginediag_cli.engine.wrapped import NominalEngine
+
+    baseline = resolve_baseline(nominal, accept_changed_engine=accept_changed_engine)
+    assert baseline is not None
+    found, engine = baseline.nominal, baseline.engine
+    model = engine if found.error_model is None else found.error_model.wrap(engine)
+    files = [path for path in (baseline.path,) if Path(path).is_file()]
+    return NominalEngine(model, engine, found.theta0, found.sigma, found.rho1), files
+
+
+def _health_faults(
+    health: HealthLike, instance: str, instruments: bool, engine: Engine | NominalEngine, messages: Any
+) -> FaultSet:
+    """Make the faults that bring an engine into the state in which `trend` found it at its last flight."""
+    from enginediag_cli.engine.instrument_errors import forms
+    from enginediag_cli.faults.catalogue import faults_from_changes
+    from enginediag_cli.report.sentences import change as words
+
+    rows, name = _health_rows(health, instance)
+    wrong = {e.parameter.name: e.parameter for column in engine.inputs for e in forms(engine, column)}
+    meaning = {**wrong, **engine.parameters}
+    sizes: dict[str, float] = {}
+    for row in rows:
+        size, parameter = row.number("change"), row.text("parameter")
+        known = meaning.get(parameter)
+        if size == size and (instruments or known is None or not known.belongs_to_instrument):
+            sizes[parameter] = sizes.get(parameter, 0.0) + size
+    whose = f"engine {name}: " if name else ""
+    faults = faults_from_changes(f"found in engine {name}" if name else "found", sizes, engine)
+    verdict = rows[0].text("verdict")
+    if sizes:
+        messages.note(f"{whose}flown with {'; '.join(words(meaning[n], size) for n, size in sizes.items() if size)}")
+    else:
+        messages.warning(f"{whose}flown as identified: trend's verdict is {verdict!r}, and names no change to implant")
+    others = sorted(
+        {rival for row in rows if row.number("change") == row.number("change") for rival in row.list("rivals")}
+    )
+    if others:
+        messages.warning(f"{whose}the likeliest suspects were implanted; trend also suspects {', '.join(others)}")
+    return faults
+
+
+def _health_rows(health: HealthLike, instance: str) -> tuple[list[ResultRow], str]:
+    """Choose the rows of one engine of what `trend` found, and the name of the engine. Raises DataError, UsageError."""
+    import os
+
+    from enginediag_cli.report.plotting import RowOrigin
+    from enginediag_cli.report.result_files import TREND, Row, read_result, table_kind
+
+    if isinstance(health, (str, Path)):
+        label = os.path.basename(str(health))
+        read = read_result(str(health), label)
+        rows, of_trend = list(read.rows), read.kind is TREND
+    else:
+        label = "the result"
+        rows = [Row(row, RowOrigin(label, str(k))) for k, row in enumerate(health.rows, start=1)]
+        of_trend = bool(rows) and table_kind(tuple(rows[0].cells)) is TREND
+    if not of_trend or not rows:
+        raise DataError(
+            f"{label}: no rows by parameter of trend; write them with `enginediag trend -n … -o found.json`"
+        )
+    engines = list(dict.fromkeys(row.text("engine") for row in rows))
+    if instance and instance not in engines:
+        raise UsageError(f"--engine-instance: {label} has no engine {instance!r}, but {', '.join(engines)}")
+    if len(engines) > 1 and not instance:
+        raise UsageError(f"{label} has engines {', '.join(engines)}; choose one with --engine-instance")
+    name = instance or engines[0]
+    return [row for row in rows if row.text("engine") == name], name

@@ -16,6 +16,7 @@ from enginediag_cli.cli.config import choose_exit_code, command, write_result
 from enginediag_cli.cli.options import (
     COUNT,
     CSV_SUFFIXES,
+    EXISTING,
     INPUT,
     JUDGEMENT,
     MODEL,
@@ -44,7 +45,21 @@ if TYPE_CHECKING:
 
 
 @command()
-@click.argument("engine", metavar="ENGINE", type=ConfigFile())
+@click.argument("engine", metavar="[ENGINE]", required=False, type=ConfigFile())
+@nominal_options(
+    "Nominal file, from identify, instead of ENGINE: the engine flies with the parameters, errors of maps and sensor "
+    "noise that were identified."
+)
+@option(
+    INPUT,
+    "--health",
+    metavar="FILE",
+    type=EXISTING,
+    help="What trend found with this nominal file, CSV or JSON, one row per parameter: today's changes of components "
+    "are in the engine from the first record on.",
+)
+@option(INPUT, "--instruments", is_flag=True, help="Also implant the errors of instruments that --health has found.")
+@option(INPUT, "--engine-instance", default="", metavar="NAME", help="The engine among those of --health.")
 @option(
     INPUT,
     "--flight",
@@ -67,8 +82,8 @@ if TYPE_CHECKING:
     "--noise",
     type=click.Choice(NOISES),
     default=None,
-    help="Sensor noise. gaussian: sizes of the engine file (default); uniform: 1 % of the maximum reading wide; "
-    "correlated: gaussian, 0.8 from record to record; quantised: rounding only; none.",
+    help="Sensor noise. gaussian: sizes of the engine file, or as identified (default); uniform: 1 % of the maximum "
+    "reading wide; correlated: gaussian, 0.8 from record to record; quantised: rounding only; none.",
 )
 @option(MODEL, "--steady", is_flag=True, help="Treat every record as steady, even for an engine with states.")
 @option(
@@ -81,19 +96,20 @@ if TYPE_CHECKING:
 @seed_option
 @output_options
 def simulate(
-    messages: Messages, engine: str, fault: tuple[str, ...], truth: str | None, output: Output, **choices: Any
+    messages: Messages, engine: str | None, fault: tuple[str, ...], truth: str | None, output: Output, **choices: Any
 ) -> None:
-    """Simulate what the sensors of ENGINE record.
+    """Simulate what the sensors of ENGINE record, or those of an engine as it was identified.
 
     \b
     enginediag simulate configs/turbofan.yaml --flights 3 --seed 1 -o healthy.csv
     enginediag simulate configs/turbofan.yaml --fault configs/faults/hpc_fouling.yaml --truth true.csv | head
     enginediag simulate configs/turbofan.yaml --flight configs/flights/sweep.yaml --records 1000 --noise none
+    enginediag simulate -n nominal.yaml --health trend.json --flights 3 -o as_it_is_today.csv
 
     An engine whose file has states (inertia_kg_m2 of a shaft, effects with memory) is integrated over time. Points that
     the engine cannot reach keep their row, with empty readings and the reason in `status`. The same seed gives the same
-    flights and the same noise, with faults or without. The header names the fault files; omit it with --no-header for a
-    blind diagnosis.
+    flights and the same noise, with faults or without. Faults come on top of what --health found. The header names the
+    fault files; omit it with --no-header for a blind diagnosis.
     """
     from enginediag_cli.api.simulation import simulate as run
 

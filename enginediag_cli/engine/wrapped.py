@@ -341,6 +341,47 @@ def preserve_memory(model: Any) -> AbstractContextManager[None]:
     return nullcontext() if own is None else own()
 
 
+class NominalEngine(WrappedModel):
+    """`model`, an engine or one with errors of its maps, at its nominal state: parameters that a request does not give
+    are as identified.
+
+    Along time flies `engine`, the engine alone; errors of maps are then those of the same records at rest, to first
+    order. sigma: standard deviation of one reading, as identified, by column in its unit; rho1: its correlation from
+    record to record."""
+
+    def __init__(
+        self,
+        model: Any,
+        engine: Engine,
+        values: Mapping[str, float],
+        sigma: Mapping[str, float],
+        rho1: Mapping[str, float],
+    ):
+        super().__init__(model, {})
+        self._values = {name: v for name, v in values.items() if name in model.parameters}
+        self.parameters = {
+            name: p.with_nominal(self._values[name]) if name in self._values else p
+            for name, p in model.parameters.items()
+        }
+        plain = {name: v for name, v in self._values.items() if name in engine.parameters}
+        self.engine, self.rho1 = engine.replace_nominals(plain), dict(rho1)
+        self.sensors = {c: replace(s, noise_sigma=sigma.get(c, s.noise_sigma)) for c, s in engine.sensors.items()}
+
+    def _predict(self, request: PredictionRequest) -> Any:
+        return self._predict_inner(request, parameters={**self._values, **request.parameters})
+
+    def model_error(
+        self, inputs: Mapping[str, Any], parameters: Mapping[str, Any], sensors: Sequence[str]
+    ) -> NDArray[np.float64]:
+        """By how much errors of the maps move the readings (N, m), in the units of their columns."""
+        if self.model is self.engine:
+            return np.zeros(())
+        whole = self.predict(inputs, parameters, sensors=sensors)
+        alone = self.engine.predict(inputs, parameters, sensors=sensors)
+        both = np.asarray(whole.ok) & alone.ok
+        return np.where(both[:, None], np.asarray(whole.y) - alone.y, 0.0)
+
+
 LAGS_S = (2.0, 6.0, 20.0, 60.0)
 """Time constants of the lags, s: those of probes and actuators, of thin metal and of casings (Walsh and Fletcher, Gas
 Turbine Performance, ch. 8), a factor of three apart, so that what lies between two is a sum of both."""

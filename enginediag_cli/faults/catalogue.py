@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from enginediag_cli.config.fields import Field, Section, Variants, near
 from enginediag_cli.config.validate import load_checked
+from enginediag_cli.engine.instrument_errors import forms
 from enginediag_cli.engine.wrapped import EngineLike
 from enginediag_cli.errors import ConfigError, DataError, Mark, Problem
 from enginediag_cli.parameters import Parameter
@@ -270,6 +271,27 @@ class FaultSet:
     @property
     def names(self) -> tuple[str, ...]:
         return (*(fault.name for fault in self.components), *(fault.name for fault in self.sensors))
+
+
+def faults_from_changes(name: str, changes: Mapping[str, float], engine: Any) -> FaultSet:
+    """Faults, all called `name`, that make these changes of parameters from nominal, each in the parameter's unit, from
+    the first record on. Raises DataError for parameters that the engine does not have."""
+    errors = {e.parameter.name: e for column in engine.inputs for e in forms(engine, column)}
+    unknown = [n for n in changes if n not in engine.parameters and n not in errors]
+    if unknown:
+        raise DataError(f"engine {engine.name!r} has no parameter {', '.join(unknown)}; was it found with another one?")
+    own = {n: engine.parameters[n].nominal for n in changes if n in engine.parameters}
+    relative = {n: changes[n] / nominal if nominal else changes[n] for n, nominal in own.items()}
+    instruments = [
+        SensorFault(
+            name,
+            errors[n].column,
+            {"type": "scale", "change": changes[n]} if errors[n].multiplies else {"type": "bias", "size": changes[n]},
+        )
+        for n in changes
+        if n not in own
+    ]
+    return FaultSet((ComponentFault(name, relative),) if relative else (), tuple(instruments))
 
 
 def check_faults(faults: FaultSet, engine: EngineLike) -> None:

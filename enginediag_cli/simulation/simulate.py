@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from enginediag_cli.engine.engine import Engine, Prediction
 from enginediag_cli.engine.transient.moving_engine import FlightSolution, MovingEngine
 from enginediag_cli.engine.transient.states import TransientInputs, remembered, transient_states
-from enginediag_cli.engine.wrapped import EngineLike, PredictionLike
+from enginediag_cli.engine.wrapped import EngineLike, NominalEngine, PredictionLike
 from enginediag_cli.errors import DataError
 from enginediag_cli.faults.catalogue import (
     BEFORE_NOISE,
@@ -34,15 +34,23 @@ from enginediag_cli.simulation.flights import LABELS, ColumnNoise, FlightConditi
 Columns = Mapping[str, NDArray[np.float64]]
 
 
+def moving_part(engine: object) -> object:
+    """What flies along time: of an engine as identified the engine alone."""
+    return engine.engine if isinstance(engine, NominalEngine) else engine
+
+
 def is_dynamic(engine: object, conditions: FlightConditions, varied: Sequence[str] = ()) -> bool:
     """Whether an engine has states, or memory, and the records follow each other in time."""
+    engine = moving_part(engine)
     if not (isinstance(engine, Engine) and conditions.series and "time_s" in conditions.columns):
         return False
     return bool(remembered(engine, varied)) or bool(transient_states(engine))
 
 
-def describe_states(engine: Engine) -> str:
+def describe_states(flying: object) -> str:
     """Names of an engine's states, and of the memory of readings."""
+    engine = moving_part(flying)
+    assert isinstance(engine, Engine)
     states = transient_states(engine)
     further = [m for m in remembered(engine) if not any(s.represents(m) for s in states)]
     return ", ".join(dict.fromkeys([*(s.words for s in states), *(spelled(m.name) for m in further)]))
@@ -218,8 +226,9 @@ def simulate_in_chunks(
     }
     flown = None
     if not steady and is_dynamic(engine, conditions, tuple(values)):
-        assert isinstance(engine, Engine)
-        flown = fly_dynamically(engine, conditions, inputs, values)
+        moving = moving_part(engine)
+        assert isinstance(moving, Engine)
+        flown = fly_dynamically(moving, conditions, inputs, values)
     return _pieces(engine, _SimulationRun(conditions, inputs, values, hidden, clocks, flown), instruments, chunk)
 
 
@@ -240,7 +249,10 @@ class _SimulationRun:
         inputs = {name: column[piece] for name, column in self.inputs.items()}
         values = {name: value[piece] for name, value in self.values.items()}
         if self.flown is not None:
-            return self.flown.predict(inputs, values, piece)
+            found = self.flown.predict(inputs, values, piece)
+            if isinstance(engine, NominalEngine):
+                found = replace(found, y=found.y + engine.model_error(inputs, values, found.columns))
+            return found
         return engine.predict(inputs, values, sensors=tuple(engine.sensors))
 
 
@@ -293,7 +305,7 @@ def _pieces(
         recorded = instruments.read({**given, **outputs}, run.clocks.slice(start, start + chunk))
         status = np.asarray(prediction.status)
         recorded["status"] = STATUS_WORDS[status]
-        if isinstance(engine, Engine) and engine.controlled:
+        if getattr(engine, "controlled", False):
             recorded["active_limit"] = prediction.active_limit  # type: ignore[attr-defined]
         reasons = Counter(_reason(prediction.reason(int(k))) for k in np.flatnonzero(status))
         hidden = {name: value[piece] for name, value in run.hidden.items()}
