@@ -259,7 +259,7 @@ class FollowResult(Result):
     """A row for every block of a flight as it comes; see `follow`. `found` counts flights with an alarm."""
 
     def __init__(self, comparison: Comparison, false_alarm: float, block: int | None, idle_s: float):
-        from enginediag_cli.detection.follow import BLOCK, FlightFollower
+        from enginediag_cli.history.follow import BLOCK, FlightFollower
         from enginediag_cli.report.tables.detection import FOLLOW
         from enginediag_cli.residuals.files import WindowSettings
         from enginediag_cli.residuals.reduced import add_sensor_lags

@@ -80,6 +80,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.instruments import NoiseModel
 from enginediag_cli.residuals.statistics import whiten
 
@@ -91,16 +92,19 @@ RECENT = 48
 class Coordinates:
     """Columns of `basis` (p, d) turn unit normals into parameters: first k nuisance, then a health, then m sensors.
 
-    health, sensors: names of the changes that are looked for, in the order of their columns.
+    health, sensors: the changes that are looked for, in the order of their columns; unit (a + m,): what one unit normal
+    of each is, in its unit.
     """
 
     basis: np.ndarray
     nuisance: int
-    health: tuple[str, ...]
-    sensors: tuple[str, ...]
+    health: tuple[Parameter, ...]
+    sensors: tuple[Parameter, ...]
+    unit: np.ndarray
 
     @property
-    def changes(self) -> tuple[str, ...]:
+    def described(self) -> tuple[Parameter, ...]:
+        """All changes that are looked for."""
         return (*self.health, *self.sensors)
 
 
@@ -139,34 +143,16 @@ def append_segment(past: list[Segment], new: Segment) -> list[Segment]:
 
 @dataclass(frozen=True)
 class OnsetSums:
-    """Sums from each of J possible onsets to now. With law g(t): s = Σ g s_i (J, d), F = Σ g² F_i (J, d, d) and
-    cross = Σ g F_i (J, d, d), the product of what changes with what stays. total_s (d,), total_F (d, d): of all."""
+    """Sums from each of J possible onsets to now, s (J, d) and F (J, d, d); the first is the beginning."""
 
     s: np.ndarray
     F: np.ndarray
-    cross: np.ndarray
-    total_s: np.ndarray
-    total_F: np.ndarray
 
 
-LAWS = ("step", "ramp")
-
-
-def onset_sums(past: list[Segment], law: str = "step") -> OnsetSums:
-    """Sums for an onset at the beginning of each piece; a ramp grows from 0 there to 1 now."""
+def onset_sums(past: list[Segment]) -> OnsetSums:
+    """Sums for an onset at the beginning of each piece."""
     s, F = np.stack([piece.s for piece in past]), np.stack([piece.F for piece in past])
-    total_s, total_F = s.sum(axis=0), F.sum(axis=0)
-    if law == "step":
-        from_here = np.cumsum(F[::-1], axis=0)[::-1]
-        return OnsetSums(np.cumsum(s[::-1], axis=0)[::-1], from_here, from_here, total_s, total_F)
-    begin, clock = np.array([piece.begin for piece in past]), np.array([piece.clock for piece in past])
-    since = np.maximum(clock[None, :] - begin[:, None], 0.0)  # (J, pieces)
-    g = np.where(np.arange(len(past))[None, :] >= np.arange(len(past))[:, None], since, 0.0)
-    g = g / np.maximum(g.max(axis=1, keepdims=True), 1e-300)  # at 1 now, unless the clock runs backwards
-    flat = F.reshape(len(past), -1)
-    return OnsetSums(
-        g @ s, (g**2 @ flat).reshape(-1, *F.shape[1:]), (g @ flat).reshape(-1, *F.shape[1:]), total_s, total_F
-    )
+    return OnsetSums(np.cumsum(s[::-1], axis=0)[::-1], np.cumsum(F[::-1], axis=0)[::-1])
 
 
 FROM_THE_START = 0.5
@@ -191,10 +177,10 @@ def eliminate_nuisance(found: OnsetSums, nuisance: int) -> ChangeEquations:
     r, S = found.s[:, k:], found.F[:, k:, k:]
     if k == 0:
         return ChangeEquations(r, S)
-    F_wd = found.cross[:, :k, k:]
-    inner = np.eye(k) + found.total_F[:k, :k]
+    F_wd = found.F[:, :k, k:]
+    inner = np.eye(k) + found.F[0, :k, :k]
     J, _, c = F_wd.shape
-    right = np.concatenate([found.total_s[:k, None], F_wd.transpose(1, 0, 2).reshape(k, J * c)], axis=1)
+    right = np.concatenate([found.s[0, :k, None], F_wd.transpose(1, 0, 2).reshape(k, J * c)], axis=1)
     solved = np.linalg.solve(inner, right)
     solved_F = solved[:, 1:].reshape(k, J, c).transpose(1, 0, 2)
     back = F_wd.transpose(0, 2, 1)

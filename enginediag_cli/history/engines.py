@@ -210,9 +210,14 @@ class EngineTrend:
         return CANNOT_TELL if self.posterior.changed or self.departures else STEADY
 
     def family(self, event: ChangeEvent) -> str:
-        """The kind of an event as a reader knows it: all that grows is deterioration, whether it saturates, ends or
-        not. Where an epoch holds several flights, a step within one looks like growth over a few epochs, and is a step
-        at this resolution."""
+        """The likeliest kind of an event as a reader knows it."""
+        total = self.families(event)
+        return max(total, key=lambda name: total[name])
+
+    def families(self, event: ChangeEvent) -> dict[str, float]:
+        """Probability of each kind of an event as a reader knows it: all that grows is deterioration, whether it
+        saturates, ends or not. Where an epoch holds several flights, a step within one looks like growth over a few
+        epochs, and is a step at this resolution."""
         total: dict[str, float] = {}
         for shape, p in event.shapes.items():
             family = DETERIORATION if shape in GROWING else COMES_AND_GOES if shape == PULSE else shape
@@ -222,8 +227,9 @@ class EngineTrend:
             largest = max(event.changes, key=lambda x: abs(x.largest) / max(x.largest_high - x.largest_low, TINY))
             level = np.abs(self.posterior.level[:, self.posterior.parameters.index(largest.name)])
             soon = level[event.onset : event.onset + STEP_EPOCHS].max()
-            return STEP if soon >= NEARLY_ALL * level.max() else found
-        return found
+            if soon >= NEARLY_ALL * level.max():
+                total[STEP] = total.get(STEP, 0.0) + total.pop(DETERIORATION)
+        return total
 
     def flight_number(self, epoch: int) -> int:
         """Number, from 1, of the first flight of an epoch."""

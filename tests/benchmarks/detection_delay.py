@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from enginediag_cli.detection.follow import FlightMonitor
+from enginediag_cli.history.follow import FlightMonitor
 from enginediag_cli.intake.selection import open_baseline
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.monitor import Monitor, build_monitor

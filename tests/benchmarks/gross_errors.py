@@ -29,8 +29,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from end_to_end import ROOT, run
 
-from enginediag_cli.detection import follow
 from enginediag_cli.engine.instrument_errors import OF_NOISE, InputErrors
+from enginediag_cli.history import follow
 from enginediag_cli.intake.selection import open_baseline
 from enginediag_cli.residuals import gross_gate
 from enginediag_cli.residuals import gross_gate as live_gate

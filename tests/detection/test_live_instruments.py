@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from known_engine import climb, recorded, write_known
 
-from enginediag_cli.detection.follow import FlightFollower
+from enginediag_cli.history.follow import FlightFollower
 from enginediag_cli.intake.loader import RecordingLoader
 from enginediag_cli.intake.selection import RecordingSource, open_baseline, required_columns
 from enginediag_cli.physics.engine_file import load_engine

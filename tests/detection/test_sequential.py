@@ -9,7 +9,6 @@ from scipy.stats import binom, multivariate_normal
 from toy_engine import toy_monitor, toy_recording
 from white_statistics import white_noise
 
-from enginediag_cli.detection.follow import FlightMonitor
 from enginediag_cli.detection.sequential import (
     FROM_THE_START,
     RECENT,
@@ -25,6 +24,8 @@ from enginediag_cli.detection.sequential import (
     onset_weight,
 )
 from enginediag_cli.errors import DataError
+from enginediag_cli.history.follow import FlightMonitor
+from enginediag_cli.parameters import unspecified
 from enginediag_cli.recordings.source import LONGEST_LINE, GrowingFile
 from enginediag_cli.residuals.instruments import NoiseModel
 
@@ -89,7 +90,8 @@ def test_innovations_of_correlated_noise_are_white_also_across_chunks_and_gaps()
 
 
 def process(alpha, k=2, a=3, m=2):
-    coordinates = Coordinates(np.eye(k + a + m) * 2.0, k, tuple("abc"[:a]), tuple("xy"[:m]))
+    health, sensors = (tuple(map(unspecified, names)) for names in ("abc"[:a], "xy"[:m]))
+    coordinates = Coordinates(np.eye(k + a + m) * 2.0, k, health, sensors, np.full(a + m, 2.0))
     return EProcess(coordinates, alpha)
 
 
@@ -133,24 +135,24 @@ def followed(law, monitor=None, blocks=40, seed=6, records=20):
 
 def test_a_sudden_fault_is_told_with_its_onset():
     change = followed(lambda block: (-0.02 if block >= 15 else 0.0, None)).change
-    assert (change.kind, change.parameter) == ("sudden fault", "hpc.efficiency")
+    assert (change.kind, change.parameter) == ("step", "hpc.efficiency")
     assert change.low_s <= 3000 <= change.high_s and change.high_s - change.low_s <= 800
 
 
 def test_gradual_deterioration_is_told_from_a_sudden_fault():
     change = followed(lambda block: (-0.03 * max(block - 15, 0) / 25, None)).change
-    assert change.kind == "gradual deterioration"
+    assert change.kind == "deterioration"
     assert change.low_s <= 3000 <= change.high_s
 
 
 def test_a_sensor_jump_is_told_from_a_fault():
     jump = np.array([0.0, 0.0, 8.0, 0.0, 0.0])
     change = followed(lambda block: (0.0, jump if block >= 15 else None)).change
-    assert (change.kind, change.parameter) == ("sensor jump", "T5_K reading")
+    assert (change.kind, change.parameter) == ("step", "sensor.T5.bias")
 
 
 def test_a_change_that_was_there_before_has_no_onset():
-    assert followed(lambda block: (-0.02, None)).change.kind == "present from the start"
+    assert followed(lambda block: (-0.02, None)).change.kind == "from start"
 
 
 def test_a_growing_file_is_read_to_its_end_and_on(tmp_path):

@@ -11,8 +11,8 @@ from enginediag_cli.report.sentences import instrument_fault
 from enginediag_cli.report.tables import Columns, Table, column
 
 if TYPE_CHECKING:
-    from enginediag_cli.detection.follow import BlockReport
     from enginediag_cli.detection.verdict import Verdict
+    from enginediag_cli.history.follow import BlockReport
     from enginediag_cli.methods.base import Method, Verdicts, WindowVerdict
     from enginediag_cli.report.messages import Messages
 
@@ -150,11 +150,19 @@ FOLLOW: Table[BlockReport] = Table(
         *block_column.part(
             lambda b: b.change,
             (
-                part_column("kind", "text?", "what the change looks like in time"),
-                part_column("leading", "text?", "the leading kind where several are possible"),
-                part_column("probability", "number?", "probability of the leading kind"),
                 part_column(
-                    "likely", "text?", "parameter that the change is likeliest one of", lambda change: change.parameter
+                    "kind",
+                    "text?",
+                    "step, deterioration, comes and goes (once), intermittent, from start, irregular, or cannot tell",
+                ),
+                part_column("leading", "text?", "the leading kind where several are possible"),
+                part_column("probability", "number?", "probability that it changed, by the leading kind"),
+                part_column("likely", "text?", "parameter that changed most probably", lambda change: change.parameter),
+                part_column(
+                    "rivals",
+                    "texts?",
+                    "other suspects of the same change, with their probabilities",
+                    lambda change: [f"{name} ({p:.2g})" for name, p in change.rivals.items()],
                 ),
                 part_column("onset_s", "number?", "since when", unit="s"),
                 part_column(

@@ -7,39 +7,20 @@ rejected, which bounds what a reading adds to the evidence, and keeps the mean o
 only if E reaches 1/α without the brief departures of any one channel, too, a sensor's or an input's. What several
 channels show at once is seen as soon as ever; what one alone shows, when it has lasted.
 
-Kind and onset. Explanations of a flight are compared by their marginal likelihood:
-
-    sudden fault              step of one or two health parameters, or of all together
-    gradual deterioration     the same, growing linearly from its onset to now
-    sensor jump, sensor drift step or ramp of one sensor's reading
-
-Every kind has the same probability beforehand, and within a kind every onset. A change that was there when the flight
-began has no onset in it and no law of growth: `present from the start`.
+Kind and onset. The flight so far is a history as that of an engine over flights, with an epoch for each piece, and is
+judged by the same model (`judge_history`): what changed, how it goes in time, since when.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
-from itertools import combinations
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from enginediag_cli.detection.sequential import (
-    LAWS,
-    ChangeEquations,
-    Coordinates,
-    EProcess,
-    Innovations,
-    Segment,
-    eliminate_nuisance,
-    log_full,
-    log_mean_exp,
-    log_single,
-    onset_sums,
-)
+from enginediag_cli.detection.sequential import Coordinates, EProcess, Innovations, Segment
 from enginediag_cli.detection.verdict import (
     LEAST_SENSORS,
     LackOfFit,
@@ -48,7 +29,12 @@ from enginediag_cli.detection.verdict import (
     one_channel_reason,
     too_few_sensors_reason,
 )
+from enginediag_cli.history.engines import CANNOT_TELL, EPOCHS, UNLIKELY, EngineTrend
+from enginediag_cli.history.hypotheses import UNLISTED
+from enginediag_cli.history.posterior import FEWEST_FLIGHTS, judge_history
+from enginediag_cli.history.records import History
 from enginediag_cli.intake.loader import ExcludedData, GrossCounts, RecordingLoader, follow_chunks
+from enginediag_cli.parameters import Parameter
 from enginediag_cli.recordings.repeated import StuckRun
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.gross_errors import FEWEST, UNRELATED, find_brief_departures
@@ -59,121 +45,99 @@ from enginediag_cli.residuals.score import chdtrc
 from enginediag_cli.residuals.windows import Extrapolation, Key, Timeline, group_rows, select_inputs
 from enginediag_cli.units import split_column
 
-KINDS = {
-    ("health", "step"): "sudden fault",
-    ("health", "ramp"): "gradual deterioration",
-    ("sensor", "step"): "sensor jump",
-    ("sensor", "ramp"): "sensor drift",
-}
-FAMILY = {kind: family for (family, _), kind in KINDS.items()}
-FROM_START = "present from the start"
-CANNOT_TELL = "cannot tell"
 SURE = 0.9
 """Probability from which a kind of change is named."""
-MIXED = 0.95
-"""Probability of the interval of the onset."""
+EACH_BLOCK, GROWTH = 8, 0.125
+"""Blocks after an alarm of which each is explained anew, and the share by which a flight must have grown since then:
+an explanation takes about a second, and one more block of a hundred changes little in it."""
 
 
 @dataclass(frozen=True)
 class DetectedChange:
-    """kind: one of KINDS, `present from the start` or `cannot tell`; probability of the most probable kind, which
-    `leading` names. parameter: the most probable single parameter or sensor. onset, low, high: block number, most
-    probable and 95 % interval; onset_s, low_s, high_s: the same as times."""
+    """What happened in a flight, at its most probable.
 
-    kind: str
-    leading: str
-    probability: float
-    parameter: str
-    onset: int
-    low: int
-    high: int
-    onset_s: float
-    low_s: float
-    high_s: float
+    kind: as `trend` has it (step, deterioration, comes and goes, intermittent, from start, irregular), or `cannot
+    tell`; probability: of the likeliest kind, which `leading` names, None where no event is likelier than not;
+    parameter: that which changed most probably; rivals: other suspects of the same change with their probabilities;
+    onset_s, low_s, high_s: most probable onset and its 95 % interval as times."""
 
-
-def log_health(found: ChangeEquations, count: int) -> np.ndarray:
-    """log likelihood ratios (J,) of a fault: one health parameter, two, or all, a third each."""
-    single = log_mean_exp(log_single(found)[:, :count], axis=1)
-    parts = [single, log_full(found, count)]
-    if count > 1:
-        i, k = np.array(list(combinations(range(count), 2))).T
-        a, d, b = 1 + found.S[:, i, i], 1 + found.S[:, k, k], found.S[:, i, k]
-        determinant = np.maximum(a * d - b**2, 1.0)
-        x, y = found.r[:, i], found.r[:, k]
-        quadratic = (d * x**2 - 2 * b * x * y + a * y**2) / determinant
-        parts.append(log_mean_exp(-0.5 * np.log(determinant) + 0.5 * quadratic, axis=1))
-    return log_mean_exp(np.stack(parts), axis=0)
+    kind: str = CANNOT_TELL
+    leading: str | None = None
+    probability: float | None = None
+    parameter: str | None = None
+    rivals: Mapping[str, float] = field(default_factory=dict)
+    onset_s: float | None = None
+    low_s: float | None = None
+    high_s: float | None = None
 
 
-def explain_change(past: list[Segment], coordinates: Coordinates) -> DetectedChange:
-    """The most probable kind, parameter and onset of the change that an alarm has found."""
-    a = len(coordinates.health)
-    evidence: dict[str, np.ndarray] = {}
-    singles: dict[str, np.ndarray] = {}
-    for law in LAWS:
-        found = eliminate_nuisance(onset_sums(past, law), coordinates.nuisance)
-        for family, chosen in (("health", slice(0, a)), ("sensor", slice(a, None))):
-            alone = log_single(found)[:, chosen]
-            if not alone.shape[1]:
-                continue
-            kind = KINDS[family, law]
-            evidence[kind] = log_health(found, a) if family == "health" else log_mean_exp(alone, axis=1)
-            singles[kind] = alone
-    kinds = list(evidence)
-    table = np.stack([evidence[kind] for kind in kinds])  # (kinds, onsets)
-    weights = np.exp(table - table.max())
-    # a ramp over a single piece, or from the start, is no ramp
-    weights[[kind in (KINDS["health", "ramp"], KINDS["sensor", "ramp"]) for kind in kinds], 0] = 0.0
-    weights = weights / weights.sum()
-    onset = int(np.argmax(weights.sum(axis=0)))
-    low, high = _interval(weights.sum(axis=0))
-    probabilities = {kind: float(weights[i, 1:].sum()) for i, kind in enumerate(kinds)}
-    probabilities[FROM_START] = float(weights[:, 0].sum())
-    leading = max(probabilities, key=lambda kind: probabilities[kind])
-    likely = leading if leading in singles else kinds[int(np.argmax(weights[:, 0]))]
-    names = coordinates.sensors if FAMILY[likely] == "sensor" else coordinates.health
-    parameter = names[int(np.argmax(singles[likely][onset]))]
-    kind = leading if probabilities[leading] >= SURE else CANNOT_TELL
-    begin = [piece.begin for piece in past]
-    first = [piece.first for piece in past]
-    # pieces begin where they begin: a change may have come anywhere in the piece before or after the best beginning
-    low, high = max(low - 1, 0), min(high + 1, len(past) - 1)
-    return DetectedChange(
-        kind,
-        leading,
-        probabilities[leading],
-        parameter,
-        first[onset],
-        first[low],
-        first[high],
-        begin[onset],
-        begin[low],
-        begin[high],
-    )
+@dataclass(frozen=True)
+class FlightStory:
+    """The account of a flight so far. trend: of its T epochs; begin (T + 1,): when these begin and the last ends."""
+
+    trend: EngineTrend
+    begin: tuple[float, ...]
+
+    @staticmethod
+    def from_pieces(pieces: Sequence[Segment], coordinates: Coordinates) -> FlightStory | None:
+        """None of fewer pieces than a history needs epochs."""
+        epochs = join_epochs(pieces)
+        if len(epochs) < FEWEST_FLIGHTS:
+            return None
+        posterior = judge_history(flight_history(epochs, coordinates))
+        records = np.cumsum([0, *(piece.records for piece in epochs)])
+        last = 2 * epochs[-1].clock - epochs[-1].begin
+        begin = (*(piece.begin for piece in epochs), max(last, epochs[-1].begin))
+        return FlightStory(EngineTrend(posterior, tuple(map(int, records[:-1])), int(records[-1])), begin)
+
+    def health_change(self, count: int) -> np.ndarray:
+        """Change (count,) of the first parameters at the end of the flight so far, in their units."""
+        return self.trend.posterior.level[-1, :count]
+
+    def summarise(self) -> DetectedChange:
+        """The most probable event."""
+        event = next(iter(self.trend.posterior.events), None)
+        if event is None:
+            return DetectedChange()
+        families = self.trend.families(event)
+        leading = max(families, key=lambda name: families[name])
+        probability = event.probability * families[leading]
+        owner = event.group[0]
+        part = max(event.changes, key=lambda change: change.probability, default=None)
+        # an epoch begins where it begins: a change may have come late in that before, or anywhere in its own
+        first, last = event.onset_set[0], event.onset_set[-1]
+        return DetectedChange(
+            leading if probability >= SURE else CANNOT_TELL,
+            leading,
+            probability,
+            part.name if part is not None and owner != UNLISTED else owner,
+            {name: event.probability * p for name, p in event.suspects.items() if name != owner and p >= UNLIKELY},
+            self.begin[event.onset],
+            self.begin[max(first - 1, 0)],
+            self.begin[last + 1],
+        )
 
 
-def posterior_change(past: list[Segment], coordinates: Coordinates) -> np.ndarray:
-    """Posterior mean (a,) of the health parameters, in prior standard deviations, after a step at the best onset.
-
-    Zero when the most probable explanation is a sensor's.
-    """
-    a = len(coordinates.health)
-    found = eliminate_nuisance(onset_sums(past), coordinates.nuisance)
-    health = log_health(found, a)
-    alone = log_single(found)[:, a:]
-    if alone.size and alone.max() > health.max():
-        return np.zeros(a)
-    j = int(np.argmax(health))
-    return np.asarray(np.linalg.solve(np.eye(a) + found.S[j, :a, :a], found.r[j, :a]))
+def join_epochs(pieces: Sequence[Segment]) -> list[Segment]:
+    """Pieces that follow each other as epochs of as many blocks each, `EPOCHS` at most."""
+    if not pieces:
+        return []
+    longest = max(piece.last - piece.first for piece in pieces)
+    span = max(longest, -(-pieces[-1].last // EPOCHS))
+    epochs: dict[int, Segment] = {}
+    for piece in pieces:
+        k = piece.first // span
+        epochs[k] = epochs[k] + piece if k in epochs else piece
+    return list(epochs.values())
 
 
-def _interval(weights: np.ndarray) -> tuple[int, int]:
-    """First and last onset of the smallest set that holds MIXED of the probability (J,)."""
-    order = np.argsort(-weights, kind="stable")
-    held = np.cumsum(weights[order])
-    chosen = order[: int(np.searchsorted(held, MIXED)) + 1]
-    return int(chosen.min()), int(chosen.max())
+def flight_history(epochs: Sequence[Segment], coordinates: Coordinates) -> History:
+    """The history of a flight, an epoch as a flight of an engine."""
+    k, width = coordinates.nuisance, coordinates.basis.shape[1]
+    order = np.r_[k:width, :k]
+    score = np.stack([epoch.s[order] for epoch in epochs])
+    information = np.stack([epoch.F[np.ix_(order, order)] for epoch in epochs])
+    return History(coordinates.described, coordinates.unit, score, information)
 
 
 JUMP_SIGMAS = 5.0
@@ -198,15 +162,33 @@ def unit_coordinates(monitor: Monitor) -> Coordinates:
     basis = np.zeros((p + m, k + a + m))
     basis[:p, :k] = root
     basis[range(a), range(k, k + a)] = D[:a]
-    basis[range(p, p + m), range(k + a, k + a + m)] = [_jump(monitor, j) for j in range(m)]
-    return Coordinates(basis, k, monitor.monitored, tuple(f"{c} reading" for c in monitor.sensors))
+    jumps = tuple(_sensor_jump(monitor, j) for j in range(m))
+    basis[range(p, p + m), range(k + a, k + a + m)] = [jump.prior_sigma for jump in jumps]
+    health = tuple(monitor.meaning[name] for name in monitor.monitored)
+    return Coordinates(basis, k, health, jumps, np.array([*D[:a], *(jump.prior_sigma for jump in jumps)]))
 
 
-def _jump(monitor: Monitor, j: int) -> float:
-    column = monitor.sensors[j]
-    bias = monitor.engine.parameters.get(f"sensor.{split_column(column)[0]}.bias")
+def _sensor_jump(monitor: Monitor, j: int) -> Parameter:
+    """The bias of a sensor, which an engine file may not have."""
+    name, unit = split_column(monitor.sensors[j])
     sigma = float(monitor.noise.sigma[j])
-    return max(bias.prior_sigma, sigma) if bias is not None and bias.prior_sigma > 0 else JUMP_SIGMAS * sigma
+    known = monitor.engine.parameters.get(f"sensor.{name}.bias")
+    if known is not None and known.belongs_to_sensor and known.prior_sigma > 0:
+        return replace(known, prior_sigma=max(known.prior_sigma, sigma))
+    part = f"{name} sensor"
+    return Parameter(
+        f"sensor.{name}.bias",
+        "sensor",
+        0.0,
+        -np.inf,
+        np.inf,
+        JUMP_SIGMAS * sigma,
+        unit,
+        component=f"sensor.{name}",
+        quantity="bias",
+        words=f"{part} bias",
+        part=part,
+    )
 
 
 def _unit(S: np.ndarray) -> np.ndarray:
@@ -289,6 +271,8 @@ class FlightMonitor:
     _distinct: int = 0
     _copies: int = 0
     _blocks: int = 0
+    _story: FlightStory | None = None
+    _explained: int = 0
 
     def __post_init__(self) -> None:
         self.process = EProcess(unit_coordinates(self.monitor), self.false_alarm)
@@ -355,10 +339,18 @@ class FlightMonitor:
             sensors_of=len(self.monitor.sensors),
             log10_e=self.process.log_e / float(np.log(10)),
             alarm=alarm,
-            change=explain_change(self.process.pieces, self.process.coordinates) if alarm else None,
+            change=self._explain() if alarm else None,
             instruments=self._clean.instruments,
             **counts,
         )
+
+    def _explain(self) -> DetectedChange:
+        """What happened, told anew where the flight has grown enough since the last time."""
+        blocks, since = self._blocks, self._explained
+        if not since or blocks - (self.process.alarm_block or 0) <= EACH_BLOCK or blocks >= (1 + GROWTH) * since:
+            self._story = FlightStory.from_pieces(self.process.pieces, self.process.coordinates)
+            self._explained = blocks
+        return self._story.summarise() if self._story is not None else DetectedChange()
 
     @property
     def _frozen_reason(self) -> str:
@@ -506,10 +498,10 @@ class FlightMonitor:
     def _estimate(self) -> np.ndarray:
         """Change (p,) of the health parameters at which the next block is linearised; zero without an alarm."""
         shift = np.zeros(len(self.monitor.names))
-        if self.process.alarm_block is None:
+        if self._story is None:
             return shift
         a = len(self.monitor.monitored)
-        shift[:a] = posterior_change(self.process.pieces, self.process.coordinates) * self.monitor.prior_sigma[:a]
+        shift[:a] = self._story.health_change(a)
         return np.clip(self.monitor.theta0 + shift, self.monitor.lower, self.monitor.upper) - self.monitor.theta0
 
 
