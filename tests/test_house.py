@@ -79,7 +79,7 @@ VALIDATION = {name: ("validation",) for name in ("validation",)}
 LARGEST_FILE = 750
 """Lines of a file: a topic that a reader can name usually takes 150 to 600; a family of near relatives takes more."""
 
-MOST_FILES, MOST_FILES_IN_ALL = 40, 238
+MOST_FILES, MOST_FILES_IN_ALL = 40, 239
 """Files of a package, and of all packages: what a newcomer can survey."""
 
 LARGEST_SHARE_OF_IMPORTS = 0.04

@@ -12,7 +12,7 @@ with what the rest of the fleet shows of how engines wear.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -33,6 +33,8 @@ from enginediag_cli.fleets.findings import (
     IntervalEstimate,
     Margin,
 )
+from enginediag_cli.history.engines import EngineTrend
+from enginediag_cli.history.health import HealthPath
 from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.residuals.monitor import Monitor
 
@@ -132,6 +134,87 @@ class Consumption:
     by_flight: np.ndarray
     error: np.ndarray
     margin: Margin
+
+
+@dataclass(frozen=True)
+class EngineConsumption:
+    """Margin that one engine has used, by the account of its history.
+
+    used, used_error (n,): K since nominal, or since the engine's own first flights where these are the reference, at
+    each flight, with one standard error; total, total_error (n,): from nominal in any case, which is what is left of a
+    limit; margin: as of the last flight, without a forecast; course: for the forecast, None where there is none;
+    recovered: number, from 1, of the first flight after maintenance → kelvins that it gave back.
+    """
+
+    used: np.ndarray
+    used_error: np.ndarray
+    total: np.ndarray
+    total_error: np.ndarray
+    margin: Margin
+    course: MarginCourse | None = None
+    recovered: Mapping[int, IntervalEstimate] = field(default_factory=dict)
+
+
+CANNOT_TELL_WHAT = "cannot tell what changed: something that is not among the suspects"
+"""Why no health is read from a history whose change has no suspect."""
+
+
+def engine_consumption(
+    found: EngineTrend, scale: MarginScale, limits_K: Mapping[str, float], baseline: int = 0
+) -> EngineConsumption:
+    """The margin that an engine has used, from the path of its health, which `judge_history(health=True)` computes.
+
+    Errors of instruments use no margin. limits_K: temperature column → limit at the reference; baseline: first flights
+    in which nothing had begun.
+    """
+    health, epochs = found.posterior.health, found.epochs
+    unknown = np.full(found.flights, np.nan)
+    reason = scale.reason
+    if scale.column and health is None:
+        reason = "the path of its health was not computed"
+    elif scale.column and found.posterior.unlisted >= 0.5:
+        reason = CANNOT_TELL_WHAT
+    if reason or health is None:
+        none = Margin(scale.column, scale.condition, reason=reason)
+        return EngineConsumption(unknown, unknown, unknown, unknown, none)
+    slope = np.array([scale.slope.get(name, 0.0) for name in health.parameters])
+    (used, error), (total, total_error) = health.project_level(slope), health.project_level(slope, total=True)
+    limit = limits_K.get(scale.column, float("nan"))
+    gone, left = interval_estimate(used[-1], error[-1]), interval_estimate(total[-1], total_error[-1])
+    left = IntervalEstimate(*(limit - scale.nominal_K - x for x in (left.value, left.high, left.low)))
+    recovered = {}
+    for step in health.steps:
+        deviation = float(np.sqrt(max(slope @ step.covariance @ slope, 0.0)))
+        recovered[found.flight_number(step.epoch)] = interval_estimate(-float(step.change @ slope), deviation)
+    return EngineConsumption(
+        used[epochs],
+        error[epochs],
+        total[epochs],
+        total_error[epochs],
+        Margin(scale.column, scale.condition, limit, gone, left),
+        _margin_course(found, health, slope, baseline),
+        recovered,
+    )
+
+
+def interval_estimate(value: float, deviation: float) -> IntervalEstimate:
+    """A normal law's mean with its 95 % interval."""
+    half = NORMAL_95 * float(deviation)
+    return IntervalEstimate(float(value), float(value) - half, float(value) + half)
+
+
+def _margin_course(found: EngineTrend, health: HealthPath, slope: np.ndarray, baseline: int) -> MarginCourse | None:
+    """What a law of growth is fitted to: each stretch of flights by itself, since the `baseline` first flights."""
+    if len(health.knots) < 3:
+        return None
+    y, noise = health.project_stretches(slope)
+    first = np.array([found.flight_number(k) for k in health.knots], float)
+    last = np.append(first[1:] - 1, found.flights)
+    t = 0.5 * (first + last) - baseline
+    events = [found.flight_number(step.epoch) - baseline for step in health.steps]
+    steps = (t[:, None] >= np.array(events, float)).astype(float).reshape(len(t), len(events))
+    offset = float(np.sqrt(max(np.mean(noise), 0.0)))
+    return MarginCourse(t, y, noise, float(found.flights - baseline), steps, offset, RECOVERED_K)
 
 
 def margin_consumption(

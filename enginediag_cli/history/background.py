@@ -61,11 +61,9 @@ class Background:
     def from_history(history: History) -> Background:
         """With what is uncertain about nominal."""
         p = history.width
-        F, s = history.information, history.score
-        value, vector = np.linalg.eigh(F[:, p:, p:].sum(axis=0))
-        seen = value > LEAST_INFORMATION
-        U = vector[:, seen]
-        return Background(F[:, :p, :p], s[:, :p], F[:, :p, p:] @ U, np.diag(1 + value[seen]), s[:, p:].sum(axis=0) @ U)
+        F, s, U = history.information, history.score, nominal_basis(history)
+        value = np.einsum("ij,ik,kj->j", U, F[:, p:, p:].sum(axis=0), U)
+        return Background(F[:, :p, :p], s[:, :p], F[:, :p, p:] @ U, np.diag(1 + value), s[:, p:].sum(axis=0) @ U)
 
     def add_columns(self, h: np.ndarray) -> Background:
         """With columns h (T, p, c) of standard normal amount; those without information are left out."""
@@ -108,6 +106,13 @@ class Background:
         _, whitened, w = self._root
         N = inner(h, whitened)
         return inner(h, self.s[:, :, None])[:, 0] - N @ w, inner(h, self.F @ h) - N @ N.T
+
+
+def nominal_basis(history: History) -> np.ndarray:
+    """Directions (r, k) of the r unit normals that the flights know of."""
+    p = history.width
+    value, vector = np.linalg.eigh(history.information[:, p:, p:].sum(axis=0))
+    return np.asarray(vector[:, value > LEAST_INFORMATION])
 
 
 def inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -28,7 +28,7 @@ from enginediag_cli.history.background import (
 )
 from enginediag_cli.history.hypotheses import UNLISTED
 from enginediag_cli.history.posterior import ChangeEvent, HistoryPosterior, judge_history
-from enginediag_cli.history.records import History
+from enginediag_cli.history.records import History, KnownShift
 from enginediag_cli.history.shapes import FROM_START, GROWING, PULSE, STEP
 from enginediag_cli.parallel import parallel_imap
 from enginediag_cli.parameters import Parameter
@@ -231,6 +231,11 @@ class EngineTrend:
                 total[STEP] = total.get(STEP, 0.0) + total.pop(DETERIORATION)
         return total
 
+    @property
+    def epochs(self) -> np.ndarray:
+        """Epoch (n,), from 0, of each flight."""
+        return np.searchsorted(self.first, np.arange(self.flights), side="right") - 1
+
     def flight_number(self, epoch: int) -> int:
         """Number, from 1, of the first flight of an epoch."""
         return self.first[epoch] + 1
@@ -261,7 +266,12 @@ def add_shifts(history: History, course: np.ndarray, sizes: Mapping[int, float])
     information = np.empty((T, m + len(at), m + len(at)))
     information[:, :m, :m], information[:, m:, m:] = F, own
     information[:, :m, m:], information[:, m:, :m] = columns, columns.transpose(0, 2, 1)
-    return replace(history, information=information, score=np.concatenate([s, course[:, None] * s[:, at] * size], 1))
+    return replace(
+        history,
+        information=information,
+        score=np.concatenate([s, course[:, None] * s[:, at] * size], axis=1),
+        shifts=(*history.shifts, KnownShift(m - history.width, at, size, course)),
+    )
 
 
 OWN_LEVEL = 1.0
@@ -347,19 +357,25 @@ def judge_engines(
     reference: int = 0,
     sensors: bool = True,
     maintenance: Mapping[str, Sequence[int]] | None = None,
+    health: bool = False,
 ) -> Iterator[tuple[str, EngineTrend]]:
     """Engine and what is known of it, of those that have flights enough, in their order.
 
     reference: records of an engine in the first of which nothing began, 0 where nominal is the reference; sensors:
-    instruments may have changed; maintenance: of each engine the numbers, from 1, of first flights after it.
+    instruments may have changed; maintenance: of each engine the numbers, from 1, of first flights after it;
+    health: the path of health is computed, which margins need.
     """
     engines = [engine for engine, stretches in series.stretches.items() if len(stretches) >= FEWEST]
 
     def judged(k: int) -> EngineTrend:
-        engine = engines[k]
-        baseline = max(series.healthy(engine, reference), 1) if reference else 0
-        options = HistoryOptions(baseline, sensors, (maintenance or {}).get(engine, ()))
-        return judge_engine_history(sums[engine], series.parameters, options)
+        history, first = sums[engines[k]].history(series.parameters)
+        restored = np.searchsorted(first, [n - 1 for n in (maintenance or {}).get(engines[k], ())])
+        history = replace(history, maintenance=tuple(sorted({int(t) for t in restored if 0 < t < len(first)})))
+        if reference:
+            history = add_engine_level(history)
+        found = judge_history(history, sensors=sensors, health=health)
+        departures = tuple(first[t] + 1 for t in departing_epochs(history))
+        return EngineTrend(found, first, len(series.stretches[engines[k]]), departures)
 
     stories = zip(engines, parallel_imap(judged, len(engines)), strict=True)
     return each(stories, "engines judged", len(engines))

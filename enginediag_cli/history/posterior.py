@@ -35,6 +35,7 @@ from enginediag_cli.history.background import (
     marginalise_offsets,
     wander_modes,
 )
+from enginediag_cli.history.health import HealthPath, health_path
 from enginediag_cli.history.hypotheses import (
     UNLISTED,
     Event,
@@ -410,7 +411,8 @@ class HistoryPosterior:
     probability: that anything changed, or was off nominal from the first flight; events: most probable first; unlisted:
     probability that what happened is nothing that is listed; inclusion: component or instrument → probability that it
     changed; level, deviation (T, p): smooth estimate of each parameter, in its unit; offsets (p,): size of what
-    instruments are off by in single flights, in their units.
+    instruments are off by in single flights, in their units; health: of components, what is no event included, where
+    it was required.
     """
 
     flights: int
@@ -424,6 +426,7 @@ class HistoryPosterior:
     offsets: np.ndarray
     check: PredictiveCheck
     quiet: PredictiveCheck
+    health: HealthPath | None = None
 
     @property
     def changed(self) -> bool:
@@ -431,7 +434,7 @@ class HistoryPosterior:
         return self.probability >= EVENT
 
 
-def judge_history(history: History, *, sensors: bool = True) -> HistoryPosterior:
+def judge_history(history: History, *, sensors: bool = True, health: bool = False) -> HistoryPosterior:
     """What changed in a history of `FEWEST_FLIGHTS` flights at least; ValueError otherwise.
 
     Parameters
@@ -440,6 +443,8 @@ def judge_history(history: History, *, sensors: bool = True) -> HistoryPosterior
         Scores and information of each flight.
     sensors
         Whether instruments may have changed.
+    health
+        Whether the path of health is computed, which margins need.
 
     References
     ----------
@@ -475,7 +480,18 @@ def judge_history(history: History, *, sensors: bool = True) -> HistoryPosterior
         unit * np.sqrt(offsets.variance),
         check_fit(search, chosen),
         check_fit(search, ()),
+        _health(search, chosen) if health else None,
     )
+
+
+def _health(search: HistorySearch, events: Sequence[Event]) -> HealthPath:
+    """The path of health by the events that were found."""
+    none = np.zeros((len(search.history), search.history.width, 0))
+    every, wrong = (
+        np.concatenate([none, *[search.event_columns(e) for e in events if e.suspect.instrument or not alone]], axis=2)
+        for alone in (False, True)
+    )
+    return health_path(search.history, search.background, every, wrong)
 
 
 def judge_again(

@@ -20,12 +20,30 @@ LEAST_INFORMATION = 0.02
 
 
 @dataclass(frozen=True)
+class KnownShift:
+    """Parameters at `positions` (c,) that may have moved by the standard deviations `sizes` (c,), in prior ones, along
+    a course (T,), for a reason that is known and no change: the unit normals from number `first` on, from 0, among
+    those that all flights share. A course of ones is the engine's own level."""
+
+    first: int
+    positions: np.ndarray
+    sizes: np.ndarray
+    course: np.ndarray
+
+    @property
+    def constant(self) -> bool:
+        """Whether it is in all flights alike."""
+        return bool(np.all(self.course == 1.0))
+
+
+@dataclass(frozen=True)
 class History:
     """T flights in order of time.
 
     score (T, m), information (T, m, m): of the p monitored `parameters` first, then of r unit normals that all flights
     share. unit (p,): prior standard deviations, in the parameters' units. labels (T,): what the flights are called.
-    maintenance: positions of flights before which somebody worked on the engine, in rising order.
+    maintenance: positions of flights before which somebody worked on the engine, in rising order. shifts: which
+    of the unit normals move parameters for a reason that is known.
     """
 
     parameters: tuple[Parameter, ...]
@@ -34,6 +52,7 @@ class History:
     information: np.ndarray
     labels: tuple[str, ...] = ()
     maintenance: tuple[int, ...] = ()
+    shifts: tuple[KnownShift, ...] = ()
 
     def __post_init__(self) -> None:
         T, m = self.score.shape

@@ -1,0 +1,91 @@
+"""The path of health: what wear, washes and wrong instruments are for a margin."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_history import PARAMETERS, T, make_history
+
+from enginediag_cli.history.engines import add_engine_level, add_shifts
+from enginediag_cli.history.health import HealthPath
+from enginediag_cli.history.posterior import judge_history
+from enginediag_cli.history.records import History
+
+SLOPE = np.array([-20.0, -5.0, -15.0])
+"""Kelvins of margin used per unit of each health parameter: what falls uses margin."""
+
+
+def path(history: History) -> HealthPath:
+    found = judge_history(history, health=True).health
+    assert found is not None
+    return found
+
+
+def wear(size: float, onset: int = 8) -> np.ndarray:
+    change = np.zeros((T, len(PARAMETERS)))
+    change[onset:, 0] = size * np.arange(1, T - onset + 1) / (T - onset)
+    return change
+
+
+@pytest.mark.parametrize("size", [0.0, -0.05, -0.3, -1.5])
+def test_margin_used_is_slope_times_health_within_its_interval(size: float) -> None:
+    inside = []
+    for seed in range(12):
+        found = path(make_history(np.random.default_rng([seed, 5]), wear(size)))
+        used, error = found.project_level(SLOPE)
+        inside.append(abs(used[-1] - SLOPE[0] * size) < 1.96 * error[-1])
+        assert error[-1] < 3.0
+    assert sum(inside) >= 9  # of twelve at 95 %: fewer have a chance of 1 in 5000
+
+
+def test_an_error_of_a_sensor_uses_no_margin() -> None:
+    change = np.zeros((T, len(PARAMETERS)))
+    change[8:, 4] = 3.0 * np.arange(1, T - 7) / (T - 8)
+    found = path(make_history(np.random.default_rng([1, 6]), change))
+    used, error = found.project_level(SLOPE)
+    assert np.all(np.abs(used) < 2.5 * error) and error.max() < 3.0
+    each, covariance = found.project_stretches(SLOPE)
+    assert np.all(np.abs(each) < 4.0 * np.sqrt(np.diag(covariance)))
+
+
+def test_maintenance_gives_back_what_it_restored() -> None:
+    change = wear(-1.0, 2)
+    change[14:, 0] += 0.6
+    history = replace(make_history(np.random.default_rng([2, 7]), change), maintenance=(14,))
+    (step,) = path(history).steps
+    assert step.epoch == 14
+    assert step.before[0] == pytest.approx(change[13, 0], abs=4 * 0.05)
+    gained, error = step.change @ SLOPE, np.sqrt(SLOPE @ step.covariance @ SLOPE)
+    assert abs(gained - SLOPE[0] * (change[14, 0] - change[13, 0])) < 2.5 * error
+
+
+def test_stretches_are_the_flights_without_a_prior_of_the_course() -> None:
+    found = path(make_history(np.random.default_rng([3, 8]), wear(-1.0)))
+    each, covariance = found.project_stretches(SLOPE)
+    truth = SLOPE[0] * wear(-1.0)[found.knots, 0]
+    off = each - truth
+    assert off @ np.linalg.solve(covariance, off) < 60.0  # χ² of 24
+
+
+def test_the_total_has_the_level_that_the_engine_had_from_the_first_flight() -> None:
+    change = wear(-1.0)
+    change[:, 0] -= 0.4
+    history = make_history(np.random.default_rng([4, 9]), change)
+    found = path(add_engine_level(history))
+    used, error = found.project_level(SLOPE)
+    total, whole_error = found.project_level(SLOPE, total=True)
+    assert abs(used[-1] - 20.0) < 2.5 * error[-1]
+    assert abs(total[-1] - 28.0) < 2.5 * whole_error[-1] < 20.0  # its instruments may be wrong from the start, too
+
+
+def test_what_is_known_to_have_moved_is_in_what_maintenance_brought() -> None:
+    change = wear(-0.6, 2)
+    change[14:, 0] += 0.5
+    history = replace(make_history(np.random.default_rng([5, 10]), change), maintenance=(14,))
+    moved = add_shifts(add_engine_level(history), (np.arange(T) >= 14).astype(float), {0: 0.5, 1: 0.5})
+    (step,) = path(moved).steps
+    gained, error = step.change @ SLOPE, np.sqrt(SLOPE @ step.covariance @ SLOPE)
+    assert gained < -3.0 * error
+    assert abs(gained - SLOPE[0] * (change[14, 0] - change[13, 0])) < 2.5 * error
