@@ -80,6 +80,9 @@ CLIMBED, CLIMBED_SHARE = 12.0, 0.6
 step that is looked at two flights beside its onset loses a part of what it explains, not all."""
 NEAR = 4
 """Times `REACH` to either side of a plain event's onset to which onsets are looked at with its course in doubt."""
+QUIET = -2.5
+"""Log odds of a first change below which nothing is looked at more closely: neither onsets flight by flight, nor more
+wander, make up for them."""
 RIVAL = 10.0
 """Nats below the best beyond which another amount of wander, or another set of the beam, is not followed."""
 TINY = 1e-12
@@ -172,6 +175,8 @@ class HistorySearch:
         """The scan with onsets and ends looked at flight by flight where it matters: each kind of shape is climbed to
         its likeliest ones, then the cells of the likeliest shapes of all are opened."""
         T, maintenance = len(self.history), self.history.maintenance
+        if scan.log_odds < QUIET:
+            return scan
         for _ in range(ROUNDS):
             beside = neighbours(scan.shapes, _tops(scan), T, maintenance)
             if beside is None:
@@ -306,6 +311,8 @@ def weigh_wander(history: History, suspects: Sequence[Suspect]) -> list[WanderCh
         first = search.scan(())
         log = np.log(prior) + search.background.log_evidence + np.logaddexp(0.0, first.log_odds)
         found.append(WanderChoice(multiple, search, first, float(log)))
+        if first.log_odds < QUIET:
+            break
     return found
 
 

@@ -270,7 +270,8 @@ class LocalStatistics:
     @property
     def monitored(self) -> tuple[str, ...]:
         """Parameters that may have changed."""
-        return tuple(name for name in self.parameters if name not in {*self.common, *self.own})
+        nuisance = {*self.common, *self.own}
+        return tuple(name for name in self.parameters if name not in nuisance)
 
     def unexcited(self, least_information: float = 1.0) -> tuple[UnexcitedCombination, ...]:
         """Combinations of parameters that these operating points contain less about than the prior does."""
