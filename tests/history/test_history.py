@@ -91,7 +91,8 @@ def test_the_sign_of_wear_counts_as_its_share_of_the_integral() -> None:
         assert falls.log[0, k] - free.log[0, k] == pytest.approx(np.log(factor), abs=0.02)
 
 
-def test_low_rank_is_the_dense_answer() -> None:
+def test_low_rank_is_the_dense_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("enginediag_cli.history.background.LEAST_INFORMATION", 1e-12)
     history = make_history(np.random.default_rng(5))
     p, r = history.width, history.score.shape[1] - history.width
     background = add_wander(Background.from_history(history), history, 4.0)
@@ -116,8 +117,8 @@ def test_low_rank_is_the_dense_answer() -> None:
     b, M = background.project(g)
     for k in range(2):
         X = np.kron(g[k][:, None], np.eye(p))
-        np.testing.assert_allclose(b[k], X.T @ right, rtol=2e-2, atol=2e-2 * np.abs(b[k]).max())
-        np.testing.assert_allclose(M[k], X.T @ whole @ X, rtol=2e-2, atol=2e-2 * np.abs(M[k]).max())
+        np.testing.assert_allclose(b[k], X.T @ right, rtol=1e-6, atol=1e-6 * np.abs(b[k]).max())
+        np.testing.assert_allclose(M[k], X.T @ whole @ X, rtol=1e-6, atol=1e-6 * np.abs(M[k]).max())
 
 
 def test_offsets_of_flights_are_learnt_and_counted_as_noise() -> None:
