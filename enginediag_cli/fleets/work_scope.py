@@ -12,6 +12,11 @@ given power,
 
 positive where restoring lowers y; C the posterior covariance of δ. Both terms are solutions of the engine, and g their
 exact derivatives.
+
+Power, torque or thrust available at a limit. A limit of a temperature, a speed, a torque holds y(p, θ) = y*; the
+limit that binds is the one that the least power setting p reaches, and there F is available, with
+
+    dF/dθ = ∂F/∂θ − (∂F/∂p) (∂y/∂p)⁻¹ ∂y/∂θ
 """
 
 from __future__ import annotations
@@ -25,6 +30,7 @@ import numpy as np
 from enginediag_cli.engine.components.combustion import Burner
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.start import correction, total_ratios
+from enginediag_cli.engine.strategy import Prediction
 from enginediag_cli.history.posterior import ChangeEvent
 from enginediag_cli.isolation.diagnosis import infer_components
 from enginediag_cli.isolation.posterior import SetInference
@@ -93,7 +99,7 @@ def choose_reference(engine: Engine, base: Mapping[str, float], recorded: Mappin
     if held is None or fuel is None:
         return None
     values = {n: v for n, v in base.items() if n in engine.parameters}
-    behind, hot = f"T{engine.network.last_turbine_exit}_K", _hot_sensors(engine)
+    behind, hot = f"T{engine.network.last_turbine_exit}_K", hot_sensors(engine)
     for words, inputs in _candidates(engine, recorded):
         answer = engine.predict(inputs, values, sensors=(held, fuel, *hot))
         if answer.ok[0] and answer.y[0, 0] > 0:
@@ -104,7 +110,7 @@ def choose_reference(engine: Engine, base: Mapping[str, float], recorded: Mappin
 
 def _candidates(engine: Engine, recorded: Mapping[str, float]) -> Iterator[tuple[str, dict[str, float]]]:
     """Operating points that may serve, the best first: words, and all inputs of the engine."""
-    condition, network = _design_condition(engine), engine.network
+    condition, network = design_condition(engine), engine.network
     if condition is not None:
         known = {**engine.optional_inputs, **condition}
         setting = np.asarray(network.design_setting * correction(network.power_setting, *total_ratios(known)), float)
@@ -118,7 +124,7 @@ def _candidates(engine: Engine, recorded: Mapping[str, float]) -> Iterator[tuple
         yield RECORDED, {c: recorded[c] for c in engine.inputs}
 
 
-def _design_condition(engine: Engine) -> dict[str, float] | None:
+def design_condition(engine: Engine) -> dict[str, float] | None:
     """Inputs but the power setting at the design point; None where one of them has no value there."""
     network, found = engine.network, {}
     for column in engine.inputs:
@@ -133,7 +139,7 @@ def _design_condition(engine: Engine) -> dict[str, float] | None:
     return found
 
 
-def _hot_sensors(engine: Engine) -> tuple[str, ...]:
+def hot_sensors(engine: Engine) -> tuple[str, ...]:
     """Sensors that read temperatures behind the burner."""
     hot: set[str] = set()
     behind = False
@@ -210,6 +216,164 @@ def solve_equal_power(
         setting = setting + np.clip(step, -LONGEST * np.abs(setting), LONGEST * np.abs(setting))
         start = found.x
     raise PowerNotHeldError(f"{reference.fixed_column} of the healthy engine is not reached")
+
+
+@dataclass(frozen=True)
+class AvailablePower:
+    """Thrust or power `column` that N states of an engine deliver at the first limit that binds: value (N,) in the
+    column's unit, NaN where it is not known; slopes (N, k): its derivatives by parameters; setting (N,): the power
+    setting; limited_by (N,): column of the limit, "" where none is known; reason: why some are unknown."""
+
+    column: str
+    value: np.ndarray
+    slopes: np.ndarray
+    setting: np.ndarray
+    limited_by: tuple[str, ...]
+    reason: str = ""
+
+
+OVER = 1e-6
+"""Relative excess over a limit that is the solution's error."""
+
+
+def solve_at_limits(
+    engine: Engine,
+    inputs: Mapping[str, float],
+    base: Mapping[str, float],
+    names: Sequence[str],
+    changes: np.ndarray,
+    limits: Mapping[str, float],
+) -> AvailablePower:
+    """What the states base + changes (N, k) of the parameters `names` deliver at the limits.
+
+    Parameters
+    ----------
+    engine : Engine
+        Model of the engine.
+    inputs : mapping of str to float
+        Operating condition, and the power setting to begin with.
+    base : mapping of str to float
+        Parameters of the healthy engine.
+    names : sequence of str
+        Parameters that have changed.
+    changes : ndarray of shape (N, k)
+        By how much, in their units.
+    limits : mapping of str to float
+        Column of the model, or the power setting → its limit, in the column's unit.
+
+    Returns
+    -------
+    AvailablePower
+
+    Raises
+    ------
+    PowerNotHeldError
+        Where the engine gives neither thrust nor power.
+    """
+    delivered = next((c for c in (POWER, THRUST) if c in engine.model_columns), None)
+    if delivered is None:
+        raise PowerNotHeldError("the engine gives neither thrust nor power")
+    values = {n: v for n, v in base.items() if n in engine.parameters}
+    nominal = np.array([values.get(n, engine.parameters[n].nominal) for n in names])
+    theta = {**values, **{n: nominal[i] + changes[:, i] for i, n in enumerate(names)}}
+    query = _LimitQuery(engine, inputs, theta, tuple(names), delivered, len(changes))
+    found = {column: query.solve(column, limit) for column, limit in limits.items()}
+    settings = np.stack([x.setting for x in found.values()])
+    known = np.isfinite(settings)
+    first = np.argmin(np.where(known, settings, np.inf), axis=0)
+    state = np.arange(len(changes))
+    setting = settings[first, state]
+    value = np.stack([x.value for x in found.values()])[first, state]
+    slopes = np.stack([x.slopes for x in found.values()])[first, state]
+    over = query.exceeds(setting, limits)
+    good = known.any(axis=0) & ~over
+    columns = tuple(limits)
+    reasons = [x.reason for x in found.values() if x.reason]
+    return AvailablePower(
+        delivered,
+        np.where(good, value, np.nan),
+        np.where(good[:, None], slopes, np.nan),
+        np.where(good, setting, np.nan),
+        tuple(columns[k] if ok else "" for k, ok in zip(first, good, strict=True)),
+        "" if good.all() else reasons[0] if reasons else "another limit is exceeded there",
+    )
+
+
+@dataclass(frozen=True)
+class _AtLimit:
+    """What N states deliver at one limit: setting, value (N,), slopes (N, k), NaN where it is not reached."""
+
+    setting: np.ndarray
+    value: np.ndarray
+    slopes: np.ndarray
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class _LimitQuery:
+    """N states theta of an engine at one operating condition."""
+
+    engine: Engine
+    inputs: Mapping[str, float]
+    theta: Mapping[str, Any]
+    names: tuple[str, ...]
+    delivered: str
+    size: int
+
+    def predict(self, setting: np.ndarray, columns: tuple[str, ...], start: np.ndarray | None = None) -> Prediction:
+        """Columns of all states at power settings (N,), with derivatives by the parameters and the setting."""
+        held = self.engine.power_setting
+        inputs = {**{c: np.full(self.size, v) for c, v in self.inputs.items()}, held: setting}
+        return self.engine.predict(inputs, self.theta, sensors=columns, wrt=(*self.names, held), start=start)
+
+    def exceeds(self, setting: np.ndarray, limits: Mapping[str, float]) -> np.ndarray:
+        """States (N,) that exceed some limit at power settings (N,)."""
+        columns = tuple(c for c in limits if c != self.engine.power_setting)
+        over = np.zeros(self.size, bool)
+        for c in limits:
+            if c == self.engine.power_setting:
+                over |= setting > limits[c] * (1 + OVER)
+        if columns:
+            y = self.predict(np.nan_to_num(setting, nan=self.inputs[self.engine.power_setting]), columns).y
+            over |= np.any(y > np.array([limits[c] for c in columns]) * (1 + OVER), axis=1)
+        return over
+
+    def solve(self, column: str, limit: float) -> _AtLimit:
+        """The power setting at which each state reaches one limit, by Newton steps that go back by half where the
+        engine cannot be computed."""
+        k = len(self.names)
+        if column == self.engine.power_setting:
+            found = self.predict(np.full(self.size, limit), (self.delivered,))
+            reached = found.ok
+            setting, value, slopes = np.full(self.size, limit), found.y[:, 0], found.jacobian[:, 0, :k]
+        else:
+            setting, reached, found = self._newton(column, limit)
+            value, J = found.y[:, 1], found.jacobian
+            with np.errstate(divide="ignore", invalid="ignore"):
+                slopes = J[:, 1, :k] - J[:, 1, k:] * J[:, 0, :k] / J[:, 0, k:]
+        return _AtLimit(
+            np.where(reached, setting, np.nan),
+            np.where(reached, value, np.nan),
+            np.where(reached[:, None], slopes, np.nan),
+            "" if reached.all() else f"{column} does not reach {limit:g} in the range of the model",
+        )
+
+    def _newton(self, column: str, limit: float) -> tuple[np.ndarray, np.ndarray, Prediction]:
+        k = len(self.names)
+        setting = np.full(self.size, float(self.inputs[self.engine.power_setting]))
+        good = setting.copy()
+        for _ in range(2 * STEPS):
+            found = self.predict(setting, (column, self.delivered))
+            left, slope = found.y[:, 0] / limit - 1.0, found.jacobian[:, 0, k]
+            reached = found.ok & (np.abs(left) < SETTLED) & (slope > 0)
+            lost = ~found.ok | ~(slope > 0)
+            if np.all(reached):
+                break
+            good = np.where(lost, good, setting)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                step = np.nan_to_num(np.clip(-left * limit / slope / setting, -LONGEST, LONGEST))
+            setting = np.where(reached, setting, np.where(lost, 0.5 * (setting + good), setting * (1 + step)))
+        return setting, reached, found
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,72 @@
+"""What a worn engine delivers at a limit: the same as a direct solution of the engine there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from small_fleet import SHIPPED
+
+from enginediag_cli.engine.engine import Engine
+from enginediag_cli.fleets.work_scope import solve_at_limits
+from enginediag_cli.physics.engine_file import load_engine
+
+CONDITION = {"altitude_m": 1200.0, "mach": 0.0, "dT_isa_K": 20.0, "N2_rpm": 20900.0}
+NAMES = ("compressor.efficiency", "gas_generator_turbine.efficiency")
+WORN = np.array([[0.0, 0.0], [-0.03, 0.0], [-0.02, -0.02]])
+
+
+@pytest.fixture(scope="module")
+def engine() -> Engine:
+    return load_engine(SHIPPED / "turboshaft.yaml")
+
+
+def state(engine: Engine, change: np.ndarray, setting: float, *columns: str) -> np.ndarray:
+    """The engine with that wear, computed directly."""
+    wear = {name: 1.0 + d for name, d in zip(NAMES, change, strict=True)}
+    found = engine.predict({**CONDITION, engine.power_setting: setting}, wear, sensors=columns)
+    assert found.ok[0]
+    return found.y[0]
+
+
+def test_the_power_at_a_temperature_is_that_of_the_engine_which_has_it(engine: Engine) -> None:
+    inputs = {**CONDITION, "N1_rpm": 43000.0}
+    found = solve_at_limits(engine, inputs, {}, NAMES, WORN, {"T45_K": 1120.0})
+    for k, change in enumerate(WORN):
+        T45, power = state(engine, change, found.setting[k], "T45_K", "power_W")
+        assert T45 == pytest.approx(1120.0, rel=1e-8)
+        assert found.value[k] == pytest.approx(power, rel=1e-9)
+    assert found.column == "power_W" and set(found.limited_by) == {"T45_K"}
+    assert found.value[0] > found.value[1] > found.value[2]
+    assert found.value[1] < 0.95 * found.value[0]
+
+
+def test_its_derivative_is_the_difference_of_two_solutions(engine: Engine) -> None:
+    step, inputs = 1e-4, {**CONDITION, "N1_rpm": 43000.0}
+    near = np.array([[-0.02, -0.01], [-0.02 + step, -0.01], [-0.02, -0.01 + step]])
+    found = solve_at_limits(engine, inputs, {}, NAMES, near, {"T45_K": 1120.0})
+    for k in (0, 1):
+        assert (found.value[k + 1] - found.value[0]) / step == pytest.approx(found.slopes[0, k], rel=1e-2)
+
+
+def test_the_first_limit_binds_and_no_other_is_exceeded(engine: Engine) -> None:
+    limits = {"T45_K": 1120.0, "gearbox_torque_N_m": 480.0, "N1_rpm": 46500.0}
+    found = solve_at_limits(engine, {**CONDITION, "N1_rpm": 43000.0}, {}, NAMES, WORN, limits)
+    for k, change in enumerate(WORN):
+        T45, torque = state(engine, change, found.setting[k], "T45_K", "gearbox_torque_N_m")
+        assert T45 <= 1120.0 * (1 + 1e-8) and torque <= 480.0 * (1 + 1e-8) and found.setting[k] <= 46500.0
+        reached = {"T45_K": T45 / 1120.0, "gearbox_torque_N_m": torque / 480.0, "N1_rpm": found.setting[k] / 46500.0}
+        assert reached[found.limited_by[k]] == pytest.approx(1.0, rel=1e-8)
+    assert len(set(found.limited_by)) > 1  # wear makes another one bind
+
+
+def test_a_limit_beyond_the_model_is_unknown_with_the_reason(engine: Engine) -> None:
+    found = solve_at_limits(engine, {**CONDITION, "N1_rpm": 43000.0}, {}, NAMES, WORN, {"T45_K": 3000.0})
+    assert np.all(np.isnan(found.value)) and "T45_K does not reach 3000" in found.reason
+
+
+def test_thrust_is_what_an_engine_without_a_load_delivers() -> None:
+    turbofan = load_engine(SHIPPED / "turbofan.yaml")
+    inputs = {"altitude_m": 0.0, "mach": 0.2, "dT_isa_K": 15.0, "Wf_kg_s": 2.3}
+    worn = np.array([[0.0], [-0.02]])
+    found = solve_at_limits(turbofan, inputs, {}, ("hpc.efficiency",), worn, {"T45_K": 1230.0, "N2_rpm": 11000.0})
+    assert found.column == "Fn_N" and np.all(np.diff(found.value) < 0)
