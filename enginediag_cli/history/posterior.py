@@ -81,6 +81,9 @@ OPENED, OPENED_SHARE, ROUNDS = 12, 1e-4, 6
 CLIMBED, CLIMBED_SHARE = 12.0, 0.6
 """Nats below the best, and share of its log odds, to which a kind of shape is climbed to its likeliest onset and end: a
 step that is looked at two flights beside its onset loses a part of what it explains, not all."""
+QUIET = -2.5
+"""Log odds of a first change below which nothing is looked at more closely: neither onsets flight by flight, nor more
+wander, make up for them."""
 RIVAL = 10.0
 """Nats below the best beyond which another amount of wander, or another set of the beam, is not followed."""
 TINY = 1e-12
