@@ -266,12 +266,12 @@ def pattern_shapes(
     g, log, who = g[kept], log[kept], np.array(owner)[kept]
     if not len(g):
         return None
-    K = len(g)
+    count = len(g)
     prior = np.log([[COMPONENT_PRIOR[INTERMITTENT]], [INSTRUMENT_PRIOR[INTERMITTENT]]]) + log
     first = g.argmax(axis=1)
-    ones = np.ones((K, 2), int)
+    none, ones = np.zeros(count), np.ones((count, 2), int)
     table = ShapeTable(
-        g, np.full(K, KINDS.index(INTERMITTENT)), first, np.full(K, flights), np.zeros(K), np.zeros(K), ones, prior
+        g, np.full(count, KINDS.index(INTERMITTENT)), first, np.full(count, flights), none, none, ones, prior
     )
     return table, who
 

@@ -516,7 +516,7 @@ def _health(search: HistorySearch, events: Sequence[Event]) -> HealthPath:
     """The path of health by the events that were found."""
     none = np.zeros((len(search.history), search.history.width, 0))
     every, wrong = (
-        np.concatenate([none, *[search.event_columns(e) for e in events if e.suspect.instrument or not alone]], axis=2)
+        np.concatenate([none, *[search.event_columns(e)[0] for e in events if e.suspect.instrument or not alone]], 2)
         for alone in (False, True)
     )
     return health_path(search.history, search.background, every, wrong)
