@@ -4,7 +4,6 @@ It reads the statistics of windows (`residuals.windows.WindowStatistics`), or th
 recorded, and gives a `Verdict`, an e-value with a false-alarm probability that holds for the whole flight, or the
 forecast of a margin.
 
-Open first: `verdict` (the test of one window), `sequential` (e-values over records and over flights), `series` (flights
-of an engine in order), `wander` (scatter between flights), `follow` (a flight while it is recorded), `forecast` (when a
-margin is used up).
+Open first: `verdict` (the test of one window), `sequential` (e-values over the records of a flight), `series` (flights
+of an engine in order), `follow` (a flight while it is recorded), `forecast` (when a margin is used up).
 """

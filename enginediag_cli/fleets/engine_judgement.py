@@ -1,27 +1,23 @@
 """The judgement of one engine: whether it has changed, since when, in what, and how far towards its limit.
 
-An engine that is flagged is isolated as `trend` does it, for its events.
+What changed is what the account of its history says, the one that `trend` shows (`history.engines`), the engine's first
+flights being its reference:
 
-The baseline is tested for a drift: an engine that wears during its baseline is compared with its own wear, and no later
-change is significant.
-
-Per reading j, with r its deviations (conditions taken out) over the b flights of the baseline and t = 1 … b,
-
-    T_j = Σ (t − t̄) r_j / (Σ (t − t̄)²)^½ ,      T_j² / S_jj ~ F(1, ν)
-
-where S is the scatter from one flight to the next, which a slow course hardly changes, of ν differences; the smallest p
-of m readings is taken m times.
+    an event that came while it flew     changed; its suspect is named, or those that are indistinguishable
+    nothing that is listed               changed; cannot tell what
+    off nominal from the first flight    no verdict: there is no healthy state to compare with
+    single flights that differ           no verdict
+    too few flights to show a change     no verdict
+    otherwise                            healthy
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import stdtr
 
-from enginediag_cli.detection.sequential import EPath, SuspectDirections, e_path, onset_posterior
 from enginediag_cli.detection.series import FEWEST, Series
 from enginediag_cli.fleets.findings import (
     CHANGED,
@@ -53,116 +49,29 @@ from enginediag_cli.fleets.margin import (
     margin_consumption,
     margin_scale,
 )
-from enginediag_cli.isolation.events import SeriesDiagnosis
+from enginediag_cli.history.engines import DETERIORATION, EngineTrend, HistoryOptions, judge_engine_history
+from enginediag_cli.history.posterior import EVENT, ChangeEvent, HistoryChange
+from enginediag_cli.history.shapes import FROM_START
 from enginediag_cli.isolation.prior import SetPrior
-from enginediag_cli.isolation.timeline import FLEET_EPOCHS, TrendOptions, judge_series
+from enginediag_cli.parameters import Parameter
 from enginediag_cli.probability import NORMAL_95
 
-
-def isolate_history(
-    flights: EngineFlights, series: Series, settings: FleetSettings, history: EngineHistory
-) -> SeriesDiagnosis:
-    """What changed, and when; steps at maintenance are conditions like the weather, so that the events found began
-    between them."""
-    readings = flights.readings
-    if flights.steps.shape[1]:
-        centred = flights.steps - flights.steps.mean(axis=0)
-        columns = centred / centred.std(axis=0)
-        readings = replace(readings, weather=np.concatenate([readings.weather, columns], axis=1))
-    options = TrendOptions(
-        healthy=history.baseline, sensors=settings.sensors, generic=settings.generic, governed=series.power_errors
-    )
-    return judge_series(readings.merge_epochs(FLEET_EPOCHS), series.parameters, options)
-
-
-def apply_diagnosis(
-    health: Sequence[HealthRow], story: SeriesDiagnosis, history: EngineHistory
-) -> tuple[HealthRow, ...]:
-    """The rows with kind, onset and probability as isolated."""
-    return tuple(_apply_to_row(row, story, history) for row in health)
-
-
-def change_probabilities(story: SeriesDiagnosis, parameters: Sequence[str]) -> dict[int, float]:
-    """Of each parameter, by position, the probability that it changed in one of the events."""
-    found: dict[int, float] = {}
-    for event in story.events:
-        for member in event.members:
-            for name, inclusion in zip(member.parameters, member.inclusion, strict=True):
-                i = parameters.index(name)
-                found[i] = max(found.get(i, 0.0), event.probability * member.probability * inclusion)
-    return found
-
-
-def _apply_to_row(row: HealthRow, story: SeriesDiagnosis, history: EngineHistory) -> HealthRow:
-    told = replace(
-        row,
-        kind="steady",
-        probability=story.inclusion.get(row.component, 0.0) if not story.events else 0.0,
-        onset=0,
-        onset_low=0,
-        onset_high=0,
-        onset_flight="",
-        rate_per_flight=IntervalEstimate(),
-    )
-    for event in story.events:
-        for member in event.members:
-            if row.parameter not in member.parameters:
-                continue
-            chance = event.probability * member.probability * member.inclusion[member.parameters.index(row.parameter)]
-            if chance > told.probability:
-                told = replace(
-                    told,
-                    kind=event.kind,
-                    probability=chance,
-                    onset=event.onset,
-                    onset_low=event.low,
-                    onset_high=event.high,
-                    onset_flight=history.stretches[event.onset - 1].window.flight,
-                )
-    if told.kind == "deterioration":
-        span = max(story.flights - told.onset, 1)
-        c = told.change
-        told = replace(told, rate_per_flight=IntervalEstimate(c.value / span, c.low / span, c.high / span))
-    return told
-
-
-MOVES = 0.01
-"""Probability from which on a baseline that stands still is taken for one that moves: of a hundred healthy engines one
-gets no verdict for it."""
-
-
-def p_steady_baseline(flights: EngineFlights, course: HealthCourse) -> float:
-    """Probability that a baseline which stands still has as much of a course; NaN of fewer than three flights."""
-    b = flights.baseline
-    if b < 3:
-        return float("nan")
-    r = (flights.z - condition_effects(flights, course))[:b]
-    t = np.arange(b) - 0.5 * (b - 1)
-    contrast = t @ r / np.sqrt(t @ t)
-    size = np.abs(contrast) / np.sqrt(np.diag(course.scatter))
-    p = 2.0 * stdtr(max(len(flights) - 1, 1), -size)
-    return float(min(1.0, len(p) * p.min()))
-
-
-BELIEVED = 0.1
-"""Prior probability that an engine has changed. Judgement."""
-SUSPECTED = 0.5
-"""Probability from which an instrument is taken for the one that changed, so that no health is read from it, and from
-which what changed is not listed."""
 LAST = 10
 """Flights at the end that say what an engine has come to, for what a fleet has in common."""
-PLAUSIBLE = 2.0
-"""Change, in prior standard deviations, which an engine that is called healthy must have been able to show."""
+VISIBLE = 30.0
+"""Squared standard deviations by which a plausible change must stand out where an engine is called healthy: of these a
+tenth less than twenty goes on the prior of one suspect, shape and onset, the rest is what chance may take away."""
+POSSIBLE = 0.05
+"""Probability from which something that may have changed is listed, where nothing is named."""
 
 
 @dataclass(frozen=True)
-class _EngineState:
-    """What is known of an engine when its rows are made."""
+class _JudgedFlights:
+    """What is known of an engine when its rows are made; parameters: of the account, in its order."""
 
+    trend: EngineTrend
+    parameters: tuple[Parameter, ...]
     flights: EngineFlights
-    suspects: SuspectDirections
-    members: Sequence[tuple[int, ...]]
-    path: EPath
     course: HealthCourse
 
 
@@ -178,7 +87,7 @@ def judge_engine(
     series : Series
         Meaning of its parameters, and its monitor.
     settings : FleetSettings
-        Levels of the tests, and how thorough the judgement is.
+        What may have changed, and the limits.
     scale : MarginScale, optional
         What a change of health means for the margin; `margin_scale` computes it once for all engines of a series.
 
@@ -202,123 +111,160 @@ def judge_engine(
     flights = engine_flights(current, series)
     if len(flights) - flights.baseline < FEWEST:
         return replace(nothing, reason="too few flights determine all readings")
-    found, story = _engine_state(flights, current, series, settings)
-    log_e, chance = found.path.log_e, _change_probability(found.path.log_e[-1])
-    verdict, reason = _verdict(found, settings)
-    flagged = verdict == CHANGED or _is_discovery(found.path, settings)
+    found = _judge_flights(flights, current, series, settings)
+    verdict, reason = _verdict(found, current.baseline)
+    unknown = _unknown_health(found)
     used = margin_consumption(flights, found.course, margin_scale(series) if scale is None else scale, settings)
-    since = (0, 0, 0)
-    if settings.onsets and (flagged or chance >= SUSPECTED):
-        since = _onset_interval(onset_posterior(flights.rows(), found.suspects, flights.baseline), flights)
-    health = _health_rows(found, chance, since, current)
-    best, low, high = since if flagged else (0, 0, 0)
-    if story is not None:
-        health = apply_diagnosis(health, story, current)
-    if earlier:
-        health = tuple(_shift_onset(row, earlier) for row in health)
-    unlisted, why = _unlisted_reason(found, health, story)
-    if why:
-        health = tuple(_clear_onset(row, 1.0 - unlisted) for row in health)
+    began = min(found.trend.changes, key=lambda event: event.onset, default=None)
+    since = (0, 0, 0) if began is None else _onset_numbers(began, found.trend)
+    best, low, high = since
     return replace(
         nothing,
         verdict=verdict,
-        reason="; ".join(filter(None, [reason, why])),
-        unlisted=unlisted,
-        log10_e=float(log_e[-1] / np.log(10)),
+        reason="; ".join(dict.fromkeys(filter(None, [reason, unknown]))),
+        unlisted=found.trend.posterior.unlisted,
+        probability=found.trend.probability,
         since=best + earlier if best else 0,
         since_low=low + earlier if best else 0,
         since_high=high + earlier if best else 0,
         since_flight=current.stretches[best - 1].window.flight if best else "",
-        severity=IntervalEstimate() if why else engine_severity(used, found.course),
+        severity=IntervalEstimate() if unknown else engine_severity(used, found.course),
         severity_unit="K" if used.margin.column else "sigma",
-        health=health,
-        by_flight=_flight_rows(found, used, settings, current, earlier, verdict),
+        health=tuple(_health_rows(found, current, earlier)),
+        by_flight=_flight_rows(found, used, current, earlier, (verdict, best)),
         events=_event_rows(found, used, history, earlier),
-        margin=_unknown_margin(used.margin, why) if why else used.margin,
+        margin=_unknown_margin(used.margin, unknown) if unknown else used.margin,
         state=_final_readings(found),
         event_changes=_event_changes(flights, found.course, history),
     )
 
 
-def _engine_state(
+def _judge_flights(
     flights: EngineFlights, current: EngineHistory, series: Series, settings: FleetSettings
-) -> tuple[_EngineState, SeriesDiagnosis | None]:
-    """E-value and course of health of the engine; the events of its series where it is flagged and judged thoroughly.
-
-    The course leaves out the instruments that are taken for what changed.
-    """
-    suspects, members = flights.suspects(settings.sensors)
-    path = e_path(flights.rows(), suspects, flights.baseline)
-    is_isolated = settings.thorough and _is_discovery(path, settings)
-    story = isolate_history(flights, series, settings, current) if is_isolated else None
-    if story is None:
-        chance = _change_probability(path.log_e[-1])
-        changed = {i: w * chance for i, w in _parameter_weights(path, members).items()}
-    else:
-        changed = change_probabilities(story, [p.name for p in flights.described])
+) -> _JudgedFlights:
+    """The account of the history, in which maintenance is a known move of what it may have moved, and the course of
+    health, which leaves out the instruments that have changed."""
     compressors = washable_components(series)
     moved = [movable_parameters(e, flights.described, compressors) for e in flights.events]
-    course = fit_course(flights, moved, _faulty_instruments(flights, changed))
-    return _EngineState(flights, suspects, members, path, course), story
+    numbers = [event_number(e, current) + 1 for e in flights.events]
+    shifts = [
+        (number, {flights.described[i].name: size for i, size in own.items()})
+        for number, own in zip(numbers, moved, strict=True)
+    ]
+    options = HistoryOptions(current.baseline, settings.sensors, numbers, shifts)
+    trend = judge_engine_history(current.sums, series.parameters, options)
+    wrong = {part.name for event in trend.changes for part in _likeliest_form(event) if event.instrument}
+    faulty = [i for i, p in enumerate(flights.described) if p.name in wrong]
+    parameters = tuple(series.parameters[name] for name in trend.posterior.parameters)
+    return _JudgedFlights(trend, parameters, flights, fit_course(flights, moved, faulty))
 
 
-def _is_discovery(path: EPath, settings: FleetSettings) -> bool:
-    """Whether the evidence now, of this engine alone, reaches the false discovery rate of the fleet."""
-    return bool(path.log_e[-1] >= -np.log(settings.false_discovery))
+def _likeliest_form(event: ChangeEvent) -> tuple[HistoryChange, ...]:
+    """The parts of an event; of an instrument the likeliest of its forms of error, which exclude each other."""
+    return (max(event.changes, key=lambda x: x.probability),) if event.instrument and event.changes else event.changes
+
+
+def _verdict(found: _JudgedFlights, baseline: int) -> tuple[str, str]:
+    """The verdict, and what has to be said with it."""
+    trend = found.trend
+    if trend.changes:
+        return CHANGED, "; ".join(_ambiguity_words(event) for event in trend.changes if len(event.group) > 1)
+    if trend.differs_from_start:
+        names = ", ".join(event.group[0] for event in trend.events)
+        what = f" ({names})" if names else ""
+        return NO_VERDICT, f"differs from nominal from its first flight on{what}: no healthy state to compare with"
+    if trend.posterior.changed:
+        likely = [f"{n} ({p:.2g})" for n, p in _ranked(trend.posterior.inclusion) if p >= POSSIBLE]
+        return CHANGED, f"cannot tell what changed: {' or '.join(likely) or 'something that is not among the suspects'}"
+    if trend.departures:
+        count, first = len(trend.departures), trend.departures[0]
+        told = f"{count} of its {trend.flights} flights differ from the others for certain, number {first} first"
+        return NO_VERDICT, f"{told}, and no change explains them"
+    if trend.visible < VISIBLE:
+        n, m = trend.flights - baseline, found.flights.z.shape[1]
+        return NO_VERDICT, f"a baseline of {baseline} flights and {n} after it cannot show a change of {m} readings"
+    return HEALTHY, ""
+
+
+def _ranked(chances: Mapping[str, float]) -> list[tuple[str, float]]:
+    return sorted(chances.items(), key=lambda item: -item[1])
+
+
+def _ambiguity_words(event: ChangeEvent) -> str:
+    """Suspects that are indistinguishable."""
+    each = [f"{name} ({event.probability * event.suspects[name]:.2g})" for name in event.group]
+    return f"not separated: {' or '.join(each)}"
+
+
+def _unknown_health(found: _JudgedFlights) -> str:
+    """Why no health is read from the history: what changed is not listed, may be the engine or an instrument, or is
+    beyond what it can do; "" where it can be."""
+    trend = found.trend
+    if trend.posterior.unlisted >= EVENT or (trend.posterior.changed and not trend.events):
+        return "cannot tell what changed: something that is not among the suspects"
+    instruments = {p.component for p in found.parameters if p.belongs_to_instrument}
+    for event in trend.changes:
+        if len({name in instruments for name in event.group}) > 1:
+            return "whether the engine or an instrument changed is not separated, so that no margin is read"
+        if beyond := _beyond_possible(event, found):
+            return beyond
+    return ""
+
+
+def _beyond_possible(event: ChangeEvent, found: _JudgedFlights) -> str:
+    """That a change is larger than anything a component or an instrument does; "" where it is not."""
+    low, high = SetPrior().bounds(found.parameters)
+    place = {p.name: i for i, p in enumerate(found.parameters)}
+    for part in _likeliest_form(event):
+        i = place[part.name]
+        p = found.parameters[i]
+        if part.probability >= EVENT and not low[i] <= part.now / p.prior_sigma <= high[i]:
+            what = "an instrument" if p.belongs_to_instrument else "a component"
+            told = f"it would take a change of {p.words or p.name} outside what {what} can do"
+            return f"cannot tell what changed: {told}: check units and engine file"
+    return ""
+
+
+def _onset_numbers(event: ChangeEvent, trend: EngineTrend) -> tuple[int, int, int]:
+    """Number of the first changed flight, from 1: most probable, and the 95 % interval."""
+    first, last = event.onset_set[0], event.onset_set[-1]
+    return trend.flight_number(event.onset), trend.flight_number(first), trend.last_number(last)
+
+
+def _health_rows(found: _JudgedFlights, current: EngineHistory, earlier: int) -> Iterator[HealthRow]:
+    """One row per parameter: the change of those that an event moved, and of the others that they are steady."""
+    trend = found.trend
+    parts = {part.name: (event, part) for event in trend.events for part in event.changes}
+    named = {event.group[0] for event in trend.events}  # of which what takes no part has not changed
+    for p in found.parameters:
+        row = HealthRow(p.name, p.component, p.words or p.name, p.shown_unit, IntervalEstimate(), "steady", 0.0)
+        if p.name not in parts:
+            chance = 0.0 if p.component in named else trend.posterior.inclusion.get(p.component, 0.0)
+            yield replace(row, probability=chance)
+            continue
+        event, part = parts[p.name]
+        chance = event.probability * event.suspects[event.group[0]] * part.probability
+        change = IntervalEstimate(part.now, part.now_low, part.now_high)
+        row = replace(row, change=change, probability=chance, kind=trend.family(event))
+        if _beyond_possible(event, found):
+            yield replace(row, kind="steady", probability=chance * trend.posterior.unlisted)
+            continue
+        if row.kind != FROM_START:
+            best, low, high = _onset_numbers(event, trend)
+            label = current.stretches[best - 1].window.flight
+            row = replace(row, onset=best + earlier, onset_low=low + earlier, onset_high=high + earlier)
+            row = replace(row, onset_flight=label)
+            if row.kind == DETERIORATION and event.end < 0:
+                span = max(trend.flights - best + 1, 1)
+                rate = IntervalEstimate(change.value / span, change.low / span, change.high / span)
+                row = replace(row, rate_per_flight=rate)
+        yield row
 
 
 def _unknown_margin(margin: Margin, reason: str) -> Margin:
     """The margin without its figures, where what changed is not known."""
     nothing = IntervalEstimate()
     return replace(margin, consumed_K=nothing, now_K=nothing, remaining_flights=nothing, reason=reason)
-
-
-def _unlisted_reason(
-    found: _EngineState, health: Sequence[HealthRow], story: SeriesDiagnosis | None
-) -> tuple[float, str]:
-    """Probability that what changed is something that is not among the suspects, NaN where nothing was isolated, and
-    why nothing is named, "" where something listed is likelier. A change that is named, or certain, and beyond what a
-    component or an instrument can do is none that is listed."""
-    unlisted = float("nan") if story is None else story.unlisted
-    flights = found.flights
-    low, high = SetPrior().bounds(flights.described)
-    size = {p.name: k for k, p in enumerate(flights.described)}
-    for row in health:
-        k = size[row.parameter]
-        at, least, most = np.array([row.change.value, row.change.low, row.change.high]) / flights.readings.D[k]
-        named = row.onset and row.probability >= SUSPECTED
-        if (named and (at < low[k] or at > high[k])) or least > high[k] or most < low[k]:
-            what = "an instrument" if flights.described[k].belongs_to_instrument else "a component"
-            why = f"it would take a change of {row.words} outside what {what} can do: check units and engine file"
-            return np.fmax(row.probability, unlisted) if named else unlisted, f"cannot tell what changed: {why}"
-    if unlisted >= SUSPECTED:
-        return unlisted, "cannot tell what changed: something that is not among the suspects"
-    return unlisted, ""
-
-
-def _clear_onset(row: HealthRow, listed: float) -> HealthRow:
-    """The row where it is not among what is listed, with the probability that it is."""
-    told = replace(row, kind="steady", probability=listed * row.probability, onset=0, onset_low=0, onset_high=0)
-    return replace(told, onset_flight="", rate_per_flight=IntervalEstimate())
-
-
-def _parameter_weights(path: EPath, members: Sequence[tuple[int, ...]]) -> dict[int, float]:
-    """Of each parameter, by position, the probability that it is what changed, given that something did."""
-    found: dict[int, float] = {}
-    for at, weight in zip(members, path.suspect, strict=True):
-        for i in at:
-            found[i] = found.get(i, 0.0) + float(weight)
-    return found
-
-
-def _faulty_instruments(flights: EngineFlights, changed: Mapping[int, float]) -> list[int]:
-    """Positions of the errors of instruments that are taken for what changed: of each instrument the likeliest of its
-    forms, which exclude each other, where together they are probable enough. changed: position → probability."""
-    forms: dict[str, list[int]] = {}
-    for i in changed:
-        if flights.described[i].belongs_to_instrument:
-            forms.setdefault(flights.described[i].component, []).append(i)
-    return [max(at, key=lambda i: changed[i]) for at in forms.values() if sum(changed[i] for i in at) >= SUSPECTED]
 
 
 def _history_since_renewal(history: EngineHistory) -> tuple[EngineHistory, int]:
@@ -329,136 +275,8 @@ def _history_since_renewal(history: EngineHistory) -> tuple[EngineHistory, int]:
     if not first:
         return history, 0
     later = [e for e in history.events if e not in whole and event_number(e, history) > first]
-    return replace(history, stretches=history.stretches[first:], events=later), first
-
-
-def _change_probability(log_e: float) -> float:
-    """Probability that an engine has changed."""
-    return float(1 / (1 + np.exp(-np.clip(log_e + np.log(BELIEVED / (1 - BELIEVED)), -700, 700))))
-
-
-def _verdict(found: _EngineState, settings: FleetSettings) -> tuple[str, str]:
-    highest, last = float(found.path.log_e.max()), float(found.path.log_e[-1])
-    if highest >= -np.log(settings.false_alarm):
-        fell = last < -np.log(settings.false_alarm)
-        return CHANGED, "the evidence has been stronger than it is now" if fell else ""
-    flights, beyond = found.flights, -np.log(settings.false_alarm)
-    told = _visible_change(found)
-    shown = f"; its flights show {told}" if told else ""
-    if _detectable_log_e(found, settings) < beyond:
-        b, n, m = flights.baseline, len(flights) - flights.baseline, flights.z.shape[1]
-        return NO_VERDICT, f"a baseline of {b} flights and {n} after it cannot show a change of {m} readings{shown}"
-    if p_steady_baseline(found.flights, found.course) < MOVES:
-        b = flights.baseline
-        return (
-            NO_VERDICT,
-            f"its readings move during its baseline, the first {b} flights: there is no healthy state to compare with",
-        )
-    if told:
-        return NO_VERDICT, f"its flights show {told}, not yet certain beside readings that may wander"
-    return HEALTHY, ""
-
-
-def _detectable_log_e(found: _EngineState, settings: FleetSettings) -> float:
-    """Logarithm of the E that the readings of this engine would have come to, had the component that shows best changed
-    with the first flight after the baseline: its parameters by PLAUSIBLE together, the second half as far as the first
-    and so on, since what changes is along none of the directions weighed beforehand."""
-    flights = found.flights
-    parts: dict[str, list[int]] = {}
-    for i in flights.health:
-        parts.setdefault(flights.described[i].component, []).append(int(i))
-    changes = np.zeros((len(parts), flights.J.shape[2]))
-    for change, at in zip(changes, parts.values(), strict=True):
-        size = 0.5 ** np.arange(len(at))
-        change[at] = -PLAUSIBLE * size / np.linalg.norm(size)
-    if not len(changes):
-        return float("inf")
-    d = changes @ flights.J.mean(axis=0).T
-    best = changes[np.argmax(np.einsum("cm,mk,ck->c", d, np.linalg.inv(found.course.scatter), d))]
-    after = np.arange(len(flights)) >= flights.baseline
-    rows = flights.rows()
-    moved = replace(rows, z=rows.z + after[:, None] * (flights.J @ best))
-    suspects, _ = flights.suspects(settings.sensors)
-    return float(e_path(moved, suspects, flights.baseline, looks=1).log_e[-1])
-
-
-def _visible_change(found: _EngineState) -> str:
-    """What the flights themselves say has changed, by the scatter from one to the next; empty where they say nothing:
-
-    T = δ_k / s_k ~ t(n − 1),    the smallest p of q parameters taken q times
-    """
-    from scipy.special import stdtr
-
-    flights, c = found.flights, found.course
-    mean, covariance = c.evaluate(c.state_map(len(flights) - 1))
-    q = len(flights.health)
-    if not q:
-        return ""
-    error = np.sqrt(np.diag(covariance))
-    k = int(np.argmax(np.abs(mean[:q]) / error[:q]))
-    if 2.0 * q * stdtr(len(flights) - 1, -abs(mean[k]) / error[k]) >= MOVES:
-        return ""
-    p, size = flights.described[c.parameters[k]], _interval_estimate(mean[k], error[k], c.unit[k])
-    factor, unit = (1.0, p.shown_unit) if p.shown_unit else (100.0, "%")
-    value, low, high = (f"{factor * x:+.2g}" for x in (size.value, size.low, size.high))
-    return f"{p.words} {value} {unit} [{low}, {high}]"
-
-
-def _onset_interval(onset: np.ndarray, flights: EngineFlights) -> tuple[int, int, int]:
-    """Number of the first changed flight, from 1: most probable, and the 95 % interval."""
-    if not onset.any():
-        return 0, 0, 0
-    order = np.argsort(-onset, kind="stable")
-    total = np.cumsum(onset[order])
-    chosen = order[: int(np.searchsorted(total, 0.95 * total[-1])) + 1]
-    best, low, high = (int(flights.number[k]) + 1 for k in (order[0], chosen.min(), chosen.max()))
-    return best, low, high
-
-
-def _shift_onset(row: HealthRow, earlier: int) -> HealthRow:
-    """The row with its onset counted from the first flight of all."""
-    if not row.onset:
-        return row
-    return replace(
-        row, onset=row.onset + earlier, onset_low=row.onset_low + earlier, onset_high=row.onset_high + earlier
-    )
-
-
-def _health_rows(
-    found: _EngineState, chance: float, since: tuple[int, int, int], current: EngineHistory
-) -> tuple[HealthRow, ...]:
-    flights, path, c = found.flights, found.path, found.course
-    mean, covariance = c.evaluate(c.state_map(len(flights) - 1))
-    error = np.sqrt(np.diag(covariance))
-    single = _parameter_weights(path, found.members)
-    place = {int(p): k for k, p in enumerate(c.parameters)}
-    best, low, high = since
-    kind = "deterioration" if path.growing >= 0.5 else "step"
-    rows = []
-    for i, p in enumerate(flights.described):
-        probability = chance * single.get(i, 0.0)
-        change, rate = IntervalEstimate(), IntervalEstimate()
-        if i in place:
-            k = place[i]
-            change = _interval_estimate(mean[k], error[k], c.unit[k])
-            span = max(len(flights) - best, 1)
-            rate = IntervalEstimate(change.value / span, change.low / span, change.high / span)
-        named = probability >= SUSPECTED and best > 0
-        rows.append(
-            HealthRow(
-                p.name,
-                p.component,
-                p.words or p.name,
-                p.shown_unit,
-                change,
-                kind if named else "steady",
-                probability,
-                *((best, low, high) if named else (0, 0, 0)),
-                current.stretches[best - 1].window.flight if named else "",
-                rate if named and kind == "deterioration" else IntervalEstimate(),
-            )
-        )
-    return tuple(rows)
+    since = history.sums.since(first)
+    return replace(history, stretches=history.stretches[first:], events=later, sums=since), first
 
 
 def _interval_estimate(mean: float, error: float, unit: float) -> IntervalEstimate:
@@ -467,29 +285,23 @@ def _interval_estimate(mean: float, error: float, unit: float) -> IntervalEstima
 
 
 def _flight_rows(
-    found: _EngineState, used: Consumption, settings: FleetSettings, current: EngineHistory, earlier: int, verdict: str
+    found: _JudgedFlights, used: Consumption, current: EngineHistory, earlier: int, outcome: tuple[str, int]
 ) -> tuple[FlightRow, ...]:
-    highest = np.maximum.accumulate(np.maximum(found.path.log_e, 0.0))
+    """outcome: the verdict, and the number of the first changed flight, 0 where there is none."""
+    verdict, since = outcome
     rows, usual = [], NO_VERDICT if verdict == NO_VERDICT else HEALTHY
     for k, number in enumerate(found.flights.number):
-        window, p = current.stretches[number].window, float(np.exp(-highest[k]))
-        by_then = "baseline" if k < found.flights.baseline else CHANGED if p <= settings.false_alarm else usual
+        window = current.stretches[number].window
+        changed = since and number + 1 >= since
+        by_then = CHANGED if changed else "baseline" if k < found.flights.baseline else usual
+        place = int(number) + 1 + earlier
         rows.append(
-            FlightRow(
-                int(number) + 1 + earlier,
-                window.flight,
-                window.records,
-                float(found.path.log_e[k] / np.log(10)),
-                p,
-                by_then,
-                float(used.by_flight[k]),
-                float(used.error[k]),
-            )
+            FlightRow(place, window.flight, window.records, by_then, float(used.by_flight[k]), float(used.error[k]))
         )
     return tuple(rows)
 
 
-def _final_readings(found: _EngineState) -> FinalReadings:
+def _final_readings(found: _JudgedFlights) -> FinalReadings:
     """The last flights against the baseline, the conditions of both taken out."""
     flights, c = found.flights, found.course
     last = flights.weight * (np.arange(len(flights)) >= max(len(flights) - LAST, flights.baseline))
@@ -501,7 +313,7 @@ def _final_readings(found: _EngineState) -> FinalReadings:
     return FinalReadings(names, flights.readings.D, off, share * c.scatter, flights.J.mean(axis=0))
 
 
-def _event_rows(found: _EngineState, used: Consumption, history: EngineHistory, earlier: int) -> tuple[EventRow, ...]:
+def _event_rows(found: _JudgedFlights, used: Consumption, history: EngineHistory, earlier: int) -> tuple[EventRow, ...]:
     c, flights = found.course, found.flights
     rows: list[EventRow] = []
     for event in history.events:

@@ -17,9 +17,9 @@ from math import nan
 
 import numpy as np
 
-from enginediag_cli.detection.sequential import FlightReadings, SuspectDirections
 from enginediag_cli.detection.series import FlightWindow, Readings, Series
 from enginediag_cli.engine.wrapped import WrappedModel
+from enginediag_cli.history.engines import EngineSums
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.instruments import FaultInFlights
 
@@ -41,12 +41,13 @@ class MaintenanceEvent:
 
 @dataclass(frozen=True)
 class EngineHistory:
-    """One engine by serial number. stretches: one per flight, in order; baseline: how many of the first of them are
-    believed healthy."""
+    """One engine by serial number. stretches: one per flight, in order; sums: of their statistics, with what is
+    uncertain about nominal; baseline: how many of the first flights are believed healthy."""
 
     serial: str
     build: str
     stretches: Sequence[FlightWindow]
+    sums: EngineSums
     baseline: int
     events: Sequence[MaintenanceEvent] = ()
 
@@ -65,9 +66,9 @@ class IntervalEstimate:
 
 @dataclass(frozen=True, slots=True)
 class HealthRow:
-    """One parameter of an engine. change: now, from its baseline, in `unit`; onset: number of the first changed flight,
-    from 1, with its interval, 0 where nothing changed; kind: "steady", "step" or "deterioration"; probability: that it
-    has changed at all."""
+    """One parameter of an engine. change: now, from its baseline, in `unit`, NaN where no event moved it; onset: number
+    of the first changed flight, from 1, with its interval, 0 where nothing changed; kind: "steady", or how an event
+    came; probability: that it has changed at all."""
 
     parameter: str
     component: str
@@ -85,15 +86,12 @@ class HealthRow:
 
 @dataclass(frozen=True, slots=True)
 class FlightRow:
-    """One flight. log10_e: of all flights up to this one; p_value: of an alarm at any flight up to this one, 1/max E;
-    verdict: as far as the flights up to this one say; consumed: of the margin, in K, by this flight alone, with one
-    standard error."""
+    """One flight. verdict: of the baseline, changed from the onset on, or that of the engine; consumed: of the margin,
+    in K, by this flight alone, with one standard error."""
 
     number: int
     flight: str
     records: int
-    log10_e: float
-    p_value: float
     verdict: str
     consumed_K: float = nan
     consumed_error_K: float = nan
@@ -162,8 +160,8 @@ class EngineFinding:
         How many it has.
     verdict, reason : str
         HEALTHY, CHANGED or NO_VERDICT, and why.
-    log10_e : float
-        Evidence of a change at the end of its data, log₁₀ E.
+    probability : float
+        That it changed after it began to fly; NaN where it was not judged.
     discovery : bool
         Whether the fleet flags it.
     since, since_low, since_high : int
@@ -171,7 +169,7 @@ class EngineFinding:
     severity, severity_unit : IntervalEstimate, str
         Distance gone towards the limit, in "K" of the margin, or in "sigma", prior standard deviations.
     unlisted : float
-        Probability that the change is none of the suspects'; NaN where nothing was isolated.
+        Probability that what happened is none of the suspects'; NaN where it was not judged.
     health : sequence of HealthRow
         Parameters.
     by_flight : sequence of FlightRow
@@ -196,7 +194,7 @@ class EngineFinding:
     records: int
     verdict: str
     reason: str
-    log10_e: float = nan
+    probability: float = nan
     discovery: bool = False
     since: int = 0
     since_low: int = 0
@@ -257,15 +255,18 @@ class FlaggedEngines:
     Attributes
     ----------
     engines : sequence of str
-        Serial numbers, largest e-value first.
+        Serial numbers, most probable change first.
     level : float
-        False discovery rate.
+        False discovery rate that was required.
+    expected : float
+        Share of healthy engines among them, by their probabilities.
     words : str
         The same in a sentence.
     """
 
     engines: Sequence[str]
     level: float
+    expected: float
     words: str
 
 
@@ -297,36 +298,21 @@ class FleetSettings:
 
     Attributes
     ----------
-    false_alarm : float
-        Probability of a false alarm for one engine, over its whole life.
     false_discovery : float
         Share of healthy engines among those flagged, on average.
-    sensors, generic : bool
-        Whether instruments are suspects; whether the maps are not the engine's own.
+    sensors : bool
+        Whether instruments are suspects.
     limits_K : mapping of str to float
         Temperature column → its limit at the reference condition, K.
     consumed_limit_K : tuple of float or None
         Margin used at which an engine is removed from wing, with its standard deviation, K; where no limit of a
         temperature is known, as from engines that were removed.
-    thorough : bool
-        Flagged engines are judged as `trend` does, at a second each.
-    onsets : bool
-        The onset of the change is estimated, which takes longest of very many flights.
     """
 
-    false_alarm: float = 0.01
     false_discovery: float = 0.05
     sensors: bool = True
-    generic: bool = True
     limits_K: Mapping[str, float] = field(default_factory=dict)
     consumed_limit_K: tuple[float, float] | None = None
-    thorough: bool = True
-    onsets: bool = True
-
-
-RENEWED = 25.0
-"""Variance of what a reading differs by after maintenance that may move it, in units of its scatter: as an engine that
-is new to the fleet."""
 
 
 @dataclass(frozen=True)
@@ -352,37 +338,6 @@ class EngineFlights:
     def health(self) -> np.ndarray:
         """Positions of the parameters that are of no instrument."""
         return np.array([i for i, p in enumerate(self.described) if not p.belongs_to_instrument], int)
-
-    def rows(self) -> FlightReadings:
-        """As the e-value reads them: what maintenance may have moved is a condition like any other."""
-        conditions = np.concatenate([self.readings.weather, np.sqrt(RENEWED) * self.steps], axis=1)
-        return FlightReadings(self.z, conditions, self.weight)
-
-    def suspects(self, instruments: bool) -> tuple[SuspectDirections, list[tuple[int, ...]]]:
-        """Directions of unit changes, on the average over the flights, and the positions of the parameters that change
-        in each: every parameter by one prior standard deviation, and every two of a component together, the same way
-        and opposite ways. Components and instruments have half of the weight each."""
-        J = self.J.mean(axis=0)
-        told = np.abs(J).max(axis=0) > 0
-        groups: dict[str, list[int]] = {}
-        for i, p in enumerate(self.described):
-            if told[i] and (instruments or not p.belongs_to_instrument):
-                groups.setdefault(p.component, []).append(i)
-        directions: list[np.ndarray] = []
-        members: list[tuple[int, ...]] = []
-        weights: list[float] = []
-        parts = {c: self.described[at[0]].belongs_to_instrument for c, at in groups.items()}
-        for component, at in groups.items():
-            own: list[tuple[np.ndarray, tuple[int, ...]]] = [(J[:, i], (i,)) for i in at]
-            if not parts[component]:
-                pairs = [(a, b) for k, a in enumerate(at) for b in at[k + 1 :]]
-                own += [((J[:, a] + sign * J[:, b]) / np.sqrt(2), (a, b)) for a, b in pairs for sign in (1, -1)]
-            alike = sum(x == parts[component] for x in parts.values())
-            directions += [d for d, _ in own]
-            members += [m for _, m in own]
-            weights += [1 / (alike * len(own))] * len(own)
-        w = np.array(weights)
-        return SuspectDirections(np.array(directions).reshape(-1, len(J)), w / w.sum()), members
 
     def scatter(self) -> np.ndarray:
         """Covariance (m, m) of what readings differ by from one flight to the next, with that of their noise as a prior

@@ -96,17 +96,9 @@ JUDGE = Section(
     "what is judged, and how strictly",
     (
         Field(
-            "false_alarm",
-            "number",
-            "probability that a healthy engine is ever called changed",
-            0.01,
-            minimum=1e-9,
-            maximum=0.5,
-        ),
-        Field(
             "fdr",
             "number",
-            "false discovery rate: share of healthy engines among those listed",
+            "false discovery rate: share of healthy engines among those flagged",
             0.05,
             minimum=1e-9,
             maximum=0.5,
@@ -142,7 +134,6 @@ JUDGE = Section(
             "three at least: what they had lost by then is the limit of all others, in place of consumed_limit_K",
             (),
         ),
-        Field("thorough", "boolean", "flagged engines are judged as `trend` does, at a second each", True),
     ),
 )
 

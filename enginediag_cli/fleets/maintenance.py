@@ -38,6 +38,7 @@ from enginediag_cli.fleets.engine_judgement import changes_at_events, judge_engi
 from enginediag_cli.fleets.findings import EngineFinding, EngineHistory, FleetSettings, HealthChange, MaintenanceEvent
 from enginediag_cli.fleets.margin import MarginScale, add_forecasts, learn_removal_limit, margin_scale
 from enginediag_cli.fleets.work_scope import ChangeMoments, Gain, PowerReference, WorkScopeEstimator
+from enginediag_cli.history.engines import HistoryWindows
 from enginediag_cli.isolation.methods import keep_first_forms
 from enginediag_cli.isolation.posterior import SetInference, set_posterior
 from enginediag_cli.isolation.prior import SetPrior
@@ -444,20 +445,20 @@ def assess_margins(files: WindowSource, monitor: Monitor, question: MarginSettin
         engines removed from wing that do not determine a limit, and when flights of an engine have statistics of
         different parameters.
     """
-    series = replace(build_series(files, "none"), monitor=monitor)
+    windows = HistoryWindows(files)
+    series = replace(build_series(windows, "none"), monitor=monitor)
     events, others = events_by_engine(question.events, series.stretches, question.events_file)
     settings = FleetSettings(
         sensors=question.sensors,
         limits_K=question.limits_K,
         consumed_limit_K=question.consumed_limit_K,
-        thorough=False,
-        onsets=False,
     )
     scale = _choose_scale(series, settings)
     histories = []
     for engine, stretches in series.stretches.items():
         baseline = max(question.baseline or series.healthy(engine, question.healthy), FIRST)
-        histories.append(EngineHistory(engine, "", stretches, baseline, events.get(engine, ())))
+        sums = windows.engines[engine]
+        histories.append(EngineHistory(engine, "", stretches, sums, baseline, events.get(engine, ())))
     findings = [_copy_reason(judge_engine(history, series, settings, scale)) for history in histories]
     settings = learn_removal_limit(settings, findings, question.taken_off, "--taken-off")
     findings = add_forecasts(findings, settings)

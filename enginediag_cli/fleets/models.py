@@ -246,7 +246,6 @@ class BuildModel:
 
     build: Build
     settings: CondensingSettings
-    generic: bool
     identified: CommonModel | None = None
 
 
@@ -258,14 +257,11 @@ def nominal_path(fleet: Fleet, build: Build, store: FleetStore) -> Path:
 def build_model(fleet: Fleet, build: Build, recordings: Sequence[FleetRecording], store: FleetStore) -> BuildModel:
     """The nominal state of a build: its own, that of the store, or one identified now. Raises
     ConfigError, DataError, NoVerdictError."""
-    from enginediag_cli.intake.selection import open_baseline
-
     path, identified = nominal_path(fleet, build, store), None
     if not path.exists():
         mine = [r for r in recordings if r.build == build.name and not r.trouble]
         identified = identify_common(fleet, build, mine, path)
-    generic = open_baseline(path).nominal.error_model is not None
-    return BuildModel(build, condensing_settings(fleet, build, path), generic, identified)
+    return BuildModel(build, condensing_settings(fleet, build, path), identified)
 
 
 def condensing_settings(fleet: Fleet, build: Build, nominal: Path) -> CondensingSettings:

@@ -36,7 +36,6 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
-from enginediag_cli.detection.sequential import flag_engines
 from enginediag_cli.detection.series import Series, build_series
 from enginediag_cli.errors import DataError, EngineDiagError, NoVerdictError
 from enginediag_cli.fleets.engine_judgement import judge_engine
@@ -64,7 +63,7 @@ from enginediag_cli.fleets.store import (
     condense,
     whole_monitor,
 )
-from enginediag_cli.isolation.timeline import GENERIC
+from enginediag_cli.history.engines import HistoryWindows
 from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.progress import each
@@ -73,6 +72,8 @@ from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.statistics import LocalStatistics
 from enginediag_cli.residuals.windows import Extrapolation
 
+GENERIC = 0.1
+"""Share to which a large change is known, where maps are not the engine's own: their slopes may be wrong by it."""
 FEWEST_ENGINES = 5
 """Engines of which it is said what they have in common, at least."""
 MOST = 0.9
@@ -198,37 +199,59 @@ def judge_fleet(
     findings: Sequence[EngineFinding], settings: FleetSettings, known: Mapping[str, Parameter] | None = None
 ) -> FleetFinding:
     """The fleet of these engines. known: what the parameters are, as a series knows them."""
-    judged = [f for f in findings if f.verdict != NO_VERDICT or np.isfinite(f.log10_e)]
-    chosen = flag_engines(np.array([f.log10_e for f in judged]) * np.log(10), settings.false_discovery)
-    found = {f.serial for f, of_them in zip(judged, chosen.tolist(), strict=True) if of_them}
-    told = add_forecasts([_mark_discovery(f) if f.serial in found else f for f in findings], settings)
+    level = settings.false_discovery
+    names, expected = flag_engines(findings, level)
+    found = set(names)
+    told = add_forecasts([replace(f, discovery=f.serial in found) for f in findings], settings)
     ranked = sorted(told, key=lambda f: -np.nan_to_num(f.severity.value, nan=-np.inf))
-    names = [f.serial for f in sorted(judged, key=lambda f: -f.log10_e) if f.serial in found]
     return FleetFinding(
         tuple(ranked),
-        FlaggedEngines(tuple(names), settings.false_discovery, bound_in_words(len(names), settings.false_discovery)),
+        FlaggedEngines(names, level, expected, flagged_words(len(names), level, expected)),
         common_changes(findings, known),
         tuple((f.serial, f.reason) for f in findings if f.verdict == NO_VERDICT),
     )
 
 
-def _mark_discovery(finding: EngineFinding) -> EngineFinding:
-    """A finding on the list, which is a change whatever its own false-alarm probability says."""
-    if finding.verdict == CHANGED:
-        return replace(finding, discovery=True)
-    reason = "its evidence is enough for the fleet's list, and not for an alarm of its own"
-    return replace(finding, discovery=True, verdict=CHANGED, reason=reason)
+def flag_engines(findings: Sequence[EngineFinding], level: float) -> tuple[tuple[str, ...], float]:
+    """Flag engines at a false discovery rate, by their probabilities of a change.
+
+    Of the engines that changed, in falling order of the probability p_e, as many as there are with
+
+        Σ (1 − p_e) / number ≤ level,
+
+    the expected share of healthy engines among them.
+
+    Parameters
+    ----------
+    findings : sequence of EngineFinding
+        Engines without a verdict, and those called healthy, are not flagged.
+    level : float
+        False discovery rate.
+
+    Returns
+    -------
+    tuple of str, float
+        Serial numbers, most probable first; the expected share of healthy engines among them, 0 of none.
+
+    References
+    ----------
+    M. A. Newton, A. Noueiry, D. Sarkar, P. Ahlquist (2004) Biostatistics 5, 155–176.
+    P. Müller, G. Parmigiani, K. Rice (2007) FDR and Bayesian multiple comparisons rules, Bayesian Statistics 8,
+    Oxford University Press, 349–370.
+    """
+    ranked = sorted((f for f in findings if f.verdict == CHANGED), key=lambda f: -f.probability)
+    share = np.cumsum([1 - f.probability for f in ranked]) / np.arange(1, len(ranked) + 1)
+    count = int(np.sum(share <= level))  # it rises along the list
+    return tuple(f.serial for f in ranked[:count]), float(share[count - 1]) if count else 0.0
 
 
-def bound_in_words(count: int, level: float) -> str:
-    """What a list of so many engines promises."""
-    share = f"{100 * level:g} %"
+def flagged_words(count: int, level: float, expected: float) -> str:
+    """How many engines are flagged, and how many of them are healthy on average."""
+    rate = f"false discovery rate ≤ {100 * level:g} %"
     if not count:
-        return f"no engine is listed; of lists made so, at most {share} of the engines on them are healthy on average"
-    return (
-        f"of the engines listed ({count}) at most {share} are healthy, on average over such lists, whenever one looks "
-        "and however the engines depend on each other"
-    )
+        return f"no engine is flagged ({rate})"
+    share = f"{100 * expected:.2g} %" if expected >= 1e-4 else "less than 0.01 %"
+    return f"engines flagged: {count} ({rate}); by their probabilities {share} of them are healthy on average"
 
 
 class Adds(Protocol):
@@ -346,13 +369,15 @@ def judge_task(task: EngineTask) -> EngineOutcome:
 def _judge_windows(task: EngineTask) -> EngineOutcome:
     monitor = whole_monitor(task.nominal, task.fingerprint)
     stored = _StoredWindows(task, monitor)
-    series = build_series(stored, "covariance")
+    windows = HistoryWindows(stored)
+    series = build_series(windows, "covariance")
     stretches, instruments = series.stretches.get(task.serial, []), series.instruments.get(task.serial, ())
     if not stretches:
         nothing = replace(_no_statistics(task, stored, series), instruments=instruments)
         return EngineOutcome(nothing, None, stored.outside_training)
     baseline = task.baseline.count_stretches([x.window.records for x in stretches])
-    history = EngineHistory(task.serial, task.build, stretches, baseline, task.events)
+    sums = windows.engines[task.serial]
+    history = EngineHistory(task.serial, task.build, stretches, sums, baseline, task.events)
     finding = judge_engine(history, series, task.settings, _margin_scale(task.nominal, task.fingerprint))
     finding = replace(finding, instruments=instruments)
     return EngineOutcome(finding, tree_sum([x.statistics for x in stretches]), stored.outside_training)
@@ -512,12 +537,10 @@ def engine_tasks(
                 piece = RecordingParts(str(store.path(condensed.key)), tuple(numbers), recorded.name)
                 pieces.setdefault((recorded.build, serial), []).append(piece)
     settings = FleetSettings(
-        false_alarm=fleet.judge["false_alarm"],
         false_discovery=fleet.judge["fdr"],
         sensors=fleet.judge["sensors"],
         limits_K=fleet.judge["limits_K"],
         consumed_limit_K=None if fleet.judge["consumed_limit_K"] is None else tuple(fleet.judge["consumed_limit_K"]),
-        thorough=fleet.judge["thorough"],
     )
     tasks = []
     for build, serial in sorted(pieces, key=lambda k: (natural_order(k[1]), k[0])):
@@ -533,7 +556,7 @@ def engine_tasks(
                 fleet.whole_flights,
                 fleet.baseline,
                 events,
-                replace(settings, generic=model.generic),
+                settings,
             )
         )
     return tasks, left_out

@@ -1,11 +1,10 @@
 """Isolation: which parameters changed, by how much, how surely, and which alternatives the data leave open.
 
-It reads the score and information of a window (`residuals.score.Score`), or the readings of a series of flights
-(`detection.series.Readings`), and gives a `SetIsolation` or a `SeriesDiagnosis`. `IsolatedWindow` is the answer for one
-window with its verdict.
+It reads the score and information of a window (`residuals.score.Score`) and gives a `SetIsolation`. `IsolatedWindow` is
+the answer for one window with its verdict.
 
 Open first: `prior` (what is assumed before the data), `posterior` (probability of every set of changed parameters),
-`diagnosis` (the answer for one window), `windows` (the windows of recordings, one after the other). `timeline` and
-`events` treat a series of flights; `nonlinear` large changes; `catalogue` named faults; `results` what is returned;
-`advice` and `sensitivity_analysis` what to record next, and which error would change the conclusion.
+`diagnosis` (the answer for one window), `windows` (the windows of recordings, one after the other). `nonlinear` treats
+large changes; `catalogue` named faults; `results` what is returned; `advice` and `sensitivity_analysis` what to record
+next, and which error would change the conclusion.
 """

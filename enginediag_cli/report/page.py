@@ -36,7 +36,6 @@ from enginediag_cli.report.plotting import ChartColumn, ChartTable, RowOrigin, V
 from enginediag_cli.report.plotting.health import (
     FleetEngine,
     ParameterHealth,
-    evidence_course,
     fleet_map,
     fleet_ranking,
     maintenance_marks,
@@ -106,11 +105,10 @@ def _changed_parameters(e: FleetEngine) -> list[ParameterHealth]:
 
 
 def _confidence_words(e: FleetEngine) -> str:
-    changed = _changed_parameters(e)
-    told = [f"probability {probability(max(h.probability for h in changed))}"] if changed else []
-    if math.isfinite(e.log10_e):
-        told.append(f"evidence 10^{e.log10_e:.0f} over {count(e.flights, 'flight')}")
-    return "; ".join([*told, *(["listed"] if e.discovery else [])])
+    told = []
+    if math.isfinite(e.probability):
+        told.append(f"probability {probability(e.probability)} over {count(e.flights, 'flight')}")
+    return "; ".join([*told, *(["flagged"] if e.discovery else [])])
 
 
 def _step(e: FleetEngine) -> str:
@@ -158,10 +156,10 @@ def fleet_section(result: ResultFile, engines: Sequence[FleetEngine], key: str) 
 
 def _engine(e: FleetEngine, key: str) -> PageSection:
     marks = maintenance_marks(e)
-    charts = [margin_forecast(f"{key}-margin", e, marks), evidence_course(f"{key}-evidence", e, marks)]
+    chart = margin_forecast(f"{key}-margin", e, marks)
     blocks: list[Block] = [Paragraph(e.reason)] if e.reason else []
     blocks += [Bullets(e.instruments)] if e.instruments else []
-    blocks += [chart for chart in charts if chart is not None]
+    blocks += [] if chart is None else [chart]
     blocks += [*_health(e), *_events(e)]
     return PageSection(key, f"Engine {e.serial}", blocks)
 

@@ -1,8 +1,7 @@
 """Engines of a fleet from end to end: python tests/benchmarks/fleet_recordings.py [--healthy N] [--faulty N]
 
 Recordings of the turbofan that `enginediag simulate` makes, thirty airliner flights an engine, every thirtieth record;
-`identify` from the first five flights of the healthy ones; local statistics, e-values and the list as a fleet makes
-them. A faulty engine loses two per cent of HPC efficiency with its sixteenth flight.
+`identify` from the first five flights of the healthy ones; local statistics, verdicts and flags as a fleet makes them. A faulty engine loses two per cent of HPC efficiency with its sixteenth flight.
 """
 
 from __future__ import annotations
@@ -20,6 +19,7 @@ from enginediag_cli.detection.series import build_series
 from enginediag_cli.fleets.engine_judgement import judge_engine
 from enginediag_cli.fleets.findings import EngineHistory, FleetSettings
 from enginediag_cli.fleets.run import judge_fleet
+from enginediag_cli.history.engines import HistoryWindows
 from enginediag_cli.intake.loader import RecordingLoader
 from enginediag_cli.intake.selection import RecordingSource, open_baseline, required_columns
 from enginediag_cli.residuals.files import WindowReader, WindowSettings
@@ -81,21 +81,26 @@ def main() -> None:
             RecordingSource(tuple(str(f) for f, _ in files)), required_columns(monitor.engine, monitor.sensors)
         )
         plan = WindowSettings(WindowPlan().series_plan)
-        series = build_series(WindowReader(intake, monitor, plan, series=True), law="none")
-    settings = FleetSettings(thorough=False)
-    histories = [EngineHistory(serial, "", mine, BASELINE) for serial, mine in series.stretches.items()]
+        windows = HistoryWindows(WindowReader(intake, monitor, plan, series=True))
+        series = build_series(windows, law="none")
+    settings = FleetSettings()
+    histories = [
+        EngineHistory(serial, "", mine, windows.engines[serial], BASELINE) for serial, mine in series.stretches.items()
+    ]
     fleet = judge_fleet([judge_engine(h, series, settings) for h in histories], settings, series.parameters)
     faulty = {f"e{k}" for k in range(asked.healthy, count)}
     healthy = [f for f in fleet.engines if f.serial not in faulty]
     others = [f for f in fleet.engines if f.serial in faulty]
-    e = np.array([10**f.log10_e for f in healthy])
-    print(f"{len(healthy)} healthy engines of {FLIGHTS} flights: mean E {e.mean():.2f}, largest {e.max():.2f}")
+    p = np.array([f.probability for f in healthy])
+    print(
+        f"{len(healthy)} healthy engines of {FLIGHTS} flights: probability of a change {p.mean():.2f}, {p.max():.2f} at most"
+    )
     print(
         f"called changed: {sum(f.verdict == 'changed' for f in healthy)} healthy, "
         f"{sum(f.verdict == 'changed' for f in others)} of {len(others)} faulty"
     )
     listed = set(fleet.flagged.engines)
-    print(f"listed: {len(listed - faulty)} healthy, {len(listed & faulty)} of {len(others)} faulty")
+    print(f"flagged: {len(listed - faulty)} healthy, {len(listed & faulty)} of {len(others)} faulty")
     since = ", ".join(f"{f.since} ({f.since_low} to {f.since_high})" for f in others if f.since)
     print(f"since flight (true 16): {since}")
 

@@ -29,7 +29,7 @@ def test_one_document_whatever_the_number_of_processes_and_a_store_that_makes_th
     one, two = (json.loads((folder / f"{name}.json").read_text()) for name in ("one", "two"))
     one["counts"].pop("fresh"), two["counts"].pop("fresh")
     assert one == two
-    assert one["schema"] == "enginediag/fleet/1"
+    assert one["schema"] == "enginediag/fleet/2"
     assert sorted(engine["serial"] for engine in one["engines"]) == ["1", "2", "3", "4"]
     assert one["counts"]["records"] == 4 * small_fleet.FLIGHTS * small_fleet.RECORDS
     assert one["sums"][0]["records"] == one["counts"]["records"]

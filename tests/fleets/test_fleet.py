@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from turbofan_fleet import QUICK, engine_history, geometry, judged, known, lost, scale
+from turbofan_fleet import SETTINGS, engine_history, geometry, judged, known, lost, scale
 
-from enginediag_cli.fleets.findings import NO_VERDICT, EngineFinding, FleetSettings
+from enginediag_cli.fleets.findings import CHANGED, HEALTHY, NO_VERDICT, EngineFinding, FleetSettings
 from enginediag_cli.fleets.margin import add_forecasts, learnt_limit
-from enginediag_cli.fleets.run import judge_fleet, random_effects
+from enginediag_cli.fleets.run import flag_engines, judge_fleet, random_effects
 
 FLIGHTS = 90
 
@@ -25,18 +25,21 @@ def fleet():
     return [*found, judged(engine_history(rng, "short", 2))]
 
 
-def test_engines_are_ranked_by_what_they_have_used_and_listed_by_their_e_values(fleet):
-    found = judge_fleet(fleet, QUICK, known().parameters)
+def test_engines_are_ranked_by_what_they_have_used_and_flagged_by_their_probabilities(fleet):
+    found = judge_fleet(fleet, SETTINGS, known().parameters)
     assert [f.serial for f in found.engines[:3]] == ["11", "10", "9"]
-    assert set(found.flagged.engines) >= {"10", "11"} and set(found.flagged.engines) <= {"9", "10", "11"}
+    assert set(found.flagged.engines) >= {"9", "10", "11"}
+    named = {f.serial: {r.component for r in f.health if r.onset} for f in found.engines if f.discovery}
+    worn = {serial for serial, components in named.items() if any(not c.startswith("sensor.") for c in components)}
+    assert worn == {"9", "10", "11"} and all("hpt" in named[serial] for serial in worn)
     assert {f.serial for f in found.engines if f.discovery} == set(found.flagged.engines)
-    assert "at most 5 % are healthy" in found.flagged.words
+    assert "(false discovery rate ≤ 5 %)" in found.flagged.words
     assert [serial for serial, _ in found.excluded] == ["short"]
     assert found.engines[-1].verdict == NO_VERDICT
 
 
 def test_what_one_engine_has_is_not_common(fleet):
-    assert not any(c.common for c in judge_fleet(fleet, QUICK, known().parameters).common)
+    assert not any(c.common for c in judge_fleet(fleet, SETTINGS, known().parameters).common)
 
 
 def test_what_all_engines_have_alike_is_told_as_common():
@@ -46,7 +49,7 @@ def test_what_all_engines_have_alike_is_told_as_common():
         judged(engine_history(rng, str(k), 60, lost(60, {"sensor.P3.bias": 1.0 + 0.1 * rng.standard_normal()}, step)))
         for k in range(10)
     ]
-    common = [c for c in judge_fleet(drifted, QUICK, known().parameters).common if c.common]
+    common = [c for c in judge_fleet(drifted, SETTINGS, known().parameters).common if c.common]
     assert [c.parameter for c in common] == ["sensor.P3.bias"] and "recorder" in common[0].reading
     sigma = geometry().monitor.meaning["sensor.P3.bias"].prior_sigma
     assert common[0].mean.low < sigma < common[0].mean.high and common[0].alike > 0.95
@@ -63,7 +66,7 @@ def test_the_mean_of_random_effects_is_that_of_its_closed_form():
 
 
 def test_engines_that_wear_faster_have_fewer_flights_left(fleet):
-    settings = FleetSettings(thorough=False, consumed_limit_K=(80.0, 5.0))
+    settings = FleetSettings(consumed_limit_K=(80.0, 5.0))
     limited = [f for f in add_forecasts([_without_limit(f) for f in fleet], settings) if f.serial in ("9", "10", "11")]
     left = {f.serial: f.margin.remaining_flights for f in limited}
     assert left["11"].value < left["10"].value < left["9"].value
@@ -79,7 +82,7 @@ def test_without_a_limit_it_is_said_why_nothing_is_forecast(fleet):
 
 
 def test_an_empty_fleet_is_a_fleet():
-    found = judge_fleet([], QUICK)
+    found = judge_fleet([], SETTINGS)
     assert found.engines == () and found.flagged.engines == ()
 
 
@@ -96,3 +99,17 @@ def test_the_limit_is_learnt_from_engines_that_were_taken_off(fleet):
     assert mean == pytest.approx(2.0 * per_sigma, abs=4.0) and spread == pytest.approx(per_sigma, rel=0.3)
     with pytest.raises(ValueError, match="3 lives at least, and 2"):
         learnt_limit(worn[:2])
+
+
+def test_the_list_is_the_longest_whose_expected_share_of_healthy_engines_is_small_enough():
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        p = np.append(rng.uniform(0.5, 1.0, 8), 1.0)
+        fleet = [EngineFinding(str(k), "", 9, 9, CHANGED, "", probability=float(x)) for k, x in enumerate(p)]
+        fleet.append(EngineFinding("calm", "", 9, 9, HEALTHY, "", probability=0.4))
+        names, expected = flag_engines(fleet, 0.1)
+        order = np.sort(p)[::-1]
+        most = max(k for k in range(1, 10) if np.mean(1 - order[:k]) <= 0.1)
+        assert len(names) == most and expected == pytest.approx(np.mean(1 - order[:most]))
+        assert [p[int(name)] for name in names] == order[:most].tolist()
+    assert flag_engines(fleet[-1:], 0.1) == ((), 0.0)

@@ -8,6 +8,7 @@ misses at an operating point, each engine with its own size of each. Wanted, ins
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -19,6 +20,7 @@ from enginediag_cli.detection.series import FlightWindow, Series
 from enginediag_cli.fleets.engine_judgement import judge_engine
 from enginediag_cli.fleets.findings import EngineFinding, EngineHistory, FleetSettings, MaintenanceEvent
 from enginediag_cli.fleets.margin import MarginScale, margin_scale
+from enginediag_cli.history.engines import EngineSums
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.statistics import LocalStatistics
@@ -42,6 +44,13 @@ class Geometry:
     J: np.ndarray
     power: np.ndarray
     sigma: np.ndarray
+
+    @property
+    def like(self) -> LocalStatistics:
+        """Of no record."""
+        p = len(self.monitor.monitored)
+        of_none = np.zeros(p), np.zeros((p, p)), np.zeros((p, p)), 0, 0.0, 0.0
+        return LocalStatistics(self.monitor.monitored, self.monitor.theta0, self.monitor.prior_sigma, *of_none)
 
 
 @lru_cache(maxsize=1)
@@ -101,7 +110,17 @@ def engine_history(
     e += g.sigma / np.sqrt(RECORDS) * rng.standard_normal((flights, m))
     if change is not None:
         e += np.einsum("nmp,np->nm", J, change * D)
-    return EngineHistory(serial, "", [_stretch(serial, k, at[k], e[k]) for k in range(flights)], BASELINE, events)
+    return history_of(serial, [_stretch(serial, k, at[k], e[k]) for k in range(flights)], BASELINE, events)
+
+
+def history_of(
+    serial: str, stretches: Sequence[FlightWindow], baseline: int, events: tuple[MaintenanceEvent, ...] = ()
+) -> EngineHistory:
+    """With the sums of the statistics of these flights."""
+    sums = EngineSums(geometry().like)
+    for k, stretch in enumerate(stretches):
+        sums.add(k, stretch.statistics)
+    return EngineHistory(serial, "", stretches, sums, baseline, events)
 
 
 def _stretch(serial: str, k: int, at: int, e: np.ndarray) -> FlightWindow:
@@ -135,7 +154,7 @@ def fault(rng: np.random.Generator, flights: int) -> np.ndarray:
     return change
 
 
-QUICK = FleetSettings(thorough=False, limits_K={"T45_K": 1500.0})
+SETTINGS = FleetSettings(limits_K={"T45_K": 1500.0})
 
 
 @lru_cache(maxsize=1)
@@ -150,7 +169,7 @@ def scale() -> MarginScale:
     return margin_scale(known())
 
 
-def judged(history: EngineHistory, settings: FleetSettings = QUICK) -> EngineFinding:
+def judged(history: EngineHistory, settings: FleetSettings = SETTINGS) -> EngineFinding:
     """The finding of one engine of these fleets."""
     return judge_engine(history, known(), settings, scale())
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from ground_recordings import CONFIGS
 
 from enginediag_cli.detection.series import Series, build_series
 from enginediag_cli.fleets.findings import EngineHistory
+from enginediag_cli.history.engines import EngineSums, HistoryWindows
 from enginediag_cli.intake.loader import RecordingLoader
 from enginediag_cli.intake.selection import RecordingSource, open_baseline, required_columns
 from enginediag_cli.residuals.files import WindowReader, WindowSettings
@@ -18,16 +21,24 @@ from enginediag_cli.residuals.windows import WindowPlan
 RECORDER = CONFIGS / "recorders" / "cmapss.yaml"
 
 
-def fleet_series(nominal: Path, recording: Path) -> Series:
-    """The flights of every engine, one record each, as `enginediag trend` reads them."""
+def fleet_series(nominal: Path, recording: Path) -> tuple[Series, Mapping[str, EngineSums]]:
+    """The flights of every engine, one record each, and the sums of their statistics, as `enginediag trend` reads
+    them."""
     monitor = monitor_for_series(build_monitor(open_baseline(nominal), sensors=True))
     intake = RecordingLoader(
         RecordingSource((str(recording),), str(RECORDER)), required_columns(monitor.engine, monitor.sensors)
     )
-    files = WindowReader(intake, monitor, WindowSettings(WindowPlan().series_plan), series=True)
-    return build_series(files, law="none")
+    windows = HistoryWindows(WindowReader(intake, monitor, WindowSettings(WindowPlan().series_plan), series=True))
+    return build_series(windows, law="none"), windows.engines
 
 
-def histories(series: Series, baseline: int = 20) -> list[EngineHistory]:
+def histories(series: Series, sums: Mapping[str, EngineSums], baseline: int = 20) -> list[EngineHistory]:
     """One per engine, with its first flights as baseline."""
-    return [EngineHistory(serial, "", stretches, baseline) for serial, stretches in series.stretches.items()]
+    return [EngineHistory(serial, "", mine, sums[serial], baseline) for serial, mine in series.stretches.items()]
+
+
+def chosen(history: EngineHistory, flights: Sequence[int]) -> EngineHistory:
+    """The history of these flights alone, in this order."""
+    epochs = [replace(history.sums.epochs[k], first=number) for number, k in enumerate(flights)]
+    sums = EngineSums(history.sums.like, epochs, len(epochs))
+    return replace(history, stretches=[history.stretches[k] for k in flights], sums=sums)

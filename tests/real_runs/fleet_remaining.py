@@ -13,11 +13,11 @@ early and exp(d/10) − 1 for late forecasts.
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from fleet_histories import fleet_series, histories
+from fleet_histories import chosen, fleet_series, histories
 from scipy.stats import spearmanr
 
 from enginediag_cli.detection.forecast import Forecast, fit_laws, forecast, learn_population
@@ -26,36 +26,37 @@ from enginediag_cli.fleets.engine_judgement import judge_engine
 from enginediag_cli.fleets.findings import EngineHistory, FleetSettings
 from enginediag_cli.fleets.margin import consumption_course, final_consumption, margin_scale, removal_limit
 from enginediag_cli.fleets.run import judge_fleet
+from enginediag_cli.history.engines import EngineSums
 
-QUICK = FleetSettings(thorough=False)
+SETTINGS = FleetSettings()
 FIRST_CUT = 30
 SHARES = (0.5, 0.6, 0.7, 0.8, 0.9)
 CAP = 125.0
 
 
-def rank(series: Series, seeds: int = 5) -> None:
+def rank(series: Series, sums: Mapping[str, EngineSums], seeds: int = 5) -> None:
     scale = margin_scale(series)
     for seed in range(seeds):
         rng = np.random.default_rng(seed)
         found, left = [], []
-        for history in histories(series):
+        for history in histories(series, sums):
             life = len(history.stretches)
             cut = int(rng.integers(FIRST_CUT, life))
-            found.append(judge_engine(cut_at(history, cut), series, QUICK, scale))
+            found.append(judge_engine(cut_at(history, cut), series, SETTINGS, scale))
             left.append(life - cut)
         rho = spearmanr([f.severity.value for f in found], left).statistic
-        fleet = judge_fleet(found, QUICK, series.parameters)
+        fleet = judge_fleet(found, SETTINGS, series.parameters)
         changed = sum(f.verdict == "changed" for f in found)
         print(
             f"seed {seed}: Spearman {rho:.3f} over {len(found)} engines; {changed} changed, "
-            f"{len(fleet.flagged.engines)} listed, {len(fleet.excluded)} without a verdict"
+            f"{len(fleet.flagged.engines)} flagged, {len(fleet.excluded)} without a verdict"
         )
 
 
-def remaining(series: Series) -> None:
+def remaining(series: Series, sums: Mapping[str, EngineSums]) -> None:
     scale = margin_scale(series)
-    findings = [judge_engine(h, series, QUICK, scale) for h in histories(series)]
-    lives = [len(h.stretches) for h in histories(series)]
+    findings = [judge_engine(h, series, SETTINGS, scale) for h in histories(series, sums)]
+    lives = [len(h.stretches) for h in histories(series, sums)]
     courses = [course for f in findings if (course := consumption_course(f)) is not None]
     reference = float(np.median([f.severity.value for f in findings]))
     fits = [fit_laws(course, reference) for course in courses]
@@ -64,14 +65,14 @@ def remaining(series: Series) -> None:
     print(f"{scale.column}: engines fail at {level.mean():.1f} K ± {level.std(ddof=1):.1f} K of margin used")
     rng = np.random.default_rng(0)
     rows: dict[str, list[tuple[float, Forecast]]] = {}
-    for k, history in enumerate(histories(series)):
+    for k, history in enumerate(histories(series, sums)):
         others = np.arange(len(fits)) != k
         limit, spread = removal_limit(level[others], error[others])
         population = learn_population(fits, without=k)
         cuts = {f"{share:.0%} of life": int(share * lives[k]) for share in SHARES}
         cuts["second half, drawn"] = int(rng.integers(lives[k] // 2, lives[k]))
         for name, cut in cuts.items():
-            course = consumption_course(judge_engine(cut_at(history, cut), series, QUICK, scale))
+            course = consumption_course(judge_engine(cut_at(history, cut), series, SETTINGS, scale))
             assert course is not None
             found = forecast(fit_laws(course, reference), population, limit, spread)
             rows.setdefault(name, []).append((float(lives[k] - cut), found))
@@ -86,7 +87,7 @@ def remaining(series: Series) -> None:
 
 def cut_at(history: EngineHistory, flights: int) -> EngineHistory:
     """The history as it was after so many flights."""
-    return replace(history, stretches=history.stretches[:flights])
+    return chosen(history, range(flights))
 
 
 def _told(name: str, rows: list[tuple[float, Forecast]]) -> None:
@@ -104,12 +105,12 @@ def _told(name: str, rows: list[tuple[float, Forecast]]) -> None:
 
 
 def main() -> None:
-    series = fleet_series(Path(sys.argv[1]), Path(sys.argv[2]))
+    series, sums = fleet_series(Path(sys.argv[1]), Path(sys.argv[2]))
     asked = sys.argv[3:] or ["rank", "remaining"]
     if "rank" in asked:
-        rank(series)
+        rank(series, sums)
     if "remaining" in asked:
-        remaining(series)
+        remaining(series, sums)
 
 
 if __name__ == "__main__":

@@ -191,8 +191,6 @@ def fleet(folder: Path, engines: int = 30, flights: int = 60) -> Path:
                 "number": n,
                 "flight": f"F{n}",
                 "records": 20,
-                "log10_e": 0.1 * size * max(0, n - 22) / 10,
-                "p_value": 0.5,
                 "verdict": "changed" if changed and n > 25 else "healthy",
                 "consumed_K": used[n - 1],
                 "consumed_error_K": 1.0,
@@ -208,7 +206,7 @@ def fleet(folder: Path, engines: int = 30, flights: int = 60) -> Path:
                 "records": 20 * flights,
                 "verdict": "changed" if changed else "healthy",
                 "reason": "",
-                "log10_e": 0.4 * size,
+                "probability": 0.97 if changed else 0.02,
                 "discovery": changed and k < 5,
                 "since": 20 if changed else 0,
                 "since_low": 18,
@@ -265,7 +263,7 @@ def fleet(folder: Path, engines: int = 30, flights: int = 60) -> Path:
     return _json(
         folder / "fleet.json",
         {
-            "schema": "enginediag/fleet/1",
+            "schema": "enginediag/fleet/2",
             "description": "Thirty engines",
             "engines": found,
             "common": [common],

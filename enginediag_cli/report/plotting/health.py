@@ -66,12 +66,10 @@ class ParameterHealth:
 
 @dataclass(frozen=True)
 class FlightEvidence:
-    """One flight of an engine, as far as its evidence and its margin go."""
+    """One flight of an engine, as far as its verdict and its margin go."""
 
     number: int
     flight: str
-    log10_e: float
-    p_value: float
     verdict: str
     consumed_K: float
     consumed_error_K: float
@@ -117,7 +115,7 @@ class FleetEngine:
     records: int
     verdict: str
     reason: str
-    log10_e: float
+    probability: float
     discovery: bool
     since: tuple[int, int, int]
     since_flight: str
@@ -210,26 +208,6 @@ READERS: Mapping[str, Callable[[Any], Any]] = {
 """How a value of a document is read, by the type of the field."""
 
 
-def evidence_course(key: str, engine: FleetEngine, marks: Sequence[EventMark] = ()) -> Chart | None:
-    """None where no flight has evidence."""
-    told = [f for f in engine.by_flight if math.isfinite(f.log10_e)]
-    if not told:
-        return None
-    x, y = [float(f.number) for f in told], [f.log10_e for f in told]
-    columns = chart_columns("flight", "log10 of evidence", "p value", "verdict")
-    rows = [(f.flight or str(f.number), f.log10_e, f.p_value, f.verdict) for f in told]
-    return Chart(
-        key,
-        "Evidence that it has changed",
-        Axis("flight, counted"),
-        Axis("evidence, powers of ten"),
-        [Line("", x, y, 0)],
-        ChartTable(columns, rows, [f.origin for f in told]),
-        "At 2 the flights so far are a hundred times likelier if something has changed; it may be read at any flight.",
-        marks,
-    )
-
-
 MOST = 40
 """Engines that are drawn; the table has all."""
 
@@ -256,8 +234,8 @@ def fleet_ranking(key: str, engines: Sequence[FleetEngine]) -> Chart:
         ("severity", unit),
         ("95 % from", unit),
         ("to", unit),
-        "on the fleet's list",
-        "log10 of evidence",
+        "flagged",
+        "probability of a change",
         "flights",
     )
     rows = [
@@ -270,7 +248,7 @@ def fleet_ranking(key: str, engines: Sequence[FleetEngine]) -> Chart:
             e.severity.low,
             e.severity.high,
             "yes" if e.discovery else "",
-            e.log10_e,
+            e.probability,
             e.flights,
         )
         for rank, e in enumerate(engines, start=1)
@@ -608,7 +586,7 @@ def estimate(row: Row, name: str) -> IntervalEstimate:
 def _flight(row: Row) -> FlightEvidence:
     used = estimate(row, "used_K")
     error = (used.high - used.low) / 2 / NORMAL_95
-    return FlightEvidence(row.count("number"), row.text("flight"), NAN, NAN, "", used.value, error, row.origin)
+    return FlightEvidence(row.count("number"), row.text("flight"), "", used.value, error, row.origin)
 
 
 def _maintenance_effect(row: Row) -> MaintenanceGain:

@@ -338,7 +338,7 @@ def _size(x: IntervalEstimate) -> str:
     return format_quantity(x.value, "K", (x.high - x.low) / 2)
 
 
-SCHEMA = "enginediag/fleet/1"
+SCHEMA = "enginediag/fleet/2"
 """Of the document, whose keys stay while this does."""
 
 TERMINAL = (
@@ -382,7 +382,7 @@ def engine_rows(result: FleetRun) -> Iterator[dict[str, Any]]:
             "since_low": x.since_low or None,
             "since_high": x.since_high or None,
             "since_flight": x.since_flight,
-            "log10_e": x.log10_e,
+            "probability": x.probability,
             "unlisted": x.unlisted,
             "changed": [row.parameter for row in _changed(x)],
             "instruments": [instrument_in_flights(found) for found in x.instruments],
