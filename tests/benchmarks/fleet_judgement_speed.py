@@ -1,7 +1,7 @@
 """CPU time of judging a fleet: python tests/benchmarks/fleet_judgement_speed.py [--engines N]
 
-Engines of 100 flights, nine sensors and twenty parameters, one of ten worn: the account of each history with its margin,
-of healthy and of worn ones; flags and ranking, forecasts.
+Engines of 100 flights, nine sensors and twenty parameters, one of ten worn: the account of each history with its
+margin, of healthy and of worn ones; flags and ranking, forecasts.
 """
 
 from __future__ import annotations

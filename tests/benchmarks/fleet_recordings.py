@@ -1,7 +1,8 @@
 """Engines of a fleet from end to end: python tests/benchmarks/fleet_recordings.py [--healthy N] [--faulty N]
 
 Recordings of the turbofan that `enginediag simulate` makes, thirty airliner flights an engine, every thirtieth record;
-`identify` from the first five flights of the healthy ones; local statistics, verdicts and flags as a fleet makes them. A faulty engine loses two per cent of HPC efficiency with its sixteenth flight.
+`identify` from the first five flights of the healthy ones; local statistics, verdicts and flags as a fleet makes them.
+A faulty engine loses two per cent of HPC efficiency with its sixteenth flight.
 """
 
 from __future__ import annotations
@@ -92,9 +93,7 @@ def main() -> None:
     healthy = [f for f in fleet.engines if f.serial not in faulty]
     others = [f for f in fleet.engines if f.serial in faulty]
     p = np.array([f.probability for f in healthy])
-    print(
-        f"{len(healthy)} healthy engines of {FLIGHTS} flights: probability of a change {p.mean():.2f}, {p.max():.2f} at most"
-    )
+    print(f"{len(healthy)} healthy engines of {FLIGHTS} flights: P(changed) {p.mean():.2f}, {p.max():.2f} at most")
     print(
         f"called changed: {sum(f.verdict == 'changed' for f in healthy)} healthy, "
         f"{sum(f.verdict == 'changed' for f in others)} of {len(others)} faulty"

@@ -172,7 +172,7 @@ def test_a_page_names_no_address_and_the_same_files_give_the_same_bytes(tmp_path
 def test_every_chart_has_its_table_with_the_place_of_each_row(tmp_path) -> None:
     page = report(tmp_path, *engine_files(tmp_path), records(tmp_path), refined(tmp_path), fleet(tmp_path, 4, 12))
     figures = re.findall(r"<figure.*?</figure>", page, re.S)
-    assert len(figures) >= 15
+    assert len(figures) >= 13
     for figure in figures:
         assert "<details><summary>Table: " in figure and "<td" in figure
         assert 'role="group" aria-label=' in figure and "<title>" in figure
