@@ -1,11 +1,11 @@
 """Sequential test of the records of a flight by e-values: the false-alarm probability holds for the whole flight.
 
-A change Δθ ~ N(0, P) that begins at block j has, against no change, the likelihood ratio
+A change Δθ ~ N(0, P) that begins with record j has, against no change, the likelihood ratio
 
     log L_j = −½ log det(I + P F) + ½ sᵀ (P⁻¹ + F)⁻¹ s
 
 with s and F of what came since j, after elimination of everything uncertain about nominal (w ~ N(0, C), in both
-hypotheses). The mean over shapes of change and onsets j with weights Σ w_j = 1,
+hypotheses). The mean over suspects, sizes and onsets j with weights Σ w_j = 1,
 
     E_n = Σ_{j ≤ n} w_j L_j + (1 − Σ_{j ≤ n} w_j),
 
@@ -13,6 +13,8 @@ starts at 1 and has mean 1 as long as nothing changes, so that P(E_n ≥ 1/α fo
 de la notion de collectif, 1939; mixtures: H. Robbins, Ann. Math. Statist. 41 (1970) 1397–1409; sums over onsets:
 J. Shin, A. Ramdas, A. Rinaldo, "E-detectors", NEJSDS 2023. Forgetting an onset can only lower E. The bound holds for
 Gaussian noise, and with certain nominal for uniform noise too, whose moments E exp(λx) lie below the Gaussian ones.
+Suspects, sizes and their probabilities are those of the model of change (`history`), so that an alarm
+comes when that model finds a step likely enough.
 
 The past of a flight takes constant memory: recent blocks are kept one by one, older ones in ever longer pieces. Sums of
 a block are in coordinates in which everything unknown is N(0, 1) beforehand, see `Coordinates`.
@@ -63,57 +65,40 @@ class Coordinates:
 
 @dataclass(frozen=True)
 class Segment:
-    """Sums over blocks first … last − 1: s (d,) = Σ GᵀZ and F (d, d) = Σ GᵀG in unit-normal coordinates.
+    """Sums over `records` records from number `first` on, counted from 0, of so many blocks: s (d,) = Σ GᵀZ and
+    F (d, d) = Σ GᵀG in unit-normal coordinates.
 
-    `clock` is the mean time of its records, `begin` the time of its first record.
+    `clock` is the mean time of its records, `begin` the time of its first record; `chance`: prior probability that a
+    change begins with its first block.
     """
 
     first: int
-    last: int
     records: int
     begin: float
     clock: float
+    chance: float
     s: np.ndarray
     F: np.ndarray
+    blocks: int = 1
 
     def __add__(self, later: Segment) -> Segment:
         n = self.records + later.records
         clock = (self.records * self.clock + later.records * later.clock) / max(n, 1)
-        return Segment(self.first, later.last, n, self.begin, clock, self.s + later.s, self.F + later.F)
+        s, F = self.s + later.s, self.F + later.F
+        return Segment(self.first, n, self.begin, clock, self.chance, s, F, self.blocks + later.blocks)
 
 
 def append_segment(past: list[Segment], new: Segment) -> list[Segment]:
-    """`past` with `new` behind it; where there are more than RECENT pieces of a length, the oldest two are joined."""
+    """`past` with `new` behind it; where there are more than RECENT pieces of as many blocks, the oldest two are
+    joined."""
     kept, length = [*past, new], 1
     while True:
-        same = [i for i, piece in enumerate(kept) if piece.last - piece.first == length]
+        same = [i for i, piece in enumerate(kept) if piece.blocks == length]
         if len(same) <= RECENT:
             return kept
         i = same[0]
         kept[i : i + 2] = [kept[i] + kept[i + 1]]
         length *= 2
-
-
-@dataclass(frozen=True)
-class OnsetSums:
-    """Sums from each of J possible onsets to now, s (J, d) and F (J, d, d); the first is the beginning."""
-
-    s: np.ndarray
-    F: np.ndarray
-
-
-def onset_sums(past: list[Segment]) -> OnsetSums:
-    """Sums for an onset at the beginning of each piece."""
-    s, F = np.stack([piece.s for piece in past]), np.stack([piece.F for piece in past])
-    return OnsetSums(np.cumsum(s[::-1], axis=0)[::-1], np.cumsum(F[::-1], axis=0)[::-1])
-
-
-FROM_THE_START = 0.5
-"""Weight of a change that was there when the flight began; the rest is for those that begin on the way."""
-HORIZON = 60
-"""Blocks, or flights, over which later onsets have about the same weight; it falls as 1/j² beyond."""
-SCALES = (1.0, 0.25)
-"""Sizes of a change of one parameter alone, in multiples of its prior standard deviation."""
 
 
 @dataclass(frozen=True)
@@ -124,68 +109,48 @@ class ChangeEquations:
     S: np.ndarray
 
 
-def eliminate_nuisance(found: OnsetSums, nuisance: int) -> ChangeEquations:
-    """r = s_δ − F_δw (I + F_ww)⁻¹ s_w,   S = F_δδ − F_δw (I + F_ww)⁻¹ F_wδ."""
+def change_equations(past: Sequence[Segment], nuisance: int) -> ChangeEquations:
+    """For an onset at the beginning of each piece, with sums from there to now, the last k = `nuisance` of all records:
+
+    r = s_δ − F_δw (I + F_ww)⁻¹ s_w,   S = F_δδ − F_δw (I + F_ww)⁻¹ F_wδ.
+    """
     k = nuisance
-    r, S = found.s[:, k:], found.F[:, k:, k:]
+    s = np.stack([piece.s[k:] for piece in past])[::-1].cumsum(axis=0)[::-1]
+    F = np.stack([piece.F[:, k:] for piece in past])[::-1].cumsum(axis=0)[::-1]
+    S = F[:, k:]
     if k == 0:
-        return ChangeEquations(r, S)
-    F_wd = found.F[:, :k, k:]
-    inner = np.eye(k) + found.F[0, :k, :k]
-    J, _, c = F_wd.shape
-    right = np.concatenate([found.s[0, :k, None], F_wd.transpose(1, 0, 2).reshape(k, J * c)], axis=1)
-    solved = np.linalg.solve(inner, right)
-    solved_F = solved[:, 1:].reshape(k, J, c).transpose(1, 0, 2)
-    back = F_wd.transpose(0, 2, 1)
-    return ChangeEquations(r - back @ solved[:, 0], S - back @ solved_F)
+        return ChangeEquations(s, S)
+    half = np.linalg.inv(np.linalg.cholesky(np.eye(k) + sum(piece.F[:k, :k] for piece in past)))
+    seen = half @ F[:, :k]
+    known = half @ sum(piece.s[:k] for piece in past)
+    back = seen.transpose(0, 2, 1)
+    return ChangeEquations(s - back @ known, S - back @ seen)
 
 
-def log_single(found: ChangeEquations, scale: float = 1.0) -> np.ndarray:
-    """log likelihood ratios (J, c) of a change of one parameter alone, of `scale` prior standard deviations."""
-    information = scale**2 * np.maximum(np.einsum("jcc->jc", found.S), 0.0)
-    return np.asarray(-0.5 * np.log1p(information) + 0.5 * scale**2 * found.r**2 / (1 + information))
+FROM_THE_START = 0.2
+"""Probability of a change that was there when the flight began, given that there is one: new faults come on the way."""
+HORIZON = 1000
+"""Records over which later onsets are about as probable, some hours; it falls as 1/j² beyond."""
 
 
-def log_full(found: ChangeEquations, count: int) -> np.ndarray:
-    """log likelihood ratios (J,) of a change of the first `count` parameters together."""
-    r, S = found.r[:, :count], found.S[:, :count, :count]
-    L = np.linalg.cholesky(np.eye(count) + (S + S.transpose(0, 2, 1)) / 2)
-    y = np.linalg.solve(L, r[:, :, None])[:, :, 0]
-    return np.asarray(-np.sum(np.log(np.einsum("jcc->jc", L)), axis=1) + 0.5 * np.sum(y**2, axis=1))
+def onset_chance(first: int, records: int) -> float:
+    """Probability of an onset within `records` records from number `first` on, counted from 0:
 
-
-def log_mean_exp(x: np.ndarray, axis: int = -1) -> np.ndarray:
-    """log of the mean of exp(x) along an axis."""
-    top = np.max(x, axis=axis, keepdims=True)
-    return np.asarray(np.log(np.mean(np.exp(x - top), axis=axis)) + np.squeeze(top, axis=axis))
-
-
-def log_ratio(found: ChangeEquations, coordinates: Coordinates) -> np.ndarray:
-    """log L_j (J,): a third each for all health parameters together, one of them alone, one sensor alone."""
-    a = len(coordinates.health)
-    parts = [log_full(found, a)] if a else []
-    singles = np.stack([log_single(found, scale) for scale in SCALES])
-    for chosen in (slice(0, a), slice(a, None)):
-        part = singles[:, :, chosen]
-        if part.shape[2]:
-            parts.append(log_mean_exp(log_mean_exp(part, axis=2), axis=0))
-    return log_mean_exp(np.stack(parts), axis=0)
-
-
-def onset_weight(number: np.ndarray, first: float) -> np.ndarray:
-    """w_j for the numbers j = 0, 1, … of blocks or flights: w_0 = `first`, then (1 − w_0) H/((j + H − 1)(j + H)), which
-    sum to 1."""
-    j = np.asarray(number, float)
-    return np.where(j == 0, first, (1 - first) * HORIZON / ((j + HORIZON - 1) * (j + HORIZON)))
+    (1 − w₀) (b/(b + H) − a/(a + H)) from a to b, and w₀ at the very beginning.
+    """
+    later = (1 - FROM_THE_START) * HORIZON * records / ((first + HORIZON) * (first + records + HORIZON))
+    return later + (FROM_THE_START if first == 0 else 0.0)
 
 
 @dataclass
 class EProcess:
-    """E of one flight. past: blocks that are decided for good; open: those after them. `log_e` is log E_n,
-    `alarm_block` the first block with E ≥ 1/α (None while there is none); alone: the cause without which E would stay
-    below."""
+    """E of one flight. log_ratio: of the equations of J onsets the log (J,) of a mean of likelihood ratios over changes
+    of all kinds, weighed beforehand. past: blocks that are decided for good; open: those after them. `log_e` is log
+    E_n, `alarm_block` the first block with E ≥ 1/α (None while there is none); decisive_cause: that without which E
+    would stay below."""
 
     coordinates: Coordinates
+    log_ratio: Callable[[ChangeEquations], np.ndarray]
     false_alarm: float
     past: list[Segment] = field(default_factory=list)
     open: list[Segment] = field(default_factory=list)
@@ -198,10 +163,12 @@ class EProcess:
         """The flight so far."""
         return [*self.past, *self.open]
 
-    def segment(self, block: int, X: np.ndarray, z: np.ndarray, begin: float, clock: float) -> Segment:
-        """A block's sums from innovations z (n, m) and their sensitivities X (n, m, d) to the coordinates."""
+    def segment(self, first: int, X: np.ndarray, z: np.ndarray, begin: float, clock: float) -> Segment:
+        """A block's sums from innovations z (n, m) and their sensitivities X (n, m, d) to the coordinates; first:
+        number of its first record."""
         columns = X.reshape(-1, X.shape[2])
-        return Segment(block, block + 1, len(z), begin, clock, columns.T @ z.ravel(), columns.T @ columns)
+        s, F = columns.T @ z.ravel(), columns.T @ columns
+        return Segment(first, len(z), begin, clock, onset_chance(first, len(z)), s, F)
 
     def add(
         self,
@@ -223,7 +190,7 @@ class EProcess:
             without = {cause: self._log_e(segments) for cause, segments in disturbed()}
             self.log_e = min([self.log_e, *without.values()])
             if self.log_e >= limit:
-                self.alarm_block = self.pieces[-1].last - 1
+                self.alarm_block = sum(piece.blocks for piece in self.pieces) - 1
             else:
                 self.decisive_cause = min(without, key=lambda cause: without[cause])
 
@@ -232,11 +199,11 @@ class EProcess:
         pieces = [*self.past, *open_blocks]
         if not pieces:
             return 0.0
-        found = eliminate_nuisance(onset_sums(pieces), self.coordinates.nuisance)
-        weights = onset_weight(np.array([piece.first for piece in pieces]), FROM_THE_START)
+        ratio = self.log_ratio(change_equations(pieces, self.coordinates.nuisance))
         # onsets that have been forgotten count as ratio 0, those to come as ratio 1
-        to_come = (1 - FROM_THE_START) * HORIZON / (pieces[-1].last + HORIZON - 1)
-        return float(np.logaddexp.reduce([*(np.log(weights) + log_ratio(found, self.coordinates)), np.log(to_come)]))
+        to_come = (1 - FROM_THE_START) * HORIZON / (pieces[-1].first + pieces[-1].records + HORIZON)
+        weights = np.log([piece.chance for piece in pieces])
+        return float(np.logaddexp.reduce([*(weights + ratio), np.log(to_come)]))
 
 
 @dataclass

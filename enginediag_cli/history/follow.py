@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.detection.sequential import Coordinates, EProcess, Innovations, Segment
+from enginediag_cli.detection.sequential import ChangeEquations, Coordinates, EProcess, Innovations, Segment
 from enginediag_cli.detection.verdict import (
     LEAST_SENSORS,
     LackOfFit,
@@ -29,10 +29,11 @@ from enginediag_cli.detection.verdict import (
     one_channel_reason,
     too_few_sensors_reason,
 )
+from enginediag_cli.history.background import inner
 from enginediag_cli.history.engines import CANNOT_TELL, EPOCHS, UNLIKELY, EngineTrend
-from enginediag_cli.history.hypotheses import UNLISTED
+from enginediag_cli.history.hypotheses import UNLISTED, list_suspects, size_posterior
 from enginediag_cli.history.posterior import FEWEST_FLIGHTS, judge_history
-from enginediag_cli.history.records import History
+from enginediag_cli.history.records import LEAST_INFORMATION, History
 from enginediag_cli.intake.loader import ExcludedData, GrossCounts, RecordingLoader, follow_chunks
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.recordings.repeated import StuckRun
@@ -119,11 +120,11 @@ class FlightStory:
 
 
 def join_epochs(pieces: Sequence[Segment]) -> list[Segment]:
-    """Pieces that follow each other as epochs of as many blocks each, `EPOCHS` at most."""
+    """Pieces that follow each other as epochs of about as many records each, `EPOCHS` at most."""
     if not pieces:
         return []
-    longest = max(piece.last - piece.first for piece in pieces)
-    span = max(longest, -(-pieces[-1].last // EPOCHS))
+    longest = max(piece.records for piece in pieces)
+    span = max(longest, -(-(pieces[-1].first + pieces[-1].records) // EPOCHS))
     epochs: dict[int, Segment] = {}
     for piece in pieces:
         k = piece.first // span
@@ -140,10 +141,35 @@ def flight_history(epochs: Sequence[Segment], coordinates: Coordinates) -> Histo
     return History(coordinates.described, coordinates.unit, score, information)
 
 
+class StepEvidence:
+    """Marginal likelihood of a step, by the suspects and sizes of the model of change. Signs of wear count where a
+    suspect has one: the orthant of a plane is no product of its sides, and E is to have mean 1 exactly."""
+
+    def __init__(self, described: Sequence[Parameter]):
+        suspects = list_suspects(described)
+        self.suspects = [s if sum(map(abs, s.wear)) <= 1 else replace(s, wear=(0,) * len(s.wear)) for s in suspects]
+        log = np.array([s.log_prior for s in suspects])
+        self.log_prior = log - np.logaddexp.reduce(log)
+
+    def __call__(self, found: ChangeEquations) -> np.ndarray:
+        """log (J,) of the mean likelihood ratio of each onset."""
+        parts = []
+        for suspect, log_prior in zip(self.suspects, self.log_prior, strict=True):
+            own = np.array(suspect.positions)
+            sizes = size_posterior(found.r[:, own], found.S[:, own[:, None], own], suspect)
+            parts.append(log_prior + np.logaddexp.reduce(sizes.log, axis=1))
+        return np.asarray(np.logaddexp.reduce(parts, axis=0))
+
+
 JUMP_SIGMAS = 5.0
 """Size of a plausible jump of a sensor, in its noise, where the engine file has no prior for its bias."""
+SCATTER = 20
+"""Records by the scatter of which those are judged that may not have been measured."""
 NEGLIGIBLE = 1e-6
 """Variances of nuisance combinations below this share of the largest are dropped; they are in prior units."""
+LONG_FLIGHT, POINTS = 10_000, 50
+"""Records of a long flight, over which what is uncertain about nominal must show to matter; and operating points by
+which that is judged, fewer of which do not show what matters at others."""
 NEVER_MOVED = "no reading has moved since the flight began"
 """Why a block is no evidence where a recorder stands still from the start: its one reading may be an old one."""
 
@@ -157,7 +183,7 @@ def unit_coordinates(monitor: Monitor) -> Coordinates:
     D = monitor.prior_sigma
     eigenvalues, vectors = np.linalg.eigh(monitor.uncertainty / D / D[:, None])
     kept = eigenvalues > NEGLIGIBLE * max(eigenvalues.max(initial=0.0), 1e-300)
-    root = D[:, None] * vectors[:, kept] * np.sqrt(eigenvalues[kept])
+    root = _visible_columns(monitor, D[:, None] * vectors[:, kept] * np.sqrt(eigenvalues[kept]))
     k = root.shape[1]
     basis = np.zeros((p + m, k + a + m))
     basis[:p, :k] = root
@@ -166,6 +192,19 @@ def unit_coordinates(monitor: Monitor) -> Coordinates:
     basis[range(p, p + m), range(k + a, k + a + m)] = [jump.prior_sigma for jump in jumps]
     health = tuple(monitor.meaning[name] for name in monitor.monitored)
     return Coordinates(basis, k, health, jumps, np.array([*D[:a], *(jump.prior_sigma for jump in jumps)]))
+
+
+def _visible_columns(monitor: Monitor, root: np.ndarray) -> np.ndarray:
+    """Combinations (p, k) of the columns of root (p, q), which turn unit normals into what is uncertain about nominal,
+    without those that a long flight over the points identified does not show."""
+    points = np.empty((0, 0)) if monitor.envelope is None else monitor.envelope.points
+    if len(points) < POINTS:
+        return root
+    inputs = {c: points[:, i] for i, c in enumerate(monitor.envelope.inputs)}
+    _, J, ok, _ = monitor.predict(inputs, monitor.theta0)
+    moved = (J[ok] / monitor.noise.sigma[:, None]) @ root
+    value, vector = np.linalg.eigh(inner(moved, moved) * LONG_FLIGHT / max(len(moved), 1))
+    return np.asarray(root @ vector[:, value > LEAST_INFORMATION])
 
 
 def _sensor_jump(monitor: Monitor, j: int) -> Parameter:
@@ -275,7 +314,8 @@ class FlightMonitor:
     _explained: int = 0
 
     def __post_init__(self) -> None:
-        self.process = EProcess(unit_coordinates(self.monitor), self.false_alarm)
+        coordinates = unit_coordinates(self.monitor)
+        self.process = EProcess(coordinates, StepEvidence(coordinates.described), self.false_alarm)
         self._innovations = Innovations(self.monitor.noise)
 
     def add(self, part: Recording, masked: Sequence[StuckRun] = ()) -> BlockReport:
@@ -382,13 +422,15 @@ class FlightMonitor:
                 clean.closed, self._numbers[:k], *self._compute_innovations(clean.closed, self._innovations)
             )
         z, X = self._compute_innovations(clean.open, self._innovations.fork())
-        fit = self._scatter(z[-len(new) :], X[-len(new) :], int(np.isfinite(new.e).sum()))
+        recent = max(len(new), SCATTER)
+        readings = np.isfinite(np.concatenate([block.e for block in clean.open])[-recent:])
+        fit = self._scatter(z[-recent:], X[-recent:], int(readings.sum()))
         if sensors < LEAST_SENSORS:
             reason = too_few_sensors_reason(sensors, new.e.shape[1])
         elif is_lifeless(fit):
             reason = low_scatter_reason(fit)
         self._numbers = [*self._numbers[k:], None if reason else self._numbered]
-        self._numbered += not reason
+        self._numbered += 0 if reason else len(new)
         self._waiting += int(np.sum(np.isfinite(new.e).any(axis=1)))
         if self._distinct < FEWEST:
             return 0, reason
@@ -505,7 +547,7 @@ class FlightMonitor:
         return np.clip(self.monitor.theta0 + shift, self.monitor.lower, self.monitor.upper) - self.monitor.theta0
 
 
-BLOCK = 20
+BLOCK = 5
 """Records of a block where nobody says: an alarm is at most so many records late, and a row is informative."""
 OPEN_FLIGHTS = 16
 """Flights that may be open at once; the one that has been silent longest is closed for the next."""

@@ -10,21 +10,18 @@ from toy_engine import toy_monitor, toy_recording
 from white_statistics import white_noise
 
 from enginediag_cli.detection.sequential import (
-    FROM_THE_START,
     RECENT,
     Coordinates,
     EProcess,
     Innovations,
     Segment,
     append_segment,
-    eliminate_nuisance,
-    log_full,
-    log_single,
-    onset_sums,
-    onset_weight,
+    change_equations,
+    onset_chance,
 )
 from enginediag_cli.errors import DataError
-from enginediag_cli.history.follow import FlightMonitor
+from enginediag_cli.history.follow import FlightMonitor, StepEvidence
+from enginediag_cli.history.hypotheses import SLAB_WEIGHTS, SLABS
 from enginediag_cli.parameters import unspecified
 from enginediag_cli.recordings.source import LONGEST_LINE, GrowingFile
 from enginediag_cli.residuals.instruments import NoiseModel
@@ -32,35 +29,33 @@ from enginediag_cli.residuals.instruments import NoiseModel
 KEY = ("toy.csv", "1", "")
 
 
-def segments(rng, count=6, d=5):
-    past = []
-    for i in range(count):
-        G = rng.standard_normal((8, d))
-        z = rng.standard_normal(8)
-        past.append(Segment(i, i + 1, 8, 10.0 * i, 10.0 * i + 5, G.T @ z, G.T @ G))
-    return past
+def piece(first, G, z):
+    return Segment(first, len(z), float(first), first + len(z) / 2, onset_chance(first, len(z)), G.T @ z, G.T @ G)
 
 
-def test_the_weights_of_all_onsets_add_up_to_one():
-    j = np.arange(10**6)
-    assert onset_weight(j, FROM_THE_START).sum() == pytest.approx(1.0, abs=1e-4)
+@pytest.mark.parametrize("block", [1, 7])
+def test_the_chances_of_all_onsets_add_up_to_one(block):
+    assert sum(onset_chance(j, block) for j in range(0, 10**6, block)) == pytest.approx(1.0, abs=1e-3)
 
 
 def test_likelihood_ratios_are_those_of_the_gaussian_densities():
     rng = np.random.default_rng(1)
     G, z = rng.standard_normal((20, 5)), rng.standard_normal(20)
-    past = [
-        Segment(0, 1, 10, 0, 5, G[:10].T @ z[:10], G[:10].T @ G[:10]),
-        Segment(1, 2, 10, 10, 15, G[10:].T @ z[10:], G[10:].T @ G[10:]),
-    ]
-    found = eliminate_nuisance(onset_sums(past), 2)
+    found = change_equations([piece(0, G[:10], z[:10]), piece(10, G[10:], z[10:])], 2)
     W, late = G[:, :2], np.arange(20) >= 10
     base = np.eye(20) + W @ W.T
     D = G[:, 2:] * late[:, None]
     null = multivariate_normal(cov=base).logpdf(z)
-    assert log_full(found, 3)[1] == pytest.approx(multivariate_normal(cov=base + D @ D.T).logpdf(z) - null)
-    one = multivariate_normal(cov=base + np.outer(D[:, 1], D[:, 1]) / 4).logpdf(z) - null
-    assert log_single(found, 0.5)[1, 1] == pytest.approx(one)
+    names = ("a", "b", "c")
+    evidence = StepEvidence([unspecified(name) for name in names])
+    told = np.logaddexp.reduce(
+        [
+            np.log(weight / 3) + multivariate_normal(cov=base + slab**2 * np.outer(D[:, j], D[:, j])).logpdf(z) - null
+            for j in range(3)
+            for slab, weight in zip(SLABS, SLAB_WEIGHTS, strict=True)
+        ]
+    )
+    assert evidence(found)[1] == pytest.approx(told)
 
 
 def test_memory_stays_bounded_and_sums_stay_what_they_are():
@@ -68,9 +63,9 @@ def test_memory_stays_bounded_and_sums_stay_what_they_are():
     for i in range(1000):
         s = rng.standard_normal(2)
         total = total + s
-        past = append_segment(past, Segment(i, i + 1, 1, float(i), float(i), s, np.eye(2)))
+        past = append_segment(past, Segment(i, 1, float(i), float(i), onset_chance(i, 1), s, np.eye(2)))
     assert len(past) < 6 * RECENT
-    assert [piece.last for piece in past[:-1]] == [piece.first for piece in past[1:]]
+    assert [piece.first + piece.records for piece in past[:-1]] == [piece.first for piece in past[1:]]
     np.testing.assert_allclose(sum(piece.s for piece in past), total)
 
 
@@ -92,7 +87,7 @@ def test_innovations_of_correlated_noise_are_white_also_across_chunks_and_gaps()
 def process(alpha, k=2, a=3, m=2):
     health, sensors = (tuple(map(unspecified, names)) for names in ("abc"[:a], "xy"[:m]))
     coordinates = Coordinates(np.eye(k + a + m) * 2.0, k, health, sensors, np.full(a + m, 2.0))
-    return EProcess(coordinates, alpha)
+    return EProcess(coordinates, StepEvidence(coordinates.described), alpha)
 
 
 @pytest.mark.parametrize("noise", ["gaussian", "uniform"])
@@ -103,7 +98,7 @@ def test_healthy_flights_alarm_no_more_often_than_stated_over_their_whole_length
         for block in range(25):
             G = rng.standard_normal((6, 1, 7))
             z = rng.standard_normal((6, 1)) if noise == "gaussian" else rng.uniform(-1, 1, (6, 1)) * np.sqrt(3)
-            new = watch.segment(block, 2.0 * G, z + G[:, :, :2] @ w, 0.0, 0.0)
+            new = watch.segment(6 * block, 2.0 * G, z + G[:, :, :2] @ w, 0.0, 0.0)
             watch.add([], [*watch.open, new])
         alarms += watch.alarm_block is not None
     assert alarms <= binom.ppf(0.999, flights, 0.1)
