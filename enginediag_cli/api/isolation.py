@@ -45,11 +45,14 @@ class IsolationChoices:
     extra_sensors: Mapping[str, float] = field(default_factory=dict)
     flips: str = "nested"
     work_scope: str = "nested"
+    pool: int = 0
 
     def check(self, comparison: Comparison) -> None:
         """Raise UsageError for choices that exclude each other."""
         nominal, reference = comparison.given, comparison.judging.reference
         by_component = self.by == "component"
+        if self.pool:
+            self._check_pool(comparison)
         refused = {
             f"--method: there is no {self.method!r}, but {', '.join(METHODS)}": self.method not in METHODS,
             "--one-sided, --catalogue, --nonlinear and --advise go with --by parameter": by_component
@@ -67,10 +70,30 @@ class IsolationChoices:
             if wrong:
                 raise UsageError(reason)
 
+    def _check_pool(self, comparison: Comparison) -> None:
+        judging, patterns = comparison.judging, comparison.options.monitor
+        refused = {
+            "--pool counts flights, from 1 on": self.pool < 1,
+            "--pool takes whole flights: --window and --step cut them": not judging.plan.is_whole_flight,
+            "--pool compares with nominal; for changes since an engine's first flights use trend --reference": bool(
+                judging.reference
+            ),
+            "--pool learns what instruments are off by from flight to flight: they must be among the suspects "
+            "(without --monitor, --no-sensors and tests of --method)": not self.sensors_watched(patterns),
+            "--pool judges sums over flights, of which no records are kept: it does not go with --nonlinear always": (
+                self.nonlinear == "always"
+            ),
+        }
+        for reason, wrong in refused.items():
+            if wrong:
+                raise UsageError(reason)
+
     @property
     def notes(self) -> dict[str, str]:
         """Choices that the result depends on, for its provenance."""
         shown = {"one_sided": "yes"} if self.one_sided else {}
+        if self.pool:
+            shown["pooled"] = f"last {self.pool} flights of each engine"
         if self.nonlinear != "auto":
             shown["nonlinear"] = self.nonlinear
         if self.sensors is not None:
@@ -90,10 +113,12 @@ class IsolationChoices:
 
     def keeps_records(self, linearise: str) -> bool:
         """Return whether the records may be needed: for advice, and for fits with the full model."""
-        return self.advise or self._full_model(linearise)
+        return not self.pool and (self.advise or self._full_model(linearise))
 
     def _full_model(self, linearise: str) -> bool:
         wanted = self.nonlinear == "always" or (self.nonlinear == "auto" and linearise == "estimate")
+        if self.pool:  # sums over flights, of which no records are kept
+            return False
         return self.method == "posterior" and wanted
 
     def diagnosis_options(self, linearise: str, isolation: IsolationOptions) -> DiagnosisOptions:
@@ -142,8 +167,13 @@ class IsolationResult(Result):
             raise UsageError("--by component goes with --method posterior and without --faults")
         self._choices, self._options = choices, options
         watched = choices.sensors_watched(comparison.options.monitor)
-        self._monitor = monitor = comparison.monitor(sensors=watched, drifts=True)
-        self._files = files = comparison.files(monitor, drifts=True)
+        # a drift begins anew with each flight: of several flights it is no suspect
+        self._monitor = monitor = comparison.monitor(sensors=watched, drifts=not choices.pool)
+        self._files = files = comparison.files(monitor, drifts=not choices.pool)
+        if choices.pool:
+            from enginediag_cli.history.pooled import PooledWindows
+
+            self._files = files = PooledWindows.from_reader(files, choices.pool)
         self._diagnosis = choices.diagnosis_options(judging.linearise, options)
         kept = _record_history(comparison, choices, monitor)
         flips = self._addition_filter(choices.flips)
@@ -175,7 +205,7 @@ class IsolationResult(Result):
         return lambda number, named: form in ("nested", "cell") or (in_words and named and number <= SENTENCES)
 
     def _compute(self) -> Iterator[Row]:
-        from enginediag_cli.report.tables.isolation import isolated_rows, report_isolation
+        from enginediag_cli.report.tables.isolation import isolated_rows, report_isolation, report_pooled
 
         choices = self._choices
         shown = {"flips": choices.flips, "work_scope": choices.work_scope}
@@ -188,6 +218,7 @@ class IsolationResult(Result):
             scope = self._work_scope(number, found)
             self._drawn[:] = [*(w for w in self._drawn if w.named and not found.named), found]
             if number <= SENTENCES:
+                report_pooled(self.messages, found, getattr(self._files, "agreement", {}))
                 report_isolation(self.messages, found, scope)
             catalogue = self._diagnosis.catalogue is not None
             yield from isolated_rows(found, catalogue, advice=choices.advise, scope=scope, forms=forms)
@@ -244,6 +275,7 @@ def isolate(
     extra_sensors: Mapping[str, float] | None = None,
     flips: str = "nested",
     work_scope: str = "nested",
+    pool: int = 0,
     messages: Messages | None = None,
     stream: bool = False,
     **windows: Any,
@@ -280,6 +312,9 @@ def isolate(
         Recommend the next recording; ``extra_sensors`` maps further columns to their noise, in the column's unit.
     flips, work_scope : {"nested", "cell", "sentences", ""}
         How the sensitivity of the conclusion, and the work scope, are written into the rows.
+    pool : int
+        Judge the last so many flights of each engine together, as one window; changes are means over these flights. 0:
+        every flight by itself.
     messages : Messages, optional
         Receives sentences and warnings; by default they are collected in the result.
     stream : bool
@@ -304,7 +339,7 @@ def isolate(
 
     extra = dict(extra_sensors or {})
     choices = IsolationChoices(
-        method, by, sensors, one_sided, tuple(catalogue), nonlinear, advise, extra, flips, work_scope
+        method, by, sensors, one_sided, tuple(catalogue), nonlinear, advise, extra, flips, work_scope, pool
     )
     prior = SetPrior(inclusion=inclusion, sensor=sensor_inclusion)
     options = IsolationOptions(

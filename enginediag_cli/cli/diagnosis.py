@@ -308,6 +308,16 @@ def _block_length(window: str | None) -> int | None:
     "parameter at a time; sensitivity and minmax are its eqs. (13) and (14), with the uncertainty of nominal engine, "
     "instruments and map slopes added to the noise.",
 )
+@option(
+    JUDGEMENT,
+    "--pool",
+    metavar="N",
+    type=click.IntRange(min=0),
+    default=0,
+    help="Judge the last N flights of each engine together, as one window, across files. Changes are then means over "
+    "these flights; what instruments are off by from flight to flight is learnt from all flights of the engine. With "
+    "--last, of the last records of each flight.",
+)
 @option(JUDGEMENT, "--faults", metavar="Q", type=COUNT, help="Number of changed parameters, if known.")
 @option(JUDGEMENT, "--largest", metavar="N", type=COUNT, help="Largest number of parameters that changed together.")
 @false_alarm_option
@@ -359,6 +369,7 @@ def isolate(
     enginediag residual -n nominal.yaml --sensors flight.csv | enginediag isolate -
     enginediag isolate -n nominal.yaml flight.csv --method incremental --linearise nominal
     enginediag isolate -n nominal.yaml flight.csv --catalogue configs/faults --advise
+    enginediag isolate -n nominal.yaml --pool 20 flights/*.csv
 
     Sensors of outputs (`sensor.T3.bias`) and of model inputs (`input.Wf.scale`) may be wrong, too: biased, scaled,
     drifting, stuck (then excluded) or noisy. `verdict` tests all of that, where detect tests the engine alone.

@@ -47,6 +47,7 @@ from enginediag_cli.units import split_column
 if TYPE_CHECKING:
     from enginediag_cli.detection.verdict import Verdict
     from enginediag_cli.fleets.work_scope import WorkScope
+    from enginediag_cli.history.pooled import FlightAgreement
     from enginediag_cli.isolation.catalogue import NamedIsolation
     from enginediag_cli.isolation.diagnosis import ComponentIsolation, Diagnosis
     from enginediag_cli.isolation.results import AmbiguityGroup, SetIsolation
@@ -407,6 +408,26 @@ def name_formatter(found: IsolatedWindow) -> Callable[[Sequence[str]], list[str]
         return [parameter_words(found.meaning, [n])[0] if n in found.meaning else spelled(n) for n in names]
 
     return words
+
+
+def report_pooled(messages: Messages, found: IsolatedWindow, agreement: Mapping[str, FlightAgreement]) -> None:
+    """Which flights of an engine were judged as one, and whether they agree."""
+    engine = found.verdict.window.engine
+    pooled = agreement.get(engine)
+    if pooled is None:
+        return
+    name = f"engine {engine}: " if engine else ""
+    offsets = "" if pooled.learnt or pooled.flights == 1 else "; instruments' offsets per flight as identified"
+    messages.note(
+        f"{name}{pooled.flights} of {pooled.of} flights judged as one ({found.verdict.window.flight}){offsets}",
+        engine=engine,
+    )
+    if not pooled.agree:
+        messages.warning(
+            f"{name}these flights differ from each other by {pooled.ratio:.2g} times what they should: something "
+            "changed among them; run trend, or pool fewer flights",
+            engine=engine,
+        )
 
 
 def report_isolation(messages: Messages, found: IsolatedWindow, scope: WorkScope | None = None) -> None:
