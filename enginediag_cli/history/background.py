@@ -101,6 +101,19 @@ class Background:
         M = (g**2 @ self.F.reshape(T, p * p)).reshape(K, p, p) - N @ N.transpose(0, 2, 1)
         return b, M
 
+    def single_flights(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Estimates and information (T, k) of the parameters `at` (k,), each alone and in each flight alone."""
+        _, whitened, w = self._root
+        N = whitened[:, at]
+        weight = np.maximum(self.F[:, at, at] - np.sum(N**2, axis=2), TINY)
+        return (self.s[:, at] - N @ w) / weight, weight
+
+    def flights(self, position: int) -> tuple[np.ndarray, np.ndarray]:
+        """Scores b (T,) and information K (T, T) of one parameter in single flights: of a course g, gᵀb and gᵀKg."""
+        _, whitened, w = self._root
+        N = whitened[:, position]
+        return self.s[:, position] - N @ w, np.diag(self.F[:, position, position]) - N @ N.T
+
     def joint(self, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Score (c,) and information (c, c) of columns h (T, p, c), the background marginalised."""
         _, whitened, w = self._root
@@ -154,9 +167,8 @@ MEDIAN = 0.455
 CAP = 1.5
 """Largest size of a sensor's offset, in sizes by the median of its differences: a fault that comes and goes in less
 than a half of the flights does not pass for scatter."""
-NEEDED = 1.0
-"""Nats by which an offset must make the differences likelier to count as more than the smallest: chance alone gives
-one in six of them as much, and twenty-five that are kept all at once would take a quarter of the information."""
+TWO_LEVELS = 0.15
+"""Share of a sensor's scatter that two levels leave where it comes and goes: a normal law leaves 0.36, a ramp 0.25."""
 FEWEST_DIFFERENCES = 10
 """Differences from which their median is worth a factor: to a third, of ten times nine sensors."""
 RIDGE = 1e-6
@@ -190,14 +202,32 @@ def learn_offsets(history: History) -> OffsetModel:
     L = np.median(R @ F[:, S[:, None], forms], axis=0)
     information = np.einsum("tii->ti", F)[:, forms]
     strength = np.maximum(np.median(information, axis=0), TINY)
-    alone = np.diff(s[:, forms] / np.maximum(information, TINY), axis=0)
+    alone = np.diff(without_second_level(s[:, forms] / np.maximum(information, TINY)), axis=0)
     sensor = np.array([history.parameters[i].belongs_to_sensor for i in forms], bool)
     cap = np.where(sensor, CAP**2 * np.median(alone**2, axis=0) / MEDIAN / 2, np.inf)
     least = LEAST_SHARE / strength
     start = np.where(sensor, np.maximum(cap, least), START_SHARE / strength)
-    d = np.diff(e, axis=0)
+    d = np.diff(without_second_level(e), axis=0)
     variance[forms] = _expectation_maximisation(d, V, L, start, least, np.maximum(cap, least))
     return OffsetModel(variance, _inflation(d, V + 2 * (L * variance[forms]) @ L.T))
+
+
+def without_second_level(e: np.ndarray) -> np.ndarray:
+    """Estimates e (T, k) with what is plainly at one of two levels brought to one: of all ways to cut the sorted values
+    of a column in two, the one that leaves the least scatter about both means."""
+    T = len(e)
+    order = np.argsort(e, axis=0)
+    value = np.take_along_axis(e, order, axis=0) - e.mean(axis=0)
+    n = np.arange(1, T)[:, None]
+    below = np.cumsum(value, axis=0)[:-1]
+    between = below**2 / n + below**2 / (T - n)  # the sum of all values is zero
+    cut = np.argmax(between, axis=0)
+    at = np.arange(e.shape[1])
+    two = np.sum(value**2, axis=0) - between[cut, at] < TWO_LEVELS * np.sum(value**2, axis=0)
+    step = -below[cut, at] * (1 / (T - 1 - cut) + 1 / (cut + 1))
+    above = np.empty_like(e)
+    np.put_along_axis(above, order, (np.arange(T)[:, None] > cut).astype(float), axis=0)
+    return np.asarray(e - above * step * two)
 
 
 def _inflation(d: np.ndarray, total: np.ndarray) -> float:
@@ -224,29 +254,7 @@ def _expectation_maximisation(
         mean = 2 * q * (z @ L)
         shrink = 2 * q - 4 * q**2 * np.sum(L * (inverse @ L), axis=1)
         q = np.clip((weight[:, None] * mean**2 + shrink).mean(axis=0) / 2, least, most)
-    return _drop_needless(d, V, L, q, least)
-
-
-def _log_likelihood(d: np.ndarray, V: np.ndarray, L: np.ndarray, q: np.ndarray) -> float:
-    """Of differences d (n, k) by Student's law with offsets of variance q (c,)."""
-    total = V + 2 * (L * q) @ L.T
-    z = np.linalg.solve(total, d[:, :, None])[:, :, 0]
-    k = d.shape[1]
-    tail = (FREEDOM + k) / 2 * np.log1p(np.sum(z * d, axis=1) / FREEDOM)
-    return float(-np.sum(tail) - 0.5 * np.sum(np.linalg.slogdet(total)[1]))
-
-
-def _drop_needless(d: np.ndarray, V: np.ndarray, L: np.ndarray, q: np.ndarray, least: np.ndarray) -> np.ndarray:
-    """Variances q (c,) with those at the smallest that the differences do not need, the least needed first."""
-    free = np.flatnonzero(q > least)
-    own = _log_likelihood(d, V, L, q)
-    losses = [own - _log_likelihood(d, V, L, np.where(np.arange(len(q)) == j, least, q)) for j in free]
-    for j in free[np.argsort(losses, kind="stable")]:
-        trial = np.where(np.arange(len(q)) == j, least, q)
-        log = _log_likelihood(d, V, L, trial)
-        if log >= own - NEEDED:
-            own, q = max(own, log), trial
-    return q
+    return np.asarray(q)
 
 
 def marginalise_offsets(history: History, offsets: OffsetModel) -> History:

@@ -324,12 +324,13 @@ class HistoryOptions:
     """How one engine is judged. baseline: its first flights, believed healthy, which say what it is like; 0 where
     nominal says that; sensors: instruments may have changed; maintenance: number, from 1, of each first flight after
     it; shifts: number of a first flight → parameter → by how much, in prior standard deviations, something that is
-    known may have moved it since."""
+    known may have moved it since; health: the path of health is computed, which margins need."""
 
     baseline: int = 0
     sensors: bool = True
     maintenance: Sequence[int] = ()
     shifts: Sequence[tuple[int, Mapping[str, float]]] = ()
+    health: bool = False
 
 
 def judge_engine_history(sums: EngineSums, meaning: Mapping[str, Parameter], options: HistoryOptions) -> EngineTrend:
@@ -343,7 +344,7 @@ def judge_engine_history(sums: EngineSums, meaning: Mapping[str, Parameter], opt
     for number, moved in options.shifts:
         since = (np.array(first) >= number - 1).astype(float)
         history = add_shifts(history, since, {place[name]: size for name, size in moved.items() if name in place})
-    found = judge_history(history, sensors=options.sensors)
+    found = judge_history(history, sensors=options.sensors, health=options.health)
     calm = marginalise_offsets(history, learn_offsets(history))
     departures = tuple(first[t] + 1 for t in departing_epochs(calm))
     visible = step_visibility(calm, int(np.searchsorted(first, options.baseline))) if options.baseline else np.inf
@@ -368,14 +369,10 @@ def judge_engines(
     engines = [engine for engine, stretches in series.stretches.items() if len(stretches) >= FEWEST]
 
     def judged(k: int) -> EngineTrend:
-        history, first = sums[engines[k]].history(series.parameters)
-        restored = np.searchsorted(first, [n - 1 for n in (maintenance or {}).get(engines[k], ())])
-        history = replace(history, maintenance=tuple(sorted({int(t) for t in restored if 0 < t < len(first)})))
-        if reference:
-            history = add_engine_level(history)
-        found = judge_history(history, sensors=sensors, health=health)
-        departures = tuple(first[t] + 1 for t in departing_epochs(history))
-        return EngineTrend(found, first, len(series.stretches[engines[k]]), departures)
+        engine = engines[k]
+        baseline = max(series.healthy(engine, reference), 1) if reference else 0
+        options = HistoryOptions(baseline, sensors, (maintenance or {}).get(engine, ()), health=health)
+        return judge_engine_history(sums[engine], series.parameters, options)
 
     stories = zip(engines, parallel_imap(judged, len(engines)), strict=True)
     return each(stories, "engines judged", len(engines))

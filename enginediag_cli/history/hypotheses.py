@@ -98,12 +98,13 @@ def list_suspects(parameters: Sequence[Parameter], sensors: bool = True) -> tupl
 @dataclass(frozen=True)
 class Event:
     """One change: the suspect, its shape (a table of one), its size (q,) at the shape's largest value and the slab that
-    holds it, in prior standard deviations."""
+    holds it, in prior standard deviations; doubt: share to which its effect on each sensor is known."""
 
     suspect: Suspect
     shape: ShapeTable
     size: np.ndarray
     slab: float
+    doubt: float = 0.0
 
     @property
     def course(self) -> np.ndarray:
@@ -115,9 +116,9 @@ class Event:
         return KINDS[int(self.shape.kind[0])]
 
     @property
-    def key(self) -> tuple[tuple[int, ...], bytes, float]:
+    def key(self) -> tuple[tuple[int, ...], bytes, float, float]:
         """What tells it from others."""
-        return self.suspect.positions, self.course.tobytes(), round(self.slab, 3)
+        return self.suspect.positions, self.course.tobytes(), round(self.slab, 3), self.doubt
 
     @property
     def log_prior(self) -> float:
@@ -247,17 +248,16 @@ def pattern_shapes(
     """
     if flights < 6:
         return None
-    b, M = background.project(np.eye(flights))
     single = [k for k, s in enumerate(suspects) if len(s.positions) == 1]
-    at = np.array([suspects[k].positions[0] for k in single])
-    own_b, own_M = b[:, at], np.maximum(M[:, at, at], 1e-9)
-    estimate, weight = own_b / own_M, own_M
+    estimate, weight = background.single_flights(np.array([suspects[k].positions[0] for k in single]))
     level = np.median(estimate, axis=0)
     scatter = np.sum(weight * (estimate - level) ** 2, axis=0)
     patterns, owner = [], []
     for c in np.argsort(-scatter)[:PATTERN_SUSPECTS]:
+        b, K = background.flights(suspects[single[c]].positions[0])
         for way in (1.0, -1.0):
             found = _best_patterns(way * (estimate[:, c] - level[c]), weight[:, c])
+            found = np.concatenate([found, _climb_pattern(found[0], b, K)[None]])
             patterns += list(found)
             owner += [single[c]] * len(found)
     g = np.array(patterns)
@@ -266,12 +266,12 @@ def pattern_shapes(
     g, log, who = g[kept], log[kept], np.array(owner)[kept]
     if not len(g):
         return None
-    K = len(g)
+    count = len(g)
     prior = np.log([[COMPONENT_PRIOR[INTERMITTENT]], [INSTRUMENT_PRIOR[INTERMITTENT]]]) + log
     first = g.argmax(axis=1)
-    ones = np.ones((K, 2), int)
+    none, ones = np.zeros(count), np.ones((count, 2), int)
     table = ShapeTable(
-        g, np.full(K, KINDS.index(INTERMITTENT)), first, np.full(K, flights), np.zeros(K), np.zeros(K), ones, prior
+        g, np.full(count, KINDS.index(INTERMITTENT)), first, np.full(count, flights), none, none, ones, prior
     )
     return table, who
 
@@ -288,6 +288,29 @@ def _best_patterns(estimate: np.ndarray, weight: np.ndarray) -> np.ndarray:
     moved = np.cumsum((weight * estimate)[order])[k - 1]
     gain = 0.5 * np.maximum(moved, 0.0) ** 2 / np.cumsum(weight[order])[k - 1] + _log_markov(g)
     return np.asarray(g[np.argsort(-gain, kind="stable")[:PATTERNS]])
+
+
+def _climb_pattern(g: np.ndarray, b: np.ndarray, K: np.ndarray) -> np.ndarray:
+    """The pattern (T,) with flights exchanged one by one, each time the one that adds most to
+
+        ½ (gᵀb)² / (gᵀKg + 1) + ln P(g)
+
+    of scores b (T,) and information K (T, T) that all flights share what is uncertain beside the fault."""
+    T = len(g)
+    flip = np.eye(T)
+    best = -np.inf
+    for _ in range(T):
+        turned = np.concatenate([g[None], np.abs(g - flip)])
+        change = 1 - 2 * g
+        Kg = K @ g
+        total = g @ b + np.concatenate([[0.0], change * b])
+        known = g @ Kg + np.concatenate([[0.0], 2 * change * Kg + np.diag(K)])
+        gain = 0.5 * total**2 / (np.maximum(known, 0.0) + 1) + _log_markov(turned)
+        k = int(np.argmax(gain))
+        if k == 0 or gain[k] <= max(best, 0.0):
+            break
+        best, g = float(gain[k]), turned[k]
+    return g
 
 
 def _log_markov(g: np.ndarray) -> np.ndarray:

@@ -8,8 +8,9 @@ Which changes together: a beam over sets of events, with adding, exchanging and 
 
 An event that is accepted becomes part of the background, with its size free within its slab, and with two doubts:
 
-    effect    each sensor follows the event by 3 % + 1 % per prior standard deviation of what the model says
+    effect    each sensor follows the event to a share of what the model says: the amount that the data make likeliest
     shape     the event's course may be off by 10 % of its size, in six smooth modes while it lasts
+    end       what ended may have left something: 20 % of its size from there on
 
 so that a large change does not raise small ones beside it. Log probability of a set: the sum of the log odds of its
 events, each before the background of those before it.
@@ -53,20 +54,22 @@ from enginediag_cli.history.shapes import (
     INTERMITTENT,
     KINDS,
     PULSE,
-    REACH,
+    RESTORED,
     WASHED,
     WITH_END,
     ShapeTable,
     coarse_shapes,
-    join_shapes,
+    nearby_shapes,
     neighbours,
     open_cells,
 )
 from enginediag_cli.probability import NORMAL_95, normalized_weights
 
-EFFECT_DOUBT, EFFECT_GROWTH = 0.03, 0.01
-"""Share to which the effect of a change on each sensor is known, and how that grows per prior standard deviation of
-the change: the model is linear about nominal, and maps are known to some per cent."""
+EFFECT_DOUBTS = (0.01, 0.04, 0.15)
+"""Shares to which the effect of a change on each sensor may be known, alike in prior: a model that is right but linear
+about nominal, one whose maps are off by some per cent, and a change far beyond what was linearised."""
+LEFT = 0.2
+"""Share of an event's size that may be left after its end: no wash and no repair restores all."""
 SHAPE_DOUBT, SHAPE_MODES = 0.1, 6
 """Share of an event's size by which its course may be off, and smooth modes of that: no fouling is an exponential."""
 BEAM, DEPTH = 2, 4
@@ -78,8 +81,6 @@ OPENED, OPENED_SHARE, ROUNDS = 12, 1e-4, 6
 CLIMBED, CLIMBED_SHARE = 12.0, 0.6
 """Nats below the best, and share of its log odds, to which a kind of shape is climbed to its likeliest onset and end: a
 step that is looked at two flights beside its onset loses a part of what it explains, not all."""
-NEAR = 4
-"""Times `REACH` to either side of a plain event's onset to which onsets are looked at with its course in doubt."""
 QUIET = -2.5
 """Log odds of a first change below which nothing is looked at more closely: neither onsets flight by flight, nor more
 wander, make up for them."""
@@ -109,23 +110,28 @@ class HistorySearch:
     effect: np.ndarray
     _scans: dict[tuple[object, ...], Scan] = field(default_factory=dict, repr=False, compare=False)
 
-    def event_columns(self, event: Event, *, doubts: bool = True) -> np.ndarray:
-        """h (T, p, c): of the event's size, then of both doubts."""
+    def event_columns(self, event: Event) -> tuple[np.ndarray, np.ndarray]:
+        """h (T, p, c): of the event's size, of what is left after its end, of its course's doubt and of its effect's;
+        and whether (c,) each is a change, 1, or an error of the model about it, 0."""
         T, p = len(self.history), self.history.width
         g, own = event.course, list(event.suspect.positions)
         size = np.zeros((T, p, len(own)))
         size[:, own, range(len(own))] = event.slab * g[:, None]
-        if not doubts:
-            return size
-        parts = [size]
-        if not all(self.history.parameters[i].belongs_to_sensor for i in own):
-            share = EFFECT_DOUBT + EFFECT_GROWTH * float(np.abs(event.size).max())
-            follows = share * np.abs(self.effect[:, own] @ event.size)
-            doubt = np.zeros((T, p, len(self.sensors)))
-            doubt[:, self.sensors, range(len(self.sensors))] = g[:, None] * follows
+        parts = [size, self.shape_doubt(event)]
+        if event.kind in RESTORED:
+            left = np.zeros((T, p, len(own)))
+            left[int(event.shape.end[0]) :, own, range(len(own))] = LEFT * np.abs(event.size)
+            parts.append(left)
+        real = np.ones(sum(h.shape[2] for h in parts))
+        if event.doubt:
+            at = [*self.sensors, *own]
+            follows = np.linalg.norm(self.effect[:, own] * event.size, axis=1)
+            turned = np.full(len(own), np.linalg.norm(event.size))
+            doubt = np.zeros((T, p, len(at)))
+            doubt[:, at, range(len(at))] = g[:, None] * event.doubt * np.concatenate([follows, turned])
             parts.append(doubt)
-        parts.append(self.shape_doubt(event))
-        return np.concatenate(parts, axis=2)
+            real = np.concatenate([real, np.zeros(len(at))])
+        return np.concatenate(parts, axis=2), real
 
     def shape_doubt(self, event: Event) -> np.ndarray:
         """h (T, p, c): modes while the event lasts, each of the parameters together."""
@@ -142,7 +148,7 @@ class HistorySearch:
         """The background with these events in it, whatever their size."""
         found = self.background
         for event in events:
-            found = found.add_columns(self.event_columns(event))
+            found = found.add_columns(self.event_columns(event)[0])
         return found
 
     def scan(self, events: Sequence[Event]) -> Scan:
@@ -154,17 +160,20 @@ class HistorySearch:
         return self._scans[key]
 
     def scan_near(self, others: Sequence[Event], event: Event) -> Scan:
-        """The posterior over the onsets near that of an event, the others given, with its course in doubt."""
+        """The posterior over kinds and onsets near those of an event, the others given, with its course in doubt."""
         background = self.before(others).add_columns(self.shape_doubt(event))
-        T, maintenance = len(self.history), self.history.maintenance
-        shapes = event.shape
-        for _ in range(NEAR):
-            beside = neighbours(shapes, np.arange(len(shapes)), T, maintenance)
-            shapes = shapes if beside is None else join_shapes([shapes, beside])
-            near = np.abs(shapes.onset - event.shape.onset[0]) <= NEAR * REACH
-            same = (shapes.end == event.shape.end[0]) & (shapes.kept == event.shape.kept[0])
-            shapes = shapes.select(np.flatnonzero(near & same))
-        return self._scan_shapes(shapes, background)
+        return self._scan_shapes(nearby_shapes(event.shape, len(self.history), self.history.maintenance), background)
+
+    def take(self, others: Sequence[Event], owner: str = "") -> Event:
+        """The likeliest further event, of one owner where that is named, with what the data leave of the doubt about
+        its effect."""
+        event = self.scan(others).best_event(owner)
+        if all(self.history.parameters[i].belongs_to_sensor for i in event.suspect.positions):
+            return event
+        before = self.before(others)
+        made = [replace(event, doubt=share) for share in EFFECT_DOUBTS]
+        log = np.array([before.add_columns(self.event_columns(one)[0]).log_evidence for one in made])
+        return replace(event, doubt=float(np.sqrt(normalized_weights(log) @ np.square(EFFECT_DOUBTS))))
 
     def log_probability(self, events: Sequence[Event]) -> float:
         """Of a set of events with their shapes, against none: marginal likelihood times prior."""
@@ -238,10 +247,10 @@ def find_events(search: HistorySearch, first: Scan) -> EventSetFit:
             owners = scan.owners()
             top, *others = sorted(owners, key=lambda name: -owners[name])[:BEAM]
             if scan.log_odds > 0:  # that something changed may be certain while nobody is likelier than not
-                grown.append(EventSetFit((*fit.events, scan.best_event(top)), fit.log + scan.log_odds))
+                grown.append(EventSetFit((*fit.events, search.take(fit.events, top)), fit.log + scan.log_odds))
             for owner in others:
                 if owners[owner] > 0:
-                    grown.append(EventSetFit((*fit.events, scan.best_event(owner)), fit.log + owners[owner]))
+                    grown.append(EventSetFit((*fit.events, search.take(fit.events, owner)), fit.log + owners[owner]))
         grown = sorted(grown, key=lambda fit: -fit.log)[:BEAM]
         grown = [fit for fit in grown if fit.log > grown[0].log - RIVAL]
         if not grown:
@@ -269,7 +278,7 @@ def add_events(search: HistorySearch, events: tuple[Event, ...], most: int) -> t
         scan = search.scan(events)
         if scan.log_odds < 0:
             break
-        events = (*events, scan.best_event())
+        events = (*events, search.take(events))
         events = exchange(search, events)
     return events
 
@@ -283,7 +292,7 @@ def exchange(search: HistorySearch, events: tuple[Event, ...]) -> tuple[Event, .
         for k in range(len(events) - 1, -1, -1):
             others = (*events[:k], *events[k + 1 :])
             scan = search.scan(others)
-            events = others if scan.log_odds < 0 else (*events[:k], scan.best_event(), *events[k + 1 :])
+            events = others if scan.log_odds < 0 else (*events[:k], search.take(others), *events[k + 1 :])
         if [e.key for e in events] == before:
             break
     return events
@@ -314,6 +323,21 @@ def weigh_wander(history: History, suspects: Sequence[Suspect]) -> list[WanderCh
         if first.log_odds < QUIET:
             break
     return found
+
+
+def find_with_wander(choices: Sequence[WanderChoice]) -> tuple[WanderChoice, EventSetFit]:
+    """The likeliest amount of wander with the likeliest set of events: what one event leaves may be another or wander,
+    so that amounts are compared with all events each."""
+    most = max(choice.log for choice in choices)
+    found = []
+    for choice in choices:
+        if choice.log > most - RIVAL or choice.log == most:
+            fit = find_events(choice.search, choice.first)
+            found.append((choice.log - float(np.logaddexp(0.0, choice.first.log_odds)) + fit.log, choice, fit))
+            if choice.first.log_odds < 0 and choice.log == most:
+                break
+    _, best, fit = max(found, key=lambda item: item[0])
+    return best, fit
 
 
 # The result
@@ -465,11 +489,8 @@ def judge_history(history: History, *, sensors: bool = True, health: bool = Fals
     choices = weigh_wander(calm, suspects)
     share = normalized_weights(np.array([c.log for c in choices]))
     probability = float(share @ expit(np.array([c.first.log_odds for c in choices])))
-    best = choices[int(np.argmax(share))]
-    fit = find_events(best.search, best.first)
-    search, chosen = best.search, fit.events
-    if chosen:
-        search, chosen, offsets = judge_again(history, best, chosen, offsets)
+    best, fit = find_with_wander(choices)
+    search, chosen, offsets = judge_again(history, best, fit.events, offsets)
     events = [describe_event(search, event, [*chosen[:k], *chosen[k + 1 :]]) for k, event in enumerate(chosen)]
     more = search.scan(chosen)
     level, deviation = smooth_levels(search, chosen)
@@ -495,7 +516,7 @@ def _health(search: HistorySearch, events: Sequence[Event]) -> HealthPath:
     """The path of health by the events that were found."""
     none = np.zeros((len(search.history), search.history.width, 0))
     every, wrong = (
-        np.concatenate([none, *[search.event_columns(e) for e in events if e.suspect.instrument or not alone]], axis=2)
+        np.concatenate([none, *[search.event_columns(e)[0] for e in events if e.suspect.instrument or not alone]], 2)
         for alone in (False, True)
     )
     return health_path(search.history, search.background, every, wrong)
@@ -506,6 +527,8 @@ def judge_again(
 ) -> tuple[HistorySearch, tuple[Event, ...], OffsetModel]:
     """The search and its events with offsets that were learnt without the events, where that makes them clearly
     smaller: what comes and goes, and what grows fast, is in the differences of flights."""
+    if not events:
+        return choice.search, events, offsets
     level, _ = smooth_levels(choice.search, events)
     p = history.width
     without = replace(history, score=history.score - np.einsum("tmp,tp->tm", history.information[:, :, :p], level))
@@ -538,8 +561,8 @@ def _inclusion(events: Sequence[ChangeEvent], more: Scan) -> dict[str, float]:
 
 
 def describe_event(search: HistorySearch, event: Event, others: Sequence[Event]) -> ChangeEvent:
-    """One event from the posterior over it, the others given: whether and who; then how and since when, with its course
-    in doubt where the event is plain."""
+    """One event from the posterior over it, the others given: whether and who; then how, since when and how much, with
+    its course in doubt where the event is plain: no onset and no kind is known better than the course itself."""
     scan = search.scan(others)
     suspects = _owner_shares(scan)
     owner = next(iter(suspects))
@@ -547,14 +570,14 @@ def describe_event(search: HistorySearch, event: Event, others: Sequence[Event])
     if scan.suspects[mine[0]].instrument:  # wrong in one form: the likeliest stands for it
         mine = [max(mine, key=lambda k: float(np.logaddexp.reduce(scan.log[k])))]
     plain = scan.log_odds > PLAIN and event.suspect.owner == owner and event.kind != INTERMITTENT
-    by_shape = normalized_weights(scan.log[mine], axis=None).sum(axis=0)
-    kinds = {KINDS[k]: float(by_shape[scan.shapes.kind == k].sum()) for k in np.unique(scan.shapes.kind)}
+    near = search.scan_near(others, event) if plain else scan
+    weight = normalized_weights(near.log[mine], axis=None)
+    by_shape = weight.sum(axis=0)
+    kinds = {KINDS[k]: float(by_shape[near.shapes.kind == k].sum()) for k in np.unique(near.shapes.kind)}
     kinds = {name: p for name, p in sorted(kinds.items(), key=lambda item: -item[1]) if p >= 1e-3}
     kind = next(iter(kinds))
-    best = int(np.argmax(np.where(scan.shapes.kind == KINDS.index(kind), by_shape, -1.0)))
-    onsets = _onset_distribution(scan, by_shape, len(search.history))
-    if plain:
-        onsets = _doubted_onsets(search, event, others, mine)
+    best = int(np.argmax(np.where(near.shapes.kind == KINDS.index(kind), by_shape, -1.0)))
+    onsets = _onset_distribution(near, by_shape, len(search.history))
     order = np.argsort(-onsets, kind="stable")
     count = int(np.searchsorted(np.cumsum(onsets[order]), ONSET_SET * onsets.sum())) + 1
     return ChangeEvent(
@@ -564,17 +587,9 @@ def describe_event(search: HistorySearch, event: Event, others: Sequence[Event])
         kinds,
         int(order[0]),
         tuple(sorted(order[:count].tolist())),
-        int(scan.shapes.end[best]) if kind in WITH_END else -1,
-        *_changes(search, scan, others, mine, normalized_weights(scan.log[mine], axis=None)),
+        int(near.shapes.end[best]) if kind in WITH_END else -1,
+        *_changes(search, near, event.doubt, others, mine, weight),
     )
-
-
-def _doubted_onsets(search: HistorySearch, event: Event, others: Sequence[Event], mine: Sequence[int]) -> np.ndarray:
-    """Probability (T,) of the onsets near that of a plain event, its course in doubt: no onset is known better than the
-    course that it begins, and what is far off would be explained by the doubt alone."""
-    shaped = search.scan_near(others, event)
-    weight = normalized_weights(shaped.log[mine], axis=None).sum(axis=0)
-    return _onset_distribution(shaped, weight, len(search.history))
 
 
 def _onset_distribution(scan: Scan, by_shape: np.ndarray, T: int) -> np.ndarray:
@@ -590,7 +605,12 @@ def _onset_distribution(scan: Scan, by_shape: np.ndarray, T: int) -> np.ndarray:
 
 
 def _changes(
-    search: HistorySearch, scan: Scan, others: Sequence[Event], mine: Sequence[int], weight: np.ndarray
+    search: HistorySearch,
+    scan: Scan,
+    doubt: float,
+    others: Sequence[Event],
+    mine: Sequence[int],
+    weight: np.ndarray,
 ) -> tuple[tuple[HistoryChange, ...], np.ndarray]:
     """Sizes, and their covariance at the last flight, of the parameters of one suspect, averaged over its likeliest
     hypotheses."""
@@ -602,9 +622,10 @@ def _changes(
     taking, second = np.zeros(p), np.zeros((p, p))
     for flat in order:
         row, k = np.unravel_index(int(flat), weight.shape)
-        event = scan.event(mine[int(row)], int(k))
-        h = search.event_columns(event)
+        event = replace(scan.event(mine[int(row)], int(k)), doubt=doubt)
+        h, real = search.event_columns(event)
         b, M = background.joint(h)
+        h = h * real
         covariance = np.linalg.inv(M + np.eye(len(b)))
         at = np.array([T - 1, int(np.argmax(event.course))])
         mean = h[at] @ (covariance @ b)
@@ -690,8 +711,10 @@ def smooth_levels(search: HistorySearch, events: Sequence[Event]) -> tuple[np.nd
     T, p = len(search.history), search.history.width
     if not events:
         return np.zeros((T, p)), np.zeros((T, p))
-    h = np.concatenate([search.event_columns(event) for event in events], axis=2)
+    columns = [search.event_columns(event) for event in events]
+    h = np.concatenate([c for c, _ in columns], axis=2)
     b, M = search.background.joint(h)
+    h = h * np.concatenate([real for _, real in columns])
     covariance = np.linalg.inv(M + np.eye(len(b)))
     return h @ (covariance @ b), np.sqrt(np.einsum("tpc,cd,tpd->tp", h, covariance, h))
 

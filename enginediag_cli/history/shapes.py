@@ -28,6 +28,8 @@ GROWING = frozenset({RAMP, SATURATING, RAMP_HOLD, ENDED, RAMP_ENDED, WASHED})
 """Kinds that grow for a while."""
 WITH_END = frozenset({PULSE, ENDED, RAMP_ENDED, WASHED})
 """Kinds that something ends: afterwards the engine is as before, or partly so and grows worse again."""
+RESTORED = WITH_END - {WASHED}
+"""Kinds after whose end nothing grows again."""
 
 COMPONENT_PRIOR: Mapping[str, float] = {
     STEP: 0.2,
@@ -70,6 +72,8 @@ DURATIONS = (0.15, 0.3, 0.5)
 """Of a ramp that ends by itself, in histories."""
 ONSETS, ENDS = 30, 12
 """Onsets of courses without an end, and onsets and ends of those with one, that are looked at first."""
+NEARBY = 8
+"""Flights to either side of a plain event's onset at which its course is looked at again."""
 REACH = 2
 """Flights by which onsets and ends are moved at once where a shape is climbed to its likeliest ones."""
 PARTS = 4
@@ -285,3 +289,24 @@ def neighbours(shapes: ShapeTable, rows: np.ndarray, T: int, maintenance: Sequen
             ones = np.ones((len(new), 2), int)
             parts.append(build_shapes(name, at, end, np.full(len(new), scale), ones, T, maintenance, stays))
     return join_shapes(parts) if parts else None
+
+
+def nearby_shapes(shape: ShapeTable, T: int, maintenance: Sequence[int] = ()) -> ShapeTable:
+    """Courses of all kinds with an onset near that of a shape (a table of one), each by itself: those that end where it
+    ends, or those without an end where it has none."""
+    onset, end = int(shape.onset[0]), int(shape.end[0])
+    ended = KINDS[shape.kind[0]] in WITH_END
+    none = np.zeros(1, int)
+    parts = [shape]
+    if not ended and onset <= NEARBY:
+        parts.append(build_shapes(FROM_START, none, none + T, none, np.ones((1, 2), int), T, maintenance))
+    first = np.arange(max(onset - NEARBY, 0 if ended else 1), min(onset + NEARBY, end - 1) + 1)
+    for kind in KINDS:
+        if (kind in WITH_END) != ended or kind in (FROM_START, INTERMITTENT, IRREGULAR):
+            continue
+        share = float(shape.kept[0]) or KEPT[0]
+        for scale in _scales(kind, T):
+            same, ones = np.full(len(first), scale), np.ones((len(first), 2), int)
+            kept = np.full(len(first), share if kind == WASHED else 0.0)
+            parts.append(build_shapes(kind, first, np.full(len(first), end), same, ones, T, maintenance, kept))
+    return join_shapes(parts)

@@ -274,13 +274,23 @@ def sensor_columns(engine: Engine) -> dict[str, str]:
     return {f"sensor.{s.quantity}": c for c, s in engine.sensors.items()}
 
 
+def rotating_components(engine: Engine) -> list[str]:
+    """Components with an efficiency and a flow capacity, which foul, erode and are damaged."""
+    return [
+        p.component
+        for p in engine.parameters.values()
+        if p.quantity == "efficiency"
+        and p.name in engine.monitored
+        and f"{p.component}.flow_capacity" in engine.monitored
+    ]
+
+
 def draw_history(engine: Engine, seed: int, trial: int, truths: Sequence[str]) -> ConcealedHistory:
     """Trial number `trial` of a seed, of one of these truths."""
     rng = random_stream(seed, trial, HISTORY_STREAM)
     truth = str(rng.choice(list(truths)))
     noise = {owner: float(engine.sensors[c].noise_sigma) for owner, c in sensor_columns(engine).items()}
-    components = list(dict.fromkeys(p.component for n, p in engine.parameters.items() if n in engine.monitored))
-    story = draw_story(random_stream(seed, trial, STORY_STREAM), noise, components)
+    story = draw_story(random_stream(seed, trial, STORY_STREAM), noise, rotating_components(engine))
     flights = field_flights(engine, HEALTHY + story.flights, rng)
     health, every, realistic = draw_health(engine, rng), round(RECORDED_EVERY_S / FIELD_STEP_S), None
     if truth == kinds.REALISTIC:
