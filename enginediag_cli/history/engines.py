@@ -28,7 +28,7 @@ from enginediag_cli.history.background import (
 )
 from enginediag_cli.history.hypotheses import UNLISTED
 from enginediag_cli.history.posterior import ChangeEvent, HistoryPosterior, judge_history
-from enginediag_cli.history.records import History, KnownShift
+from enginediag_cli.history.records import LEAST_INFORMATION, History, KnownShift
 from enginediag_cli.history.shapes import FROM_START, GROWING, PULSE, STEP
 from enginediag_cli.parallel import parallel_imap
 from enginediag_cli.parameters import Parameter
@@ -42,6 +42,11 @@ UNLIKELY = 0.01
 """Probability below which a suspect or a shape is not shown."""
 EPOCHS = 200
 """Epochs of a history: an onset is then known to half a per cent of its length, and judging takes a few seconds."""
+FRESH = 16
+"""Epochs that are held whole before they are condensed: more would take memory, fewer the time of condensing."""
+KEPT_INFORMATION = LEAST_INFORMATION / 25
+"""Information of a direction of unit normals, in the flights so far, below which it is dropped: a history of several
+hundred flights, condensed that often, loses less than what is left out of it afterwards."""
 DETERIORATION, COMES_AND_GOES = "deterioration", "comes and goes"
 """Families of kinds, beside those that are one kind."""
 CHANGED, STEADY, CANNOT_TELL = "changed", "steady", "cannot tell"
@@ -58,7 +63,8 @@ GROSS = 1e-4
 
 @dataclass(frozen=True)
 class EpochSums:
-    """Sums of `flights` flights from number `first` on, counted from 0: s (p,) and F (p, p) of all parameters."""
+    """Sums of `flights` flights from number `first` on, counted from 0: s (m,) and F (m, m), in prior standard
+    deviations, of the monitored parameters and then of unit normals."""
 
     first: int
     flights: int
@@ -68,31 +74,68 @@ class EpochSums:
     def __add__(self, other: EpochSums) -> EpochSums:
         return EpochSums(self.first, self.flights + other.flights, self.s + other.s, self.F + other.F)
 
-    def add_window(self, statistics: LocalStatistics) -> EpochSums:
-        """With one more window of its last flight."""
-        return replace(self, s=self.s + statistics.s, F=self.F + statistics.F)
+    def transform(self, T: np.ndarray) -> EpochSums:
+        """In other coordinates, x = T x' of T (m, m')."""
+        return replace(self, s=self.s @ T, F=T.T @ self.F @ T)
 
 
 @dataclass
 class EngineSums:
-    """Epochs of one engine in order, and the parameters of `like`, their first window."""
+    """Epochs of one engine in order; like: its first window, whose parameters all have.
+
+    Most of the unit normals that are uncertain about nominal tell nothing in one engine's flights. Epochs, but for the
+    last `fresh`, are along the `directions` (r, k) of the r normals that do, so that a fleet fits into memory.
+    """
 
     like: LocalStatistics
     epochs: list[EpochSums] = field(default_factory=list)
     flights: int = 0
+    fresh: int = 0
+    directions: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def __post_init__(self) -> None:
+        self._rows = self.like.indices([*self.like.monitored, *self.like.common])
+        self._scale = self.like.prior_sigma[self._rows]
+        if not len(self.directions):
+            self.directions = np.zeros((len(self.like.common), 0))
 
     def add(self, number: int, statistics: LocalStatistics) -> None:
         """The window of flight `number`, counted from 0. ValueError for other parameters than before."""
         if statistics.parameters != self.like.parameters:
             raise ValueError("statistics of different parameters have no common history")
+        D = self._scale
+        F = D[:, None] * statistics.F[np.ix_(self._rows, self._rows)] * D
+        window = EpochSums(number, 1, D * statistics.s[self._rows], F)
         if number < self.flights:
             k = int(np.searchsorted([e.first for e in self.epochs], number, side="right")) - 1
-            self.epochs[k] = self.epochs[k].add_window(statistics)
+            if k < len(self.epochs) - self.fresh:
+                window = window.transform(self._coordinates(self.directions))
+            self.epochs[k] = replace(self.epochs[k] + window, flights=self.epochs[k].flights)
             return
-        self.flights = number + 1
-        self.epochs.append(EpochSums(number, 1, statistics.s, statistics.F))
+        self.flights, self.fresh = number + 1, self.fresh + 1
+        self.epochs.append(window)
+        if self.fresh >= FRESH:
+            self._condense()
         if len(self.epochs) >= 2 * EPOCHS:
-            self.epochs = self._joined(2)
+            self.epochs, self.fresh = self._joined(2), 0
+
+    def _coordinates(self, directions: np.ndarray) -> np.ndarray:
+        """T (m, m') of the monitored parameters as they are, and of unit normals along `directions`."""
+        p, (r, k) = len(self.like.monitored), directions.shape
+        T = np.zeros((p + r, p + k))
+        T[:p, :p], T[p:, p:] = np.eye(p), directions
+        return T
+
+    def _condense(self) -> None:
+        """All epochs along the directions that tell something in any of them."""
+        p, old, begin = len(self.like.monitored), self.directions, len(self.epochs) - self.fresh
+        known = sum((e.F[p:, p:] for e in self.epochs[:begin]), np.zeros((old.shape[1],) * 2))
+        total = sum((e.F[p:, p:] for e in self.epochs[begin:]), old @ known @ old.T)
+        value, vector = np.linalg.eigh(total)
+        self.directions = vector[:, value > KEPT_INFORMATION]
+        T, moved = self._coordinates(self.directions), self._coordinates(old.T @ self.directions)
+        self.epochs = [e.transform(T if k >= begin else moved) for k, e in enumerate(self.epochs)]
+        self.fresh = 0
 
     def _joined(self, most: int) -> list[EpochSums]:
         """Neighbours joined, `most` epochs to one."""
@@ -107,22 +150,20 @@ class EngineSums:
     def since(self, number: int) -> EngineSums:
         """Of the flights from `number` on, counted from 0, which is then flight 0; an epoch that holds some of both is
         left out."""
+        self._condense()
         later = [replace(e, first=e.first - number) for e in self.epochs if e.first >= number]
-        return EngineSums(self.like, later, self.flights - number)
+        return EngineSums(self.like, later, self.flights - number, directions=self.directions)
 
     def history(self, meaning: Mapping[str, Parameter]) -> tuple[History, tuple[int, ...]]:
         """The history, and the number of each epoch's first flight, from 0. Offsets that each flight has anew are
         learnt from the history, so that theirs are left out."""
+        self._condense()
         epochs = self.epochs if len(self.epochs) <= EPOCHS else self._joined(2)
-        names, common = self.like.parameters, self.like.common
-        own = {*common, *self.like.own}
-        described = tuple(meaning[name] for name in names if name not in own)
-        rows = self.like.indices([*(p.name for p in described), *common])
-        D = self.like.prior_sigma[rows]
-        score = np.stack([e.s[rows] * D for e in epochs])
-        information = np.stack([D[:, None] * e.F[np.ix_(rows, rows)] * D for e in epochs])
+        described = tuple(meaning[name] for name in self.like.monitored)
+        score, information = np.stack([e.s for e in epochs]), np.stack([e.F for e in epochs])
         labels = tuple(str(e.first + 1) for e in epochs)
-        return History(described, D[: len(described)], score, information, labels), tuple(e.first for e in epochs)
+        unit = self._scale[: len(described)]
+        return History(described, unit, score, information, labels), tuple(e.first for e in epochs)
 
 
 @dataclass

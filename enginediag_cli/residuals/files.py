@@ -260,14 +260,15 @@ def _header_difference(header: Sequence[str], cells: Sequence[str]) -> str:
     return "; ".join(f"{what} {', '.join(names[:3])}" for what, names in (("new", more), ("gone", fewer)) if names)
 
 
-def keep_nuisance(monitor: Monitor) -> Condense:
-    """Statistics of all parameters of a monitor. How uncertain the noise is, and what wrong slopes make of a change, is
-    that of the window alone, marginalised."""
+def keep_nuisance(monitor: Monitor, *, alone: bool = True) -> Condense:
+    """Statistics of all parameters of a monitor. alone: windows may be judged by themselves, and have how uncertain the
+    noise is, and what wrong slopes make of a change, as the window alone has them, marginalised."""
     a = len(monitor.monitored)
     own = monitor.names[len(monitor.names) - len(monitor.offsets) :]
 
     def condense(window: WindowStatistics, statistics: LocalStatistics) -> WindowStatistics:
-        alone = condense_statistics(monitor, statistics, monitor.uncertainty)
+        single = condense_statistics(monitor, statistics, monitor.uncertainty) if alone else None
+        slopes = None if single is None else single.slopes
         whole = statistics if isinstance(monitor, ReducedMonitor) else _to_unit_normals(monitor, statistics)
         p = len(whole.parameters)
         whole = replace(
@@ -276,9 +277,9 @@ def keep_nuisance(monitor: Monitor) -> Condense:
             rows=None,
             kurtosis=None,
             points=None,
-            doubt=alone.doubt,
+            doubt=(0.0, 0.0, 0.0) if single is None else single.doubt,
             additive=True,
-            slopes=None if alone.slopes is None else np.pad(alone.slopes, (0, p - a)),
+            slopes=None if slopes is None else np.pad(slopes, (0, p - a)),
             common=whole.parameters[a : p - len(own)],
             own=own,
         )
@@ -608,12 +609,17 @@ class WindowReader:
                 linearise = "nominal"
         if self.series or self._is_additive:
             later = last_records(recordings, judging.last) if judging.last else recordings
-            condense = keep_nuisance(monitor) if self._is_additive else partial(keep_monitored, monitor)
+            condense = self._series_condense(monitor)
             yield from window_statistics(monitor, later, judging.plan, linearise=judging.linearise, condense=condense)
             return
         yield from windows_against_reference(
             monitor, recordings, judging.plan, judging.reference, last=judging.last, linearise=linearise
         )
+
+    def _series_condense(self, monitor: Monitor) -> Condense:
+        if not self._is_additive:
+            return partial(keep_monitored, monitor)
+        return keep_nuisance(monitor, alone=not self.series)
 
     @property
     def nuisance(self) -> int:
