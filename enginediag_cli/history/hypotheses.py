@@ -98,13 +98,15 @@ def list_suspects(parameters: Sequence[Parameter], sensors: bool = True) -> tupl
 @dataclass(frozen=True)
 class Event:
     """One change: the suspect, its shape (a table of one), its size (q,) at the shape's largest value and the slab that
-    holds it, in prior standard deviations; doubt: share to which its effect on each sensor is known."""
+    holds it, in prior standard deviations; doubt: share to which its effect on each sensor is known;
+    irregular: probability that its course is of none of the shapes."""
 
     suspect: Suspect
     shape: ShapeTable
     size: np.ndarray
     slab: float
     doubt: float = 0.0
+    irregular: float = 0.0
 
     @property
     def course(self) -> np.ndarray:
@@ -116,9 +118,10 @@ class Event:
         return KINDS[int(self.shape.kind[0])]
 
     @property
-    def key(self) -> tuple[tuple[int, ...], bytes, float, float]:
+    def key(self) -> tuple[tuple[int, ...], bytes, float, float, bool]:
         """What tells it from others."""
-        return self.suspect.positions, self.course.tobytes(), round(self.slab, 3), self.doubt
+        doubts = round(self.doubt, 3), self.irregular >= 0.5
+        return self.suspect.positions, self.course.tobytes(), round(self.slab, 3), *doubts
 
     @property
     def log_prior(self) -> float:

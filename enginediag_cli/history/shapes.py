@@ -310,3 +310,13 @@ def nearby_shapes(shape: ShapeTable, T: int, maintenance: Sequence[int] = ()) ->
             kept = np.full(len(first), share if kind == WASHED else 0.0)
             parts.append(build_shapes(kind, first, np.full(len(first), end), same, ones, T, maintenance, kept))
     return join_shapes(parts)
+
+
+def moved_shapes(shape: ShapeTable, T: int, maintenance: Sequence[int] = ()) -> ShapeTable:
+    """A shape (a table of one) with onsets up to `NEARBY` flights beside its own."""
+    kind, own = KINDS[shape.kind[0]], int(shape.onset[0])
+    if kind == FROM_START:
+        return shape
+    onset = np.arange(max(own - NEARBY, 0 if kind in WITH_END else 1), min(own + NEARBY, int(shape.end[0]) - 1) + 1)
+    end, scale, kept = (np.full(len(onset), column[0]) for column in (shape.end, shape.scale, shape.kept))
+    return build_shapes(kind, onset, end, scale, np.ones((len(onset), 2), int), T, maintenance, kept)

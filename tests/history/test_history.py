@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from enginediag_cli.history.background import (
@@ -17,7 +20,7 @@ from enginediag_cli.history.background import (
     marginalise_offsets,
     wander_modes,
 )
-from enginediag_cli.history.hypotheses import SLABS, Suspect, list_suspects, size_posterior
+from enginediag_cli.history.hypotheses import SLABS, UNLISTED, Suspect, list_suspects, size_posterior
 from enginediag_cli.history.posterior import HistoryPosterior, judge_history
 from enginediag_cli.history.records import History
 from enginediag_cli.history.shapes import KINDS, RAMP, SATURATING, STEP, coarse_shapes, open_cells
@@ -170,6 +173,82 @@ def test_a_larger_change_is_never_less_certain() -> None:
     ]
     assert all(later >= earlier - 1e-3 for earlier, later in pairwise(found))
     assert found[-1] > 0.999
+
+
+SMALL = settings(max_examples=6, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+CHANGES = {
+    "position": st.integers(0, len(PARAMETERS) - 1),
+    "onset": st.integers(3, T - 3),
+    "size": st.floats(0.02, 1.5),
+    "sign": st.sampled_from((-1.0, 1.0)),
+    "grows": st.booleans(),
+    "seed": st.integers(0, 99),
+}
+
+
+def drawn(position: int, onset: int, size: float, sign: float, grows: bool) -> np.ndarray:
+    change = step(position, sign * size, onset)
+    return change * np.maximum(np.arange(T) - onset + 1, 0)[:, None] / (T - onset) if grows else change
+
+
+@SMALL
+@given(**CHANGES)
+def test_scaling_a_change_up_never_lowers_the_probability_of_one(seed: int, **words: Any) -> None:
+    """Of one that is likelier than not: smaller ones may be what makes noise less striking."""
+    found = [
+        judge(make_history(np.random.default_rng(seed), scale * drawn(**words))).probability for scale in (1, 2, 4)
+    ]
+    assert all(later >= earlier - 0.01 for earlier, later in pairwise(found) if earlier > 0.5)
+
+
+@SMALL
+@given(**CHANGES)
+def test_the_size_now_is_that_of_the_last_flights(seed: int, **words: Any) -> None:
+    history = make_history(np.random.default_rng(seed), drawn(**words))
+    found = judge(history)
+    background = Background.from_history(history)
+    last = (np.arange(T) >= T - 4).astype(float)[None]
+    S = history.sensors
+    (b,), (M,) = background.project(last)
+    seen, error = b[S] / np.diag(M)[S], 1 / np.sqrt(np.diag(M)[S])
+    J = np.linalg.solve(history.information[0][np.ix_(S, S)], history.information[0][S, : history.width])
+    level, deviation = found.level[-1], found.deviation[-1]
+    said = J @ level
+    assert np.all(np.abs(said - seen) <= 4 * error + 4 * np.abs(J) @ deviation + 0.15 * np.abs(seen))
+
+
+def test_a_course_of_no_listed_shape_is_one_irregular_event() -> None:
+    t = np.arange(60)
+    change = np.zeros((60, len(PARAMETERS)))
+    change[:, 0] = -0.5 * np.where(t >= 20, np.sin((t - 19) / 41 * np.pi * 1.5), 0.0)
+    change[:, 1] = 0.6 * change[:, 0]
+    found = judge(make_history(np.random.default_rng(3), change, 60))
+    (event,) = found.events
+    assert event.group == ("hpc",) and event.kind == "irregular" and event.probability > 0.99
+    assert event.onset_set[0] - 2 <= 20 <= event.onset_set[-1] + 2
+    sizes = {x.name: x for x in event.changes}
+    assert sizes["hpc.efficiency"].now_low <= change[-1, 0] <= sizes["hpc.efficiency"].now_high
+
+
+def test_a_growth_that_ended_has_a_size_with_a_width() -> None:
+    t = np.arange(40)
+    change = np.zeros((40, len(PARAMETERS)))
+    change[:, 2] = -0.6 * np.where((t >= 12) & (t < 28), (t - 11) / 16, 0.05 * (t >= 28))
+    (event,) = judge(make_history(np.random.default_rng(4), change, 40)).events
+    (size,) = event.changes
+    assert event.group == ("hpt",) and size.now_high - size.now_low > 0.02
+    assert size.now_low <= change[-1, 2] <= size.now_high
+
+
+def test_members_of_an_ambiguity_group_have_sizes() -> None:
+    """A small change of a turbine, which others of six flights explain nearly as well."""
+    groups = set()
+    for seed in range(22, 25):
+        for event in judge(make_history(np.random.default_rng(seed), step(2, -0.2, 18))).events:
+            named = {x.name.rsplit(".", 1)[0] for x in (*event.changes, *event.rivals)}
+            assert named == set(event.group) - {UNLISTED}
+            groups.add(event.group)
+    assert max(len(group) for group in groups) > 1
 
 
 def test_intermittent_and_from_the_start() -> None:

@@ -106,7 +106,8 @@ class TrendRow(NamedTuple):
     def probability(self) -> float:
         if self.event is None or self.part is None:
             return self.found.posterior.inclusion.get(self.series.parameters[self.parameter].component, 0.0)
-        return self.event.probability * self.event.suspects[self.event.group[0]] * self.part.probability
+        owner = self.series.parameters[self.parameter].component
+        return self.event.probability * self.event.suspects[owner] * self.part.probability
 
     @property
     def kind(self) -> str:
@@ -117,11 +118,15 @@ class TrendRow(NamedTuple):
     @property
     def rivals(self) -> list[str]:
         """The other suspects."""
-        return _format_suspects(self.event)[1:] if self.event is not None else []
+        if self.event is None:
+            return []
+        own = self.series.parameters[self.parameter].component if self.part else self.event.group[0]
+        return _format_suspects(self.event, own)
 
 
-def _format_suspects(event: ChangeEvent) -> list[str]:
-    return [f"{name} ({event.probability * p:.2g})" for name, p in event.suspects.items() if p >= UNLIKELY]
+def _format_suspects(event: ChangeEvent, but: str = "") -> list[str]:
+    shown = {name: p for name, p in event.suspects.items() if p >= UNLIKELY and name != but}
+    return [f"{name} ({event.probability * p:.2g})" for name, p in shown.items()]
 
 
 row_column: Columns[TrendRow] = Columns()
@@ -287,12 +292,14 @@ EVENTS: Table[TrendRow] = Table(
 def trend_rows(
     engine: str, found: EngineTrend, series: Series, scope: WorkScope | None = None, form: str = ""
 ) -> Iterator[dict[str, Any]]:
-    """One row per parameter: those of the likeliest suspect of each event, then the steady ones. form: of what
+    """One row per parameter: those of the suspects of each event, then the steady ones. form: of what
     restoring would bring, "" without, "cell" as text, "nested" in full."""
     restored, optional = work_scope_cells(scope, form)
     changed = set()
     for event in found.events:
-        for part in event.changes:
+        for part in (*event.changes, *event.rivals):
+            if part.name in changed:
+                continue
             changed.add(part.name)
             yield TREND.row(TrendRow(engine, found, series, event, part, part.name, restored), optional)
     wrong = {series.parameters[name].component for name in changed if series.parameters[name].belongs_to_instrument}
