@@ -280,7 +280,7 @@ def describe_event(search: HistorySearch, event: Event, others: Sequence[Event])
         int(near.shapes.end[best]) if kind in WITH_END else -1,
         *_changes(search, cases, others),
     )
-    rivals = []
+    rivals: list[HistoryChange] = []
     for name in found.group[1:]:
         if name == UNLISTED:
             continue
