@@ -47,6 +47,11 @@ class MarginOptions:
         CSV of maintenance, ``""`` for none.
     baseline : int
         Number of first flights taken as healthy; 0 for the default.
+    limits : mapping of str to float
+        Column of a speed, torque or power → its limit, in the column's unit, for the power or thrust available.
+    at : mapping of str to float
+        Inputs of the condition at which margin and available power are computed, in their units; the others are those
+        of the rating on a standard hot day.
     """
 
     limits_K: Mapping[str, float] = field(default_factory=dict)
@@ -54,10 +59,13 @@ class MarginOptions:
     taken_off: Sequence[str] = ()
     events_path: str = ""
     baseline: int = 0
+    limits: Mapping[str, float] = field(default_factory=dict)
+    at: Mapping[str, float] = field(default_factory=dict)
 
     def __bool__(self) -> bool:
-        """Whether a limit or maintenance is given."""
-        return bool(self.limits_K or self.consumed_limit_K or self.taken_off or self.events_path)
+        """Whether a limit, a condition or maintenance is given."""
+        stated = self.limits_K or self.limits or self.at
+        return bool(stated or self.consumed_limit_K or self.taken_off or self.events_path)
 
     @property
     def configs(self) -> list[str]:
@@ -67,10 +75,11 @@ class MarginOptions:
     @property
     def notes(self) -> dict[str, str]:
         """Choices that a result depends on, for its provenance."""
-        limits = ", ".join(f"{c} {v:g}" for c, v in self.limits_K.items())
+        limits = ", ".join(f"{c} {v:g}" for c, v in {**self.limits_K, **self.limits}.items())
         consumed = " ± ".join(f"{v:g}" for v in self.consumed_limit_K or ())
         made = {
             "limit": limits,
+            "at": ", ".join(f"{c}={v:g}" for c, v in self.at.items()),
             "consumed limit": consumed and f"{consumed} K",
             "removed from wing": ", ".join(self.taken_off),
             "baseline": self.baseline and f"first {self.baseline} flights",
@@ -89,6 +98,8 @@ class MarginOptions:
             events=read_events(Path(self.events_path), named=False) if self.events_path else (),
             events_file=os.path.basename(self.events_path),
             baseline=self.baseline,
+            limits=dict(self.limits),
+            at=dict(self.at),
             healthy=healthy,
             sensors=sensors,
         )

@@ -527,10 +527,32 @@ def by_option(component: str) -> Decorator:
 def _collect_margin(values: Values) -> None:
     from enginediag_cli.api.trends import MarginOptions
 
-    limit, consumed, removed = (values.pop(name) for name in ("limit", "consumed_limit", "taken_off"))
+    limit, consumed, removed, at = (values.pop(name) for name in ("limit", "consumed_limit", "taken_off", "at"))
     if sum(map(bool, (limit, consumed, removed))) > 1:
         raise click.UsageError("--limit, --consumed-limit and --taken-off exclude each other")
-    values["margin"] = MarginOptions(dict(limit), consumed, removed, values.pop("events") or "", values.pop("baseline"))
+    values["margin"] = MarginOptions(
+        {c: v for c, v in limit if c.endswith("_K")},
+        consumed,
+        removed,
+        values.pop("events") or "",
+        values.pop("baseline"),
+        {c: v for c, v in limit if not c.endswith("_K")},
+        dict(at),
+    )
+
+
+def _stated_inputs(
+    context: click.Context, parameter: click.Parameter, value: tuple[str, ...]
+) -> tuple[tuple[str, float], ...]:
+    """COLUMN=VALUE, each once."""
+    found: dict[str, float] = {}
+    for text in value:
+        column, _, number = text.partition("=")
+        try:
+            found[column.strip()] = float(number)
+        except ValueError:
+            raise click.BadParameter(f"{text!r} is not COLUMN=VALUE, such as mach=0.2", context, parameter) from None
+    return tuple(found.items())
 
 
 margin_options = options(
@@ -539,10 +561,21 @@ margin_options = options(
         "--limit",
         nargs=2,
         type=(str, POSITIVE),
-        metavar="COLUMN KELVIN",
+        metavar="COLUMN VALUE",
         multiple=True,
-        help="Limit of a turbine temperature, such as T45_K 1180. The EGT margin is counted to it, at the hottest "
-        "operating point of the identification.",
+        help="Limit in the unit of the column: of a turbine temperature, such as T45_K 1280, to which the EGT margin "
+        "is counted; also of a speed, a torque or a power. Power or thrust available is that at the first limit. "
+        "Repeatable.",
+    ),
+    option(
+        JUDGEMENT,
+        "--at",
+        metavar="COLUMN=VALUE",
+        multiple=True,
+        callback=_stated_inputs,
+        help="Input of the condition at which the margin and the power available are computed, such as altitude_m=1500 "
+        "or the power setting; the others stay. Default: rating on a standard hot day, sea level, at rest, ISA + 15 K. "
+        "Repeatable.",
     ),
     option(
         JUDGEMENT,

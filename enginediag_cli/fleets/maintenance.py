@@ -364,6 +364,10 @@ class MarginSettings:
         First records, believed healthy.
     sensors : bool
         Whether instruments are suspects.
+    limits : mapping of str to float
+        Column of a speed, torque or power → its limit, in the column's unit.
+    at : mapping of str to float
+        Inputs of the condition of margin and available power that are stated.
     """
 
     limits_K: Mapping[str, float] = field(default_factory=dict)
@@ -374,6 +378,8 @@ class MarginSettings:
     baseline: int = 0
     healthy: int = 0
     sensors: bool = True
+    limits: Mapping[str, float] = field(default_factory=dict)
+    at: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -453,7 +459,7 @@ def assess_margins(files: WindowSource, monitor: Monitor, question: MarginSettin
         limits_K=question.limits_K,
         consumed_limit_K=question.consumed_limit_K,
     )
-    scale = _choose_scale(series, settings)
+    scale = _choose_scale(series, settings, question.at)
     histories = []
     for engine, stretches in series.stretches.items():
         baseline = max(question.baseline or series.healthy(engine, question.healthy), FIRST)
@@ -468,17 +474,17 @@ def assess_margins(files: WindowSource, monitor: Monitor, question: MarginSettin
     return SeriesMargins({one.finding.serial: one for one in found}, series, others, learnt)
 
 
-def _choose_scale(series: Series, settings: FleetSettings) -> MarginScale:
+def _choose_scale(series: Series, settings: FleetSettings, at: Mapping[str, float]) -> MarginScale:
     """Of the hottest temperature, or of the hottest that has a limit."""
     assert series.monitor is not None
-    limits, scale = settings.limits_K, margin_scale(series)
+    limits, scale = settings.limits_K, margin_scale(series, at=at)
     for column in limits:
         if column not in series.monitor.sensors:
             known = [scale.column] if scale.column else []
             raise DataError(f"--limit: the engine has no sensor {column!r}; {near(column, known)}")
     if not limits or not scale.column or scale.column in limits:
         return scale
-    own = margin_scale(series, limits)
+    own = margin_scale(series, limits, at)
     if not own.column:
         told = ", ".join(limits)
         raise DataError(f"--limit: {told} is no temperature of burnt gas; the hottest that is recorded: {scale.column}")

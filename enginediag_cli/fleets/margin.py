@@ -1,6 +1,7 @@
 """EGT margin: how much deterioration has used, and how many flights remain.
 
-The margin is that of the hottest recorded temperature of burnt gas, at given thrust.
+The margin is that of the hottest recorded temperature of burnt gas, at given thrust: at the rating on a standard hot
+day, or at a condition that is stated.
 
 With T the temperature, F the thrust (or the power that is delivered) and u the power setting, at a reference condition
 
@@ -21,6 +22,7 @@ import numpy as np
 from enginediag_cli.config.fields import near
 from enginediag_cli.detection.forecast import FittedLaws, MarginCourse, Population, fit_laws, forecast, learn_population
 from enginediag_cli.detection.series import Series
+from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.load import hot_columns
 from enginediag_cli.engine.wrapped import WrappedModel
 from enginediag_cli.errors import DataError
@@ -33,23 +35,38 @@ from enginediag_cli.fleets.findings import (
     IntervalEstimate,
     Margin,
 )
+from enginediag_cli.fleets.work_scope import (
+    PowerNotHeldError,
+    WorkScopeEstimator,
+    design_condition,
+    solve_at_limits,
+)
 from enginediag_cli.history.engines import EngineTrend
 from enginediag_cli.history.health import HealthPath
 from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.residuals.monitor import Monitor
 
 POINTS = 200
-"""Operating points of identification among which the hottest is taken."""
+"""Operating points of identification among which the hottest is taken, where take-off cannot be computed."""
 DELIVERED = ("Fn_N", "power_W")
 """What an engine delivers, in order of preference: thrust, else power of the loads."""
+HOT_DAY = {
+    "altitude_m": 0.0,
+    "mach": 0.0,
+    "dT_isa_K": 15.0,
+    "ambient_temperature_K": 303.15,
+    "ambient_pressure_Pa": 101325.0,
+}
+"""A standard hot day at sea level, at rest: ISA + 15 K, to which engines are flat rated."""
+TAKE_OFF, STATED, HOTTEST = "rating on a standard hot day", "stated condition", "hottest point of identification"
 
 
 @dataclass(frozen=True)
 class MarginScale:
     """column: of the hottest recorded temperature, "" where none is recorded; sensor: name of its bias; slope:
     parameter → K per unit of the parameter; nominal_K: of a healthy engine at the reference; reference: the reference
-    condition, column → value; fixed_column: what was kept, "Fn_N", "power_W" or the power setting; reason: why there
-    is none.
+    condition, column → value, power setting included, and `words` for which it is; fixed_column: what was kept,
+    "Fn_N", "power_W" or the power setting; reason: why there is none.
     """
 
     column: str = ""
@@ -57,19 +74,25 @@ class MarginScale:
     slope: dict[str, float] = field(default_factory=dict)
     nominal_K: float = float("nan")
     reference: dict[str, float] = field(default_factory=dict)
+    words: str = ""
     fixed_column: str = ""
     reason: str = ""
 
     @property
     def condition(self) -> str:
         """The reference condition as text."""
-        return ", ".join(f"{c} {v:.6g}" for c, v in self.reference.items()) + (
-            f", at given {self.fixed_column}" if self.fixed_column else ""
+        head = f"{self.words}: " if self.words else ""
+        return (
+            head
+            + ", ".join(f"{c} {v:.6g}" for c, v in self.reference.items())
+            + (f", at given {self.fixed_column}" if self.fixed_column else "")
         )
 
 
-def margin_scale(series: Series, among: Collection[str] = ()) -> MarginScale:
-    """The scale of the engine that a series is of; among: columns one of which it is, where that is wished."""
+def margin_scale(series: Series, among: Collection[str] = (), at: Mapping[str, float] | None = None) -> MarginScale:
+    """The scale of the engine that a series is of, for its rating on a standard hot day; among: columns one of which it
+    is, where that is wished; at: inputs that are stated otherwise. Raises DataError for inputs that the engine does not
+    have, and where it cannot be computed at a stated condition."""
     monitor = series.monitor
     if monitor is None or monitor.envelope is None:
         return MarginScale(reason="statistics without their engine do not say what a change means for temperatures")
@@ -83,32 +106,88 @@ def margin_scale(series: Series, among: Collection[str] = ()) -> MarginScale:
     if not columns:
         return MarginScale(reason="no temperature of burnt gas is recorded")
     try:
-        return _hottest_scale(monitor, engine, columns)
+        return _scale_at(monitor, engine, columns, _reference(monitor, engine, columns, at or {}))
     except KeyError as error:
         return MarginScale(reason=f"the reference condition cannot be computed: {error.args[0]}")
+
+
+@dataclass(frozen=True)
+class ReferencePoint:
+    """An operating point of the healthy engine: words for which it is, inputs, and its hottest column."""
+
+    words: str
+    inputs: dict[str, float]
+    column: str
+
+
+def _reference(monitor: Monitor, engine: Any, columns: list[str], at: Mapping[str, float]) -> ReferencePoint | None:
+    """Rating on a hot day, inputs as stated `at`; the hottest point of identification where that cannot be computed."""
+    known = {*engine.inputs, *engine.optional_inputs}
+    for column in at:
+        if column not in known:
+            raise DataError(f"--at: the engine has no input {column!r}; {near(column, sorted(known))}")
+    base = _healthy(monitor, engine)
+    inputs = rated_inputs(engine, at) if isinstance(engine, Engine) else None
+    why = "its file gives no rating for a power setting"
+    if inputs is not None:
+        found = engine.predict(inputs, base, sensors=columns)
+        if found.ok[0]:
+            return ReferencePoint(STATED if at else TAKE_OFF, inputs, columns[int(np.argmax(found.y[0]))])
+        why = found.reason(0)
+    if at:
+        raise DataError(
+            f"--at: the engine cannot be computed at {', '.join(f'{c}={v:g}' for c, v in at.items())}: {why}"
+        )
+    return _hottest_point(monitor, engine, columns, base)
+
+
+def rated_inputs(engine: Engine, at: Mapping[str, float]) -> dict[str, float] | None:
+    """Inputs of an engine at its rating on a hot day, those of `at` as stated; None where the engine file gives neither
+    a range of power nor a condition for all of its inputs."""
+    condition = design_condition(engine, {**{c: v for c, v in HOT_DAY.items() if c in engine.inputs}, **at})
+    if condition is None:
+        return None
+    inputs = {**condition, **at}
+    if engine.power_setting not in at:
+        if engine.power_range is None:
+            return None
+        rating = engine.power_from_fraction(1.0, {**engine.optional_inputs, **inputs})
+        inputs[engine.power_setting] = float(np.ravel(rating)[0])
+    return inputs
+
+
+def _healthy(monitor: Monitor, engine: Any) -> dict[str, float]:
+    return {name: float(v) for name, v in monitor.base.items() if name in engine.parameters}
+
+
+def _hottest_point(
+    monitor: Monitor, engine: Any, columns: list[str], base: Mapping[str, float]
+) -> ReferencePoint | None:
+    assert monitor.envelope is not None
+    points = np.asarray(monitor.envelope.points)
+    some = np.unique(np.linspace(0, len(points) - 1, POINTS).round().astype(int))
+    inputs = {c: points[some, i] for i, c in enumerate(monitor.envelope.inputs)}
+    found = engine.predict(inputs, base, sensors=columns)
+    y = np.where(found.ok[:, None], found.y, -np.inf)
+    row, best = np.unravel_index(int(np.argmax(y)), y.shape)
+    if not np.isfinite(y[row, best]):
+        return None
+    return ReferencePoint(HOTTEST, {c: float(v[row]) for c, v in inputs.items()}, columns[best])
 
 
 def _reads_only(sensor: Any, hot: set[str]) -> bool:
     return sensor.denominator is None and set(sensor.reads) <= hot
 
 
-def _hottest_scale(monitor: Monitor, engine: Any, columns: list[str]) -> MarginScale:
-    points = np.asarray(monitor.envelope.points)
-    some = np.unique(np.linspace(0, len(points) - 1, POINTS).round().astype(int))
-    inputs = {c: points[some, i] for i, c in enumerate(monitor.envelope.inputs)}
-    base = {name: float(v) for name, v in monitor.base.items() if name in engine.parameters}
-    found = engine.predict(inputs, base, sensors=columns)
-    y = np.where(found.ok[:, None], found.y, -np.inf)
-    row, best = np.unravel_index(int(np.argmax(y)), y.shape)
-    if not np.isfinite(y[row, best]):
+def _scale_at(monitor: Monitor, engine: Any, columns: list[str], point: ReferencePoint | None) -> MarginScale:
+    if point is None:
         return MarginScale(reason="the engine computes none of the operating points of its identification")
-    column = columns[best]
-    at = {c: float(v[row]) for c, v in inputs.items()}
-    setting = engine.power_setting
+    base, column, setting = _healthy(monitor, engine), point.column, engine.power_setting
     delivers = [c for c in DELIVERED if c in engine.model_columns and c != setting]
     names = [n for n in monitor.monitored if n in engine.parameters and not monitor.meaning[n].belongs_to_instrument]
     asked = (column, *delivers[:1])
-    here = engine.predict({c: np.array([v]) for c, v in at.items()}, base, sensors=asked, wrt=(*names, setting))
+    inputs = {c: np.array([v]) for c, v in point.inputs.items()}
+    here = engine.predict(inputs, base, sensors=asked, wrt=(*names, setting))
     J = np.asarray(here.jacobian[0])
     slope, held = J[0, :-1], setting
     if delivers and J[1, -1]:
@@ -117,7 +196,7 @@ def _hottest_scale(monitor: Monitor, engine: Any, columns: list[str]) -> MarginS
         return MarginScale(reason="the engine has no derivatives at the reference condition")
     sensor = next((p.name for p in engine.sensors[column].parameters() if p.quantity == "bias"), "")
     slopes = dict(zip(names, slope.tolist(), strict=True))
-    return replace(MarginScale(column, sensor, slopes, float(here.y[0, 0]), at), fixed_column=held)
+    return MarginScale(column, sensor, slopes, float(here.y[0, 0]), point.inputs, point.words, held)
 
 
 TOGETHER = 10.0
@@ -194,6 +273,56 @@ def engine_consumption(
         Margin(scale.column, scale.condition, limit, gone, left),
         _margin_course(found, health, slope, baseline),
         recovered,
+    )
+
+
+@dataclass(frozen=True)
+class PowerCourse:
+    """Power or thrust available at the first limit that binds, in the unit of `column`.
+
+    value, error (n,): in each flight, with one standard error, NaN where it is not known; nominal: of the healthy
+    engine; limited_by (n,): column of the limit; condition: at which it is; reason: why it is not known.
+    """
+
+    column: str = ""
+    value: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    error: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    nominal: float = float("nan")
+    limited_by: tuple[str, ...] = ()
+    condition: str = ""
+    reason: str = ""
+
+
+def available_power(
+    found: EngineTrend, scoping: WorkScopeEstimator, scale: MarginScale, limits: Mapping[str, float]
+) -> PowerCourse:
+    """What an engine delivers at its limits in each of its flights, with the health that it had there: solutions of the
+    engine model, at the reference condition of the scale. limits: column of the model → limit in its unit. Raises
+    DataError for a column that the engine does not have."""
+    engine, health = scoping.engine, found.posterior.health
+    if engine is None or health is None or not scale.reference or not limits:
+        return PowerCourse(reason=scale.reason or "no limit is stated")
+    for column in limits:
+        if column not in (known := {*engine.model_columns, *engine.sensors, engine.power_setting}):
+            raise DataError(f"--limit: the engine has no column {column!r}; {near(column, sorted(known))}")
+    at = [i for i, name in enumerate(health.parameters) if name in engine.parameters]
+    names = [health.parameters[i] for i in at]
+    states = np.concatenate([np.zeros((1, len(at))), health.total[:, at]])
+    try:
+        solved = solve_at_limits(engine, scale.reference, scoping.base, names, states, limits)
+    except PowerNotHeldError as error:
+        return PowerCourse(reason=str(error))
+    slopes, C = solved.slopes[1:], health.total_covariance[:, at][:, :, at]
+    error = np.sqrt(np.maximum(np.einsum("ti,tij,tj->t", slopes, C, slopes), 0.0))
+    epochs = found.epochs
+    return PowerCourse(
+        solved.column,
+        solved.value[1:][epochs],
+        error[epochs],
+        float(solved.value[0]),
+        tuple(solved.limited_by[1 + k] for k in epochs),
+        f"{scale.words}: {', '.join(f'{c} {v:.6g}' for c, v in scale.reference.items() if c != engine.power_setting)}",
+        solved.reason,
     )
 
 

@@ -124,11 +124,14 @@ def _candidates(engine: Engine, recorded: Mapping[str, float]) -> Iterator[tuple
         yield RECORDED, {c: recorded[c] for c in engine.inputs}
 
 
-def design_condition(engine: Engine) -> dict[str, float] | None:
-    """Inputs but the power setting at the design point; None where one of them has no value there."""
+def design_condition(engine: Engine, stated: Mapping[str, float] | None = None) -> dict[str, float] | None:
+    """Inputs but the power setting at the design point, or as `stated`; None where one of them has no value there."""
     network, found = engine.network, {}
     for column in engine.inputs:
         if column == engine.power_setting:
+            continue
+        if stated is not None and column in stated:
+            found[column] = stated[column]
             continue
         if column in network.speed_columns:
             found[column] = float(network.shafts[network.speed_columns[column]]["design_speed_rpm"])

@@ -166,7 +166,7 @@ def washed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The page of an engine that was washed, with a limit."""
     folder = tmp_path_factory.mktemp("washed")
     recording = make(folder)
-    asked = ["--limit", "T5_K", "1030", "--events", str(folder / "washes.csv"), "--baseline", "3"]
+    asked = ["--limit", "T5_K", "1050", "--events", str(folder / "washes.csv"), "--baseline", "3"]
     page = str(folder / "page.html")
     assert main(["report", "-n", str(folder / "nominal.yaml"), str(recording), *asked, "-q", "-o", page]) == 0
     return folder / "page.html"
