@@ -31,30 +31,29 @@ from enginediag_cli.fleets.findings import (
     FleetSettings,
     FlightRow,
     HealthChange,
-    HealthCourse,
     HealthRow,
     IntervalEstimate,
+    MaintenanceEvent,
     Margin,
     engine_flights,
     event_number,
-    fit_course,
     movable_parameters,
     washable_components,
 )
 from enginediag_cli.fleets.margin import (
-    Consumption,
+    EngineConsumption,
     MarginScale,
-    condition_effects,
+    engine_consumption,
     engine_severity,
-    margin_consumption,
+    interval_estimate,
     margin_scale,
 )
 from enginediag_cli.history.engines import DETERIORATION, EngineTrend, HistoryOptions, judge_engine_history
+from enginediag_cli.history.health import HealthStep
 from enginediag_cli.history.posterior import EVENT, ChangeEvent, HistoryChange
 from enginediag_cli.history.shapes import FROM_START
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.probability import NORMAL_95
 
 LAST = 10
 """Flights at the end that say what an engine has come to, for what a fleet has in common."""
@@ -67,17 +66,25 @@ POSSIBLE = 0.05
 
 @dataclass(frozen=True)
 class _JudgedFlights:
-    """What is known of an engine when its rows are made; parameters: of the account, in its order."""
+    """What is known of an engine when its rows are made; parameters: of the account, in its order; moved: of each event
+    of the flights, what it may have moved."""
 
     trend: EngineTrend
     parameters: tuple[Parameter, ...]
     flights: EngineFlights
-    course: HealthCourse
+    moved: tuple[frozenset[str], ...]
 
 
 def judge_engine(
     history: EngineHistory, series: Series, settings: FleetSettings, scale: MarginScale | None = None
 ) -> EngineFinding:
+    """The finding alone of `judge_with_account`."""
+    return judge_with_account(history, series, settings, scale)[0]
+
+
+def judge_with_account(
+    history: EngineHistory, series: Series, settings: FleetSettings, scale: MarginScale | None = None
+) -> tuple[EngineFinding, EngineTrend | None]:
     """Judge the history of one engine: whether it has changed, since when, in what, and how far towards its limit.
 
     Parameters
@@ -94,6 +101,8 @@ def judge_engine(
     Returns
     -------
     EngineFinding
+    EngineTrend or None
+        The account of its history since it was renewed last, where it has flights enough.
 
     Raises
     ------
@@ -107,18 +116,20 @@ def judge_engine(
     current, earlier = _history_since_renewal(history)
     if (after := len(current.stretches) - current.baseline) < FEWEST:
         new = " since the engine was renewed" if earlier else ""
-        return replace(nothing, reason=f"{max(after, 0)} flights{new} beside the baseline are too few, {FEWEST} needed")
+        reason = f"{max(after, 0)} flights{new} beside the baseline are too few, {FEWEST} needed"
+        return replace(nothing, reason=reason), None
     flights = engine_flights(current, series)
     if len(flights) - flights.baseline < FEWEST:
-        return replace(nothing, reason="too few flights determine all readings")
+        return replace(nothing, reason="too few flights determine all readings"), None
     found = _judge_flights(flights, current, series, settings)
     verdict, reason = _verdict(found, current.baseline)
     unknown = _unknown_health(found)
-    used = margin_consumption(flights, found.course, margin_scale(series) if scale is None else scale, settings)
+    scale = margin_scale(series) if scale is None else scale
+    used = engine_consumption(found.trend, scale, settings.limits_K, current.baseline)
     began = min(found.trend.changes, key=lambda event: event.onset, default=None)
     since = (0, 0, 0) if began is None else _onset_numbers(began, found.trend)
     best, low, high = since
-    return replace(
+    finding = replace(
         nothing,
         verdict=verdict,
         reason="; ".join(dict.fromkeys(filter(None, [reason, unknown]))),
@@ -128,22 +139,23 @@ def judge_engine(
         since_low=low + earlier if best else 0,
         since_high=high + earlier if best else 0,
         since_flight=current.stretches[best - 1].window.flight if best else "",
-        severity=IntervalEstimate() if unknown else engine_severity(used, found.course),
+        severity=IntervalEstimate() if unknown else engine_severity(found.trend, used, found.parameters),
         severity_unit="K" if used.margin.column else "sigma",
         health=tuple(_health_rows(found, current, earlier)),
         by_flight=_flight_rows(found, used, current, earlier, (verdict, best)),
-        events=_event_rows(found, used, history, earlier),
+        events=_event_rows(found, used, (history, current), earlier),
         margin=_unknown_margin(used.margin, unknown) if unknown else used.margin,
-        state=_final_readings(found),
-        event_changes=_event_changes(flights, found.course, history),
+        course=None if unknown else used.course,
+        state=_final_readings(flights),
+        event_changes=_event_changes(found, current, history),
     )
+    return finding, found.trend
 
 
 def _judge_flights(
     flights: EngineFlights, current: EngineHistory, series: Series, settings: FleetSettings
 ) -> _JudgedFlights:
-    """The account of the history, in which maintenance is a known move of what it may have moved, and the course of
-    health, which leaves out the instruments that have changed."""
+    """The account of the history, in which maintenance is a known move of what it may have moved."""
     compressors = washable_components(series)
     moved = [movable_parameters(e, flights.described, compressors) for e in flights.events]
     numbers = [event_number(e, current) + 1 for e in flights.events]
@@ -151,12 +163,10 @@ def _judge_flights(
         (number, {flights.described[i].name: size for i, size in own.items()})
         for number, own in zip(numbers, moved, strict=True)
     ]
-    options = HistoryOptions(current.baseline, settings.sensors, numbers, shifts)
+    options = HistoryOptions(current.baseline, settings.sensors, numbers, shifts, health=True)
     trend = judge_engine_history(current.sums, series.parameters, options)
-    wrong = {part.name for event in trend.changes for part in _likeliest_form(event) if event.instrument}
-    faulty = [i for i, p in enumerate(flights.described) if p.name in wrong]
     parameters = tuple(series.parameters[name] for name in trend.posterior.parameters)
-    return _JudgedFlights(trend, parameters, flights, fit_course(flights, moved, faulty))
+    return _JudgedFlights(trend, parameters, flights, tuple(frozenset(own) for _, own in shifts))
 
 
 def _likeliest_form(event: ChangeEvent) -> tuple[HistoryChange, ...]:
@@ -279,95 +289,106 @@ def _history_since_renewal(history: EngineHistory) -> tuple[EngineHistory, int]:
     return replace(history, stretches=history.stretches[first:], events=later, sums=since), first
 
 
-def _interval_estimate(mean: float, error: float, unit: float) -> IntervalEstimate:
-    half = NORMAL_95 * error
-    return IntervalEstimate(float(unit * mean), float(unit * (mean - half)), float(unit * (mean + half)))
-
-
 def _flight_rows(
-    found: _JudgedFlights, used: Consumption, current: EngineHistory, earlier: int, outcome: tuple[str, int]
+    found: _JudgedFlights, used: EngineConsumption, current: EngineHistory, earlier: int, outcome: tuple[str, int]
 ) -> tuple[FlightRow, ...]:
     """outcome: the verdict, and the number of the first changed flight, 0 where there is none."""
     verdict, since = outcome
     rows, usual = [], NO_VERDICT if verdict == NO_VERDICT else HEALTHY
-    for k, number in enumerate(found.flights.number):
-        window = current.stretches[number].window
-        changed = since and number + 1 >= since
-        by_then = CHANGED if changed else "baseline" if k < found.flights.baseline else usual
-        place = int(number) + 1 + earlier
-        rows.append(
-            FlightRow(place, window.flight, window.records, by_then, float(used.by_flight[k]), float(used.error[k]))
-        )
+    for k, stretch in enumerate(current.stretches):
+        changed = since and k + 1 >= since
+        by_then = CHANGED if changed else "baseline" if k < current.baseline else usual
+        window, taken = stretch.window, (float(used.used[k]), float(used.used_error[k]))
+        rows.append(FlightRow(k + 1 + earlier, window.flight, window.records, by_then, *taken))
     return tuple(rows)
 
 
-def _final_readings(found: _JudgedFlights) -> FinalReadings:
-    """The last flights against the baseline, the conditions of both taken out."""
-    flights, c = found.flights, found.course
-    last = flights.weight * (np.arange(len(flights)) >= max(len(flights) - LAST, flights.baseline))
+def _final_readings(flights: EngineFlights) -> FinalReadings:
+    """The last flights against the baseline; what follows the conditions, as differences of neighbours show it, taken
+    out of both."""
+    weather = flights.readings.weather
+    z = flights.z
+    if weather.shape[1]:
+        moved = np.diff(weather, axis=0)
+        z = z - weather @ np.linalg.solve(moved.T @ moved + np.eye(weather.shape[1]), moved.T @ np.diff(z, axis=0))
+    scatter, n = flights.scatter(), np.arange(len(flights))
+    last = flights.weight * (n >= max(len(flights) - LAST, flights.baseline))
+    before = flights.weight**2 * (n < flights.baseline)
     w = last**2 / np.sum(last**2)
-    off = w @ (flights.z - c.level - condition_effects(flights, c))
-    before = np.sum(flights.weight[: flights.baseline] ** 2)
-    share = np.sum(w**2 / flights.weight**2) + 1 / max(before, 1.0)
+    level = before @ z / before.sum() if before.sum() else np.zeros(z.shape[1])
+    share = np.sum(w**2 / flights.weight**2) + 1 / max(before.sum(), 1.0)
     names = tuple(p.name for p in flights.described)
-    return FinalReadings(names, flights.readings.D, off, share * c.scatter, flights.J.mean(axis=0))
+    return FinalReadings(names, flights.readings.D, w @ z - level, share * scatter, flights.J.mean(axis=0))
 
 
-def _event_rows(found: _JudgedFlights, used: Consumption, history: EngineHistory, earlier: int) -> tuple[EventRow, ...]:
-    c, flights = found.course, found.flights
+def _event_step(found: _JudgedFlights, current: EngineHistory, event: MaintenanceEvent) -> HealthStep | None:
+    """What an event changed, of what it may have moved; None where the flights do not show it."""
+    health = found.trend.posterior.health
+    if health is None or event not in found.flights.events:
+        return None
+    epoch = int(np.searchsorted(found.trend.first, event_number(event, current)))
+    moved = found.moved[found.flights.events.index(event)]
+    at = [i for i, name in enumerate(health.parameters) if name in moved]
+    step = next((step for step in health.steps if step.epoch == epoch), None)
+    return None if step is None else step.select(at)
+
+
+def _moved_names(found: _JudgedFlights, event: MaintenanceEvent) -> tuple[str, ...]:
+    """Health parameters that an event may have moved, in their order."""
+    health, moved = found.trend.posterior.health, found.moved[found.flights.events.index(event)]
+    return tuple(name for name in health.parameters if name in moved) if health is not None else ()
+
+
+def _event_rows(
+    found: _JudgedFlights, used: EngineConsumption, histories: tuple[EngineHistory, EngineHistory], earlier: int
+) -> tuple[EventRow, ...]:
+    """histories: of all flights, and of those since the engine was renewed."""
+    history, current = histories
     rows: list[EventRow] = []
     for event in history.events:
         number = event_number(event, history)
-        if event not in flights.events:
-            whole = not event.component and event.kind != "wash"
-            reason = (
-                "no flight is after it"
-                if number >= len(history.stretches)
-                else "the engine is another one since"
-                if whole and number == earlier
-                else "it was before the engine was renewed"
-                if number < earlier
-                else "no flight is before it"
-            )
+        step = _event_step(found, current, event)
+        if step is None:
+            reason = _why_unknown(event, number, earlier, len(history.stretches))
             rows.append(EventRow(event, number + 1 if number < len(history.stretches) else 0, {}, reason=reason))
             continue
-        T = c.event_map(flights.events.index(event))
-        mean, covariance = c.evaluate(T)
-        touched = np.flatnonzero(np.abs(T).sum(axis=1))
+        deviation = np.sqrt(np.diag(step.covariance))
         gains = {
-            flights.described[c.parameters[k]].name: _interval_estimate(mean[k], np.sqrt(covariance[k, k]), c.unit[k])
-            for k in touched
+            name: interval_estimate(value, error)
+            for name, value, error in zip(_moved_names(found, event), step.change, deviation, strict=True)
         }
-        recovered = IntervalEstimate()
-        if used.margin.column:
-            value, variance = float(used.slope @ mean), float(used.slope @ covariance @ used.slope)
-            recovered = _interval_estimate(-value, np.sqrt(variance), 1.0)
+        recovered = used.recovered.get(found.trend.flight_number(step.epoch), IntervalEstimate())
         rows.append(EventRow(event, number + 1, gains, recovered))
     return tuple(rows)
 
 
-def changes_at_events(history: EngineHistory, series: Series) -> tuple[HealthChange | None, ...]:
-    """What each event did, by one course of health over all flights: those that renewed the whole engine, too, and
-    those before, which the judgement of an engine does not include. None where flights are on one side alone."""
-    flights = engine_flights(history, series)
-    compressors = washable_components(series)
-    moved = [movable_parameters(e, flights.described, compressors) for e in flights.events]
-    return _event_changes(flights, fit_course(flights, moved), history)
+def _why_unknown(event: MaintenanceEvent, number: int, earlier: int, flights: int) -> str:
+    """Why the effect of an event before flight `number`, from 0, is not known."""
+    if number >= flights:
+        return "no flight is after it"
+    if not event.component and event.kind != "wash" and number == earlier:
+        return "the engine is another one since"
+    return "it was before the engine was renewed" if number < earlier else "no flight is before it"
 
 
-def _event_changes(flights: EngineFlights, c: HealthCourse, history: EngineHistory) -> tuple[HealthChange | None, ...]:
+def changes_at_events(
+    history: EngineHistory, series: Series, settings: FleetSettings
+) -> tuple[HealthChange | None, ...]:
+    """What each event did, by one account over all flights: those that renewed the whole engine, too, and those before,
+    which the judgement of an engine does not include. None where flights are on one side alone."""
+    found = _judge_flights(engine_flights(history, series), history, series, settings)
+    return _event_changes(found, history, history)
+
+
+def _event_changes(
+    found: _JudgedFlights, current: EngineHistory, history: EngineHistory
+) -> tuple[HealthChange | None, ...]:
     told: list[HealthChange | None] = []
     for event in history.events:
-        if event not in flights.events:
-            told.append(None)
-            continue
-        at = flights.events.index(event)
-        mean, covariance = c.evaluate(c.event_map(at))
-        before = c.path[int(np.argmax(c.steps[:, at] > 0)) - 1]
-        k = np.flatnonzero(np.abs(c.event_map(at)).sum(axis=1))
-        names = tuple(flights.described[p].name for p in c.parameters[k])
-        unit = c.unit[k]
+        step = _event_step(found, current, event)
         told.append(
-            HealthChange(names, unit * before[k], unit * mean[k], np.outer(unit, unit) * covariance[np.ix_(k, k)])
+            None
+            if step is None
+            else HealthChange(_moved_names(found, event), step.before, step.change, step.covariance)
         )
     return tuple(told)

@@ -17,6 +17,7 @@ from math import nan
 
 import numpy as np
 
+from enginediag_cli.detection.forecast import MarginCourse
 from enginediag_cli.detection.series import FlightWindow, Readings, Series
 from enginediag_cli.engine.wrapped import WrappedModel
 from enginediag_cli.history.engines import EngineSums
@@ -87,7 +88,7 @@ class HealthRow:
 @dataclass(frozen=True, slots=True)
 class FlightRow:
     """One flight. verdict: of the baseline, changed from the onset on, or that of the engine; consumed: of the margin,
-    in K, by this flight alone, with one standard error."""
+    in K, at this flight, with one standard error."""
 
     number: int
     flight: str
@@ -180,6 +181,8 @@ class EngineFinding:
         EGT margin.
     baseline : int
         First flights, believed healthy.
+    course : MarginCourse or None
+        What a law of growth is fitted to for the forecast.
     state : FinalReadings or None
         Last flights against the baseline.
     event_changes : sequence of HealthChange or None
@@ -208,6 +211,7 @@ class EngineFinding:
     events: Sequence[EventRow] = ()
     margin: Margin = Margin()
     baseline: int = 0
+    course: MarginCourse | None = field(default=None, repr=False, compare=False)
     state: FinalReadings | None = field(default=None, repr=False, compare=False)
     event_changes: Sequence[HealthChange | None] = field(default=(), repr=False, compare=False)
     instruments: Sequence[FaultInFlights] = ()
@@ -334,11 +338,6 @@ class EngineFlights:
     def __len__(self) -> int:
         return len(self.z)
 
-    @property
-    def health(self) -> np.ndarray:
-        """Positions of the parameters that are of no instrument."""
-        return np.array([i for i, p in enumerate(self.described) if not p.belongs_to_instrument], int)
-
     def scatter(self) -> np.ndarray:
         """Covariance (m, m) of what readings differ by from one flight to the next, with that of their noise as a prior
         that counts for m + 3 flights."""
@@ -446,104 +445,3 @@ def washable_components(series: Series) -> frozenset[str]:
     return (
         frozenset(c["name"] for c in declared["components"] if c["type"] == "compressor") if declared else frozenset()
     )
-
-
-PIECES, FLIGHTS_PER_PIECE = 8, 6
-"""Pieces of the course at most, and flights that each has at least."""
-AT_A_TIME = 512
-"""Flights whose columns are in memory at once: a few megabytes."""
-FAILED = 10.0
-"""Standard deviation of a suspected instrument's error, in prior standard deviations."""
-
-
-@dataclass(frozen=True)
-class HealthCourse:
-    """parameters (q,): positions among those of the flights; unit (q,): their prior standard deviations. phi (n, K);
-    mean (r,) and covariance (r, r) of the coefficients in these units: K pieces by q, then one for each `jumps`, pairs
-    of event and position among q. steps (n, e); level (m,): of the readings in the baseline; scatter (m, m)."""
-
-    parameters: np.ndarray
-    unit: np.ndarray
-    phi: np.ndarray
-    mean: np.ndarray
-    covariance: np.ndarray
-    jumps: tuple[tuple[int, int], ...]
-    steps: np.ndarray
-    level: np.ndarray
-    scatter: np.ndarray
-
-    def state_map(self, flight: int) -> np.ndarray:
-        """Map (q, r) from coefficients to the state at a flight."""
-        q = len(self.parameters)
-        T = np.zeros((q, len(self.mean)))
-        for k, value in enumerate(self.phi[flight]):
-            T[:, k * q : (k + 1) * q] = value * np.eye(q)
-        for j, (event, position) in enumerate(self.jumps):
-            T[position, self.phi.shape[1] * q + j] = self.steps[flight, event]
-        return T
-
-    @property
-    def path(self) -> np.ndarray:
-        """Mean of the state (n, q) at each flight."""
-        q, K = len(self.parameters), self.phi.shape[1]
-        found = self.phi @ self.mean[: K * q].reshape(K, q)
-        for j, (event, position) in enumerate(self.jumps):
-            found[:, position] += self.steps[:, event] * self.mean[K * q + j]
-        return np.asarray(found)
-
-    def event_map(self, event: int) -> np.ndarray:
-        """Map (q, r) from coefficients to what an event brought."""
-        q = len(self.parameters)
-        T = np.zeros((q, len(self.mean)))
-        for j, (e, position) in enumerate(self.jumps):
-            if e == event:
-                T[position, self.phi.shape[1] * q + j] = 1.0
-        return T
-
-    def evaluate(self, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean (q,) and covariance (q, q) of linear functions T (q, r), in prior standard deviations."""
-        return T @ self.mean, T @ self.covariance @ T.T
-
-
-def fit_course(
-    flights: EngineFlights, moved: Sequence[Mapping[int, float]], failed: Sequence[int] = ()
-) -> HealthCourse:
-    """moved: of each event of the flights, positions of the parameters that it may have moved with the standard
-    deviation of that; failed: positions of instruments that are suspected, whose errors are then states like health."""
-    n, m = flights.z.shape
-    own = np.array([*flights.health, *failed], int)
-    size = np.concatenate([np.ones(len(flights.health)), np.full(len(failed), FAILED)])
-    after = n - flights.baseline
-    pieces = int(np.clip(after // FLIGHTS_PER_PIECE, 1, PIECES))
-    edges = np.unique(np.linspace(0, after, pieces + 1).round())
-    since = np.arange(n)[:, None] - (flights.baseline - 1)
-    phi = np.clip((since - edges[:-1]) / np.maximum(np.diff(edges), 1), 0.0, 1.0)
-    place = {int(p): k for k, p in enumerate(own)}
-    jumps = tuple((e, place[p]) for e, one in enumerate(moved) for p in one)
-    spread = [one[p] for one in moved for p in one]
-    scatter = flights.scatter()
-    root = np.linalg.inv(np.linalg.cholesky(scatter))
-    z = flights.weight[:, None] * (flights.z @ root.T)
-    U = flights.weight[:, None] * np.concatenate([np.ones((n, 1)), flights.readings.weather], axis=1)
-    inner = U.T @ U + np.diag([1e-9, *np.ones(U.shape[1] - 1)])
-    variance = np.concatenate([np.outer(np.diff(edges) / max(after, 1), size**2).ravel(), np.square(spread)])
-    r = len(variance)
-    XX, Xz, UX = np.zeros((r, r)), np.zeros(r), np.zeros((U.shape[1], m, r))
-    for first in range(0, n, AT_A_TIME):
-        rows = slice(first, first + AT_A_TIME)
-        J = flights.weight[rows, None, None] * (root @ flights.J[rows][:, :, own])
-        columns = [phi[rows, k, None, None] * J for k in range(phi.shape[1])]
-        columns += [flights.steps[rows, e, None, None] * J[:, :, [k]] for e, k in jumps]
-        X = np.concatenate(columns, axis=2)  # (·, m, r)
-        UX += np.tensordot(U[rows].T, X, 1)
-        X = X.reshape(-1, r)
-        XX += X.T @ X
-        Xz += X.T @ z[rows].ravel()
-    of_X = np.linalg.solve(inner, UX.reshape(U.shape[1], -1)).reshape(UX.shape)
-    H = XX - np.tensordot(UX, of_X, ((0, 1), (0, 1))) + np.diag(1 / variance)
-    covariance = np.linalg.inv((H + H.T) / 2)
-    mean = covariance @ (Xz - np.tensordot(of_X, U.T @ z, ((0, 1), (0, 1))))
-    B = np.linalg.solve(inner, U.T @ z) - of_X @ mean
-    level = np.linalg.solve(root, B[0])
-    unit = flights.readings.D[own]
-    return HealthCourse(own, unit, phi, mean, covariance, jumps, flights.steps, level, scatter)

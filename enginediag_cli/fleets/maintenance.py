@@ -34,9 +34,17 @@ import numpy as np
 from enginediag_cli.config.fields import near
 from enginediag_cli.detection.series import FlightWindow, Series, WindowSource, build_series
 from enginediag_cli.errors import DataError
-from enginediag_cli.fleets.engine_judgement import changes_at_events, judge_engine
+from enginediag_cli.fleets.engine_judgement import changes_at_events, judge_with_account
 from enginediag_cli.fleets.findings import EngineFinding, EngineHistory, FleetSettings, HealthChange, MaintenanceEvent
-from enginediag_cli.fleets.margin import MarginScale, add_forecasts, learn_removal_limit, margin_scale
+from enginediag_cli.fleets.margin import (
+    NO_LIMIT,
+    MarginScale,
+    PowerCourse,
+    add_forecasts,
+    available_power,
+    learn_removal_limit,
+    margin_scale,
+)
 from enginediag_cli.fleets.work_scope import ChangeMoments, Gain, PowerReference, WorkScopeEstimator
 from enginediag_cli.history.engines import HistoryWindows
 from enginediag_cli.isolation.methods import keep_first_forms
@@ -339,10 +347,6 @@ def events_by_engine(
     return mine, unknown
 
 
-FIRST = 1
-"""Flights that are believed healthy where nobody says how many: wear is counted from the first on."""
-
-
 @dataclass(frozen=True)
 class MarginSettings:
     """How the margin of engines is assessed.
@@ -397,12 +401,14 @@ class EventEffect:
 @dataclass(frozen=True)
 class EngineMargin:
     """An engine with its margin, forecast and maintenance; effects: of each event of the finding, in its order, at
-    `reference`; unknown_flights: flights of events that are not recorded, and what may be meant."""
+    `reference`; unknown_flights: flights of events that are not recorded, and what may be meant; power: what it
+    delivers at its limits, in its last flights as many as it has values."""
 
     finding: EngineFinding
     effects: Sequence[EventEffect]
     reference: PowerReference | None
     unknown_flights: Mapping[str, str]
+    power: PowerCourse = field(default_factory=PowerCourse)
 
 
 @dataclass(frozen=True)
@@ -462,16 +468,24 @@ def assess_margins(files: WindowSource, monitor: Monitor, question: MarginSettin
     scale = _choose_scale(series, settings, question.at)
     histories = []
     for engine, stretches in series.stretches.items():
-        baseline = max(question.baseline or series.healthy(engine, question.healthy), FIRST)
+        baseline = question.baseline or series.healthy(engine, question.healthy)
         sums = windows.engines[engine]
         histories.append(EngineHistory(engine, "", stretches, sums, baseline, events.get(engine, ())))
-    findings = [_copy_reason(judge_engine(history, series, settings, scale)) for history in histories]
+    judged = [judge_with_account(history, series, settings, scale) for history in histories]
+    findings = [_copy_reason(finding) for finding, _ in judged]
     settings = learn_removal_limit(settings, findings, question.taken_off, "--taken-off")
     findings = add_forecasts(findings, settings)
     learnt = settings.consumed_limit_K if question.taken_off else None
     scoping = WorkScopeEstimator(monitor)
-    found = [_engine_margin(f, h, series, scoping) for f, h in zip(findings, histories, strict=True)]
-    return SeriesMargins({one.finding.serial: one for one in found}, series, others, learnt)
+    limits = {**question.limits_K, **question.limits}
+    found = {}
+    for finding, history, (_, account) in zip(findings, histories, judged, strict=True):
+        power = PowerCourse(reason=finding.margin.reason or finding.reason)
+        if account is not None and finding.margin.reason in ("", NO_LIMIT):
+            power = available_power(account, scoping, scale, limits)
+        one = _engine_margin(finding, history, series, (scoping, settings))
+        found[finding.serial] = replace(one, power=power)
+    return SeriesMargins(found, series, others, learnt)
 
 
 def _choose_scale(series: Series, settings: FleetSettings, at: Mapping[str, float]) -> MarginScale:
@@ -492,19 +506,20 @@ def _choose_scale(series: Series, settings: FleetSettings, at: Mapping[str, floa
 
 
 def _engine_margin(
-    finding: EngineFinding, history: EngineHistory, series: Series, scoping: WorkScopeEstimator
+    finding: EngineFinding, history: EngineHistory, series: Series, means: tuple[WorkScopeEstimator, FleetSettings]
 ) -> EngineMargin:
+    scoping, settings = means
     recorded = mean_conditions(history.stretches)
     moved = list(finding.event_changes)
     if any(change is None for change in moved):
-        across = changes_at_events(history, series)
+        across = changes_at_events(history, series, settings)
         moved = [mine or other for mine, other in zip(moved, across, strict=True)]
     told = [EventEffect() if change is None else _event_effect(change, scoping, recorded) for change in moved]
     return EngineMargin(finding, told, scoping.reference(recorded), _unknown_flights(history))
 
 
 def _event_effect(moved: HealthChange, scoping: WorkScopeEstimator, recorded: Mapping[str, float]) -> EventEffect:
-    """At equal power, by the course of health: what flights on either side wore is no part of it."""
+    """At equal power, by the path of health: what flights on either side wore is no part of it."""
     deviation = np.sqrt(np.diag(moved.covariance))
     change = ChangeMoments(moved.names, moved.mean, moved.covariance)
     gain, reason = scoping.maintenance_gain(moved.initial, change, recorded)

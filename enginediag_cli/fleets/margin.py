@@ -27,11 +27,8 @@ from enginediag_cli.engine.load import hot_columns
 from enginediag_cli.engine.wrapped import WrappedModel
 from enginediag_cli.errors import DataError
 from enginediag_cli.fleets.findings import (
-    FAILED,
     EngineFinding,
-    EngineFlights,
     FleetSettings,
-    HealthCourse,
     IntervalEstimate,
     Margin,
 )
@@ -43,9 +40,12 @@ from enginediag_cli.fleets.work_scope import (
 )
 from enginediag_cli.history.engines import EngineTrend
 from enginediag_cli.history.health import HealthPath
+from enginediag_cli.parameters import Parameter
 from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.residuals.monitor import Monitor
 
+NO_LIMIT = "no limit is stated"
+"""The reason that an option can remove."""
 POINTS = 200
 """Operating points of identification among which the hottest is taken, where take-off cannot be computed."""
 DELIVERED = ("Fn_N", "power_W")
@@ -199,22 +199,6 @@ def _scale_at(monitor: Monitor, engine: Any, columns: list[str], point: Referenc
     return MarginScale(column, sensor, slopes, float(here.y[0, 0]), point.inputs, point.words, held)
 
 
-TOGETHER = 10.0
-"""Flights of which the weights of the readings are right: those of one flight alone would shrink what it says, and what
-is forecast from are many."""
-
-
-@dataclass(frozen=True)
-class Consumption:
-    """slope (q,): K of margin per prior standard deviation of each state of the course; by_flight, error (n,): K, of
-    each flight alone with one standard error; margin: as of the last flight, without a forecast."""
-
-    slope: np.ndarray
-    by_flight: np.ndarray
-    error: np.ndarray
-    margin: Margin
-
-
 @dataclass(frozen=True)
 class EngineConsumption:
     """Margin that one engine has used, by the account of its history.
@@ -301,7 +285,7 @@ def available_power(
     DataError for a column that the engine does not have."""
     engine, health = scoping.engine, found.posterior.health
     if engine is None or health is None or not scale.reference or not limits:
-        return PowerCourse(reason=scale.reason or "no limit is stated")
+        return PowerCourse(reason=scale.reason or NO_LIMIT)
     for column in limits:
         if column not in (known := {*engine.model_columns, *engine.sensors, engine.power_setting}):
             raise DataError(f"--limit: the engine has no column {column!r}; {near(column, sorted(known))}")
@@ -313,12 +297,12 @@ def available_power(
     except PowerNotHeldError as error:
         return PowerCourse(reason=str(error))
     slopes, C = solved.slopes[1:], health.total_covariance[:, at][:, :, at]
-    error = np.sqrt(np.maximum(np.einsum("ti,tij,tj->t", slopes, C, slopes), 0.0))
+    deviation = np.sqrt(np.maximum(np.einsum("ti,tij,tj->t", slopes, C, slopes), 0.0))
     epochs = found.epochs
     return PowerCourse(
         solved.column,
         solved.value[1:][epochs],
-        error[epochs],
+        deviation[epochs],
         float(solved.value[0]),
         tuple(solved.limited_by[1 + k] for k in epochs),
         f"{scale.words}: {', '.join(f'{c} {v:.6g}' for c, v in scale.reference.items() if c != engine.power_setting)}",
@@ -346,73 +330,22 @@ def _margin_course(found: EngineTrend, health: HealthPath, slope: np.ndarray, ba
     return MarginCourse(t, y, noise, float(found.flights - baseline), steps, offset, RECOVERED_K)
 
 
-def margin_consumption(
-    flights: EngineFlights, c: HealthCourse, scale: MarginScale, settings: FleetSettings
-) -> Consumption:
-    """The margin of an engine whose health has the course c."""
-    n, q = len(flights), len(c.parameters)
-    unknown = np.full(n, np.nan)
-    if not scale.column:
-        return Consumption(np.zeros(q), unknown, unknown, Margin(reason=scale.reason))
-    names = [flights.described[i].name for i in c.parameters]
-    slope = np.array([scale.slope.get(name, 0.0) for name in names]) * c.unit
-    mean, covariance = c.evaluate(c.state_map(n - 1))
-    value, error = float(slope @ mean), float(np.sqrt(max(slope @ covariance @ slope, 0.0)))
-    used = IntervalEstimate(value, value - NORMAL_95 * error, value + NORMAL_95 * error)
-    weights = _margin_weights(flights, c, slope)
-    level = c.level + condition_effects(flights, c)
-    by_flight = (flights.z - level) @ weights
-    single = np.sqrt(weights @ c.scatter @ weights) / flights.weight
-    limit = settings.limits_K.get(scale.column, float("nan"))
-    off = _offset_K(flights, c, scale)
-    left = IntervalEstimate(*(limit - scale.nominal_K - off - x for x in (used.value, used.high, used.low)))
-    return Consumption(slope, by_flight, single, Margin(scale.column, scale.condition, limit, used, left))
-
-
-def _margin_weights(flights: EngineFlights, c: HealthCourse, slope: np.ndarray) -> np.ndarray:
-    """Weights (m,) of the readings in what a flight says of the margin: D Jᵀ (J D² Jᵀ + Σ/TOGETHER)⁻¹, in which a
-    suspected instrument does not count."""
-    q = len(flights.health)
-    J = flights.J.mean(axis=0)
-    health, wrong = J[:, c.parameters[:q]], FAILED * J[:, c.parameters[q:]]
-    inner = health @ health.T + wrong @ wrong.T + c.scatter / TOGETHER
-    return np.asarray(np.linalg.solve(inner, health @ slope[:q]))
-
-
-def condition_effects(flights: EngineFlights, c: HealthCourse) -> np.ndarray:
-    """What readings (n, m) follow of the conditions flown, by what the course of health leaves of them."""
-    weather = flights.readings.weather
-    if not weather.shape[1]:
-        return np.zeros_like(flights.z)
-    left = flights.z - c.level - np.einsum("nmq,nq->nm", flights.J[:, :, c.parameters], c.path)
-    H = weather.T @ weather + np.eye(weather.shape[1])
-    return np.asarray(weather @ np.linalg.solve(H, weather.T @ left))
-
-
-def _offset_K(flights: EngineFlights, c: HealthCourse, scale: MarginScale) -> float:
-    """By how much the engine read hotter than nominal in its baseline."""
-    names = [p.name for p in flights.described]
-    if scale.sensor not in names:
-        return 0.0
-    i = names.index(scale.sensor)
-    one = flights.J[:, :, i].mean(axis=0)  # what one prior standard deviation of its bias adds to each reading
-    s = int(np.argmax(np.abs(one)))
-    return float(c.level[s] / one[s] * flights.readings.D[i])
-
-
-def engine_severity(used: Consumption, c: HealthCourse) -> IntervalEstimate:
+def engine_severity(found: EngineTrend, used: EngineConsumption, known: Sequence[Parameter]) -> IntervalEstimate:
     """How far an engine has gone: of its margin, or without a temperature, the length of the change of its health
-    in prior standard deviations."""
+    in prior standard deviations; known: what its parameters are."""
     if used.margin.column:
         return used.margin.consumed_K
-    mean, covariance = c.evaluate(c.state_map(len(c.phi) - 1))
-    length = float(np.linalg.norm(mean))
-    error = float(np.sqrt(mean @ covariance @ mean) / max(length, 1e-12))
+    health = found.posterior.health
+    if health is None:
+        return IntervalEstimate()
+    unit = {p.name: p.prior_sigma for p in known}
+    D = np.array([unit[name] for name in health.parameters])
+    level, C = health.level[-1] / D, health.covariance[-1] / D / D[:, None]
+    length = float(np.linalg.norm(level))
+    error = float(np.sqrt(level @ C @ level) / max(length, 1e-12))
     return IntervalEstimate(length, max(length - NORMAL_95 * error, 0.0), length + NORMAL_95 * error)
 
 
-EPOCHS = 60
-"""Epochs of a course that a law of growth is fitted to: none is finer."""
 LEARNT_FROM = 300
 """Engines from which it is learnt how the fleet wears, evenly chosen where there are more: it is known well by then."""
 LIVES = 3
@@ -421,32 +354,6 @@ NEVER_K = 1e9
 """A limit that is not reached, where only the consumption so far is required."""
 RECOVERED_K = 10.0
 """Standard deviation of what maintenance may bring of a margin, in K: washes bring up to as much."""
-
-
-def consumption_course(finding: EngineFinding) -> MarginCourse | None:
-    """Consumption over the flights of a finding; None where it is not known."""
-    rows = [r for r in finding.by_flight if np.isfinite(r.consumed_K)]
-    if len(rows) < 3:
-        return None
-    # nothing has begun in the baseline, which of an engine that was renewed begins there
-    begin = rows[0].number - 1 + finding.baseline
-    t = np.array([r.number - begin for r in rows], float)
-    y, error = np.array([r.consumed_K for r in rows]), np.array([r.consumed_error_K for r in rows])
-    events = [e.number - begin for e in finding.events if e.gains and rows[0].number < e.number <= rows[-1].number]
-    steps = (t[:, None] >= np.array(events, float)).astype(float).reshape(len(t), len(events))
-    edges = np.unique(
-        np.concatenate(
-            [np.linspace(0, len(t), EPOCHS, endpoint=False).astype(int), *[np.flatnonzero(t >= e)[:1] for e in events]]
-        ).astype(int)
-    )
-    count = np.diff(np.append(edges, len(t)))
-
-    def mean(values: np.ndarray) -> np.ndarray:
-        return np.add.reduceat(values, edges, axis=0) / count.reshape(-1, *[1] * (values.ndim - 1))
-
-    noise = np.diag(mean(error**2) / count)
-    offset = float(np.sqrt(np.mean(error**2) / max(finding.baseline, 1)))
-    return MarginCourse(mean(t), mean(y), noise, float(t[-1]), mean(steps), offset, RECOVERED_K)
 
 
 def margin_limit(finding: EngineFinding, settings: FleetSettings) -> tuple[float, float] | None:
@@ -462,7 +369,7 @@ def margin_limit(finding: EngineFinding, settings: FleetSettings) -> tuple[float
 def learnt_limit(failed: Sequence[EngineFinding]) -> tuple[float, float]:
     """Consumption, in K, at which engines were removed from wing, and its standard deviation between them, from the
     findings of their whole lives: what `FleetSettings.consumed_limit_K` asks for. ValueError for fewer than three."""
-    courses = [c for f in failed if (c := consumption_course(f)) is not None]
+    courses = [f.course for f in failed if f.course is not None]
     if len(courses) < LIVES:
         raise ValueError(f"a limit is learnt from {LIVES} lives at least, and {len(courses)} can be followed")
     reference = float(np.nanmedian([f.severity.value for f in failed]))
@@ -507,11 +414,11 @@ def add_forecasts(findings: Sequence[EngineFinding], settings: FleetSettings) ->
     limits = [margin_limit(f, settings) for f in findings]
     stated = [x[0] for x in limits if x is not None and x[0] > 0]
     if not stated:
-        return [_no_forecast(f, "no limit is stated") for f in findings]
+        return [_no_forecast(f, NO_LIMIT) for f in findings]
     reference = float(np.median(stated))
     at = [k for k, x in enumerate(limits) if x is not None]
     some = np.unique(np.linspace(0, len(at) - 1, LEARNT_FROM).round().astype(int))
-    courses = [consumption_course(findings[at[k]]) for k in some.tolist()]
+    courses = [findings[at[k]].course for k in some.tolist()]
     population = learn_population([fit_laws(c, reference) for c in courses if c is not None])
     return [_add_forecast(f, x, reference, population) for f, x in zip(findings, limits, strict=True)]
 
@@ -520,9 +427,9 @@ def _add_forecast(
     finding: EngineFinding, limit: tuple[float, float] | None, reference: float, population: Population
 ) -> EngineFinding:
     if limit is None:
-        return _no_forecast(finding, "no limit is stated")
-    course = consumption_course(finding)
-    if course is None:
+        return _no_forecast(finding, NO_LIMIT)
+    course = finding.course
+    if course is None or not np.isfinite(finding.margin.consumed_K.value):
         return _no_forecast(finding, "too few flights show the margin")
     found = forecast(fit_laws(course, reference), population, *limit)
     half = NORMAL_95 * found.rate_error

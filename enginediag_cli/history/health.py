@@ -44,6 +44,10 @@ class HealthStep:
     change: np.ndarray
     covariance: np.ndarray
 
+    def select(self, at: Sequence[int]) -> HealthStep:
+        """Of the parameters at positions `at` (k,) alone."""
+        return HealthStep(self.epoch, self.before[at], self.change[at], self.covariance[np.ix_(at, at)])
+
 
 @dataclass(frozen=True)
 class HealthPath:

@@ -11,7 +11,8 @@ from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from enginediag_cli.fleets.findings import IntervalEstimate
-from enginediag_cli.fleets.work_scope import POWER
+from enginediag_cli.fleets.margin import NO_LIMIT, interval_estimate
+from enginediag_cli.fleets.work_scope import POWER, THRUST
 from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.sentences import (
@@ -43,8 +44,6 @@ if TYPE_CHECKING:
 part_column: Columns[Any] = Columns()
 FLIGHT, MAINTENANCE, WHOLE = "flight", "maintenance", "margin"
 """What a row is about, in its cell `row`."""
-NO_LIMIT = "no limit is stated"
-"""The reason that an option can remove."""
 AS_MUCH = "until as much is lost as when engines are removed from wing"
 """The limit where no temperature is stated."""
 
@@ -53,6 +52,33 @@ def interval_columns(name: str) -> tuple[str, str, str]:
     """A column of the margin's table, and those of its interval: used_K, used_low, used_high."""
     stem = name.removesuffix("_K")
     return name, f"{stem}_low", f"{stem}_high"
+
+
+class FlightPower(NamedTuple):
+    """Power or thrust `column` available in one flight, in its unit, nominal that of the healthy engine."""
+
+    column: str
+    value: float
+    error: float
+    nominal: float
+    limited_by: str
+
+    def estimate(self, column: str, factor: float = 1.0) -> IntervalEstimate:
+        """In the unit of the column divided by `factor`; nothing where another column is what it delivers."""
+        found = interval_estimate(self.value, self.error)
+        return _scaled(found, 0.0, factor) if self.column == column else IntervalEstimate()
+
+    def change(self, column: str, factor: float = 1.0) -> float:
+        """From nominal, in the unit of the column divided by `factor`."""
+        return (self.value - self.nominal) / factor if self.column == column else math.nan
+
+    @property
+    def change_percent(self) -> IntervalEstimate:
+        return _scaled(interval_estimate(self.value, self.error), self.nominal, self.nominal / 100.0)
+
+
+def _scaled(x: IntervalEstimate, origin: float, unit: float) -> IntervalEstimate:
+    return IntervalEstimate(*((end - origin) / unit for end in (x.value, x.low, x.high)))
 
 
 class MarginRow(NamedTuple):
@@ -67,6 +93,7 @@ class MarginRow(NamedTuple):
     event: EventRow | None = None
     effect: EventEffect | None = None
     parameters: Mapping[str, Parameter] = {}
+    power: FlightPower | None = None
 
     @property
     def margin(self) -> Margin:
@@ -113,7 +140,7 @@ def _finite_or_none(value: float) -> float | None:
 
 
 margin_column: Columns[MarginRow] = Columns()
-_OF_FLIGHTS = "of all flights together; in a row of a flight, by that flight alone"
+_OF_FLIGHTS = "at that flight, by all flights together"
 
 
 def _estimate(
@@ -166,6 +193,44 @@ MARGIN: Table[MarginRow] = Table(
         ),
         *_estimate("used_K", f"margin used since the baseline, {_OF_FLIGHTS}", lambda row: row.used, "K"),
         *_estimate("margin_K", f"margin to the limit, {_OF_FLIGHTS}", lambda row: row.remaining, "K"),
+        *_estimate(
+            "power_available_kW",
+            "power of the loads at the first limit that binds, with the health of that flight",
+            lambda row: row.power.estimate(POWER, 1000.0) if row.power else None,
+            "kW",
+        ),
+        *_estimate(
+            "thrust_available_N",
+            "net thrust at the first limit that binds, with the health of that flight",
+            lambda row: row.power.estimate(THRUST) if row.power else None,
+            "N",
+        ),
+        *_estimate(
+            "available_change_percent",
+            "that power or thrust from nominal's at the same limits",
+            lambda row: row.power.change_percent if row.power else None,
+            "%",
+        ),
+        margin_column(
+            "power_change_kW",
+            "number?",
+            "the same in kilowatts",
+            lambda row: _finite_or_none(row.power.change(POWER, 1000.0)) if row.power else None,
+            "kW",
+        ),
+        margin_column(
+            "thrust_change_N",
+            "number?",
+            "the same in newtons",
+            lambda row: _finite_or_none(row.power.change(THRUST)) if row.power else None,
+            "N",
+        ),
+        margin_column(
+            "limited_by",
+            "text?",
+            "column of the limit that binds",
+            lambda row: (row.power.limited_by or None) if row.power else None,
+        ),
         *_estimate(
             "remaining_flights",
             "flights until the limit; empty: no end in sight",
@@ -227,6 +292,10 @@ MARGIN: Table[MarginRow] = Table(
         "remaining_flights",
         "remaining_flights_low",
         "remaining_flights_high",
+        "power_available_kW",
+        "thrust_available_N",
+        "available_change_percent",
+        "limited_by",
         "event",
         "recovered_K",
         "reason",
@@ -247,14 +316,44 @@ def margin_rows(margins: SeriesMargins) -> Iterator[dict[str, Any]]:
                     IntervalEstimate(used, used - half, used + half),
                     IntervalEstimate(whole - used, whole - (used + half), whole - (used - half)),
                 )
-                yield MARGIN.row(MarginRow(followed, FLIGHT, flight.number, stretches, taken, left))
+                power = flight_power(followed, flight.number)
+                yield MARGIN.row(MarginRow(followed, FLIGHT, flight.number, stretches, taken, left, power=power))
         for event, brought in zip(finding.events, followed.effects, strict=True):
             row = MarginRow(
                 followed, MAINTENANCE, event.number, stretches, event=event, effect=brought, parameters=known
             )
             yield MARGIN.row(row)
         taken, left = finding.margin.consumed_K, finding.margin.now_K
-        yield MARGIN.row(MarginRow(followed, WHOLE, len(stretches), stretches, taken, left))
+        power = flight_power(followed, len(stretches))
+        yield MARGIN.row(MarginRow(followed, WHOLE, len(stretches), stretches, taken, left, power=power))
+
+
+def flight_power(followed: EngineMargin, number: int) -> FlightPower | None:
+    """What the engine delivers at its limits in flight `number`, from 1; None where that is not known."""
+    course = followed.power
+    k = number - 1 - (followed.finding.flights - len(course.value))
+    if not 0 <= k < len(course.value) or not math.isfinite(course.value[k]):
+        return None
+    return FlightPower(
+        course.column, float(course.value[k]), float(course.error[k]), course.nominal, course.limited_by[k]
+    )
+
+
+def power_words(followed: EngineMargin) -> str:
+    """For instance "1,150 kW ± 12 kW available at the limit of T45, 4.1 % ± 1.0 % below nominal (rating …)"; "" where
+    no limit is stated."""
+    course, now = followed.power, flight_power(followed, followed.finding.flights)
+    if now is None:
+        known = course.reason and course.reason != NO_LIMIT and course.column
+        return f"the power available at the limits is unknown: {course.reason}" if known else ""
+    what = "power" if now.column == POWER else "thrust"
+    size = now.estimate(POWER, 1000.0) if now.column == POWER else now.estimate(THRUST)
+    unit = "kW" if now.column == POWER else "N"
+    shift = now.change_percent
+    told = format_quantity(size.value, unit, (size.high - size.low) / 2)
+    by = format_quantity(abs(shift.value), "%", (shift.high - shift.low) / 2)
+    way = "below" if shift.value < 0 else "above"
+    return f"{what} available at the limit of {now.limited_by}: {told}, {by} {way} nominal ({course.condition})"
 
 
 def report_margins(messages: Messages, margins: SeriesMargins) -> None:
@@ -262,6 +361,8 @@ def report_margins(messages: Messages, margins: SeriesMargins) -> None:
     for engine, one in margins.engines.items():
         name = f"engine {engine}: " if engine else ""
         messages.note(f"{name}{margin_words(one.finding.margin)}")
+        if told := power_words(one):
+            messages.note(f"{name}{told}")
         for event, brought in zip(one.finding.events, one.effects, strict=True):
             messages.note(f"{name}{_maintenance_words(event, brought, one.reference, margins.series)}")
     if margins.learnt_K is not None:
@@ -467,8 +568,8 @@ def document(result: FleetRun, provenance: Sequence[str]) -> dict[str, Any]:
 
 def _engine(x: EngineFinding) -> dict[str, Any]:
     """Without its `state`, which `common` summarises, and without the moments of its `events`."""
-    told = asdict(replace(x, state=None, event_changes=(), instruments=()))
-    del told["state"], told["event_changes"]
+    told = asdict(replace(x, course=None, state=None, event_changes=(), instruments=()))
+    del told["course"], told["state"], told["event_changes"]
     return {**told, "instruments": [_instrument(found) for found in x.instruments]}
 
 
