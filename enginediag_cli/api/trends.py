@@ -345,7 +345,7 @@ def forecast(
     recordings
         Paths, `Recordings`, arrays or a DataFrame; see `read_recordings`.
     margin : MarginOptions, optional
-        What the margin is counted to and from, such as ``MarginOptions(limits_K={"T45_K": 1180.0})``. Without a limit
+        What the margin is counted to and from, such as ``MarginOptions(limits_K={"T45_K": 1280.0})``. Without a limit
         the rows say what wear has taken, and that there is no forecast.
     sensors : bool
         Whether instruments may be wrong.

@@ -95,7 +95,7 @@ def trend(
     enginediag trend -n nominal.yaml flights.csv
     enginediag trend -n nominal.yaml --what flights flights.csv
     enginediag trend -n nominal.yaml --by component --reference 20 fleet.csv
-    enginediag trend -n nominal.yaml --what margin --limit T45_K 1180 --events washes.csv flights.csv
+    enginediag trend -n nominal.yaml --what margin --limit T45_K 1280 --events washes.csv flights.csv
     enginediag residual -n nominal.yaml --sensors flights.csv -o statistics.csv && enginediag trend statistics.csv
 
     Components, sensors and the instruments of model inputs may each have changed. Changes are in the parameter's unit,
@@ -273,7 +273,7 @@ def report(messages: Messages, source: Recordings, output: str, **choices: Any) 
     \b
     enginediag report detected.csv isolated.csv trend.csv nominal.yaml -o report.html
     enginediag report -n nominal.yaml flights.csv -o report.html
-    enginediag report -n nominal.yaml flights.csv --limit T45_K 1180 --events washes.csv -o report.html
+    enginediag report -n nominal.yaml flights.csv --limit T45_K 1280 --events washes.csv -o report.html
     enginediag report explained.json refined.json -o missing_physics.html
     enginediag report fleet.json -o fleet.html
 

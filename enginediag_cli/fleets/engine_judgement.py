@@ -254,7 +254,7 @@ def _health_rows(found: _JudgedFlights, current: EngineHistory, earlier: int) ->
             continue
         event, part = parts[p.name]
         chance = event.probability * event.suspects[event.group[0]] * part.probability
-        change = IntervalEstimate(part.now, part.now_low, part.now_high)
+        change = _current_change(found, part)
         row = replace(row, change=change, probability=chance, kind=trend.family(event))
         if _beyond_possible(event, found):
             yield replace(row, kind="steady", probability=chance * trend.posterior.unlisted)
@@ -269,6 +269,15 @@ def _health_rows(found: _JudgedFlights, current: EngineHistory, earlier: int) ->
                 rate = IntervalEstimate(change.value / span, change.low / span, change.high / span)
                 row = replace(row, rate_per_flight=rate)
         yield row
+
+
+def _current_change(found: _JudgedFlights, part: HistoryChange) -> IntervalEstimate:
+    """Change of a parameter at the last flight; what maintenance is known to have moved is part of it."""
+    health = found.trend.posterior.health
+    if health is None or not any(part.name in moved for moved in found.moved):
+        return IntervalEstimate(part.now, part.now_low, part.now_high)
+    i = health.parameters.index(part.name)
+    return interval_estimate(health.level[-1, i], np.sqrt(health.covariance[-1, i, i]))
 
 
 def _unknown_margin(margin: Margin, reason: str) -> Margin:

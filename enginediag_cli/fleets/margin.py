@@ -326,8 +326,8 @@ def _margin_course(found: EngineTrend, health: HealthPath, slope: np.ndarray, ba
     t = 0.5 * (first + last) - baseline
     events = [found.flight_number(step.epoch) - baseline for step in health.steps]
     steps = (t[:, None] >= np.array(events, float)).astype(float).reshape(len(t), len(events))
-    offset = float(np.sqrt(max(np.mean(noise), 0.0)))
-    return MarginCourse(t, y, noise, float(found.flights - baseline), steps, offset, RECOVERED_K)
+    # what is common to all stretches, such as the engine's own level, is in their errors
+    return MarginCourse(t, y, noise, float(found.flights - baseline), steps, 0.0, RECOVERED_K)
 
 
 def engine_severity(found: EngineTrend, used: EngineConsumption, known: Sequence[Parameter]) -> IntervalEstimate:

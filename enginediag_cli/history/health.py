@@ -30,8 +30,9 @@ RESTORED = 0.5
 """Standard deviation of what maintenance moves beside what the events say, in prior ones: half of a change."""
 KNOTS = 24
 """Stretches of flights of a forecast at most: a law of growth has three free numbers, and each takes a few."""
-OPEN = 2.0
-"""Standard deviation of health of a stretch beforehand, in prior ones: hardly more than the flights themselves say."""
+OPEN, CLOSED = 2.0, FREE_SIZES[-1]
+"""Standard deviation of health of a stretch beforehand, in prior ones, of what changed by the events and of what did
+not: hardly more than the flights themselves say, and what is no event."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,7 @@ def health_path(history: History, background: Background, events: np.ndarray, wr
         rows = smooth.rows[t : t + 1] - smooth.rows[t - 1 : t]
         (change,), (error,) = smooth.evaluate(rows, across if history.shifts else KnownMoves.none(1, len(H), r))
         moved.append(HealthStep(t, unit * total[t - 1], unit * change, both * error))
-    stretch, errors = _stretches(history, background, wrong, H, knots)
+    stretch, errors = _stretches(history, background, wrong, (H, np.any(events[:, H] != 0, axis=(0, 2))), knots)
     scale = np.tile(unit, len(knots))
     return HealthPath(
         names,
@@ -203,16 +204,23 @@ def _smooth(history: History, background: Background, events: np.ndarray, H: np.
 
 
 def _stretches(
-    history: History, background: Background, wrong: np.ndarray, H: np.ndarray, knots: np.ndarray
+    history: History,
+    background: Background,
+    wrong: np.ndarray,
+    health: tuple[np.ndarray, np.ndarray],
+    knots: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Health (E q,) of each stretch by itself, what instruments are wrong by marginalised, and its sampling errors."""
+    """Health (E q,) of each stretch by itself, what instruments are wrong by marginalised, and its sampling errors;
+    health (q,), (q,): positions of its parameters, and which of them changed by the events."""
     T, p = len(history), history.width
+    H, changed = health
     number = np.searchsorted(knots, np.arange(T), side="right") - 1
     own = (number[:, None] == np.arange(len(knots))).astype(float)
     h = np.concatenate([_each_parameter(own, H, p), wrong], axis=2)
     b, M = background.joint(h)
     E = len(knots) * len(H)
-    inverse = np.linalg.inv(M + np.diag(np.concatenate([np.full(E, OPEN**-2), np.ones(len(b) - E)])))
+    precision = np.tile(np.where(changed, OPEN, CLOSED) ** -2.0, len(knots))
+    inverse = np.linalg.inv(M + np.diag(np.concatenate([precision, np.ones(len(b) - E)])))
     return (inverse @ b)[:E], (inverse @ M @ inverse)[:E, :E]
 
 

@@ -46,7 +46,7 @@ SERIES = {
         "margin",
         "--limit",
         "T45_K",
-        "1180",
+        "1280",
         "{file}",
         "-o",
         "out.csv",

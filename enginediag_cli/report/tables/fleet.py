@@ -430,7 +430,7 @@ def remaining_words(left: IntervalEstimate, until: str = "to it") -> str:
     """Flights to the limit with their 90 % interval; `until`: what the limit is called."""
     if not math.isfinite(left.value):
         begin = f", 90 %: not before {rounded(left.low)} flights" if math.isfinite(left.low) else ""
-        return f"no end in sight: what these flights show does not reach the limit{begin}"
+        return f"no limit is approached: what these flights show does not reach it{begin}"
     end = f"{left.high:,.0f}" if math.isfinite(left.high) else "no end in sight"
     return f"{count(round(left.value), 'flight')} {until} (90 %: {left.low:,.0f} to {end})"
 
