@@ -15,6 +15,7 @@ from enginediag_cli.api.inputs import Comparison, NominalLike, RecordingsLike, c
 from enginediag_cli.api.results import MessageLog, Picture, Result, Row
 from enginediag_cli.errors import DataError, UsageError
 from enginediag_cli.report.messages import Messages
+from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.series import Series
@@ -66,6 +67,12 @@ class MarginOptions:
         """Whether a limit, a condition or maintenance is given."""
         stated = self.limits_K or self.limits or self.at
         return bool(stated or self.consumed_limit_K or self.taken_off or self.events_path)
+
+    def add_limits(self, limits: Mapping[str, float]) -> MarginOptions:
+        """With limits of columns in kelvins, of turbine temperatures, and of other columns."""
+        temperatures = {c: v for c, v in limits.items() if split_column(c)[1] == "K"}
+        others = {c: v for c, v in limits.items() if c not in temperatures}
+        return replace(self, limits_K={**self.limits_K, **temperatures}, limits={**self.limits, **others})
 
     @property
     def configs(self) -> list[str]:

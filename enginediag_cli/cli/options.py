@@ -530,15 +530,8 @@ def _collect_margin(values: Values) -> None:
     limit, consumed, removed, at = (values.pop(name) for name in ("limit", "consumed_limit", "taken_off", "at"))
     if sum(map(bool, (limit, consumed, removed))) > 1:
         raise click.UsageError("--limit, --consumed-limit and --taken-off exclude each other")
-    values["margin"] = MarginOptions(
-        {c: v for c, v in limit if c.endswith("_K")},
-        consumed,
-        removed,
-        values.pop("events") or "",
-        values.pop("baseline"),
-        {c: v for c, v in limit if not c.endswith("_K")},
-        dict(at),
-    )
+    margin = MarginOptions({}, consumed, removed, values.pop("events") or "", values.pop("baseline"), {}, dict(at))
+    values["margin"] = margin.add_limits(dict(limit))
 
 
 def _stated_inputs(

@@ -106,7 +106,7 @@ def margin_scale(series: Series, among: Collection[str] = (), at: Mapping[str, f
     if not columns:
         return MarginScale(reason="no temperature of burnt gas is recorded")
     try:
-        return _scale_at(monitor, engine, columns, _reference(monitor, engine, columns, at or {}))
+        return _compute_scale(monitor, engine, columns, _reference(monitor, engine, columns, at or {}))
     except KeyError as error:
         return MarginScale(reason=f"the reference condition cannot be computed: {error.args[0]}")
 
@@ -179,7 +179,7 @@ def _reads_only(sensor: Any, hot: set[str]) -> bool:
     return sensor.denominator is None and set(sensor.reads) <= hot
 
 
-def _scale_at(monitor: Monitor, engine: Any, columns: list[str], point: ReferencePoint | None) -> MarginScale:
+def _compute_scale(monitor: Monitor, engine: Any, columns: list[str], point: ReferencePoint | None) -> MarginScale:
     if point is None:
         return MarginScale(reason="the engine computes none of the operating points of its identification")
     base, column, setting = _healthy(monitor, engine), point.column, engine.power_setting
