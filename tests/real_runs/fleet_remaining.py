@@ -24,7 +24,7 @@ from enginediag_cli.detection.forecast import Forecast, fit_laws, forecast, lear
 from enginediag_cli.detection.series import Series
 from enginediag_cli.fleets.engine_judgement import judge_engine
 from enginediag_cli.fleets.findings import EngineHistory, FleetSettings
-from enginediag_cli.fleets.margin import consumption_course, final_consumption, margin_scale, removal_limit
+from enginediag_cli.fleets.margin import final_consumption, margin_scale, removal_limit
 from enginediag_cli.fleets.run import judge_fleet
 from enginediag_cli.history.engines import EngineSums
 
@@ -55,9 +55,12 @@ def rank(series: Series, sums: Mapping[str, EngineSums], seeds: int = 5) -> None
 
 def remaining(series: Series, sums: Mapping[str, EngineSums]) -> None:
     scale = margin_scale(series)
-    findings = [judge_engine(h, series, SETTINGS, scale) for h in histories(series, sums)]
-    lives = [len(h.stretches) for h in histories(series, sums)]
-    courses = [course for f in findings if (course := consumption_course(f)) is not None]
+    judged = [(h, judge_engine(h, series, SETTINGS, scale)) for h in histories(series, sums)]
+    known = [(h, f) for h, f in judged if f.course is not None]
+    print(f"{len(judged) - len(known)} of {len(judged)} whole lives have no margin")
+    findings = [f for _, f in known]
+    lives = [len(h.stretches) for h, _ in known]
+    courses = [f.course for f in findings if f.course is not None]
     reference = float(np.median([f.severity.value for f in findings]))
     fits = [fit_laws(course, reference) for course in courses]
     everyone = learn_population(fits)
@@ -65,17 +68,21 @@ def remaining(series: Series, sums: Mapping[str, EngineSums]) -> None:
     print(f"{scale.column}: engines fail at {level.mean():.1f} K ± {level.std(ddof=1):.1f} K of margin used")
     rng = np.random.default_rng(0)
     rows: dict[str, list[tuple[float, Forecast]]] = {}
-    for k, history in enumerate(histories(series, sums)):
+    unknown = 0
+    for k, (history, _) in enumerate(known):
         others = np.arange(len(fits)) != k
         limit, spread = removal_limit(level[others], error[others])
         population = learn_population(fits, without=k)
         cuts = {f"{share:.0%} of life": int(share * lives[k]) for share in SHARES}
         cuts["second half, drawn"] = int(rng.integers(lives[k] // 2, lives[k]))
         for name, cut in cuts.items():
-            course = consumption_course(judge_engine(cut_at(history, cut), series, SETTINGS, scale))
-            assert course is not None
+            course = judge_engine(cut_at(history, cut), series, SETTINGS, scale).course
+            if course is None:
+                unknown += 1
+                continue
             found = forecast(fit_laws(course, reference), population, limit, spread)
             rows.setdefault(name, []).append((float(lives[k] - cut), found))
+    print(f"{unknown} cuts have no margin")
     print("cut at              held of 90 %  too early  too late  median width  RMSE  RMSE capped  score capped")
     every: list[tuple[float, Forecast]] = []
     for name, of_cut in rows.items():
