@@ -195,9 +195,9 @@ class TrendResult(Result):
             if choices.what == "margin":
                 return margins.series, margins, files
         files = self._comparison.files(monitor, summed=self._whole, series=True)
-        files.additive = choices.what == "trend"
+        files.additive = True
         self._history = HistoryWindows(files)
-        series = build_series(self._history, "covariance") if files.additive else build_series(files)
+        series = build_series(self._history, "covariance" if choices.what == "trend" else "whole")
         report_instruments_over_flights(self.messages, series)
         if monitor is None and series.stretches and choices.what == "trend":
             self.messages.note(
@@ -213,7 +213,8 @@ class TrendResult(Result):
         if self._choices.what == "margin" and self._margins is not None:
             rows = list(margin_rows(self._margins))
         elif self._choices.what == "flights":
-            rows = list(flight_rows(self._series))
+            self.histories = dict(self._judged())
+            rows = list(flight_rows(self._series, self.histories))
         else:
             rows = list(self._changes())
         self.judged = len(rows)
@@ -225,9 +226,7 @@ class TrendResult(Result):
     def _changes(self) -> Iterator[Row]:
         """Make the rows of changes in each engine, and of maintenance."""
         from enginediag_cli.detection.series import FEWEST
-        from enginediag_cli.fleets.maintenance import maintenance_flights
         from enginediag_cli.fleets.work_scope import WorkScopeEstimator
-        from enginediag_cli.history.engines import judge_engines
         from enginediag_cli.report.tables.trend import report_too_few_flights
 
         choices, series = self._choices, self._series
@@ -235,18 +234,25 @@ class TrendResult(Result):
             if len(stretches) < FEWEST:
                 report_too_few_flights(self.messages, engine, len(stretches))
         scoping = None if self._monitor is None or choices.work_scope == "" else WorkScopeEstimator(self._monitor)
-        stories = judge_engines(
+        rows: list[Row] = []
+        for engine, story in self._judged():
+            self.histories[engine] = story
+            rows += self._engine_rows(engine, story, scoping, rows)
+        return iter(rows)
+
+    def _judged(self) -> Iterator[tuple[str, EngineTrend]]:
+        """Each engine with what is known of its history."""
+        from enginediag_cli.fleets.maintenance import maintenance_flights
+        from enginediag_cli.history.engines import judge_engines
+
+        choices, series = self._choices, self._series
+        return judge_engines(
             self._history.engines,
             series,
             reference=self._healthy,
             sensors=choices.sensors,
             maintenance={e: maintenance_flights(series, e, choices.events) for e in series.stretches},
         )
-        rows: list[Row] = []
-        for engine, story in stories:
-            self.histories[engine] = story
-            rows += self._engine_rows(engine, story, scoping, rows)
-        return iter(rows)
 
     def _engine_rows(
         self, engine: str, story: Any, scoping: WorkScopeEstimator | None, before: Sequence[Row]
@@ -276,7 +282,11 @@ class TrendResult(Result):
 
         rows = self.rows
         return Picture(
-            chart_svg(margin_chart(rows) if self._choices.what == "margin" else trend_chart(self._series, rows))
+            chart_svg(
+                margin_chart(rows)
+                if self._choices.what == "margin"
+                else trend_chart(self._series, rows, self.histories)
+            )
         )
 
 
@@ -386,7 +396,7 @@ class ReportPage:
     html : str
         The page, complete in itself.
     no_verdict : bool
-        Whether the page has findings, and none of them is a verdict.
+        Whether the page has no verdict at all.
     """
 
     def __init__(self, html: str, no_verdict: bool):
@@ -460,8 +470,11 @@ def make_report(
     page = build_page(
         evidence, title=title, command=list(command), left_out=[*unreadable, *left_out], versions=versions(static)
     )
-    judged = [lead for lead in page.leads if lead.state is not EngineState.NO_VERDICT]
-    return ReportPage(rendered(page, static), bool(page.leads) and not judged)
+    silent = [lead for lead in page.leads if lead.state is EngineState.NO_VERDICT]
+    for lead in silent:
+        whose = f"engine {lead.engine}: " if lead.engine else ""
+        comparison.messages.warning(f"{whose}no verdict: {lead.sentence}")
+    return ReportPage(rendered(page, static), len(silent) == len(page.leads))
 
 
 def _results(comparison: Comparison) -> tuple[list[ResultFile], list[str]]:

@@ -277,6 +277,13 @@ class EngineTrend:
         """Epoch (n,), from 0, of each flight."""
         return np.searchsorted(self.first, np.arange(self.flights), side="right") - 1
 
+    def flight_levels(self, number: int) -> dict[str, tuple[float, float]]:
+        """Smooth estimate of each parameter in a flight, counted from 1, with its standard deviation, in its unit."""
+        epoch = int(np.searchsorted(self.first, number - 1, side="right")) - 1
+        found = self.posterior
+        values = zip(found.level[epoch].tolist(), found.deviation[epoch].tolist(), strict=True)
+        return dict(zip(found.parameters, values, strict=True))
+
     def flight_number(self, epoch: int) -> int:
         """Number, from 1, of the first flight of an epoch."""
         return self.first[epoch] + 1

@@ -8,17 +8,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from scipy.stats import binom
 
 from enginediag_cli.detection.verdict import format_size
 from enginediag_cli.fleets.findings import IntervalEstimate
+from enginediag_cli.history.engines import COMES_AND_GOES, FROM_THE_FIRST
+from enginediag_cli.history.shapes import FROM_START, INTERMITTENT
 from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.report import result_files
-from enginediag_cli.report.evidence import EngineEvidence, ReportEvidence
-from enginediag_cli.report.html import Block, EngineState, Lead, PageSection, Paragraph, TableBlock, next_step
-from enginediag_cli.report.plotting import Chart, ChartTable, EventMark, Value, chart_columns
+from enginediag_cli.report.evidence import LIKELY, EngineEvidence, ReportedChange, ReportEvidence
+from enginediag_cli.report.html import Block, EngineState, Folded, Lead, PageSection, Paragraph, TableBlock, next_step
+from enginediag_cli.report.plotting import FIRST_DATE_S, Chart, ChartTable, EventMark, Value, chart_columns, date_words
 from enginediag_cli.report.plotting.health import (
+    MOST_CURVES,
     MaintenanceGain,
-    TrendCourse,
     flight_order,
     group_by_parameter,
     health_map,
@@ -28,7 +33,7 @@ from enginediag_cli.report.plotting.health import (
     read_maintenance,
     read_margin,
 )
-from enginediag_cli.report.plotting.models import LASTING
+from enginediag_cli.report.plotting.models import isolability, operating_line
 from enginediag_cli.report.plotting.residuals import (
     MOST_RIVALS,
     detection_course,
@@ -38,7 +43,15 @@ from enginediag_cli.report.plotting.residuals import (
     snapshots,
     window_fingerprint,
 )
-from enginediag_cli.report.result_files import ALONE, Order, Row, conditional_rows, order_windows, parse_alternative
+from enginediag_cli.report.result_files import (
+    ALONE,
+    Order,
+    Row,
+    conditional_rows,
+    first_alarm_of_last_run,
+    order_windows,
+    parse_alternative,
+)
 from enginediag_cli.report.sentences import change, count, display_scale, format_quantity, listed, probability, rounded
 from enginediag_cli.report.tables.answers import MAINTENANCE
 from enginediag_cli.report.tables.fleet import margin_words
@@ -46,9 +59,8 @@ from enginediag_cli.report.tables.isolation import CANNOT_TELL
 from enginediag_cli.report.tables.trend import COURSE_WORDS
 from enginediag_cli.units import split_column
 
-LIKELY, SETTLED = 0.5, 0.9
-"""Probability from which a parameter is reported as changed, and which the likeliest must have for the answer to
-be in the headline without a doubt."""
+SETTLED = 0.9
+"""Probability that a change must have to be in the headline without a doubt."""
 MISFIT = 2.0
 """reduced χ² of a window, after its answer, from which no answer explains what was read. Judgement."""
 
@@ -56,126 +68,201 @@ MISFIT = 2.0
 def engine_lead(engine: EngineEvidence, evidence: ReportEvidence, key: str) -> Lead:
     """The first screen of an engine."""
     found = (
-        _trend_answer(engine, evidence) or _isolation_answer(engine, evidence) or _detection_answer(engine, evidence)
+        series_answer(engine, evidence) or _isolation_answer(engine, evidence) or _detection_answer(engine, evidence)
     )
-    state, sentence, names = _flag_misfit(engine, found)
+    found = _flag_misfit(engine, found)
+    changed = [evidence.parameters[n] for n in found.names if n in evidence.parameters]
+    step = next_step(found.state, changed, _separating_sensors(engine), _advice(engine))
     return Lead(
-        state,
-        sentence,
+        found.state,
+        found.sentence,
         engine.engine,
+        identity=_identity(engine, evidence),
         confidence=_confidence_words(engine),
-        onset=_onset_words(engine, state),
+        onset=_onset_words(engine, found.state, evidence),
         margin=_margin(engine),
-        next_step=next_step(
-            state,
-            [evidence.parameters[n] for n in names if n in evidence.parameters],
-            _separating_sensors(engine),
-            _advice(engine),
-        ),
-        sensitivity=_sensitivity_words(engine),
+        power=found.power,
+        next_step=f"{found.first_step} {step}".strip(),
+        sensitivity=_sensitivity_words(engine, evidence),
         alternatives=_alternatives(engine, evidence),
         key=key,
+        badge=found.badge,
     )
 
 
-_Found = tuple[EngineState, str, Sequence[str]]
+def _identity(engine: EngineEvidence, evidence: ReportEvidence) -> str:
+    """Which engine, and of when: type, serial number, flights and dates, as far as the files say."""
+    rows = _verdicts(engine) or engine.rows_of_kind(result_files.FLIGHTS)
+    labels = list(dict.fromkeys(row.text("flight") for row in rows if row.text("flight")))
+    trend = engine.rows_of_kind(result_files.TREND)
+    flights = max(len(labels), trend[0].count("flights") if trend else 0)
+    parts = [evidence.engine_type, f"serial number {engine.engine}" if engine.engine else ""]
+    if flights:
+        between = f" ({labels[0]} to {labels[-1]})" if len(labels) > 1 else ""
+        parts.append(count(flights, "flight") + between)
+    times = [t for row in rows for t in (row.number("start_s"), row.number("end_s")) if t >= FIRST_DATE_S]
+    if times:
+        parts.append(" to ".join(dict.fromkeys((date_words(min(times)), date_words(max(times))))))
+    return " · ".join(part for part in parts if part)
 
 
-def _flag_misfit(engine: EngineEvidence, found: _Found) -> _Found:
+@dataclass(frozen=True)
+class EngineAnswer:
+    """What the first screen says of an engine; names: of the parameters of the answer, or of its suspects; first_step:
+    what is to be done before anything else; badge: the state in other words; power: what would have been seen."""
+
+    state: EngineState
+    sentence: str
+    names: Sequence[str] = ()
+    first_step: str = ""
+    badge: str = ""
+    power: str = ""
+
+
+def _flag_misfit(engine: EngineEvidence, found: EngineAnswer) -> EngineAnswer:
     """The answer, reported as the likeliest account of something that the model does not explain where that is so."""
-    state, sentence, names = found
     fit = engine.isolated[-1][0].number("fit") if engine.isolated else math.nan
-    if state not in (EngineState.CHANGED, EngineState.CANNOT_TELL) or not fit > MISFIT:
+    if found.state not in (EngineState.CHANGED, EngineState.CANNOT_TELL) or not fit > MISFIT:
         return found
-    told = f"The readings depart from nominal, and no change explains them (reduced χ² {rounded(fit)}): "
-    return EngineState.CANNOT_TELL, f"{told}ask explain what the model lacks. Nearest to it: {sentence}", names
+    words = f"The readings depart from nominal, and no change explains them (reduced χ² {rounded(fit)}): "
+    sentence = f"{words}ask explain what the model lacks. Nearest to it: {found.sentence}"
+    return replace(found, state=EngineState.CANNOT_TELL, sentence=sentence)
 
 
 DETECTABLE = "detectable:"
 """Begin of the columns of `detect` that hold the smallest changes that would have shown."""
-UNCHANGED = ("", "steady", "cannot tell", MAINTENANCE)
-"""Kinds of rows of `trend` that report no change."""
+REGROWN = 0.9
+"""Share of its largest size from which a change that was taken back in part is as large again."""
+CHANCE = 0.01
+"""Probability below which so many alarms of windows are no chance at their false-alarm rate."""
+CHECK_START = (
+    "First make sure that the nominal file and these recordings are of this engine: serial number, columns and units "
+    "(`enginediag check`)."
+)
 
 
-def changed_in_trend(engine: EngineEvidence) -> list[Row]:
-    """Rows of `trend` of parameters that have probably changed."""
-    rows = [row for row in engine.rows_of_kind(result_files.TREND) if row.text("kind") not in UNCHANGED]
-    return [row for row in rows if row.number("probability") >= LIKELY]
-
-
-def _trend_answer(engine: EngineEvidence, evidence: ReportEvidence) -> _Found | None:
+def series_answer(engine: EngineEvidence, evidence: ReportEvidence) -> EngineAnswer | None:
+    """The answer of all flights together; None where they were not followed."""
     rows = engine.rows_of_kind(result_files.TREND)
-    changed = changed_in_trend(engine)
-    if changed:
-        told, names = (
-            listed([_trend_change(row, evidence) for row in changed]),
-            [row.text("parameter") for row in changed],
-        )
-        most = max(row.number("probability") for row in changed)
-        if most < SETTLED:
-            doubt = f"Something changed, and what is not settled; the likeliest ({probability(most)}): {told}."
-            return EngineState.CANNOT_TELL, doubt, names
-        return EngineState.CHANGED, f"{told}.", names
-    suspects = [row for row in rows if row.text("kind") not in UNCHANGED]
-    if suspects and rows[0].text("verdict") == "changed":
-        parts = {row.text("component"): row for row in suspects}
-        each = [f"{_part(row, evidence)} ({probability(row.number('probability'))})" for row in parts.values()]
-        return (
-            EngineState.CANNOT_TELL,
-            f"Something changed, and these flights do not separate the suspects: {listed(each, 'or')}.",
-            [row.text("parameter") for row in suspects],
-        )
-    if rows and rows[0].text("verdict") == CANNOT_TELL:
+    if not rows:
+        return None
+    events, verdict, unlisted = engine.changes, rows[0].text("verdict"), rows[0].number("unlisted")
+    names = [row.text("parameter") for event in events for row in event.changed]
+    if unlisted >= LIKELY:
+        words = f"Something changed that is probably none of the suspects (probability {probability(unlisted)})."
+        step = "Record more sensors, or ask `explain` what the model lacks; until then do no work on the engine."
+        return EngineAnswer(EngineState.CANNOT_TELL, words, names, step)
+    if events:
+        return _event_answer(events, evidence, names)
+    if verdict == FROM_THE_FIRST:
+        words = "All flights differ from nominal from the first on, and no listed change explains it."
+        return EngineAnswer(EngineState.CANNOT_TELL, words, (), CHECK_START)
+    if verdict == CANNOT_TELL:
         alone = _isolation_answer(engine, evidence)
-        scatter = "A change over these flights is indistinguishable from their scatter."
-        if alone is None or alone[0] is not EngineState.CHANGED:
-            return EngineState.CANNOT_TELL, scatter, []
-        return EngineState.CANNOT_TELL, f"{scatter} The last window by itself: {alone[1]}", alone[2]
-    return None
+        words = "Flights differ from nominal, and no listed change explains the series."
+        if alone is None or alone.state is not EngineState.CHANGED:
+            return EngineAnswer(EngineState.CANNOT_TELL, words)
+        return EngineAnswer(
+            EngineState.CANNOT_TELL, f"{words} The last window by itself: {alone.sentence}", alone.names
+        )
+    return _steady_answer(engine, evidence, rows[0].count("flights"))
 
 
-def _trend_change(row: Row, evidence: ReportEvidence) -> str:
-    half = (row.number("change_high") - row.number("change_low")) / 2
-    return change(evidence.parameters[row.text("parameter")], row.number("change"), half)
+def _event_answer(events: Sequence[ReportedChange], evidence: ReportEvidence, names: Sequence[str]) -> EngineAnswer:
+    words = "; ".join(event_words(event, evidence) for event in events)
+    least = min(event.probability for event in events)
+    open_ = [event for event in events if len(event.group) > 1]
+    if open_:
+        each = [f"{evidence.owner_words(name)} ({probability(p)})" for name, p in open_[0].group]
+        settled = [event_words(event, evidence) for event in events if event not in open_]
+        besides = f" Besides: {'; '.join(settled)}." if settled else ""
+        sentence = f"Something changed, and these flights do not separate the suspects: {listed(each, 'or')}."
+        suspects = [n for event in open_ for name, _ in event.group for n in evidence.parameters_of_owner(name)]
+        return EngineAnswer(EngineState.CANNOT_TELL, sentence + besides, suspects or names)
+    if least < SETTLED:
+        sentence = f"Something changed, and what is not settled; the likeliest ({probability(least)}): {words}."
+        return EngineAnswer(EngineState.CANNOT_TELL, sentence, names)
+    if any(event.kind == FROM_START for event in events):
+        words = f"Off nominal from the first flight on: {words}."
+        return EngineAnswer(EngineState.CHANGED, words, names, CHECK_START, "differs from nominal from the start")
+    if all(event.ended and not event.remaining for event in events):
+        return EngineAnswer(EngineState.CHANGED, f"{words}.", names, "It is in the past.", "changed, and taken back")
+    return EngineAnswer(EngineState.CHANGED, f"{words}.", names)
 
 
-def _part(row: Row, evidence: ReportEvidence) -> str:
-    known = evidence.parameters[row.text("parameter")]
-    return known.part or row.text("component")
+def event_words(event: ReportedChange, evidence: ReportEvidence) -> str:
+    """One change with its sizes: at the last flight, or the largest of what has ended or comes and goes."""
+    gone = event.ended or event.kind in (COMES_AND_GOES, INTERMITTENT)
+    name = "largest" if gone and event.rows[0].text("largest") else "change"
+    words = listed([_row_change(row, evidence, name) for row in event.changed])
+    if event.kind == INTERMITTENT:
+        return f"{words}, in some flights and not in others"
+    if not gone:
+        return words
+    left = event.remaining
+    if left and all(abs(row.number("change")) >= REGROWN * abs(row.number("largest")) for row in left):
+        grown = listed([_row_change(row, evidence) for row in left])
+        return f"{grown}, after a part was restored at flight number {event.rows[0].count('end')}"
+    still = f"; now {listed([_row_change(row, evidence) for row in left])}" if left else ", and nothing of it is left"
+    end = f" until flight number {event.rows[0].count('end')}" if event.ended else " for a time"
+    return words + end + still
 
 
-def _isolation_answer(engine: EngineEvidence, evidence: ReportEvidence) -> _Found | None:
+def _row_change(row: Row, evidence: ReportEvidence, name: str = "change") -> str:
+    half = (row.number(f"{name}_high") - row.number(f"{name}_low")) / 2
+    return change(evidence.parameters[row.text("parameter")], row.number(name), half)
+
+
+def _steady_answer(engine: EngineEvidence, evidence: ReportEvidence, flights: int) -> EngineAnswer:
+    """No change in the series; alarms of windows are counted against what chance makes of them."""
+    judged = [r for r in engine.rows_of_kind(result_files.DETECTED) if r.text("verdict") != "no verdict"]
+    alarms = [row for row in judged if row.text("verdict") == "fault"]
+    last = judged[-1] if judged else None
+    together = f"No change over {count(flights, 'flight')} together"
+    if not alarms:
+        power = _power(last, evidence) if last is not None else ""
+        none = ", and in none by itself" if judged else ""
+        return EngineAnswer(EngineState.NOTHING_FOUND, f"{together}{none}.", power=power)
+    some = f"{len(alarms)} of {count(len(judged), 'window')} {'alarms' if len(alarms) == 1 else 'alarm'}"
+    if last in alarms:
+        alone = _isolation_answer(engine, evidence)
+        nearest = f" By itself it would say: {alone.sentence}" if alone and alone.state is EngineState.CHANGED else ""
+        words = f"{together}, but the last window, {alarms[-1].window}, departs from nominal by itself.{nearest}"
+        step = "Record the next flight: a change that lasts will show in it."
+        return EngineAnswer(EngineState.CANNOT_TELL, words, (), step)
+    if binom.sf(len(alarms) - 1, len(judged), evidence.false_alarm) >= CHANCE:
+        rate = f"as many as chance makes at a false-alarm rate of {100 * evidence.false_alarm:g} %"
+        return EngineAnswer(EngineState.NOTHING_FOUND, f"{together}. {_capital(some)}, {rate}.")
+    words = f"{together}, yet {some} by themselves, more than chance makes: single flights are off and come back."
+    step = f"Look at {listed([row.window for row in alarms[-3:]])} below: readings that fail in flight, or weather."
+    return EngineAnswer(EngineState.CANNOT_TELL, words, (), step)
+
+
+def _isolation_answer(engine: EngineEvidence, evidence: ReportEvidence) -> EngineAnswer | None:
     windows = [rows for rows in engine.isolated if rows[0].text("verdict") != "no verdict"]
     if not windows:
         return None
     last, head = windows[-1], windows[-1][0]
     names = head.list("isolated")
     if head.text("verdict") == CANNOT_TELL:
-        return (
-            EngineState.CANNOT_TELL,
-            f"{_capital(head.window)}: {head.text('note') or 'what changed is unknown'}.",
-            names,
-        )
+        words = f"{_capital(head.window)}: {head.text('note') or 'what changed is unknown'}."
+        return EngineAnswer(EngineState.CANNOT_TELL, words, names)
     if members := head.list("members"):
-        words = [
+        each = [
             listed([p.words for p in meanings(evidence.parameters, parse_alternative(m)[0] or (m,)).values()])
             for m in members
         ]
-        return (
-            EngineState.CANNOT_TELL,
-            f"{_capital(head.window)}: one of these changed, and the data do not separate them: {listed(words, 'or')} "
-            f"(together {probability(head.number('class'))}).",
-            names,
+        sentence = (
+            f"{_capital(head.window)}: one of these changed, and the data do not separate them: {listed(each, 'or')} "
+            f"(together {probability(head.number('class'))})."
         )
+        return EngineAnswer(EngineState.CANNOT_TELL, sentence, names)
     if names:
-        told = [size_in_words(row, evidence) for row in last if row.text("parameter")]
-        return EngineState.CHANGED, f"{listed(told) or listed(list(names))}.", names
+        sizes = [size_in_words(row, evidence) for row in last if row.text("parameter")]
+        return EngineAnswer(EngineState.CHANGED, f"{listed(sizes) or listed(list(names))}.", names)
     if head.text("verdict") == "fault":
-        return (
-            EngineState.CANNOT_TELL,
-            f"{_capital(head.window)} departs from nominal, and no single parameter explains it.",
-            (),
-        )
+        words = f"{_capital(head.window)} departs from nominal, and no single parameter explains it."
+        return EngineAnswer(EngineState.CANNOT_TELL, words)
     return _no_alarm_answer(engine, evidence)
 
 
@@ -185,31 +272,27 @@ def size_in_words(row: Row, evidence: ReportEvidence) -> str:
     return change(evidence.parameters[row.text("parameter")], row.number("change"), half)
 
 
-def _detection_answer(engine: EngineEvidence, evidence: ReportEvidence) -> _Found:
+def _detection_answer(engine: EngineEvidence, evidence: ReportEvidence) -> EngineAnswer:
     rows = [row for row in engine.rows_of_kind(result_files.DETECTED) if row.text("verdict") != "no verdict"]
     if rows and rows[-1].text("verdict") == "fault":
-        told = f"The engine departs from nominal in {rows[-1].window}; what changed has not been asked."
-        return EngineState.CHANGED, told, ()
+        words = f"The engine departs from nominal in {rows[-1].window}; these results do not say what changed."
+        return EngineAnswer(EngineState.CHANGED, words)
     return _no_alarm_answer(engine, evidence)
 
 
-def _no_alarm_answer(engine: EngineEvidence, evidence: ReportEvidence) -> _Found:
+def _no_alarm_answer(engine: EngineEvidence, evidence: ReportEvidence) -> EngineAnswer:
     """Nothing in the last window, or nothing at all: never more than the tests say, and with their power."""
     judged = [r for r in _verdicts(engine) if r.text("verdict") != "no verdict"]
     if not judged:
         reasons = sorted({r.text("reason") or r.text("note") for r in _verdicts(engine)} - {""})
         why = f": {reasons[0]}" if reasons else ""
-        return EngineState.NO_VERDICT, f"Nothing could be judged{why}.", ()
+        return EngineAnswer(EngineState.NO_VERDICT, f"Nothing could be judged{why}.")
     alarms = [row for row in judged if row.text("verdict") == "fault"]
     if alarms and judged[-1].text("verdict") != "fault":
-        told = f"The last window agrees with nominal; {count(len(alarms), 'earlier window')} of {len(judged)} did not."
-        return EngineState.CANNOT_TELL, told, ()
-    power = _power(judged[-1], evidence)
-    return (
-        EngineState.NOTHING_FOUND,
-        f"All {count(len(judged), 'window')} judged agree with the nominal engine.{power}",
-        (),
-    )
+        words = f"The last window agrees with nominal; {count(len(alarms), 'earlier window')} of {len(judged)} did not."
+        return EngineAnswer(EngineState.CANNOT_TELL, words)
+    words = f"All {count(len(judged), 'window')} judged agree with the nominal engine."
+    return EngineAnswer(EngineState.NOTHING_FOUND, words, power=_power(judged[-1], evidence))
 
 
 def _power(window: Row, evidence: ReportEvidence) -> str:
@@ -225,7 +308,7 @@ def _power(window: Row, evidence: ReportEvidence) -> str:
     if not smallest:
         return ""
     told = [f"{p.words or p.name} by {format_size(p, size)}" for size, p in smallest.values()]
-    return f" The last would have shown a change of {listed(told, 'or')}."
+    return f"the last window alone, a change of {listed(told, 'or')}"
 
 
 def _verdicts(engine: EngineEvidence) -> list[Row]:
@@ -238,45 +321,61 @@ def _verdicts(engine: EngineEvidence) -> list[Row]:
 
 
 def _confidence_words(engine: EngineEvidence) -> str:
-    told = []
-    changed = changed_in_trend(engine)
-    if changed:
-        row = max(changed, key=lambda r: r.number("probability"))
-        flights = count(row.count("flights"), "flight" if row.text("onset_flight") else "window")
-        told.append(f"probability {probability(row.number('probability'))} by the trend over {flights}")
-    elif (trend := engine.rows_of_kind(result_files.TREND)) and trend[0].text("verdict") == "steady":
-        told.append(f"the trend over {count(trend[0].count('flights'), 'flight')} shows no change")
+    """Of all flights together; of the last window alone only where no series was followed."""
+    words = []
+    events, trend = engine.changes, engine.rows_of_kind(result_files.TREND)
+    if events:
+        named = max(events, key=lambda event: event.probability)
+        flights = count(named.rows[0].count("flights"), "flight" if named.rows[0].text("onset_flight") else "window")
+        words.append(f"probability {probability(named.probability)} that it changed, by {flights} together")
+    elif trend and trend[0].text("verdict") == "steady":
+        most = max(row.number("probability") for row in trend)
+        words.append(
+            f"no component or instrument changed with a probability above {rounded(max(most, 0.01), digits=1)}"
+        )
     windows = [rows[0] for rows in engine.isolated if not math.isnan(rows[0].number("probability"))]
-    if windows:
+    if windows and not trend:
         head = windows[-1]
         fit = head.number("fit")
         fits = f", reduced χ² {rounded(fit)} with it" if math.isfinite(fit) else ""
         exact = "this and nothing else that matters" if head.list("isolated") else "nothing that matters"
-        told.append(f"{head.window} alone: {exact} with probability {probability(head.number('probability'))}{fits}")
+        words.append(f"{head.window} alone: {exact} with probability {probability(head.number('probability'))}{fits}")
     detected = engine.rows_of_kind(result_files.DETECTED)
     if detected:
         alarms = sum(row.text("verdict") == "fault" for row in detected)
         silent = sum(row.text("verdict") == "no verdict" for row in detected)
         without = f", {silent} without verdict" if silent else ""
-        quiet = " but not the last" if changed and detected[-1].text("verdict") == "healthy" else ""
-        told.append(f"{alarms} of {count(len(detected), 'window')} alarm{quiet}{without}")
-    return "; ".join(told)
+        words.append(f"{alarms} of {count(len(detected), 'window')} alarm by themselves{without}")
+    return "; ".join(words)
 
 
-def _onset_words(engine: EngineEvidence, state: EngineState) -> str:
+def _onset_words(engine: EngineEvidence, state: EngineState, evidence: ReportEvidence) -> str:
     if state is EngineState.NOTHING_FOUND or state is EngineState.NO_VERDICT:
         return ""
-    changed = changed_in_trend(engine)
-    if changed:
-        row = min(changed, key=lambda r: r.number("onset"))
-        word = COURSE_WORDS.get(row.text("kind"), row.text("kind"))
-        flight = row.text("onset_flight") or f"stretch {row.count('onset')}"
-        low, high = row.count("onset_low"), row.count("onset_high")
-        within = "" if low == high else f"; counted from the first, between {low} and {high}"
-        named = f"flight {flight}" if row.text("onset_flight") else flight
-        return f"{named}, {word}{within}"
+    events = engine.changes
+    if events:
+        each = [_event_onset(event, engine) for event in events]
+        if len(each) == 1:
+            return each[0]
+        return "; ".join(
+            f"{evidence.owner_words(event.suspects[0][0])}: {words}" for event, words in zip(events, each, strict=True)
+        )
     run = first_alarm_of_last_run(engine.rows_of_kind(result_files.DETECTED))
     return f"{run.window}, the first of an unbroken run of alarms" if run is not None else ""
+
+
+def _event_onset(event: ReportedChange, engine: EngineEvidence) -> str:
+    row = event.rows[0]
+    if event.kind == FROM_START:
+        return "before the first flight of these"
+    course = COURSE_WORDS.get(event.kind, event.kind)
+    name = f"flight {row.text('onset_flight')}" if row.text("onset_flight") else f"stretch {row.count('onset')}"
+    low, high = row.count("onset_low"), row.count("onset_high")
+    within = "" if low == high else f" (counted from the first, between {low} and {high})"
+    date = engine.flight_date(row.count("onset")) or (
+        date_words(row.number("onset_s")) if row.number("onset_s") >= FIRST_DATE_S else ""
+    )
+    return f"{name}{within}{f', {date}' if date else ''}, {course}"
 
 
 def _margin(engine: EngineEvidence) -> str:
@@ -285,47 +384,60 @@ def _margin(engine: EngineEvidence) -> str:
     return f"{_capital(margin_words(found.margin))}." if found is not None else ""
 
 
-def first_alarm_of_last_run(rows: Sequence[Row]) -> Row | None:
-    """The window from which on every judged window alarms; None where the last does not."""
-    first = None
-    for row in reversed([r for r in rows if r.text("verdict") != "no verdict"]):
-        if row.text("verdict") != "fault":
-            break
-        first = row
-    return first
-
-
 def _separating_sensors(engine: EngineEvidence) -> Sequence[str]:
     return engine.isolated[-1][0].list("would_tell") if engine.isolated else ()
 
 
 def _advice(engine: EngineEvidence) -> Sequence[str]:
-    """What `isolate` advised, and what restoring a module would bring."""
+    """What `isolate` advised, and what restoring a module would bring by the series, else by the last window."""
+    heads = [rows[0] for rows in engine.isolated[-1:]]
+    trend = engine.rows_of_kind(result_files.TREND)[:1]
+    scope = next((row.cells["work_scope"] for row in (*trend, *heads) if row.cells.get("work_scope")), None)
+    sentences = scope.get("told", ()) if isinstance(scope, dict) else [str(s) for s in scope or ()]
+    return (*(s for head in heads for s in head.list("advice")), *(f"{_capital(str(s))}." for s in sentences))
+
+
+def _sensitivity_words(engine: EngineEvidence, evidence: ReportEvidence) -> tuple[str, ...]:
+    """Sensitivity of the conclusion, as `isolate` writes it of the last window: in one sentence, then each error. Where
+    a series was followed, what makes it another component or instrument; how many parameters of it, flights decide."""
     if not engine.isolated:
         return ()
     head = engine.isolated[-1][0]
-    scope = head.cells.get("work_scope")
-    told = scope.get("told", ()) if isinstance(scope, dict) else head.list("work_scope")
-    return (*head.list("advice"), *(f"{_capital(str(sentence))}." for sentence in told))
+    flips = head.cells.get("flips")
+    words = head.list("flips") or ((head.text("flips_told"),) if head.text("flips_told") else ())
+    if not isinstance(flips, list):
+        return tuple(f"{_capital(sentence)}." for sentence in words)
+    each = [(_sensitivity_sentence(f, head, engine), f) for f in flips if isinstance(f, dict)]
+    if not engine.rows_of_kind(result_files.TREND):
+        return tuple(sentence for sentence, _ in each)
+    named = {row.text("component") for event in engine.changes for row in event.changed}
+    other = [s for s, f in each if not evidence.owners(str(f.get("becomes", ""))) & named]
+    rest = [s for s, _ in each if s not in other]
+    if other or not rest:
+        return (*other, *rest)
+    part = listed([evidence.owner_words(name) for name in named])
+    return (f"No single error of a map, a sensor or an input that was tried takes the {part} out of the answer.", *rest)
 
 
-def _sensitivity_words(engine: EngineEvidence) -> tuple[str, ...]:
-    """Sensitivity of the conclusion, as `isolate` writes it."""
-    flips = engine.isolated[-1][0].cells.get("flips") if engine.isolated else None
-    if isinstance(flips, list):
-        return tuple(str(f.get("words", f)) if isinstance(f, dict) else str(f) for f in flips)
-    return engine.isolated[-1][0].list("flips") if flips else ()
+def _sensitivity_sentence(flip: dict[str, object], head: Row, engine: EngineEvidence) -> str:
+    of = f" of {head.window} alone" if engine.rows_of_kind(result_files.TREND) else ""
+    return f"{_capital(str(flip.get('words', flip)).replace('the answer', f'the answer{of}', 1))}."
+
+
+LEAST = 0.01
+"""Probability below which an alternative is not on the first screen."""
 
 
 def _alternatives(engine: EngineEvidence, evidence: ReportEvidence) -> tuple[str, ...]:
-    """What else the data do not exclude."""
+    """What else the data do not exclude: other suspects by the series, else other answers of the last window."""
+    if engine.rows_of_kind(result_files.TREND):
+        named = [(event, event.suspects[len(event.group) :]) for event in engine.changes]
+        others = [(evidence.owner_words(name), p) for _, rest in named for name, p in rest if p >= LEAST]
+        return tuple(f"{words} ({probability(p)})" for words, p in others[:MOST_RIVALS])
     if not engine.isolated:
         return ()
-    head, told = engine.isolated[-1][0], []
-    for names, chance in map(parse_alternative, head.list("rivals")[:2]):
-        words = listed([p.words for p in meanings(evidence.parameters, names).values()]) or "no change"
-        told.append(f"{words} ({probability(chance)})")
-    return tuple(told)
+    found = map(parse_alternative, engine.isolated[-1][0].list("rivals")[:MOST_RIVALS])
+    return tuple(f"{_set_words(names, evidence)} ({probability(chance)})" for names, chance in found)
 
 
 def _capital(text: str) -> str:
@@ -406,18 +518,39 @@ def _size(x: IntervalEstimate, unit: str) -> str:
 
 
 def engine_section(engine: EngineEvidence, evidence: ReportEvidence, key: str) -> PageSection:
-    """All there is of one engine."""
+    """All there is of one engine, in the order in which it is asked; what only an expert needs is folded."""
     blocks = [
         *_one_engine(engine),
         *_health(engine, evidence, key),
         *margin_blocks(engine, key),
         *_fingerprint(engine, evidence, key),
         *_detection(engine, key),
+        *_records(engine, evidence, key),
     ]
-    blocks += [*_answers(engine, evidence), *_records(engine, evidence, key)]
+    answers = list(_answers(engine, evidence))
+    if answers:
+        blocks.append(Folded("Each window by itself", [Paragraph(BY_ITSELF, quiet=True), *answers]))
+    maps = [operating_line(f"{key}-line-{k}", found) for k, found in enumerate(engine.maps, start=1)]
+    if maps:
+        blocks.append(Folded("Operating lines on the maps of the compressors", maps))
+    apart = _isolability(engine, evidence, key)
+    if apart is not None:
+        blocks.append(Folded("Isolability: which suspects these sensors separate", [apart]))
     if not blocks:
         blocks = [Paragraph("These results hold nothing of this engine that is drawn.", quiet=True)]
     return PageSection(key, f"Engine {engine.engine}" if engine.engine else "The engine", blocks)
+
+
+BY_ITSELF = (
+    "What each window would say if it were the only one. A window knows less than the series, and may name something "
+    "else while a change is small; the first screen rests on all of them."
+)
+
+
+def _isolability(engine: EngineEvidence, evidence: ReportEvidence, key: str) -> Chart | None:
+    """Of the last window that has statistics."""
+    judged = [(window, origin) for window, origin in engine.windows if window.statistics is not None]
+    return isolability(f"{key}-isolability", *judged[-1], evidence.parameters) if judged else None
 
 
 def _one_engine(engine: EngineEvidence) -> Iterator[Block]:
@@ -431,43 +564,44 @@ def _one_engine(engine: EngineEvidence) -> Iterator[Block]:
         )
 
 
+NO_CHANGE = (
+    "No change was found. What each flight by itself would say of one parameter of each component if nothing else had "
+    "changed, with 95 % intervals: scatter about nominal."
+)
+
+
 def _health(engine: EngineEvidence, evidence: ReportEvidence, key: str) -> Iterator[Block]:
     rows = engine.rows_of_kind(result_files.FLIGHTS)
-    changed = [row.text("parameter") for row in changed_in_trend(engine)]
-    courses = {
-        row.text("parameter"): _read_course(row)
-        for row in changed_in_trend(engine)
-        if row.text("kind") in LASTING and not row.text("end")
-    }
+    changed = [row.text("parameter") for row in engine.changed_rows]
     isolated = engine.isolated[-1][0].list("isolated") if engine.isolated else ()
-    alone = conditional_rows(engine.windows, changed or isolated)
+    followed = bool(engine.rows_of_kind(result_files.TREND))
+    alone = conditional_rows(engine.flights or engine.windows, changed or (() if followed else isolated))
     if alone:
-        names, told = list(group_by_parameter(alone)), ALONE
+        names, caption = list(group_by_parameter(alone)), ALONE
+    elif followed and engine.flights and not changed:
+        names, caption = evidence.one_of_each_component()[:MOST_CURVES], NO_CHANGE
+        alone = [row for name in names for row in conditional_rows(engine.flights, [name])]
+        names = list(group_by_parameter(alone))
     elif rows:
-        alone, told = rows, ""
+        alone, caption = rows, ""
         names = [n for n in changed if n in group_by_parameter(rows)] or _farthest_parameters(rows)
     else:
-        if engine.rows_of_kind(result_files.TREND):
+        if followed:
             yield Paragraph("Health flight by flight is drawn where `trend --what flights` is given, too.", quiet=True)
         return
     order = flight_order(alone)
     marks = [*_onsets(engine, evidence, order), *place_maintenance(engine, order)]
     for number, group in enumerate(_group_by_unit(names, evidence)):
         yield health_trend(
-            f"{key}-health{number or ''}", alone, group, evidence.parameters, marks, caption=told, courses=courses
+            f"{key}-health{number or ''}", alone, group, evidence.parameters, marks, caption=caption, levels=rows
         )
-    if rows:
-        yield health_map(f"{key}-map", rows, evidence.parameters)
-
-
-def _read_course(row: Row) -> TrendCourse:
-    sizes = (row.number("change"), row.number("change_low"), row.number("change_high"))
-    return TrendCourse(row.count("onset"), row.text("kind") == "step", *sizes)
+    heat = health_map(f"{key}-map", rows, evidence.parameters) if rows else None
+    if heat is not None:
+        yield heat
 
 
 def _farthest_parameters(rows: Sequence[Row]) -> list[str]:
-    """Parameters of components that are farthest from nominal in the last flight, where no change is
-    reported."""
+    """Parameters that are farthest from nominal in the last flight, where no change is reported."""
     last = {name: mine[-1] for name, mine in group_by_parameter(rows).items()}
 
     def far(name: str) -> float:
@@ -487,7 +621,7 @@ def _group_by_unit(names: Sequence[str], evidence: ReportEvidence) -> list[list[
 def _onsets(engine: EngineEvidence, evidence: ReportEvidence, order: Order) -> list[EventMark]:
     """Onsets, once each, with the stretch in which they may lie."""
     found: dict[tuple[int, int, int], list[str]] = {}
-    for row in changed_in_trend(engine):
+    for row in engine.changed_rows:
         place = (row.count("onset"), row.count("onset_low"), row.count("onset_high"))
         known = evidence.parameters[row.text("parameter")]
         found.setdefault(place, []).append(known.part or row.text("component"))
@@ -500,24 +634,39 @@ def _onsets(engine: EngineEvidence, evidence: ReportEvidence, order: Order) -> l
 
 
 def _fingerprint(engine: EngineEvidence, evidence: ReportEvidence, key: str) -> Iterator[Block]:
-    """Of the last window that has statistics and is isolated to something; else of the last one."""
+    """Of the last window that has statistics; without a series, of the last that is isolated to something."""
     by_window = {(r.text("source"), r.text("flight"), r.count("first_line")): r for r, *_ in engine.isolated}
-    told = [(w, o, by_window.get((w.source, w.flight, w.first_line))) for w, o in engine.windows if w.statistics]
-    named = [entry for entry in told if entry[2] is not None and entry[2].list("isolated")]
-    if not told:
+    judged = [(w, o, by_window.get((w.source, w.flight, w.first_line))) for w, o in engine.windows if w.statistics]
+    named = [entry for entry in judged if entry[2] is not None and entry[2].list("isolated")]
+    if not judged:
         return
-    window, origin, row = (named or told)[-1]
-    answers = _answer_sets(row) if row is not None else []
+    events = [event for event in engine.changes if event.remaining or not event.ended]
+    window, origin, row = judged[-1] if engine.rows_of_kind(result_files.TREND) else (named or judged)[-1]
+    answers = _series_sets(events, evidence) + (_answer_sets(row) if row is not None else [])
     found = window_fingerprint(f"{key}-fingerprint", window, origin, answers, evidence.parameters)
     yield found or Paragraph(
         "A fingerprint needs statistics with every sensor's error: `enginediag residual --sensors`.", quiet=True
     )
 
 
-def _answer_sets(row: Row) -> list[tuple[tuple[str, ...], float]]:
-    """The answer and its leading alternatives, as sets of parameters."""
+AnswerSets = list[tuple[tuple[str, ...], float]]
+"""Sets of parameters, each with its probability."""
+
+
+def _series_sets(events: Sequence[ReportedChange], evidence: ReportEvidence) -> AnswerSets:
+    """What the series names, and each other suspect of its first change in place of the one named."""
+    if not events:
+        return []
+    first, *more = ([row.text("parameter") for row in event.changed] for event in events)
+    rest = [name for names in more for name in names]
+    others = [((*evidence.parameters_of_owner(name), *rest), p) for name, p in events[0].suspects[1:] if p >= LEAST]
+    return [((*first, *rest), events[0].own), *others]
+
+
+def _answer_sets(row: Row) -> AnswerSets:
+    """The answer of a window and its alternatives, as sets of parameters."""
     first = (row.list("isolated"), row.number("probability"))
-    return [first, *map(parse_alternative, row.list("rivals")[:MOST_RIVALS])] if first[0] else []
+    return [first, *map(parse_alternative, row.list("rivals"))] if first[0] else []
 
 
 def _detection(engine: EngineEvidence, key: str) -> Iterator[Chart]:
@@ -540,12 +689,12 @@ def _records(engine: EngineEvidence, evidence: ReportEvidence, key: str) -> Iter
         )
         return
     yield from snapshots(f"{key}-snapshot", records)
-    yield residual_course(f"{key}-residuals", records)
+    yield sensors_health(f"{key}-sensors", records, _sensor_error_probability(engine, evidence), engine.masked)
     first = first_alarm_of_last_run(engine.rows_of_kind(result_files.DETECTED))
     late = records if first is None else records.from_flight(first.text("source"), first.text("flight"))
     which = f"from {first.window} on, since when it alarms" if first is not None else "given"
-    yield from residual_drivers(f"{key}-over", late, which)
-    yield sensors_health(f"{key}-sensors", records, _sensor_error_probability(engine, evidence), engine.masked)
+    charts = [residual_course(f"{key}-residuals", records), *residual_drivers(f"{key}-over", late, which)]
+    yield Folded("Residuals of the records, over time and over operating conditions", charts)
 
 
 def _sensor_error_probability(engine: EngineEvidence, evidence: ReportEvidence) -> dict[str, float]:

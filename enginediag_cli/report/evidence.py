@@ -12,30 +12,102 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.errors import DataError
+from enginediag_cli.fleets.findings import EngineHistory, event_number
 from enginediag_cli.fleets.maintenance import MarginSettings
 from enginediag_cli.intake.loader import RecordingLoader
 from enginediag_cli.intake.selection import RecordingSource, required_columns
 from enginediag_cli.parameters import Parameter, unspecified
 from enginediag_cli.progress import each, stage
 from enginediag_cli.report import result_files
-from enginediag_cli.report.plotting import RowOrigin
-from enginediag_cli.report.result_files import ResidualRecords, ResultFile, ResultKind, Row, residual_records
+from enginediag_cli.report.plotting import FIRST_DATE_S, RowOrigin, date_words
+from enginediag_cli.report.plotting.models import OperatingMap, operating_maps
+from enginediag_cli.report.result_files import (
+    ResidualRecords,
+    ResultFile,
+    ResultKind,
+    Row,
+    parse_alternative,
+    residual_records,
+)
+from enginediag_cli.report.sentences import display_scale
+from enginediag_cli.report.tables.answers import MAINTENANCE
 from enginediag_cli.report.tables.recordings import excluded_lines, not_judged_lines, outside_envelope_lines
 from enginediag_cli.residuals.files import WindowReader, WindowSettings, record_residuals
 from enginediag_cli.residuals.monitor import Monitor, recording_agreement
 from enginediag_cli.residuals.windows import WindowStatistics
 
+LIKELY = 0.5
+"""Probability from which something is reported as changed."""
+UNCHANGED = ("", "steady", "cannot tell", MAINTENANCE)
+"""Kinds of rows of `trend` that report no change."""
+TAKES_PART = 0.5
+"""Probability, relative to its component's, from which a parameter is one of those that changed."""
+NAMED, GROUP = 0.9, 0.95
+"""Share of an event's probability from which one suspect is named, and that of an ambiguity group."""
+
+
+@dataclass(frozen=True)
+class ReportedChange:
+    """One change as `trend` has it: its rows, one for each parameter of the likeliest suspect, and all suspects with
+    their probabilities, likeliest first."""
+
+    rows: Sequence[Row]
+    suspects: Sequence[tuple[str, float]]
+
+    @property
+    def kind(self) -> str:
+        return self.rows[0].text("kind")
+
+    @property
+    def probability(self) -> float:
+        """That it happened, whoever changed."""
+        return min(sum(p for _, p in self.suspects), 1.0)
+
+    @property
+    def own(self) -> float:
+        """Of the likeliest suspect."""
+        return self.suspects[0][1]
+
+    @property
+    def group(self) -> Sequence[tuple[str, float]]:
+        """The suspect that is named, or the ambiguity group."""
+        chosen, total = [], 0.0
+        for name, p in self.suspects:
+            chosen.append((name, p))
+            total += p
+            if total >= (NAMED if len(chosen) == 1 else GROUP) * self.probability:
+                break
+        return chosen
+
+    @property
+    def changed(self) -> Sequence[Row]:
+        """The parameters that take part."""
+        return [row for row in self.rows if row.number("probability") >= TAKES_PART * self.own]
+
+    @property
+    def remaining(self) -> Sequence[Row]:
+        """The parameters that are off nominal at the last flight."""
+        return [row for row in self.changed if row.number("change_low") * row.number("change_high") > 0]
+
+    @property
+    def ended(self) -> bool:
+        """Whether it was taken back, at least in part."""
+        return bool(self.rows[0].text("end"))
+
 
 @dataclass
 class EngineEvidence:
     """Rows of one engine, by kind and in the order of the files, its windows of statistics with their places, its
-    residuals, and how many readings of each sensor were masked."""
+    flights as the series has them, its residuals, how many readings of each sensor were masked, and its compressors'
+    maps with the points flown."""
 
     engine: str
     rows: dict[ResultKind, list[Row]] = field(default_factory=dict)
     windows: list[tuple[WindowStatistics, RowOrigin]] = field(default_factory=list)
+    flights: list[tuple[WindowStatistics, RowOrigin]] = field(default_factory=list)
     records: ResidualRecords | None = None
     masked: dict[str, int] = field(default_factory=dict)
+    maps: Sequence[OperatingMap] = ()
 
     def rows_of_kind(self, kind: ResultKind) -> list[Row]:
         return self.rows.get(kind, [])
@@ -44,6 +116,33 @@ class EngineEvidence:
     def isolated(self) -> list[list[Row]]:
         """Rows of `isolate`, window by window."""
         return group_by_window(self.rows_of_kind(result_files.ISOLATED))
+
+    @property
+    def changes(self) -> list[ReportedChange]:
+        """What happened by `trend`, in the order of its rows."""
+        found: dict[tuple[str, ...], list[Row]] = {}
+        for row in self.rows_of_kind(result_files.TREND):
+            if row.text("kind") not in UNCHANGED:
+                key = (row.text("component"), row.text("kind"), row.text("onset"), row.text("rivals"))
+                found.setdefault(key, []).append(row)
+        events = []
+        for (owner, *_), rows in found.items():
+            own = max(row.number("probability") for row in rows)
+            others = [(" & ".join(names), p) for names, p in map(parse_alternative, rows[0].list("rivals"))]
+            events.append(ReportedChange(rows, [(owner, own), *(other for other in others if other[1] == other[1])]))
+        return [event for event in events if event.probability >= LIKELY]
+
+    def flight_date(self, number: int) -> str:
+        """Date of a flight, counted from 1, where the recordings have dates."""
+        times = [
+            row.number("time_s") for row in self.rows_of_kind(result_files.FLIGHTS) if row.count("number") == number
+        ]
+        return date_words(times[0]) if times and times[0] >= FIRST_DATE_S else ""
+
+    @property
+    def changed_rows(self) -> list[Row]:
+        """Rows of `trend` of parameters that have probably changed."""
+        return [row for event in self.changes for row in event.changed]
 
 
 @dataclass
@@ -58,11 +157,17 @@ class ReportEvidence:
         Engine → its results.
     parameters : dict of str to Parameter
         Meaning of parameters, as far as any file holds it.
+    engine_type : str
+        What engines these are, as far as any file holds it.
+    false_alarm : float
+        Level of the tests of windows.
     """
 
     results: Sequence[ResultFile]
     engines: dict[str, EngineEvidence]
     parameters: dict[str, Parameter]
+    engine_type: str = ""
+    false_alarm: float = 0.01
 
     _sources: dict[tuple[str, ...], str] = field(default_factory=dict, repr=False)
 
@@ -79,6 +184,27 @@ class ReportEvidence:
 
     def documents(self, kind: ResultKind) -> list[ResultFile]:
         return [result for result in self.results if result.kind is kind]
+
+    def owner_words(self, owner: str) -> str:
+        """A component or an instrument as an engineer says it."""
+        return next((p.part for p in self.parameters.values() if p.component == owner and p.part), owner)
+
+    def owners(self, names: str) -> set[str]:
+        """Components and instruments of parameters that are joined by "&"."""
+        return {self.parameters[n].component for n in names.split(" & ") if n in self.parameters}
+
+    def one_of_each_component(self) -> list[str]:
+        """The first parameter of each component that is shown in per cent."""
+        found: dict[str, str] = {}
+        for name, known in self.parameters.items():
+            if not known.belongs_to_instrument and not known.fails_alone and display_scale(known)[1] == "%":
+                found.setdefault(known.component, name)
+        return list(found.values())
+
+    def parameters_of_owner(self, owner: str) -> list[str]:
+        """Parameters of a component, and the plainest error of an instrument."""
+        found = [p for p in self.parameters.values() if p.component == owner]
+        return [p.name for p in (found[:1] if found and found[0].belongs_to_instrument else found)]
 
 
 PLACE = ("source", "flight", "first_line", "last_line", "parameter", "components", "block")
@@ -107,7 +233,7 @@ def collect_evidence(results: Sequence[ResultFile], known: Mapping[str, Paramete
     from enginediag_cli.residuals.files import Ledger, read_statistics
     from enginediag_cli.residuals.score import marginalise_nuisance
 
-    found = ReportEvidence(results, {}, dict(known or {}))
+    found = ReportEvidence(results, {}, dict(known or {}), _stated_type(results))
     ledger = Ledger()
     for result in results:
         if result.kind is result_files.RECORDS:
@@ -127,6 +253,16 @@ def collect_evidence(results: Sequence[ResultFile], known: Mapping[str, Paramete
     for name, unit in _named_parameters(found):
         found.parameters.setdefault(name, unspecified(name, unit))
     return found
+
+
+def _stated_type(results: Sequence[ResultFile]) -> str:
+    """The engine that the heads of the files name; several, or none, are nothing."""
+    lines = {line.strip() for result in results for line in result.provenance if line.strip().startswith(ENGINE_LINE)}
+    return lines.pop().removeprefix(ENGINE_LINE) if len(lines) == 1 else ""
+
+
+ENGINE_LINE = "engine: "
+"""Begin of the line of a file's head that names the engine."""
 
 
 def _records(found: ReportEvidence, result: ResultFile) -> None:
@@ -213,16 +349,23 @@ def judge_recordings(question: RecordingsQuestion, given: Sequence[ResultFile]) 
     """
     left_out: list[str] = []
     windows: list[WindowStatistics] = []
+    detected = list(_detection_rows(question, left_out))
+    last = {row.text("engine"): number for number, row in enumerate(detected, start=1)}
+    series = SeriesEvidence()
     rows = {
-        result_files.DETECTED: list(_detection_rows(question, left_out)),
-        result_files.ISOLATED: list(_isolation_rows(question, windows)),
-        **_trend_rows(question),
+        result_files.DETECTED: detected,
+        result_files.ISOLATED: list(_isolation_rows(question, windows, frozenset(last.values()))),
+        **_trend_rows(question, series),
         result_files.MARGIN: _margin_rows(question, left_out),
     }
     evidence = collect_evidence(given, question.isolating.meaning)
+    evidence.engine_type, evidence.false_alarm = engine_words(question.monitor.engine), question.false_alarm
     for kind, found in rows.items():
         for row in found:
             evidence.add(kind, row, "what is judged here")
+    for engine, flights in series.flights.items():
+        mine = evidence.engines.setdefault(engine, EngineEvidence(engine))
+        mine.flights, mine.maps = flights, series.maps.get(engine, ())
     for window in windows:
         mine = evidence.engines.setdefault(window.engine, EngineEvidence(window.engine))
         mine.windows.append((window, _window_origin(window)))
@@ -246,7 +389,10 @@ def _detection_rows(question: RecordingsQuestion, left_out: list[str]) -> Iterat
     left_out += [*not_judged_lines(files.counts), *outside_envelope_lines(files.extrapolation)]
 
 
-def _isolation_rows(question: RecordingsQuestion, windows: list[WindowStatistics]) -> Iterator[Row]:
+def _isolation_rows(
+    question: RecordingsQuestion, windows: list[WindowStatistics], last: frozenset[int]
+) -> Iterator[Row]:
+    """last: numbers, from 1, of the windows of which the sensitivity of the conclusion is of interest."""
     from enginediag_cli.isolation.diagnosis import DiagnosisOptions
     from enginediag_cli.isolation.methods import IsolationOptions
     from enginediag_cli.isolation.windows import WindowIsolation
@@ -259,33 +405,78 @@ def _isolation_rows(question: RecordingsQuestion, windows: list[WindowStatistics
     nonlinear = "auto" if judging.linearise == "estimate" else "never"
     options = DiagnosisOptions(isolation=IsolationOptions(false_alarm=question.false_alarm), nonlinear=nonlinear)
     isolating = WindowIsolation(
-        _judged_files(question, question.isolating), options, question.false_alarm, kept_records=kept
+        _judged_files(question, question.isolating),
+        options,
+        question.false_alarm,
+        kept_records=kept,
+        wants_sensitivity=lambda number, named: named and number in last,
     )
     for found in each(isolating.windows(), "windows isolated"):
         windows.append(found.verdict.window)
-        for row in isolated_rows(found, False, advice=False):
+        for row in isolated_rows(found, forms={"flips": "nested"}):
             yield Row(row, _window_origin(found.verdict.window))
 
 
+@dataclass
+class SeriesEvidence:
+    """By engine, its flights with what the series has of each, and the maps of its compressors."""
+
+    flights: dict[str, list[tuple[WindowStatistics, RowOrigin]]] = field(default_factory=dict)
+    maps: dict[str, list[OperatingMap]] = field(default_factory=dict)
+
+
 @stage("following the series")
-def _trend_rows(question: RecordingsQuestion) -> dict[result_files.ResultKind, list[Row]]:
+def _trend_rows(question: RecordingsQuestion, evidence: SeriesEvidence) -> dict[result_files.ResultKind, list[Row]]:
     from enginediag_cli.detection.series import build_series
+    from enginediag_cli.fleets.maintenance import mean_conditions
+    from enginediag_cli.fleets.work_scope import WorkScopeEstimator
     from enginediag_cli.history.engines import HistoryWindows, judge_engines
     from enginediag_cli.report.tables.trend import flight_rows, trend_rows
     from enginediag_cli.residuals.reduced import monitor_for_series
 
-    files = _series_files(question, monitor_for_series(question.suspicious))
+    monitor = monitor_for_series(question.suspicious)
+    files = _series_files(question, monitor)
     files.additive = True
     windows = HistoryWindows(files)
     series = build_series(windows)
-    told: dict[result_files.ResultKind, list[Row]] = {result_files.FLIGHTS: [], result_files.TREND: []}
-    for row in flight_rows(series):
+    rows: dict[result_files.ResultKind, list[Row]] = {result_files.FLIGHTS: [], result_files.TREND: []}
+    histories = dict(
+        judge_engines(
+            windows.engines,
+            series,
+            reference=question.judging.reference,
+            maintenance={
+                engine: _restored(question, EngineHistory(engine, "", x, windows.engines[engine], 0))
+                for engine, x in series.stretches.items()
+            },
+        )
+    )
+    for row in flight_rows(series, histories):
         window = series.stretches[row["engine"]][row["number"] - 1].window
-        told[result_files.FLIGHTS].append(Row(row, _window_origin(window)))
-    for engine, found in judge_engines(windows.engines, series, reference=question.judging.reference):
-        last = _window_origin(series.stretches[engine][-1].window)
-        told[result_files.TREND] += [Row(row, last) for row in trend_rows(engine, found, series)]
-    return told
+        rows[result_files.FLIGHTS].append(Row(row, _window_origin(window)))
+    scoping = WorkScopeEstimator(monitor)
+    for engine, stretches in series.stretches.items():
+        flown = [(replace(x.window, statistics=x.statistics), _window_origin(x.window)) for x in stretches]
+        evidence.flights[engine] = flown
+        found = histories.get(engine)
+        now = {} if found is None else {name: size for name, (size, _) in found.flight_levels(found.flights).items()}
+        evidence.maps[engine] = operating_maps(question.monitor, [window for window, _ in flown], now)
+        if found is None:
+            continue
+        scope = None
+        if found.events:
+            scope = scoping.series_scope(found.events, series.parameters, mean_conditions(stretches))
+        rows[result_files.TREND] += [
+            Row(row, flown[-1][1]) for row in trend_rows(engine, found, series, scope, "nested")
+        ]
+    return rows
+
+
+def _restored(question: RecordingsQuestion, history: EngineHistory) -> list[int]:
+    """Numbers, from 1, of the flights that are the first after maintenance."""
+    events = [event for event in question.margins.events if event.engine in ("", history.serial)]
+    numbers = [event_number(event, history) for event in events]
+    return [number + 1 for number in numbers if number < len(history.stretches)]
 
 
 @stage("following the margin")
@@ -339,6 +530,12 @@ def _computed_records(monitor: Monitor, rows: Sequence[tuple[dict[str, Any], dic
         ALTITUDE if ALTITUDE in rows[0][1] else "",
         power if power in rows[0][1] else "",
     )
+
+
+def engine_words(engine: Any) -> str:
+    """What an engine is, as its file says it: "turbofan (two-spool with booster)"."""
+    described = str(getattr(engine, "description", ""))
+    return f"{engine.name} ({described})" if described else str(engine.name)
 
 
 ALTITUDE = "altitude_m"

@@ -33,7 +33,7 @@ class EngineState(Enum):
     CHANGED = "changed"
     CANNOT_TELL = "cannot tell"
     NO_VERDICT = "no verdict"
-    NOTHING_FOUND = "nothing found"
+    NOTHING_FOUND = "no change found"
 
 
 @dataclass(frozen=True)
@@ -68,20 +68,30 @@ class TableBlock:
     closed: bool = False
 
 
-Block: TypeAlias = Paragraph | Bullets | Preformatted | TableBlock | Chart
+@dataclass(frozen=True)
+class Folded:
+    """Blocks that are closed behind their title at first, and not printed then."""
+
+    title: str
+    blocks: Sequence[Block]
+
+
+Block: TypeAlias = Paragraph | Bullets | Preformatted | TableBlock | Folded | Chart
 
 
 @dataclass(frozen=True)
 class Lead:
-    """The first screen, of one engine: what is so, how surely, since when, how far it is from its limit, what to do
-    next, the sensitivity of the conclusion; `badge`: the state in other words."""
+    """The first screen, of one engine: which, what is so, how surely, since when, how far it is from its limit, what
+    would have been seen, what to do next, the sensitivity of the conclusion; `badge`: the state in other words."""
 
     state: EngineState
     sentence: str
     engine: str = ""
+    identity: str = ""
     confidence: str = ""
     onset: str = ""
     margin: str = ""
+    power: str = ""
     next_step: str = ""
     sensitivity: Sequence[str] = ()
     alternatives: Sequence[str] = ()
@@ -148,7 +158,8 @@ class Page:
 
 
 def _charts(section: PageSection) -> list[Chart]:
-    own = [block for block in section.blocks if isinstance(block, Chart)]
+    blocks = [b for block in section.blocks for b in (block.blocks if isinstance(block, Folded) else [block])]
+    own = [block for block in blocks if isinstance(block, Chart)]
     return own + [chart for inner in section.sections for chart in _charts(inner)]
 
 
@@ -221,20 +232,30 @@ def _lead(lead: Lead) -> str:
         ("How surely", lead.confidence),
         ("Since", lead.onset),
         ("Margin", lead.margin),
+        ("Would have shown", lead.power),
         ("What to do next", lead.next_step),
     ]
     rows = "".join(f"<dt>{name}</dt><dd>{escape_text(text)}</dd>" for name, text in facts if text)
-    for word, lines in (("Sensitivity of the conclusion", lead.sensitivity), ("Alternatives", lead.alternatives)):
+    for word, lines in (("Alternatives", lead.alternatives), ("Sensitivity of the conclusion", lead.sensitivity)):
         if lines:
-            rows += f"<dt>{word}</dt><dd>{'<br>'.join(map(escape_text, lines))}</dd>"
+            rows += f"<dt>{word}</dt><dd>{_first_line(lines)}</dd>"
     name = f"Engine {escape_text(lead.engine)}: " if lead.engine else ""
     link = f' <a href="#{escape_text(lead.key)}">Charts</a>' if lead.key else ""
+    identity = f'<p class="identity">{escape_text(lead.identity)}</p>\n' if lead.identity else ""
     label = f"Verdict{' on engine ' + escape_text(lead.engine) if name else ''}"
     return (
         f'<section class="lead {CLASSES[lead.state]}" aria-label="{label}">'
         f'<div class="state">{name}{escape_text(lead.badge or lead.state.value)}</div>\n'
-        f'<p class="verdict">{escape_text(lead.sentence)}</p>\n<dl>{rows}</dl>{link}</section>\n'
+        f'{identity}<p class="verdict">{escape_text(lead.sentence)}</p>\n<dl>{rows}</dl>{link}</section>\n'
     )
+
+
+def _first_line(lines: Sequence[str]) -> str:
+    """The first of some sentences, the others closed behind their number."""
+    first, *more = map(escape_text, lines)
+    if not more:
+        return first
+    return f"{first}<details><summary>{len(more)} more</summary>{'<br>'.join(more)}</details>"
 
 
 def _section(section: PageSection, level: int, plots: Mapping[str, Any]) -> Iterator[str]:
@@ -259,6 +280,11 @@ def _block(block: Block, plots: Mapping[str, Any]) -> Iterator[str]:
         yield f"<details><summary>{escape_text(block.title)}</summary>{text}</details>\n" if block.title else text
     elif isinstance(block, TableBlock):
         yield from _tabled(block)
+    elif isinstance(block, Folded):
+        yield f'<details class="folded"><summary>{escape_text(block.title)}</summary>\n'
+        for inner in block.blocks:
+            yield from _block(inner, plots)
+        yield "</details>\n"
     else:
         yield from _chart(block, plots.get(block.key))
 
@@ -362,6 +388,5 @@ def versions(static: bool) -> list[str]:
 
 def rendered(page: Page, static: bool = False) -> str:
     """The text of the file."""
-    if static or not available():
-        return html(page, [page_script()])
-    return html(page, [script(), page_script()], {chart.key: plot(chart) for chart in page.charts() if chart.layers})
+    plots = {} if static or not available() else {chart.key: plot(chart) for chart in page.charts() if chart.layers}
+    return html(page, [script(), page_script()] if plots else [page_script()], plots)

@@ -34,6 +34,7 @@ from enginediag_cli.report.html import (
 )
 from enginediag_cli.report.plotting import ChartColumn, ChartTable, RowOrigin, Value, chart_columns
 from enginediag_cli.report.plotting.health import (
+    FLEET_DARKEST,
     FleetEngine,
     ParameterHealth,
     fleet_map,
@@ -41,6 +42,7 @@ from enginediag_cli.report.plotting.health import (
     maintenance_marks,
     margin_forecast,
     read_engines,
+    standard_score,
 )
 from enginediag_cli.report.plotting.models import flight_gains, law_curve, mismatch_places, refinement_fit
 from enginediag_cli.report.result_files import ResultFile, Row
@@ -58,45 +60,75 @@ def fleet_lead(document: Mapping[str, Any], engines: Sequence[FleetEngine], key:
     numbers = [sum(e.verdict == verdict for e in engines) for verdict in ("changed", "healthy", "no verdict")]
     told = f"{numbers[0]} of {count(len(engines), 'engine')} changed"
     state = EngineState.CHANGED if numbers[0] else EngineState.NOTHING_FOUND if numbers[1] else EngineState.NO_VERDICT
-    rest = [f"{numbers[1]} show no change"] if numbers[1] else []
+    doubtful = sum(e.verdict == "healthy" and bool(_unexplained(e)) for e in engines)
+    rest = [f"{numbers[1] - doubtful} show no change"] if numbers[1] > doubtful else []
+    rest += [f"{doubtful} cannot be judged, a parameter being far off"] if doubtful else []
     rest += [f"{numbers[2]} could not be judged"] if numbers[2] else []
     listed_ = [e for e in engines if e.discovery]
     sentence = f"{told}; {listed(rest)}." if rest else f"{told}."
     surely = str((document.get("discoveries") or {}).get("words") or "")
     if listed_:
         surely = f"{count(len(listed_), 'engine')} flagged: {surely}"
-    worst = [e for e in engines if e.verdict == "changed"][:1]
+    worst = [e for e in by_urgency(engines) if e.verdict == "changed"][:1]
     step = [f"Begin with {e.serial}: {_step(e)}" for e in worst]
     return Lead(state, sentence, confidence=surely, next_step=" ".join(step), key=key, badge="fleet")
 
 
-GLANCE = chart_columns("engine", "what", "since", "how surely", "flights left")
+WORKLIST = chart_columns("engine", "module", "what", "since", "how surely", "margin", "action")
 
 
-def _attention_table(engines: Sequence[FleetEngine]) -> Iterator[Block]:
-    """Every engine that changed, could not be judged or has an instrument that is stuck or scatters, worst first."""
-    told = [e for e in engines if e.verdict != "healthy" or e.instruments]
+def by_urgency(engines: Sequence[FleetEngine]) -> list[FleetEngine]:
+    """What needs somebody first: changed engines, those first that may reach their limit soonest, then as they are
+    ranked; engines that contradict themselves; instruments; what was not judged."""
+
+    def urgency(e: FleetEngine) -> tuple[int, float]:
+        soonest = e.margin.remaining_flights.low
+        if e.verdict == "changed":
+            return 0, soonest if math.isfinite(soonest) else math.inf
+        return (1 if _unexplained(e) else 2 if e.instruments else 3), math.inf
+
+    return sorted((e for e in engines if e.verdict != "healthy" or e.instruments or _unexplained(e)), key=urgency)
+
+
+def _unexplained(e: FleetEngine) -> list[ParameterHealth]:
+    """Parameters that the map of the fleet shows as far off as it can, although nothing is reported of them."""
+    return [h for h in e.health if abs(standard_score(h)) >= FLEET_DARKEST and h.probability < LIKELY]
+
+
+def _worklist(engines: Sequence[FleetEngine]) -> Iterator[Block]:
+    """Every engine that needs somebody, the most urgent first."""
+    shown = by_urgency(engines)
     rows = [
         (
             e.serial,
+            ", ".join(dict.fromkeys(h.parameter.part or h.component for h in _changed_parameters(e))),
             _engine_findings(e),
             _onset_words(e),
             _confidence_words(e),
-            _remaining_words(e.margin.remaining_flights),
+            _margin_words(e),
+            _step(e),
         )
-        for e in told
+        for e in shown
     ]
     if rows:
-        yield TableBlock("Engines that need a look", ChartTable(GLANCE, rows, [e.origin for e in told]))
+        yield TableBlock("Worklist", ChartTable(WORKLIST, rows, [e.origin for e in shown]))
+
+
+def _margin_words(e: FleetEngine) -> str:
+    """What is left of the margin, and for how many flights."""
+    now, left = e.margin.now_K, _remaining_words(e.margin.remaining_flights)
+    words = [format_quantity(now.value, "K", (now.high - now.low) / 2)] if math.isfinite(now.value) else []
+    return "; ".join([*words, *([f"{left} flights"] if left else [])]).replace("-", "−")
 
 
 def _engine_findings(e: FleetEngine) -> str:
     if e.verdict == "no verdict":
         told = [f"not judged: {e.reason}"]
     elif e.verdict == "healthy":
-        told = ["healthy"]
+        far = [f"{_size(h)} ({standard_score(h):.0f} σ)".replace("-", "−") for h in _unexplained(e)]
+        told = [f"the test over flights shows no change, but {listed(far)}: cannot tell"] if far else []
     else:
-        told = [_size(h) for h in _changed_parameters(e)] or ["changed; no single parameter explains it"]
+        told = [_size(h) for h in _changed_parameters(e)] or [e.reason or "changed; no single parameter explains it"]
     return "; ".join([*told, *e.instruments])
 
 
@@ -112,9 +144,12 @@ def _confidence_words(e: FleetEngine) -> str:
 
 
 def _step(e: FleetEngine) -> str:
-    return next_step(
-        STATES.get(e.verdict, EngineState.CANNOT_TELL), [h.parameter for h in _changed_parameters(e)], (), ()
-    )
+    if e.verdict == "healthy" and _unexplained(e):
+        return "Judge it by itself: `trend` and `report -n NOMINAL` with its recordings."
+    if e.verdict == "healthy" and e.instruments:
+        return "Check the instrument, its wiring and recorder channel."
+    changed = [h.parameter for h in _changed_parameters(e)]
+    return next_step(STATES.get(e.verdict, EngineState.CANNOT_TELL), changed, (), ())
 
 
 def _remaining_words(left: IntervalEstimate) -> str:
@@ -141,7 +176,7 @@ def fleet_section(result: ResultFile, engines: Sequence[FleetEngine], key: str) 
     """Everything of one fleet document."""
     document = result.document
     blocks: list[Block] = []
-    blocks += _attention_table(engines)
+    blocks += _worklist(engines)
     if any(math.isfinite(e.severity.value) for e in engines):
         blocks.append(fleet_ranking(f"{key}-ranking", engines))
     heat = fleet_map(f"{key}-map", engines)
@@ -219,11 +254,33 @@ COEFFICIENTS = chart_columns("explanation", "probability", "coefficients with 95
 
 
 def physics_leads(evidence: ReportEvidence) -> Iterator[Lead]:
-    """One for each answer of `explain`, and of `refine`."""
-    for number, result in enumerate(evidence.documents(result_files.EXPLAINED), start=1):
+    """One for each answer of `explain`, else of `locate`, and of `refine`."""
+    explained = evidence.documents(result_files.EXPLAINED)
+    for number, result in enumerate(evidence.documents(result_files.LOCATED) if not explained else (), start=1):
+        yield _location_lead(result, f"locate-{number}")
+    for number, result in enumerate(explained, start=1):
         yield _explanation_lead(result.document, f"explain-{number}")
     for number, result in enumerate(evidence.documents(result_files.REFINED), start=1):
         yield _refinement_lead(result.document, f"refine-{number}")
+
+
+def _location_lead(result: ResultFile, key: str) -> Lead:
+    """Where model and recordings differ, as long as nothing says by what."""
+    places = [row for row in result.rows if row.text("location")]
+    verdict = result.rows[0].text("verdict") if result.rows else "no place was found"
+    if not places:
+        return Lead(EngineState.CANNOT_TELL, f"{verdict[:1].upper()}{verdict[1:]}.", key=key, badge="where it differs")
+    best = places[0]
+    along = f" along {best.text('driver')}" if best.text("driver") else ""
+    others = [f"{row.text('location')} along {row.text('driver')}" for row in places[1:3]]
+    return Lead(
+        EngineState.CHANGED,
+        f"{verdict[:1].upper()}{verdict[1:]}; best place: {best.text('location')}{along}.",
+        next_step="Ask `explain` with the same recordings what the model lacks there.",
+        alternatives=others,
+        key=key,
+        badge="where it differs",
+    )
 
 
 def _explanation_lead(answer: Mapping[str, Any], key: str) -> Lead:
@@ -243,11 +300,18 @@ def _explanation_lead(answer: Mapping[str, Any], key: str) -> Lead:
         for x in answer["explanations"][:1]
         if x.get("probability") is not None
     ]
-    rivals = [
+    others = [
         f"{x['in_words']} ({probability(float(x['probability']))})"
         for x in answer["explanations"][1:]
         if x.get("probability") is not None
     ]
+    law = answer.get("law") or {}
+    if not answer["explanations"]:  # of a curve, the other places at which it may be
+        others = [
+            f"{x['location']} ({probability(float(x['probability']))})"
+            for x in (law.get("places") or ())[1:]
+            if x.get("probability") is not None
+        ]
     flips = [str(f.get("words", f)) if isinstance(f, Mapping) else str(f) for f in answer.get("flips") or ()]
     return Lead(
         state,
@@ -255,7 +319,7 @@ def _explanation_lead(answer: Mapping[str, Any], key: str) -> Lead:
         confidence="; ".join(surely),
         next_step=f"Next recording: {next_[0]}." if advice.get("suggestions") else " ".join(next_),
         sensitivity=flips,
-        alternatives=rivals,
+        alternatives=others,
         key=key,
         badge=BADGES.get(status, status),
     )
@@ -336,7 +400,8 @@ def _explanation_blocks(result: ResultFile, key: str, mapped: bool) -> Iterator[
         rows.append((x["in_words"], probability(float(x["probability"])), sizes, x.get("gain")))
         origins.append(RowOrigin(name, f"explanations[{k}]"))
     if rows:
-        yield TableBlock("Explanations and their coefficients", ChartTable(COEFFICIENTS, rows, origins))
+        title = "Explanation, its alternatives and their coefficients"
+        yield TableBlock(title, ChartTable(COEFFICIENTS, rows, origins))
 
 
 def _coefficient(c: Mapping[str, Any]) -> str:
@@ -436,6 +501,8 @@ def made_section(evidence: ReportEvidence, command: Sequence[str], versions: Seq
     return PageSection("made", "How this page was made", blocks)
 
 
+NO_FINDING = "These files hold nothing from which a verdict follows."
+GIVE = "Give what detect, isolate, trend, fleet, explain or refine --report wrote, or recordings with -n NOMINAL."
 TITLE = "Engine report"
 WORST_FIRST = tuple(EngineState)
 
@@ -465,6 +532,7 @@ def build_page(
         engines = read_engines(result.document, result.name)
         leads.append(fleet_lead(result.document, engines, f"fleet-{number}"))
         sections.append(fleet_section(result, engines, f"fleet-{number}"))
+    leads = leads or [Lead(EngineState.NO_VERDICT, NO_FINDING, next_step=GIVE)]
     sections += physics_sections(evidence)
     sections += [
         excluded_section(evidence, left_out),

@@ -22,7 +22,7 @@ from enginediag_cli.isolation.results import restricted_change
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.recordings.source import file_sha256
-from enginediag_cli.report.plotting import Axis, RowOrigin
+from enginediag_cli.report.plotting import FIRST_DATE_S, Axis, RowOrigin, date_words
 from enginediag_cli.residuals.flat import is_flat
 from enginediag_cli.residuals.windows import WindowStatistics
 from enginediag_cli.safe_text import shortened, unguarded
@@ -152,8 +152,8 @@ def finite_mean(values: np.ndarray) -> float:
 
 
 ALONE = (
-    "Dots: each flight by itself, with 95 % intervals, if nothing but the parameters shown has changed. Dashed, with a "
-    "band: what the whole series says."
+    "Dots: each flight by itself, with 95 % intervals, if nothing but the parameters shown has changed. Line, with its "
+    "95 % band: all flights together."
 )
 """What a chart of such sizes says of itself."""
 
@@ -168,17 +168,32 @@ def conditional_rows(windows: Iterable[tuple[WindowStatistics, RowOrigin]], chan
         for name, change, error in zip(changed, *restricted_change(statistics, changed), strict=True):
             half = NORMAL_95 * error
             cells = {"flight": window.flight, "number": number, "parameter": name, "change": change}
+            cells["time_s"] = window.start_s
             rows.append(Row({**cells, "low": change - half, "high": change + half}, origin))
     return rows
 
 
+def first_alarm_of_last_run(rows: Sequence[Row]) -> Row | None:
+    """The window from which on every judged window alarms; None where the last does not."""
+    first = None
+    for row in reversed([r for r in rows if r.text("verdict") != "no verdict"]):
+        if row.text("verdict") != "fault":
+            break
+        first = row
+    return first
+
+
 @dataclass(frozen=True)
 class Order:
-    """`x` of each of `names`, which may be flights or windows."""
+    """`x` of each of `names`, which may be flights or windows: a number, or a date in seconds since 1970."""
 
     names: Sequence[str]
     x: Sequence[float]
     axis: Axis
+
+    def label(self, k: int) -> str:
+        """What the one at position k is called on an axis."""
+        return date_words(self.x[k]) if self.axis.dates else self.names[k] or f"{self.x[k]:g}"
 
     def number_position(self, number: float) -> float | None:
         """Where the so manieth stands, counted from 1."""
@@ -187,8 +202,11 @@ class Order:
 
 
 def order_windows(rows: Sequence[Row]) -> Order:
-    """The order of rows, one for each window."""
+    """The order of rows, one for each window: by date where the recordings have dates."""
     flights = [row.text("flight") for row in rows]
+    times = [row.number("time_s" if "time_s" in row else "start_s") for row in rows]
+    if times and min(times) >= FIRST_DATE_S and all(a < b for a, b in pairwise(times)):
+        return Order(flights, times, Axis("date", dates=True))
     numbers = [_number(flight) for flight in flights]
     rising = all(b is not None and a is not None and a < b for a, b in pairwise(numbers))
     if numbers and all(n is not None for n in numbers) and rising:

@@ -55,15 +55,22 @@ def isolated(folder: Path, engine: str = "") -> Path:
     return _json(folder / "i.json", rows)
 
 
+FLIGHT_COLUMNS = "engine,source,flight,number,records,parameter,change,low,high,unit,level,level_low,level_high,time_s"
+DATE_S = 1_767_225_600.0
+"""Midnight of 1 January 2026."""
+
+
 def followed(folder: Path, engine: str = "") -> Path:
     """What `trend --what flights` writes."""
     noise = np.random.default_rng(5)
-    rows = [HEAD.format(command="trend") + "engine,source,flight,number,records,parameter,change,low,high,unit"]
+    rows = [HEAD.format(command="trend") + FLIGHT_COLUMNS]
     for k in range(1, FLIGHTS + 1):
         for name, size in zip(NAMES, (-0.008, -0.016, 0.0, 0.0), strict=True):
             change, half = size * share(k) + 0.0005 * noise.standard_normal(), 0.001
             place = f"{engine},flights.csv,{k},{k},98,{name}"
-            rows.append(f"{place},{change},{change - half},{change + half},{'K' if 'T3' in name else '1'}")
+            level = size * share(k)
+            together = f"{level},{level - half * share(k)},{level + half * share(k)},{DATE_S + 86400.0 * k}"
+            rows.append(f"{place},{change},{change - half},{change + half},{'K' if 'T3' in name else '1'},{together}")
     return _written(folder / "f.csv", rows)
 
 
@@ -170,7 +177,7 @@ def fleet(folder: Path, engines: int = 30, flights: int = 60) -> Path:
                 "words": words,
                 "unit": "1",
                 "change": estimate(
-                    -0.001 * size * (j == 0) + 0.0004 * noise.standard_normal() + 0.003 * (j == 2), 0.001
+                    -0.001 * size * (j == 0 and changed) + 0.0004 * noise.standard_normal() + 0.003 * (j == 2), 0.001
                 ),
                 "kind": "deterioration" if changed and j == 0 else "steady",
                 "probability": 0.97 if changed and j == 0 else 0.02,

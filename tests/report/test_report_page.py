@@ -57,10 +57,10 @@ def test_the_first_screen_says_what_changed_how_surely_since_when_and_what_to_do
     text = " ".join("".join(words(report(tmp_path, *engine_files(tmp_path))).text).split())
     first = text[: text.index("Excluded data")]
     assert "hpc.efficiency fell by 0.80 % ± 0.10 % and hpc.flow_capacity fell by 1.60 % ± 0.10 %." in first
-    assert "probability 0.99 by the trend over 8 flights" in first
-    assert "5 of 8 windows alarm" in first
-    assert "flight 4, growing; counted from the first, between 4 and 5" in first
-    assert "What to do next" in first and "Alternatives" in first
+    assert "8 flights (1 to 8)" in first
+    assert "probability 0.99 that it changed, by 8 flights together; 5 of 8 windows alarm by themselves" in first
+    assert "flight 4 (counted from the first, between 4 and 5), 2026-01-05, growing" in first
+    assert "What to do next" in first and "Inspect the hpc" in first
 
 
 def test_an_answer_that_is_hardly_likelier_than_others_is_no_headline_without_a_doubt(tmp_path) -> None:

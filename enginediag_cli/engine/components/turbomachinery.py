@@ -24,8 +24,9 @@ from enginediag_cli.engine.components.base import (
     Valves,
     scalar,
 )
-from enginediag_cli.engine.dual import Value, exp, locally, log, sqrt, value
+from enginediag_cli.engine.dual import Array, Value, exp, locally, log, sqrt, value
 from enginediag_cli.engine.evaluation import P_ISA, T_ISA, Evaluation, Flow, mix
+from enginediag_cli.engine.gas import DRY_AIR, Gas
 from enginediag_cli.engine.maps import (
     RULES,
     SURGE_LINE,
@@ -70,6 +71,10 @@ SHAPE = Section("map", "coefficients of the parametric map", maps.COMPRESSOR_FIE
 
 VANE_DEFAULTS = {f.name: f.default for f in VANES.fields}
 """What vanes do to a map whose engine file does not say: the usual figures of the form."""
+
+
+LINE_POINTS, LINE_REACH = 25, (0.86, 1.08)
+"""Points of a speed line that is drawn, and flow of a parametric one in shares of that of the best efficiency."""
 
 
 class Compressor(Valves):
@@ -262,6 +267,38 @@ class Compressor(Valves):
         if self.table is None:
             return self.surge_line.pressure_ratio(flow)
         return 1.0 + (self.surge_line.pressure_ratio(flow * (1.0 / self.flow_scale)) - 1.0) * self.ratio_scale
+
+    def speed_line(self, gas: Gas, speed: float) -> tuple[Array, Array]:
+        """Corrected flow, kg/s, and pressure ratio (n,) along one corrected speed, in shares of the design's, of the
+        new component in dry air at 288.15 K; vanes where the map holds."""
+        if self.table is not None:
+            (flow, ratio, _), _ = self.table.lookup(np.full(LINE_POINTS, speed * self.design_map_speed), self._rlines)
+            return value(flow) * self.flow_scale, 1.0 + (value(ratio) - 1.0) * self.ratio_scale
+        shape = self.values["map"]
+        x = np.linspace(*LINE_REACH, LINE_POINTS)
+        w = x * speed ** shape["flow_speed_exponent"]
+        work, loss = maps.work_and_loss(np.full(LINE_POINTS, speed), w, self.design_loss, shape)
+        inlet = Flow(gas, DRY_AIR, w, np.full(LINE_POINTS, P_ISA), T=np.full(LINE_POINTS, T_ISA))
+        ideal = inlet.h + (value(work) - value(loss)) * self.work_scale
+        entropy = gas.temperature_from_enthalpy(ideal, DRY_AIR)[1]
+        return w * self.flow_scale, np.exp(value((entropy - inlet.phi) / inlet.R))
+
+    @property
+    def design_map_speed(self) -> float:
+        """Speed of the map at the design point, which a parametric map counts from."""
+        return float(self.values["table"]["design_speed"]) if self.values["table"] else 1.0
+
+    @property
+    def _rlines(self) -> Array:
+        assert self.table is not None
+        return np.linspace(self.table.y[0], self.table.y[-1], LINE_POINTS)
+
+    def surge_points(self) -> tuple[Array, Array] | None:
+        """Corrected flow, kg/s, and pressure ratio of the points of the surge line; None without one."""
+        if self.surge_line is None:
+            return None
+        flow = self.surge_line.flow * (1.0 if self.table is None else self.flow_scale)
+        return flow, np.asarray(value(self._surge_ratio(flow)))
 
     def _work_and_loss(self, n: Value, w: Value, *shape: Value) -> tuple[Value, Value]:
         return maps.work_and_loss(n, w, self.design_loss, dict(zip(maps.COMPRESSOR_COEFFICIENTS, shape, strict=True)))

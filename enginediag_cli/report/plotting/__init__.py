@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime, timezone
 from typing import TypeAlias
 
 from enginediag_cli.report.sentences import rounded
@@ -83,16 +84,45 @@ def format_value(value: Value, digits: int = DIGITS) -> str:
 
 @dataclass(frozen=True)
 class Axis:
-    """`label` with its `unit`; `categories`: names instead of numbers; `limits`: where data alone should not decide."""
+    """`label` with its `unit`; `categories`: names instead of numbers; `limits`: where data alone should not decide;
+    `dates`: numbers are seconds since 1970, UTC."""
 
     label: str
     unit: str = ""
     categories: Sequence[str] = ()
     limits: tuple[float, float] | None = None
+    dates: bool = False
 
     @property
     def words(self) -> str:
         return f"{self.label} ({self.unit})" if self.unit else self.label
+
+
+FIRST_DATE_S = 3e8
+"""Seconds since 1970 from which a time is a date (July 1979): no recording that counts from its start is as long."""
+DAY_S = 86400.0
+"""Seconds of a day."""
+DAYS, MONTHS = (1, 2, 7, 14), (1, 2, 3, 6, 12, 24, 60, 120)
+"""Steps of an axis of dates, in days and in months: weeks and parts of a year."""
+
+
+def date_words(time_s: float) -> str:
+    """A date, "2026-03-14"."""
+    return f"{datetime.fromtimestamp(time_s, timezone.utc):%Y-%m-%d}"
+
+
+def date_ticks(low: float, high: float, wanted: int = 6) -> list[float]:
+    """Midnights, or first days of months, within a range of seconds since 1970, about as many as wanted."""
+    least = (high - low) / wanted
+    days = next((d for d in DAYS if d * DAY_S >= least), 0)
+    if days:
+        first, step = math.ceil(low / (days * DAY_S)), days * DAY_S
+        return [k * step for k in range(first, math.floor(high / step) + 1)]
+    months = next((m for m in MONTHS if m * 30 * DAY_S >= least), MONTHS[-1])
+    begin, end = (datetime.fromtimestamp(t, timezone.utc) for t in (low, high))
+    counted = range(-(-(12 * begin.year + begin.month - 1) // months) * months, 12 * end.year + end.month, months)
+    found = [datetime(m // 12, m % 12 + 1, 1, tzinfo=timezone.utc).timestamp() for m in counted]
+    return [t for t in found if low <= t <= high]
 
 
 @dataclass(frozen=True)
@@ -109,13 +139,14 @@ class Points:
 
 @dataclass(frozen=True)
 class Line:
-    """A line through points; a NaN interrupts it."""
+    """A line through points; a NaN interrupts it. `quiet`: in the colour of lesser words."""
 
     name: str
     x: Sequence[float]
     y: Sequence[float]
     colour: int = 0
     dashed: bool = False
+    quiet: bool = False
 
 
 @dataclass(frozen=True)
@@ -158,7 +189,7 @@ class Bars:
 
 @dataclass(frozen=True)
 class HeatCells:
-    """A heat map: `value[k]` at column `x[k]` and row `y[k]`, NaN where there is none; 0 is neutral, `largest` darkest.
+    """A heat map: `value[k]` at column `x[k]` and row `y[k]`, NaN where there is none; 0 is grey, `largest` darkest.
     `words`: text of the cell; `both`: values have a sign that matters; `rooted`: shaded by the root of
     the share, where the largest is far above what matters."""
 
@@ -226,7 +257,7 @@ SURFACES_LIGHT = (INK, FAINT, PAPER, "#eeeeee", "#52606d")
 SURFACES_DARK = ("#e4e7eb", "#3e4c59", "#1b222b", "#2b3540", "#a6b1bd")
 """Ink, grid, paper, what is empty, and lesser words."""
 
-QUIET = SURFACES_LIGHT[4]
+EMPTY, QUIET = SURFACES_LIGHT[3:]
 
 SHADES_UP = ("#fff3e8", "#fdd9bb", "#fdae6b", "#e6731c", "#8f3a00")
 SHADES_DOWN = ("#eef5fc", "#cfe1f2", "#94c0e2", "#3d85c6", "#08407d")
@@ -244,12 +275,22 @@ def colour(number: int) -> str:
 
 
 def shade(value: float, largest: float, rooted: bool = False) -> tuple[str, str]:
-    """The fill of a cell and the ink on it; 0 is paper. Five steps: the eye does not separate more."""
+    """The fill of a cell and the ink on it; 0 is grey. Five steps: the eye does not separate more."""
+    if value == 0.0:
+        return EMPTY, INK
     share = min(abs(value) / largest, 1.0) if largest > 0 else 0.0
     share = share**0.5 if rooted else share
     step = min(int(share * STEPS), STEPS - 1)
     fill = (SHADES_UP if value >= 0 else SHADES_DOWN)[step]
     return fill, ON_DARK if step >= 3 else ON_LIGHT
+
+
+def shade_scale(layer: HeatCells) -> list[tuple[float, float, str]]:
+    """(from, to, fill) of each shade that a heat map may show, from below to above."""
+    ends = [(k / STEPS) ** (2 if layer.rooted else 1) * layer.largest for k in range(STEPS + 1)]
+    up = [(a, b, fill) for a, b, fill in zip(ends, ends[1:], SHADES_UP, strict=False)]
+    down = [(-b, -a, fill) for a, b, fill in zip(ends, ends[1:], SHADES_DOWN, strict=False)]
+    return [*reversed(down), *up] if layer.signed else up
 
 
 def pairs() -> list[tuple[str, str]]:

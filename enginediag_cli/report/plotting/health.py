@@ -17,6 +17,7 @@ from enginediag_cli.fleets.findings import IntervalEstimate
 from enginediag_cli.parameters import Parameter, spelled, unspecified
 from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.report.plotting import (
+    STEPS,
     Axis,
     Band,
     Chart,
@@ -29,9 +30,10 @@ from enginediag_cli.report.plotting import (
     ReferenceLine,
     RowOrigin,
     chart_columns,
+    every,
 )
 from enginediag_cli.report.result_files import Order, Row, order_windows
-from enginediag_cli.report.sentences import display_scale, maintained
+from enginediag_cli.report.sentences import display_scale, maintained, rounded
 from enginediag_cli.report.tables.fleet import FLIGHT, MAINTENANCE, WHOLE, interval_columns
 from enginediag_cli.units import split_column
 
@@ -273,15 +275,15 @@ FLEET_DARKEST = 8.0
 
 def fleet_map(key: str, engines: Sequence[FleetEngine]) -> Chart | None:
     """Change of each parameter in its standard errors; empty where it is not known, None without such an engine."""
-    shown = [e for e in engines if any(math.isfinite(_score(h)) for h in e.health)][:MOST]
-    names = list(dict.fromkeys(h.words for e in shown for h in e.health if math.isfinite(_score(h))))
+    shown = [e for e in engines if any(math.isfinite(standard_score(h)) for h in e.health)][:MOST]
+    names = list(dict.fromkeys(h.words for e in shown for h in e.health if math.isfinite(standard_score(h))))
     if not shown:
         return None
     x, y, value, words, rows = [], [], [], [], []
     origins: list[RowOrigin] = []
     for line, engine in enumerate(shown):
         for health in engine.health:
-            score = _score(health)
+            score = standard_score(health)
             if not math.isfinite(score):
                 continue
             x.append(names.index(health.words))
@@ -316,7 +318,8 @@ def fleet_map(key: str, engines: Sequence[FleetEngine]) -> Chart | None:
     )
 
 
-def _score(health: ParameterHealth) -> float:
+def standard_score(health: ParameterHealth) -> float:
+    """Its change in standard errors; NaN where it is not known."""
     half = (health.change.high - health.change.low) / 2
     return health.change.value * NORMAL_95 / half if half > 0 else math.nan
 
@@ -327,8 +330,6 @@ APART = 0.06
 """Share of the distance of two flights by which series are moved apart, so that intervals do not cover each other."""
 MOST_FLIGHTS = 60
 """Columns of a heat map that still have a width."""
-HEALTH_DARKEST = 6.0
-"""Standard errors at which a cell is darkest; beyond, everything is plain."""
 
 Known = Mapping[str, Parameter]
 
@@ -346,18 +347,6 @@ def flight_order(rows: Sequence[Row]) -> Order:
     return order_windows(next(iter(group_by_parameter(rows).values()), []))
 
 
-@dataclass(frozen=True)
-class TrendCourse:
-    """What `trend` says of one parameter: from flight `onset`, counted from 1, on; `step` or growing, with the change
-    up to the last flight and its 95 % interval."""
-
-    onset: int
-    step: bool
-    change: float
-    low: float
-    high: float
-
-
 def health_trend(
     key: str,
     rows: Sequence[Row],
@@ -366,11 +355,11 @@ def health_trend(
     marks: Sequence[EventMark] = (),
     *,
     caption: str = "",
-    courses: Mapping[str, TrendCourse] | None = None,
+    levels: Sequence[Row] = (),
 ) -> Chart:
-    """Changes of `names`, all shown in one unit, over the flights of one engine, with 95 % intervals, and with the
-    course that the whole series says."""
-    series = group_by_parameter(rows)
+    """Changes of `names`, all shown in one unit, over the flights of one engine, with 95 % intervals; levels: rows of
+    `trend --what flights`, whose level is drawn as a line in its band."""
+    series, smooth = group_by_parameter(rows), group_by_parameter(levels)
     order = flight_order(rows)
     _, unit = display_scale(known[names[0]])
     layers: list[Layer] = []
@@ -382,14 +371,23 @@ def health_trend(
         mine = series[name]
         change, low, high = ([factor * row.number(c) for row in mine] for c in ("change", "low", "high"))
         places = [row.origin for row in mine]
-        if courses and name in courses:
-            layers += _course(courses[name], order, factor, colour)
+        level = _level(smooth.get(name, ()), factor, colour)
+        layers += level
         x = [x + apart * (colour - (len(names) - 1) / 2) for x in order.x]
         layers.append(Intervals(known[name].words, x, change, low, high, colour, origins=places))
-        rows_of_it = zip(mine, change, low, high, strict=True)
-        cells += [(r.text("flight") or r.count("number"), known[name].words, c, a, b) for r, c, a, b in rows_of_it]
+        together = {r.text("flight") or r.count("number"): factor * r.number("level") for r in smooth.get(name, ())}
+        for row, c, a, b in zip(mine, change, low, high, strict=True):
+            flight = row.text("flight") or row.count("number")
+            cells.append((flight, known[name].words, c, a, b, together.get(flight, NAN)))
         origins += places
-    columns = chart_columns("flight", "parameter", ("change from nominal", unit), ("95 % from", unit), ("to", unit))
+    columns = chart_columns(
+        "flight",
+        "parameter",
+        ("change from nominal, by this flight alone", unit),
+        ("95 % from", unit),
+        ("to", unit),
+        ("by all flights together", unit),
+    )
     return Chart(
         key,
         "Health over flights",
@@ -402,51 +400,58 @@ def health_trend(
     )
 
 
-def _course(course: TrendCourse, order: Order, factor: float, colour: int) -> list[Layer]:
-    """Zero before the onset; then at once, or evenly up to the last flight, which is what a mean rate means."""
-    last = len(order.x)
-    share = [0.0 if k < course.onset else 1.0 for k in range(1, last + 1)]
-    if not course.step:
-        span = max(last - course.onset, 1)
-        share = [max(k - course.onset, 0) / span for k in range(1, last + 1)]
-    line, low, high = ([factor * s * size for s in share] for size in (course.change, course.low, course.high))
-    return [
-        Band("", order.x, low, high, colour),
-        Line("", order.x, line, colour, dashed=True),
-    ]
+def _level(rows: Sequence[Row], factor: float, colour: int) -> list[Layer]:
+    """What all flights together say, where the rows have it and it is not nothing throughout."""
+    if not any(row.number("level") for row in rows if row.text("level")):
+        return []
+    x = order_windows(rows).x
+    line, low, high = ([factor * row.number(c) for row in rows] for c in ("level", "level_low", "level_high"))
+    return [Band("", x, low, high, colour), Line("", x, line, colour)]
 
 
-def health_map(key: str, rows: Sequence[Row], known: Known) -> Chart:
-    """All parameters × flights in standard errors of each flight's own estimate."""
-    series = group_by_parameter(rows)
+def health_map(key: str, rows: Sequence[Row], known: Known) -> Chart | None:
+    """Parameters in per cent × flights by all flights together; None where none of them has changed."""
+    series = {
+        name: mine
+        for name, mine in group_by_parameter(rows).items()
+        if display_scale(known[name])[1] == "%" and (not known[name].belongs_to_instrument or _has_level(mine))
+    }
+    if not any(map(_has_level, series.values())):
+        return None
     order = flight_order(rows)
-    shown = max(0, len(order.x) - MOST_FLIGHTS)
-    labels = [name or f"{x:g}" for name, x in zip(order.names, order.x, strict=True)][shown:]
+    step = every(len(order.x), MOST_FLIGHTS)
+    shown = list(range(0, len(order.x), step))
+    labels = [order.label(k) for k in shown]
     x, y, value, cells = [], [], [], []
     origins: list[RowOrigin] = []
     for line, (name, mine) in enumerate(series.items()):
-        factor, unit = display_scale(known[name])
-        for column, row in enumerate(mine[shown:]):
-            half = (row.number("high") - row.number("low")) / 2
-            score = row.number("change") * NORMAL_95 / half if half > 0 else math.nan
+        factor, _ = display_scale(known[name])
+        for column, row in enumerate(mine[k] for k in shown):
+            level, low, high = (factor * row.number(c) for c in ("level", "level_low", "level_high"))
             x.append(column)
             y.append(line)
-            value.append(score)
-            cells.append((labels[column], known[name].words, score, factor * row.number("change"), unit))
+            value.append(level)
+            cells.append((labels[column], known[name].words, level, low, high))
             origins.append(row.origin)
-    words = [f"{v:.0f}".replace("-", "−") if abs(v) >= 2 else "" for v in value]
-    columns = chart_columns("flight", "parameter", "change in standard errors", "change", "unit")
-    before = f" Of {len(order.x)} flights, the last {len(labels)}." if shown else ""
+    largest = max(map(abs, value))
+    words = [rounded(v, digits=2).replace("-", "−") if abs(v) >= largest / STEPS else "" for v in value]
+    thinned = f"One flight in {step} is drawn, of {len(order.x)}." if step > 1 else ""
+    columns = chart_columns("flight", "parameter", ("change", "%"), ("95 % from", "%"), ("to", "%"))
     return Chart(
         key,
-        "All parameters, flight by flight",
-        Axis(order.axis.label, categories=labels),
+        "All components, flight by flight",
+        Axis("date" if order.axis.dates else order.axis.label, categories=labels),
         Axis("", categories=[known[name].words for name in series]),
-        [HeatCells("change", x, y, value, HEALTH_DARKEST, words, signed=True, origins=origins)],
+        [HeatCells("change from nominal (%)", x, y, value, largest, words, signed=True, origins=origins)],
         ChartTable(columns, cells, origins),
-        "Change of each parameter in standard errors of that flight taken alone, all others free: below 2 is nothing "
-        f"unusual; orange is above nominal, blue below.{before}",
+        "Change of each component as all flights together have it: the lines of the chart above, and what is at "
+        "nominal beside them. Grey is no change.",
+        thinned=thinned,
     )
+
+
+def _has_level(rows: Sequence[Row]) -> bool:
+    return any(row.text("level") and row.number("level") != 0.0 for row in rows)
 
 
 AHEAD = 2.0

@@ -27,13 +27,16 @@ from enginediag_cli.report.plotting import (
     Points,
     RowOrigin,
     colour,
+    format_value,
     shade,
+    shade_scale,
     x_range,
     y_range,
 )
 
-HEIGHT, ROW, CELL, BESIDE = 300, 24, 21, 66
-"""Pixels of a plot, of a row of a lying one, of a row of a heat map, and of what stands above and below rows."""
+HEIGHT, ROW, CELL, BESIDE, BAR = 300, 24, 21, 66, 62
+"""Pixels of a plot, of a row of a lying one, of a row of a heat map, of what stands above and below rows, and of a
+colour bar."""
 DIGITS = 6
 """Significant digits of a coordinate: a screen has four, and zooming in gives two more."""
 WITHOUT = "without the extra enginediag[report] pictures do not move: pip install 'enginediag[report]'"
@@ -86,13 +89,14 @@ def _figure(chart: Chart) -> Any:
     heat = any(isinstance(layer, HeatCells) for layer in chart.layers)
     rows = len(chart.y.categories)
     on = figure(
-        height=(max(rows, 2) * (CELL if heat else ROW) + BESIDE + (60 if heat else 0)) if rows else HEIGHT,
+        x_axis_type="datetime" if chart.x.dates else "auto",
+        height=(max(rows, 2) * (CELL if heat else ROW) + BESIDE + (60 + BAR if heat else 0)) if rows else HEIGHT,
         sizing_mode="stretch_width",
         tools="pan,box_zoom,reset,save",
         toolbar_location="right",
         x_range=models.FactorRange(factors=_names(chart.x))
         if chart.x.categories
-        else models.Range1d(start=low, end=high),
+        else models.Range1d(start=_place(chart.x, low), end=_place(chart.x, high)),
         y_range=models.FactorRange(factors=_names(chart.y)[::-1]) if rows else models.Range1d(start=bottom, end=top),
         output_backend="canvas",
     )
@@ -126,7 +130,7 @@ def _draw(on: Any, chart: Chart, layer: Layer) -> None:
     if isinstance(layer, Band):
         kept = [k for k, (a, b) in enumerate(zip(layer.low, layer.high, strict=True)) if _are_finite(a, b)]
         on.varea(
-            _round_values(layer.x, kept),
+            _places(chart.x, layer.x, kept),
             _round_values(layer.low, kept),
             _round_values(layer.high, kept),
             color=ink,
@@ -135,7 +139,9 @@ def _draw(on: Any, chart: Chart, layer: Layer) -> None:
         )
     elif isinstance(layer, Line):
         dash = "dashed" if layer.dashed else "solid"
-        on.line(_round_values(layer.x), _round_values(layer.y), color=ink, line_width=2, line_dash=dash, **said)
+        x = _places(chart.x, layer.x, range(len(layer.x)))
+        look = {"color": QUIET, "line_width": 1} if layer.quiet else {"color": ink, "line_width": 2}
+        on.line(x, _round_values(layer.y), line_dash=dash, **look, **said)
     elif isinstance(layer, Bars):
         _bars(on, chart, layer, ink, said)
     elif isinstance(layer, HeatCells):
@@ -172,9 +178,30 @@ def _cells(on: Any, chart: Chart, layer: HeatCells) -> None:
     source.data["value"] = _round_values(layer.value, kept)
     source.data["words"] = [layer.words[k] if layer.words else "" for k in kept]
     cells = on.rect("x", "y", 0.97, 0.92, source=source, fill_color="fill", line_color=None)
+    _colour_bar(on, layer)
     if len(chart.x.categories) <= MOST_WORDS:
         on.text("x", "y", "words", source=source, text_align="center", text_baseline="middle", **TEXT)
     _hover(on, chart, cells, source, value=layer.name)
+
+
+def _colour_bar(on: Any, layer: HeatCells) -> None:
+    """Steps of equal width, with the values at their ends."""
+    models, scale = _library("models"), shade_scale(layer)
+    numbers = {k: format_value(low, 2) for k, (low, _, _) in enumerate(scale)}
+    numbers[len(scale)] = format_value(scale[-1][1], 2)
+    bar = models.ColorBar(
+        color_mapper=models.LinearColorMapper(palette=[fill for _, _, fill in scale], low=0, high=len(scale)),
+        ticker=models.FixedTicker(ticks=list(numbers)),
+        major_label_overrides=numbers,
+        title=layer.name,
+        height=10,
+        background_fill_alpha=0.0,
+        major_tick_line_color=None,
+        title_text_color=INK,
+        major_label_text_color=INK,
+        title_text_font_style="normal",
+    )
+    on.add_layout(bar, "below")
 
 
 MOST_WORDS = 24
@@ -195,7 +222,7 @@ def _source(chart: Chart, layer: Points | Intervals | Bars | HeatCells, kept: Se
 
 def _hover(on: Any, chart: Chart, glyph: Any, source: Any, *, interval: bool = False, value: str = "") -> None:
     """Text at the pointer: the place, the number, and where both come from."""
-    tips = [(chart.x.label or "at", "@x"), (chart.y.label or "of", "@y")]
+    tips = [(chart.x.label or "at", "@x{%F}" if chart.x.dates else "@x"), (chart.y.label or "of", "@y")]
     if interval:
         tips.append(("95 %", "@low to @high"))
     if value:
@@ -204,7 +231,8 @@ def _hover(on: Any, chart: Chart, glyph: Any, source: Any, *, interval: bool = F
         tips.append(("line", "@file @row" if "file" in source.data else "@row"))
     safe = [(re.sub(r"[@$%{}]", "", name)[:60], text) for name, text in tips]
     hover = _library("models").HoverTool
-    on.add_tools(hover(renderers=[glyph], tooltips=safe, attachment="vertical", visible=False))
+    form = {"@x": "datetime"} if chart.x.dates else {}
+    on.add_tools(hover(renderers=[glyph], tooltips=safe, formatters=form, attachment="vertical", visible=False))
 
 
 def _marks(on: Any, chart: Chart) -> None:
@@ -215,19 +243,28 @@ def _marks(on: Any, chart: Chart) -> None:
         on.add_layout(models.Label(x=6, x_units="screen", y=level.y, text=level.words, **LABEL))
     for mark in chart.marks:
         if mark.end is not None and mark.end > mark.x:
-            on.add_layout(models.BoxAnnotation(left=mark.x, right=mark.end, fill_color=QUIET, fill_alpha=0.12))
-        on.add_layout(models.Span(location=mark.x, dimension="height", line_color=QUIET, line_dash="dashed"))
-        on.add_layout(models.Label(x=mark.x, y=4, y_units="screen", x_offset=4, text=mark.words, **LABEL))
+            ends = {"left": _place(chart.x, mark.x), "right": _place(chart.x, mark.end)}
+            on.add_layout(models.BoxAnnotation(**ends, fill_color=QUIET, fill_alpha=0.12))
+        x = _place(chart.x, mark.x)
+        on.add_layout(models.Span(location=x, dimension="height", line_color=QUIET, line_dash="dashed"))
+        on.add_layout(models.Label(x=x, y=4, y_units="screen", x_offset=4, text=mark.words, **LABEL))
 
 
 LABEL = {"text_color": QUIET, "text_font_size": "11px"}
 
 
 def _places(axis: Axis, values: Sequence[float], kept: Sequence[int]) -> list[Any]:
+    if axis.dates:
+        return [round(_place(axis, values[k])) for k in kept]
     if not axis.categories:
         return _round_values(values, kept)
     names = _names(axis)
     return [names[round(values[k])] for k in kept]
+
+
+def _place(axis: Axis, value: float) -> float:
+    """A number of an axis as the library has it: dates in milliseconds."""
+    return 1000.0 * value if axis.dates else value
 
 
 def _names(axis: Axis) -> list[str]:

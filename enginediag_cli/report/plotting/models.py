@@ -7,11 +7,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from enginediag_cli.engine.components.turbomachinery import Compressor
+from enginediag_cli.engine.evaluation import P_ISA, T_ISA
 from enginediag_cli.errors import NoVerdictError
 from enginediag_cli.identification.nominal import EVERYTHING, SensorQuality
+from enginediag_cli.parameters import Parameter, spelled
 from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.report.plotting import (
     Axis,
@@ -29,7 +34,6 @@ from enginediag_cli.report.plotting import (
     chart_columns,
 )
 from enginediag_cli.report.plotting.health import (
-    TrendCourse,
     health_trend,
     maintenance_marks,
     margin_forecast,
@@ -43,8 +47,11 @@ from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.series import Series
+    from enginediag_cli.history.engines import EngineTrend
     from enginediag_cli.identification.identify import Identification
     from enginediag_cli.isolation.windows import IsolatedWindow
+    from enginediag_cli.residuals.monitor import Monitor
+    from enginediag_cli.residuals.windows import WindowStatistics
 
 
 CHI2, RMS = "chi2 per reading", "rms"
@@ -222,6 +229,156 @@ def _all_regimes(qualities: Sequence[SensorQuality]) -> list[SensorQuality]:
     return [q for q in qualities if q.regime == EVERYTHING and q.n]
 
 
+@dataclass(frozen=True)
+class OperatingMap:
+    """The map of a compressor with the points flown: corrected flow [kg/s] and pressure ratio of the nominal engine, of
+    the engine as found, along speed lines (by their names) and of surge, None where the engine file has no line."""
+
+    component: str
+    nominal: tuple[np.ndarray, np.ndarray]
+    found: tuple[np.ndarray, np.ndarray]
+    lines: Mapping[str, tuple[np.ndarray, np.ndarray]]
+    surge: tuple[np.ndarray, np.ndarray] | None = None
+
+
+FLOWN_FLIGHTS, MOST_SPEEDS = 10, 7
+"""Last flights whose points are drawn on a map; and speed lines of it."""
+
+
+def operating_maps(
+    monitor: Monitor, windows: Sequence[WindowStatistics], change: Mapping[str, float]
+) -> list[OperatingMap]:
+    """Of each compressor, from a few records of the last flights; change: of parameters, in their units. None of an
+    engine whose network is not known."""
+    engine: Any = monitor.engine
+    network = getattr(engine, "network", None)
+    flown = [w.sample_inputs for w in windows[-FLOWN_FLIGHTS:] if w.sample_inputs]
+    compressors = [c for c in network.components if isinstance(c, Compressor)] if network is not None else []
+    if network is None or not flown or not compressors:
+        return []
+    inputs = {c: np.concatenate([one[c] for one in flown]) for c in flown[0]}
+    columns = [column for c in compressors for column in _map_columns(c)]
+    base = {name: value for name, value in monitor.base.items() if name in engine.parameters}
+    moved = {name: base.get(name, engine.parameters[name].nominal) + x for name, x in change.items() if x}
+    moved = {name: x for name, x in moved.items() if not engine.parameters[name].belongs_to_instrument}
+    states = []
+    for parameters in (base, {**base, **moved}):
+        values = dict(zip(columns, engine.predict(inputs, parameters, sensors=columns).y.T, strict=True))
+        states.append([_map_point(c, values) for c in compressors])
+    return [
+        OperatingMap(spelled(c.name), nominal, found, _speed_lines(c, network.gas, speed), c.surge_points())
+        for c, (*nominal_point, speed), (*found_point, _) in zip(compressors, *states, strict=True)
+        for nominal, found in [((nominal_point[0], nominal_point[1]), (found_point[0], found_point[1]))]
+        if np.isfinite(speed).any()
+    ]
+
+
+def _map_columns(c: Compressor) -> tuple[str, ...]:
+    station = c.values["from"]
+    named = (f"{c.name}_pressure_ratio", f"{c.name}_corrected_rpm")
+    return (f"W{station}_kg_s", f"T{station}_K", f"P{station}_Pa", *named)
+
+
+def _map_point(c: Compressor, values: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Corrected flow, pressure ratio and corrected speed in shares of the design's."""
+    W, T, P, ratio, rpm = (values[column] for column in _map_columns(c))
+    return W * np.sqrt(T / T_ISA) / (P / P_ISA), ratio, rpm / (c.speed_scale * c.design_map_speed)
+
+
+def _speed_lines(c: Compressor, gas: Any, speed: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    low, high = np.nanmin(speed), np.nanmax(speed)
+    step = next(s for s in (0.02, 0.05, 0.1, 0.2, 0.5, 1.0) if (high - low) / s <= MOST_SPEEDS - 2)
+    first, last = math.floor(low / step), math.ceil(high / step)
+    return {f"{100 * k * step:.0f} %": c.speed_line(gas, k * step) for k in range(first, last + 1)}
+
+
+def operating_line(key: str, found: OperatingMap) -> Chart:
+    """Points flown on the map of a compressor."""
+    layers: list[Layer] = [Line("", x.tolist(), y.tolist(), quiet=True) for x, y in found.lines.values()]
+    if found.surge is not None:
+        layers.append(Line("surge", found.surge[0].tolist(), found.surge[1].tolist(), 1))
+    layers.append(Points("nominal engine", found.nominal[0].tolist(), found.nominal[1].tolist(), 0))
+    if not np.allclose(found.nominal[1], found.found[1], equal_nan=True):
+        layers.append(Points("engine as found", found.found[0].tolist(), found.found[1].tolist(), 1))
+    speeds = list(found.lines)
+    names = f"{speeds[0]} to {speeds[-1]}" if speeds else ""
+    rows = list(zip(*(v.tolist() for v in (*found.nominal, *found.found)), strict=True))
+    columns = chart_columns(
+        ("corrected flow, nominal engine", "kg/s"),
+        "pressure ratio, nominal engine",
+        ("corrected flow, engine as found", "kg/s"),
+        "pressure ratio, engine as found",
+    )
+    return Chart(
+        key,
+        f"Operating line of the {found.component}",
+        Axis("corrected flow", "kg/s"),
+        Axis("pressure ratio"),
+        layers,
+        ChartTable(columns, rows),
+        f"Points of the last flights on the map; thin lines: corrected speed from {names} of the design's.",
+    )
+
+
+def isolability(key: str, window: WindowStatistics, origin: RowOrigin, known: Mapping[str, Parameter]) -> Chart | None:
+    """How far one window separates a plausible change of one suspect from all that another could imitate it by; None
+    without statistics.
+
+    d: change by one prior standard deviation of each parameter, in the direction of wear; S_ij = J_ii − J_ij J_jj⁺ J_ji
+    with the information J; shown is (dᵀ S_ij d)^½, standard errors.
+    """
+    statistics = window.statistics
+    if statistics is None:
+        return None
+    names = [name for name in statistics.parameters if name in known]
+    owners: dict[str, list[int]] = {}
+    for name in names:
+        owners.setdefault(known[name].component, []).append(statistics.parameters.index(name))
+    scale = statistics.prior_sigma
+    F = statistics.F * scale * scale[:, None]
+    J = F @ np.linalg.pinv(statistics.V * scale * scale[:, None], hermitian=True) @ F
+    words = [known[statistics.parameters[at[0]]].part or owner for owner, at in owners.items()]
+    x, y, value, rows = [], [], [], []
+    for i, mine in enumerate(owners.values()):
+        d = np.array([float(known[statistics.parameters[k]].wear or 1) for k in mine])
+        if known[statistics.parameters[mine[0]]].belongs_to_instrument:
+            d[1:] = 0.0  # an instrument is wrong in one form
+        for j, other in enumerate(owners.values()):
+            if i == j:
+                continue
+            cross = J[np.ix_(mine, other)]
+            S = J[np.ix_(mine, mine)] - cross @ np.linalg.pinv(J[np.ix_(other, other)], hermitian=True) @ cross.T
+            x.append(j)
+            y.append(i)
+            value.append(float(np.sqrt(max(d @ S @ d, 0.0))))
+            rows.append((words[i], words[j], value[-1]))
+    if not value:
+        return None
+    label = f"flight {window.flight}" if window.flight else window.source
+    return Chart(
+        key,
+        "Isolability",
+        Axis("mistaken for", categories=words),
+        Axis("", categories=words),
+        [
+            HeatCells(
+                "standard errors between them",
+                x,
+                y,
+                value,
+                SEPARATE,
+                [f"{v:.0f}" if v < SEPARATE else "" for v in value],
+                origins=[origin] * len(x),
+            )
+        ],
+        ChartTable(chart_columns("suspect", "mistaken for", "standard errors between them"), rows, [origin] * len(x)),
+        f"How far {label} alone separates a plausible change of a row's suspect from everything that the column's "
+        "could do. Below 2 they are indistinguishable; n flights like it separate them by √n times as much.",
+    )
+
+
+SEPARATE = 10.0
+"""Standard errors from which two suspects are far apart."""
 LIKELY = 0.5
 """Probability from which a parameter is drawn as one that changed."""
 
@@ -255,16 +412,12 @@ def isolation_chart(windows: Sequence[IsolatedWindow]) -> Chart:
     raise NoVerdictError("--picture: no window that was judged has statistics with every sensor's error")
 
 
-LASTING = ("step", "deterioration")
-"""Kinds whose course is drawn from the onset to the last flight, where nothing has ended it."""
-
-
-def trend_chart(series: Series, rows: Sequence[Mapping[str, Any]]) -> Chart:
-    """Of the first engine in which something changed, else of the first: its health over flights; rows: of `trend`.
-    Raises NoVerdictError where no engine has flights."""
+def trend_chart(series: Series, rows: Sequence[Mapping[str, Any]], histories: Mapping[str, EngineTrend]) -> Chart:
+    """Of the first engine in which something changed, else of the first: its health over flights; rows: of `trend`;
+    histories: engine → what is known of it. Raises NoVerdictError where no engine has flights."""
     from enginediag_cli.report.tables.trend import flight_rows
 
-    flights = [_row(row) for row in flight_rows(series)]
+    flights = [_row(row) for row in flight_rows(series, histories)]
     if not flights:
         raise NoVerdictError("--picture: no flight has statistics that could be drawn")
     changed = [row for row in rows if row.get("onset") and row.get("parameter") and row["probability"] >= LIKELY]
@@ -275,26 +428,19 @@ def trend_chart(series: Series, rows: Sequence[Mapping[str, Any]]) -> Chart:
     _, unit = display_scale(series.parameters[names[0]])
     names = [name for name in names if display_scale(series.parameters[name])[1] == unit]
     one = [row for row in mine if row.text("parameter") == names[0]]
-    told = ""
+    levels, shown = mine, ""
     if of_it:
         windows = [
             (replace(x.window, statistics=x.statistics), RowOrigin(x.window.source, f"{x.window.first_line}"))
             for x in series.stretches[engine]
         ]
-        mine, told = conditional_rows(windows, [str(row["parameter"]) for row in of_it]), ALONE
+        mine, shown = conditional_rows(windows, [str(row["parameter"]) for row in of_it]), ALONE
     order, marks = order_windows(one), []
     for row in of_it[:1]:
         low, high = order.number_position(row["onset_low"]), order.number_position(row["onset_high"])
         if low is not None:
             marks.append(EventMark(low, f"onset: {series.parameters[names[0]].part}", high))
-    courses = {
-        str(row["parameter"]): TrendCourse(
-            int(row["onset"]), row["kind"] == "step", row["change"], row["change_low"], row["change_high"]
-        )
-        for row in of_it
-        if row["kind"] in LASTING and row.get("end") is None
-    }
-    return health_trend("trend", mine, names, series.parameters, marks, caption=told, courses=courses)
+    return health_trend("trend", mine, names, series.parameters, marks, caption=shown, levels=levels)
 
 
 def margin_chart(rows: Sequence[Mapping[str, Any]]) -> Chart:

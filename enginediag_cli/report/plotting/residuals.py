@@ -179,12 +179,19 @@ Answers = Sequence[tuple[tuple[str, ...], float]]
 def window_fingerprint(
     key: str, window: WindowStatistics, origin: RowOrigin, answers: Answers, known: Mapping[str, Parameter]
 ) -> Chart | None:
-    """None where the statistics hold no error of any sensor, or no parameter of an answer."""
+    """Of the answers that differ in what they predict, the leading ones. None where the statistics hold no error of any
+    sensor."""
     statistics = window.statistics
-    shown = [answer for answer in answers[: MOST_RIVALS + 1] if answer[0]]
+    shown = [a for a in answers if statistics is not None and a[0] and set(a[0]) <= set(statistics.parameters)]
     found = None if statistics is None else isolation_fingerprint(statistics, [names for names, _ in shown])
     if found is None or statistics is None:
         return None
+    kept: list[int] = []
+    for k, values in enumerate(found.predicted):
+        apart = [np.max(np.abs(values - found.predicted[other]) / found.error) for other in kept]
+        if len(kept) <= MOST_RIVALS and all(a > 1.0 for a in apart):  # less than a standard error is no difference
+            kept.append(k)
+    shown, predicted = [shown[k] for k in kept], found.predicted[kept]
     meaning = statistics.meaning
     sensors = [meaning[name].part.removesuffix(" sensor") for name in found.biases]
     units = [meaning[name].shown_unit for name in found.biases]
@@ -192,7 +199,7 @@ def window_fingerprint(
     name = f"flight {window.flight}" if window.flight else lines
     told = [
         PredictedAnswer(listed([p.words for p in meanings(known, names).values()]), chance, list(values))
-        for (names, chance), values in zip(shown, found.predicted.tolist(), strict=True)
+        for (names, chance), values in zip(shown, predicted.tolist(), strict=True)
     ]
     deviations = Deviations(name, sensors, units, found.deviation.tolist(), found.error.tolist(), origin)
     return fingerprint(key, deviations, told)
@@ -322,6 +329,10 @@ def sensors_health(
                 (masked or {}).get(name, 0),
             )
         )
+    shown = [
+        f"{q}: reads wrong ({wrong[n]:.2f})" if wrong.get(n, 0.0) >= LIKELY else q
+        for n, (q, *_) in zip(names, rows, strict=True)
+    ]
     columns = chart_columns(
         "reading",
         "scatter over identified noise",
@@ -336,13 +347,25 @@ def sensors_health(
         key,
         "Health of the instruments",
         Axis("scatter about the mean of its flight, over the noise identified"),
-        Axis("", categories=[row[0] for row in rows]),
-        [Bars("", list(range(len(names))), scatter, 0, thick=0.55)],
+        Axis("", categories=shown),
+        [Points("", scatter, list(range(len(names))), 0)],
         ChartTable(columns, rows),
-        "An instrument that scatters as it did when it was identified is at 1. A failing one scatters more, a stuck "
-        "one less; so does one that sees what the model lacks.",
+        _instrument_words(wrong)
+        + "An instrument that scatters as it did when it was identified is at 1. A failing one "
+        "scatters more, a stuck one less; so does one that sees what the model lacks.",
         [EventMark(1.0, "as identified")],
     )
+
+
+LIKELY = 0.5
+"""Probability from which an instrument is reported as wrong."""
+
+
+def _instrument_words(wrong: Mapping[str, float]) -> str:
+    found = [split_column(column)[0] for column, p in wrong.items() if p >= LIKELY]
+    if found:
+        return f"{listed(found)} probably {'reads' if len(found) == 1 else 'read'} wrong. "
+    return "None of them reads wrong by the series. " if wrong else ""
 
 
 def _scatter(values: np.ndarray, stretches: list[np.ndarray]) -> float:

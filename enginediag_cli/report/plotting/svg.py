@@ -29,6 +29,10 @@ from enginediag_cli.report.plotting import (
     Line,
     Points,
     colour,
+    date_ticks,
+    date_words,
+    format_value,
+    shade_scale,
     x_range,
     y_range,
 )
@@ -188,6 +192,7 @@ class Panel:
     height: float
     x_range: tuple[float, float]
     y_range: tuple[float, float]
+    dates: bool = False
 
     def to_pixels(self, x: float, y: float) -> tuple[float, float]:
         """Pixels of a point of the data; what lies outside is put on the edge."""
@@ -198,10 +203,10 @@ class Panel:
     def draw(self, on: Drawing, x_label: str, y_label: str) -> None:
         """Frame, grid, ticks and names of the axes."""
         bottom = self.top + self.height
-        for x in ticks(*self.x_range):
+        for x in date_ticks(*self.x_range) if self.dates else ticks(*self.x_range):
             u, _ = self.to_pixels(x, self.y_range[0])
             on.line(u, self.top, u, bottom, FAINT)
-            on.words(u, bottom + 17, _signed(x), anchor="middle")
+            on.words(u, bottom + 17, date_words(x) if self.dates else _signed(x), anchor="middle")
         for y in ticks(*self.y_range):
             _, v = self.to_pixels(self.x_range[0], y)
             on.line(self.left, v, self.left + self.width, v, INK if y == 0 else FAINT)
@@ -300,7 +305,10 @@ def picture(chart: Chart, *, titled: bool = True) -> Drawing:
     left = _left_margin(chart)
     height = _height(chart)
     turned = _label_height(chart)
-    on = Drawing(WIDTH, top + height + (turned or FOOT) + 6, f"{chart.title}. {chart.caption}".strip())
+    heat = next((layer for layer in chart.layers if isinstance(layer, HeatCells)), None)
+    foot = (turned or FOOT) + 6
+    below = BAR if heat else 0.0
+    on = Drawing(WIDTH, top + height + foot + below, f"{chart.title}. {chart.caption}".strip())
     y = MARGIN
     if titled:
         on.words(MARGIN, y + 14, chart.title, letters=TITLE)
@@ -311,12 +319,30 @@ def picture(chart: Chart, *, titled: bool = True) -> Drawing:
     for number, row in enumerate(rows):
         _legend(on, row, y + 12 + 18 * number)
     kind = _RowPanel if chart.lying else Panel
-    panel = kind(left, top, WIDTH - left - MARGIN, height, x_range(chart), y_range(chart))
+    panel = kind(left, top, WIDTH - left - MARGIN, height, x_range(chart), y_range(chart), chart.x.dates)
     _frame(on, chart, panel, turned)
     for layer in chart.layers:
         _draw(on, layer, panel)
     _marks(on, chart, panel)
+    if heat is not None:
+        _colour_bar(on, heat, panel, top + height + foot)
     return on
+
+
+BAR, SHADE_WIDTH, SHADE_HEIGHT = 44.0, 44.0, 12.0
+"""Pixels of a colour bar with its numbers, and of one shade of it."""
+
+
+def _colour_bar(on: Drawing, layer: HeatCells, panel: Panel, top: float) -> None:
+    """The shades with the values between which they are, and what they are values of."""
+    scale = shade_scale(layer)
+    left = panel.left
+    for k, (low, _, fill) in enumerate(scale):
+        on.rectangle(left + k * SHADE_WIDTH, top + 4, SHADE_WIDTH, SHADE_HEIGHT, fill)
+        on.words(left + k * SHADE_WIDTH, top + 31, format_value(low, 2), letters=SMALL, anchor="middle")
+    end = left + len(scale) * SHADE_WIDTH
+    on.words(end, top + 31, format_value(scale[-1][1], 2), letters=SMALL, anchor="middle")
+    on.words(end + 12, top + 14, layer.name, letters=SMALL)
 
 
 def _head(chart: Chart) -> list[str]:
@@ -395,7 +421,8 @@ def _draw(on: Drawing, layer: Layer, panel: Panel) -> None:
                 on.rectangle(min(u, zero), v - thick / 2, max(abs(u - zero), 1.0), thick, ink)
     elif isinstance(layer, Line):
         for run in _runs(layer):
-            on.path([panel.to_pixels(x, y) for x, y in run], ink, dashed=layer.dashed)
+            stroke, width = (QUIET, 1.0) if layer.quiet else (ink, 2.0)
+            on.path([panel.to_pixels(x, y) for x, y in run], stroke, width=width, dashed=layer.dashed)
     elif isinstance(layer, Intervals):
         _intervals(on, layer, panel, ink)
     else:
@@ -423,7 +450,6 @@ def _cells(on: Drawing, layer: HeatCells, panel: Panel) -> None:
     for x, y, value, text in zip(layer.x, layer.y, layer.value, words, strict=True):
         u, v = panel.to_pixels(x, y)
         if not math.isfinite(value):
-            on.rectangle(u - width / 2 + 1, v - CELL / 2 + 1, width - 2, CELL - 2, "#eeeeee", hint="not known")
             continue
         fill, ink = model_shade(value, layer.largest, layer.rooted)
         on.rectangle(u - width / 2 + 1, v - CELL / 2 + 1, width - 2, CELL - 2, fill)

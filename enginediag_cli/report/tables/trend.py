@@ -6,7 +6,7 @@ One row per parameter, per event, per flight and parameter, or per flight and ev
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from enginediag_cli.detection.series import estimate_flight_change, has_times
@@ -319,7 +319,8 @@ def component_rows(
 
 
 class FlightParameter(NamedTuple):
-    """The change of a parameter in one flight of a series."""
+    """The change of a parameter in one flight of a series; level, deviation: as all flights together have it, where a
+    history was judged."""
 
     engine: str
     number: int
@@ -329,6 +330,15 @@ class FlightParameter(NamedTuple):
     change: float
     error: float
     unit: str
+    level: float | None = None
+    deviation: float = 0.0
+
+    @property
+    def time_s(self) -> float | None:
+        return self.stretch.window.start_s if has_times(self.stretch.window) else None
+
+    def level_end(self, side: int) -> float | None:
+        return None if self.level is None else self.level + side * NORMAL_95 * self.deviation
 
 
 flight_column: Columns[FlightParameter] = Columns()
@@ -352,22 +362,36 @@ FLIGHTS: Table[FlightParameter] = Table(
             "high", "number", "upper end of the 95 % interval", lambda r: r.change + NORMAL_95 * r.error, _PARAMETER
         ),
         flight_column("unit", "text", "unit of the change; 1 is a share of nominal"),
+        flight_column("level", "number?", "its change as all flights together have it", unit=_PARAMETER),
+        flight_column(
+            "level_low", "number?", "lower end of its 95 % interval", lambda r: r.level_end(-1), unit=_PARAMETER
+        ),
+        flight_column(
+            "level_high", "number?", "upper end of its 95 % interval", lambda r: r.level_end(1), unit=_PARAMETER
+        ),
+        flight_column("time_s", "number?", "when the flight begins, where the recording has a time", unit="s"),
     ),
-    ("engine", "number", "flight", "parameter", "change", "low", "high", "unit", "records", "source"),
+    (
+        *("engine", "number", "flight", "parameter", "change", "low", "high", "unit"),
+        *("level", "level_low", "level_high", "records", "source"),
+    ),
 )
 
 
-def flight_rows(series: Series) -> Iterator[dict[str, Any]]:
-    """Changes from nominal, in the parameter's unit, with 95 % intervals."""
+def flight_rows(series: Series, histories: Mapping[str, EngineTrend] | None = None) -> Iterator[dict[str, Any]]:
+    """Changes from nominal, in the parameter's unit, with 95 % intervals; histories: by engine, what all its flights
+    together say."""
     counts: Counter[str] = Counter()
     for engine, stretches in series.stretches.items():
+        history = (histories or {}).get(engine)
         for stretch in stretches:
             counts[engine] += 1
             found = estimate_flight_change(stretch.statistics)
+            levels = {} if history is None else history.flight_levels(counts[engine])
             for name, size, error in zip(found.parameters, found.change, found.standard_error, strict=True):
-                unit = series.parameters[name].unit
+                unit, level = series.parameters[name].unit, levels.get(name, (None, 0.0))
                 yield FLIGHTS.row(
-                    FlightParameter(engine, counts[engine], stretch, found.records, name, size, error, unit)
+                    FlightParameter(engine, counts[engine], stretch, found.records, name, size, error, unit, *level)
                 )
 
 
