@@ -113,11 +113,13 @@ def margin_scale(series: Series, among: Collection[str] = (), at: Mapping[str, f
 
 @dataclass(frozen=True)
 class ReferencePoint:
-    """An operating point of the healthy engine: words for which it is, inputs, and its hottest column."""
+    """An operating point of the healthy engine: words for which it is, inputs, its hottest column, and the unknowns
+    (nx, 1) that solve it, none where the engine is to find them."""
 
     words: str
     inputs: dict[str, float]
     column: str
+    start: np.ndarray | None = None
 
 
 def _reference(monitor: Monitor, engine: Any, columns: list[str], at: Mapping[str, float]) -> ReferencePoint | None:
@@ -130,9 +132,10 @@ def _reference(monitor: Monitor, engine: Any, columns: list[str], at: Mapping[st
     inputs = rated_inputs(engine, at) if isinstance(engine, Engine) else None
     why = "its file gives no rating for a power setting"
     if inputs is not None:
-        found = engine.predict(inputs, base, sensors=columns)
+        # from the design point, so that no digit depends on what the engine has computed before
+        found = engine.predict(inputs, base, sensors=columns, start=np.array([[u.start] for u in engine.unknowns]))
         if found.ok[0]:
-            return ReferencePoint(STATED if at else TAKE_OFF, inputs, columns[int(np.argmax(found.y[0]))])
+            return ReferencePoint(STATED if at else TAKE_OFF, inputs, columns[int(np.argmax(found.y[0]))], found.x)
         why = found.reason(0)
     if at:
         raise DataError(
@@ -187,7 +190,7 @@ def _compute_scale(monitor: Monitor, engine: Any, columns: list[str], point: Ref
     names = [n for n in monitor.monitored if n in engine.parameters and not monitor.meaning[n].belongs_to_instrument]
     asked = (column, *delivers[:1])
     inputs = {c: np.array([v]) for c, v in point.inputs.items()}
-    here = engine.predict(inputs, base, sensors=asked, wrt=(*names, setting))
+    here = engine.predict(inputs, base, sensors=asked, wrt=(*names, setting), start=point.start)
     J = np.asarray(here.jacobian[0])
     slope, held = J[0, :-1], setting
     if delivers and J[1, -1]:
