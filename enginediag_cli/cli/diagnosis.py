@@ -139,7 +139,7 @@ class MethodName(click.ParamType):
     OPERATION,
     "--follow",
     is_flag=True,
-    help="Judge records as they arrive, from standard input or a growing file: one row per --window records (20). "
+    help="Judge records as they arrive, from standard input or a growing file: one row per --window records (5). "
     "--false-alarm then holds for a whole flight.",
 )
 @option(

@@ -7,10 +7,6 @@ Where the error of each output sensor is among the parameters, the statistics of
 whatever R is, summed over records or with everything uncertain about nominal counted as noise. Statistics without
 sensors have directions of the parameters in their place, as far as every epoch determines them.
 
-The readings of an instrument of an input are part of the series, too: an error of it is in its own
-readings by as much as it moves the prediction, and at the same time. Weather and a governor move them, which is
-learnt as any wandering is; what no weather does, such as two kilopascals between two hours, no barometer did unseen.
-
 `Series` holds the statistics of flights, read from files: windows of a flight are added up, flights of an engine follow
 each other, across files. `estimate_flight_change` gives the change of each parameter in one flight.
 """
@@ -24,13 +20,11 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from enginediag_cli.engine.instrument_errors import InputError
 from enginediag_cli.errors import DataError
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.files import Window
 from enginediag_cli.residuals.instruments import FaultInFlights, InstrumentFault, faults_in_flights
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.reduced import input_error_effects
 from enginediag_cli.residuals.statistics import LocalStatistics
 from enginediag_cli.residuals.windows import WindowStatistics, join_bookkeeping
 
@@ -38,19 +32,13 @@ LEAST_INFORMATION = 1e-6
 """Share of the information of the best determined direction below which a direction is not determined."""
 
 
-OVER_GAPS = 0.25
-"""Share of the epochs of a joined series that begin after the longest times without any."""
-
-
 @dataclass(frozen=True)
 class Readings:
-    """n epochs in order of time, m readings, p parameters that may change.
+    """n flights in order of time, m readings, p parameters that may change.
 
     z (n, m): readings minus prediction in units of their noise; J (n, m, p): what one prior standard deviation D (p,)
-    of each parameter adds to them; noise (m, m): covariance of z by the stated noise; clock (n,): mean time, in any
-    unit that runs forward; flights (n,): how many flights or windows an epoch holds; first (n,): number of its first
-    one, from 0; weather (n, c): functions of the conditions flown, of mean 0 and unit size. The last `inputs` of the m
-    are what instruments of inputs read, in units of what they differ by from one epoch to the next.
+    of each parameter adds to them; noise (m, m): covariance of z by the stated noise; number (n,): of each flight, from
+    0; weather (n, c): functions of the conditions flown, of mean 0 and unit size.
     """
 
     parameters: tuple[str, ...]
@@ -58,42 +46,11 @@ class Readings:
     z: np.ndarray
     J: np.ndarray
     noise: np.ndarray
-    clock: np.ndarray
-    flights: np.ndarray
-    first: np.ndarray
+    number: np.ndarray
     weather: np.ndarray
-    inputs: int = 0
 
     def __len__(self) -> int:
         return len(self.z)
-
-    def merge_epochs(self, most: int) -> Readings:
-        """The same series in `most` epochs at most, none of which reaches over one of the longest times without any:
-        what changed in such a time would be half in its epoch."""
-        n = len(self)
-        if n <= most:
-            return self
-        gap = np.diff(self.clock)
-        longest = np.argsort(-gap, kind="stable")[: int(OVER_GAPS * most)]
-        longest = longest[gap[longest] > np.median(gap)]
-        even = np.linspace(0, n, most - len(longest), endpoint=False).round().astype(int)
-        at = np.unique(np.concatenate([even, longest + 1]))
-        total = np.add.reduceat(self.flights, at)
-
-        def mean(values: np.ndarray) -> np.ndarray:
-            weight = self.flights.reshape(-1, *[1] * (values.ndim - 1))
-            return np.add.reduceat(values * weight, at, axis=0) / total.reshape(-1, *[1] * (values.ndim - 1))
-
-        return replace(
-            self,
-            z=mean(self.z),
-            J=mean(self.J),
-            clock=mean(self.clock),
-            weather=mean(self.weather),
-            noise=self.noise * len(at) / n,
-            flights=total,
-            first=self.first[at],
-        )
 
 
 @dataclass(frozen=True)
@@ -133,15 +90,10 @@ class EpochStatistics:
 def build_readings(
     statistics: Sequence[LocalStatistics | EpochStatistics],
     described: Sequence[Parameter],
-    clock: np.ndarray,
     conditions: np.ndarray | None = None,
-    read: Mapping[str, InputReadings] | None = None,
-    effects: Mapping[str, Mapping[str, np.ndarray]] | None = None,
 ) -> Readings:
-    """One epoch per element, in order; described (p,): their parameters that may change; conditions (n, c): means of
-    what was flown; read: what the instruments of inputs read, by column; effects: of errors of inputs, what one prior
-    standard deviation does to the reading (n,) of each sensor, by the name of its bias, where that is not what the
-    statistics say. ValueError when the statistics are of different parameters."""
+    """One flight per element, in order; described (p,): their parameters that may change; conditions (n, c): means of
+    what was flown. ValueError when the statistics are of different parameters."""
     first = statistics[0]
     if any(x.parameters != first.parameters for x in statistics):
         raise ValueError("statistics of different parameters have no common trend")
@@ -170,27 +122,19 @@ def build_readings(
     J = FJ if np.all(kept) else FJ[kept]
     for epoch, of_epoch in zip(inverse, J, strict=True):
         of_epoch[:] = epoch @ of_epoch
-    place = {p.name: i for i, p in enumerate(described)}
-    for name, on in (effects or {}).items():
-        # a bias of one prior standard deviation is the unit of its reading
-        if name in place and told and all(described[i].name in on for i in told):
-            J[:, :, place[name]] = np.stack([on[described[i].name] / D[i] for i in told], axis=1)[kept]
     noise = np.median(inverse, axis=0)
     scale = np.sqrt(np.diag(noise))
     J /= scale[:, None]
     n = int(kept.sum())
-    found = Readings(
+    return Readings(
         tuple(p.name for p in described),
         D,
         z / scale,
         J,
         noise / scale / scale[:, None],
-        np.asarray(clock, float)[kept],
-        np.ones(n),
         np.flatnonzero(kept),
         _condition_functions(conditions[kept]) if conditions is not None else np.zeros((n, 0)),
     )
-    return _add_input_readings(found, [each.select(kept) for each in (read or {}).values()])
 
 
 def _determined_directions(F: np.ndarray) -> np.ndarray:
@@ -206,69 +150,6 @@ def _determined_directions(F: np.ndarray) -> np.ndarray:
 
 MOST_EPOCHS = 0.9
 """Share of the epochs that must determine a direction: the other directions are excluded."""
-FEWEST_READ = 12
-"""Epochs below which what an input does by itself is not known."""
-
-
-@dataclass(frozen=True)
-class InputReadings:
-    """What the instrument of an input read in each of n epochs, `values` (n,), and what one unit of each of its errors
-    adds to that, `errors`: name → (n,)."""
-
-    values: np.ndarray
-    errors: Mapping[str, np.ndarray]
-
-    def select(self, kept: np.ndarray) -> InputReadings:
-        """In the epochs `kept` (n,) bool."""
-        return InputReadings(self.values[kept], {name: added[kept] for name, added in self.errors.items()})
-
-
-def _add_input_readings(readings: Readings, read: Sequence[InputReadings]) -> Readings:
-    """The series with what the instruments of inputs `read`; one that reads the same all the time is none."""
-    rows, effects = [], []
-    for instrument in read:
-        values, known = instrument.values, [n for n in instrument.errors if n in readings.parameters]
-        between = np.abs(np.diff(values))
-        moved = between[between > VARIES * np.abs(values).max()]
-        if not known or len(readings) < FEWEST_READ or not len(moved):
-            continue
-        unit = float(np.median(moved))
-        effect = np.zeros((len(readings), len(readings.D)))
-        for name in known:
-            k = readings.parameters.index(name)
-            effect[:, k] = instrument.errors[name] * readings.D[k] / unit
-        rows.append((values - np.median(values)) / unit)
-        effects.append(effect)
-    if not rows:
-        return readings
-    m, more = readings.z.shape[1], len(rows)
-    noise = np.eye(m + more)
-    noise[:m, :m] = readings.noise
-    return replace(
-        readings,
-        z=np.concatenate([readings.z, np.array(rows).T], axis=1),
-        J=np.concatenate([readings.J, np.stack(effects, axis=1)], axis=1),
-        noise=noise,
-        inputs=more,
-    )
-
-
-def level_step(values: np.ndarray) -> float:
-    """By how much values (n,) differ before and after the epoch that parts them best into two levels, 0 where there is
-    none of the sort: medians, which single epochs do not move."""
-    n = len(values)
-    if n < FEWEST_READ:
-        return 0.0
-    total, at = np.cumsum(values - values.mean()), np.arange(1, n)
-    k = int(np.argmax(total[:-1] ** 2 / (at * (n - at)))) + 1
-    before, after = values[:k], values[k:]
-    size = float(np.median(after) - np.median(before))
-    spread = max(np.median(np.abs(part - np.median(part))) for part in (before, after))
-    return size if abs(size) > JUMPS * spread else 0.0
-
-
-JUMPS = 8.0
-"""Median deviations by which two levels of an input differ at least where it stepped: no overlap, but for outliers."""
 EPOCHS_PER_COLUMN = 10
 """Epochs for each function of the conditions: with fewer, these would explain what they have nothing to do with."""
 VARIES = 1e-6
@@ -381,8 +262,6 @@ class Series:
         Windows without statistics.
     power_inputs : collection of str
         Inputs that set the power; the state of health of the engine moves them.
-    errors : mapping of str to InputError
-        Errors of inputs, by name.
     monitor : Monitor or None
         None where statistics came without one.
     instruments : mapping of str to tuple of FaultInFlights
@@ -393,7 +272,6 @@ class Series:
     parameters: Mapping[str, Parameter]
     skipped_windows: int
     power_inputs: Collection[str] = ()
-    errors: Mapping[str, InputError] = field(default_factory=dict)
     monitor: Monitor | None = None
     instruments: Mapping[str, tuple[FaultInFlights, ...]] = field(default_factory=dict)
 
@@ -411,69 +289,17 @@ class Series:
             return build_readings(
                 [x.stored for x in mine],
                 described,
-                _clock(mine),
                 self._conditions(mine),
-                self._read(mine),
-                self._effects(mine),
             )
         except ValueError as error:
             name = f"engine {engine}: " if engine else ""
             raise DataError(f"{name}{error}") from None
-
-    def _read(self, mine: Sequence[FlightWindow]) -> dict[str, InputReadings]:
-        """What the instruments of inputs read, by column; the logarithm of it where their usual error, the first,
-        multiplies."""
-        found: dict[str, InputReadings] = {}
-        by_column: dict[str, list[InputError]] = {}
-        for error in self.errors.values():
-            by_column.setdefault(error.column, []).append(error)
-        for column, errors in by_column.items():
-            values = np.array([x.window.conditions.get(column, np.nan) for x in mine])
-            log = errors[0].multiplies
-            if np.all(np.isfinite(values)) and (not log or np.all(values > 0)):
-                added = {e.parameter.name: values if e.multiplies else np.ones_like(values) for e in errors}
-                if log:
-                    added = {name: what / values for name, what in added.items()}
-                found[column] = InputReadings(np.log(values) if log else values, added)
-        return found
-
-    def _effects(self, mine: Sequence[FlightWindow]) -> dict[str, dict[str, np.ndarray]]:
-        """What errors of the inputs that set the power do to the readings, at the mean conditions of each stretch,
-        where such an input has stepped: it moves the engine on its maps by more than they are straight for."""
-        inputs = mine[0].window.conditions
-        if self.monitor is None or not inputs or any(x.window.conditions.keys() != inputs.keys() for x in mine):
-            return {}
-        values = {c: np.array([x.window.conditions[c] for x in mine]) for c in inputs}
-        sizes = {}
-        for name in self.power_errors:
-            error = self.errors[name]
-            level = values[error.column]
-            step = level_step(level)
-            sizes[name] = step / float(np.median(level)) if error.multiplies else step
-        return input_error_effects(self.monitor, values, sizes) if any(sizes.values()) else {}
-
-    @property
-    def power_errors(self) -> list[str]:
-        """Errors of the inputs that set the power."""
-        return [name for name, error in self.errors.items() if error.column in self.power_inputs]
 
     def _conditions(self, mine: Sequence[FlightWindow]) -> np.ndarray | None:
         columns = [c for c in mine[0].window.conditions if c not in self.power_inputs]
         if not columns or any(c not in x.window.conditions for x in mine for c in columns):
             return None
         return np.array([[x.window.conditions[c] for c in columns] for x in mine])
-
-
-def _clock(stretches: Sequence[FlightWindow]) -> np.ndarray:
-    """When each stretch was: seconds or lines within one recording, else its number: flights have no common clock."""
-    windows = [x.window for x in stretches]
-    if len({(w.source, w.flight) for w in windows}) == 1:
-        seconds = np.array([(w.start_s + w.end_s) / 2 for w in windows])
-        lines = np.array([(w.first_line + w.last_line) / 2 for w in windows])
-        for clock in (seconds, lines):
-            if np.all(np.isfinite(clock)) and np.all(np.diff(clock) > 0):
-                return clock
-    return np.arange(len(windows), dtype=float)
 
 
 class WindowSource(Protocol):
@@ -549,7 +375,7 @@ def build_series(files: WindowSource, law: Law = "whole") -> Series:
         return Series(found, known, lost, instruments=wrong)
     engine = files.monitor.engine
     steered = (getattr(engine, "power_setting", ""),)
-    return Series(found, known, lost, steered, getattr(engine, "errors", {}), files.monitor, wrong)
+    return Series(found, known, lost, steered, files.monitor, wrong)
 
 
 def _trim_statistics(

@@ -365,26 +365,25 @@ def engine_flights(history: EngineHistory, series: Series) -> EngineFlights:
     """The flights of a history. Raises DataError when they have statistics of different parameters."""
     mine = replace(series, stretches={history.serial: history.stretches})
     readings = mine.readings(history.serial)
-    m = readings.z.shape[1] - readings.inputs
     described = tuple(series.parameters[name] for name in readings.parameters)
     events, steps = _event_steps(history, readings)
     return EngineFlights(
         readings,
-        readings.z[:, :m],
-        readings.J[:, :m],
-        readings.noise[:m, :m],
+        readings.z,
+        readings.J,
+        readings.noise,
         described,
         steps,
         events,
-        readings.first,
+        readings.number,
         _flight_weights(history, readings),
-        int(np.searchsorted(readings.first, history.baseline)),
+        int(np.searchsorted(readings.number, history.baseline)),
     )
 
 
 def _flight_weights(history: EngineHistory, readings: Readings) -> np.ndarray:
     """Square root of the information of each flight relative to a usual one, 1 at most: by its records."""
-    records = np.array([max(history.stretches[k].stored.n, 1) for k in readings.first], float)
+    records = np.array([max(history.stretches[k].stored.n, 1) for k in readings.number], float)
     return np.asarray(np.minimum(1.0, np.sqrt(records / np.median(records))))
 
 
@@ -406,7 +405,7 @@ def event_number(event: MaintenanceEvent, history: EngineHistory) -> int:
 def _event_steps(history: EngineHistory, readings: Readings) -> tuple[tuple[MaintenanceEvent, ...], np.ndarray]:
     told, columns = [], []
     for event in history.events:
-        column = (readings.first >= event_number(event, history)).astype(float)
+        column = (readings.number >= event_number(event, history)).astype(float)
         if column.any() and not column.all():
             told.append(event)
             columns.append(column)

@@ -338,34 +338,6 @@ def comparison_monitor(monitor: Monitor) -> Monitor:
     return replace(found, noise=replace(found.noise, kurtosis=None, readings=None, rho_error=None, rho_common=None))
 
 
-def input_error_effects(
-    monitor: Monitor, inputs: Mapping[str, np.ndarray], sizes: Mapping[str, float]
-) -> dict[str, dict[str, np.ndarray]]:
-    """By how much the reading of each sensor (n,), by the name of its bias, is beyond prediction at `inputs` (n,) that
-    were read wrong, for one prior standard deviation: suspected error of an input → bias → effect. sizes: errors, by
-    name, for which that is required, as far as they are of this monitor.
-
-    The difference of two predictions, not a derivative: a wrong reading moves the engine on its maps, too, off the line
-    where their errors are known, and of these `error_model.maps` takes no derivative.
-    """
-    known = {c: [p.name for p in monitor.engine.sensors[c].parameters()] for c in monitor.sensors}
-    bias = {n: i for i, c in enumerate(monitor.sensors) for n in known[c] if n in monitor.monitored}
-    base = {n: float(v) for n, v in monitor.base.items() if n in monitor.engine.parameters}
-    found: dict[str, dict[str, np.ndarray]] = {}
-    read = None
-    for name, error in getattr(monitor.engine, "errors", {}).items():
-        size = sizes.get(name, 0.0)
-        if name not in monitor.monitored or not size:
-            continue
-        true = {**inputs, error.column: error.corrected(inputs[error.column], error.parameter.nominal + size)}
-        read = read or monitor.engine.predict(inputs, base, sensors=monitor.sensors)
-        wrong = monitor.engine.predict(true, base, sensors=monitor.sensors)
-        if np.all(read.ok & wrong.ok):
-            unit = error.parameter.prior_sigma / size
-            found[name] = {n: unit * (np.asarray(wrong.y) - np.asarray(read.y))[:, i] for n, i in bias.items()}
-    return found
-
-
 def keep_monitored(monitor: Monitor, window: WindowStatistics, statistics: LocalStatistics) -> WindowStatistics:
     """The window with the statistics of the monitored parameters alone: what is wrong with nominal is wrong in all
     windows alike, and no noise of any."""

@@ -30,6 +30,7 @@ from pathlib import Path
 
 import numpy as np
 
+from enginediag_cli.detection.sequential import Coordinates
 from enginediag_cli.history.follow import FlightMonitor, unit_coordinates
 from enginediag_cli.history.posterior import judge_history
 from enginediag_cli.history.records import History
@@ -49,16 +50,16 @@ CASES = [
     *(("jump", "T3_K", x) for x in (1.5, 3.0, 6.0)),
 ]
 HISTORY_CASES = [
-    ("step", "hpc.efficiency", -0.001),
-    ("step", "hpc.efficiency", -0.002),
-    ("step", "fan.efficiency", -0.002),
+    *(("step", "hpc.efficiency", x) for x in (-0.0015, -0.003)),
+    ("step", "fan.efficiency", -0.005),
     ("ramp", "hpc.efficiency", -0.01),
-    ("jump", "T3_K", 0.5),
+    *(("jump", "T3_K", x) for x in (1.0, 2.0)),
 ]
 FALSE_ALARM, SIMULATED, KINDS_OF_FLIGHTS = 0.01, 600, 20
 """Share of healthy flights with an alarm; simulated ones that thresholds are taken from, and flights these are like."""
-HISTORY, ONSET = 60, 20
-"""Flights of a history, and the number, from 0, of the first after a change; a ramp ends with the history."""
+HISTORY, ONSET, SNAPSHOTS = 60, 20, 10
+"""Flights of a history, the number, from 0, of the first after a change, and records of a flight; a ramp ends with the
+history."""
 
 
 def nominal_monitor() -> Monitor:
@@ -230,38 +231,45 @@ def print_flights(monitor: Monitor, options: argparse.Namespace, cases: list[tup
     print(f"\n{alarms} of {options.healthy} healthy flights with an alarm, looked at after every {BLOCK} records")
 
 
-def flight_sums(monitor: Monitor, flights: int) -> list[np.ndarray]:
-    """Information (d, d) of some flights, each, of the changes first, then of what is uncertain about nominal."""
+def flight_sums(monitor: Monitor, flights: int) -> tuple[np.ndarray, np.ndarray]:
+    """Information (n, d, d) of some flights, of the changes first, then of what is uncertain about nominal, and its
+    square roots."""
     at = unit_coordinates(monitor)
     order = np.r_[at.nuisance : at.basis.shape[1], : at.nuisance]
     found = []
     for k in range(flights):
         recording, _ = flown(monitor, 9500 + k, "none", "", 0.0)
-        inputs = {c: recording.columns[c] for c in monitor.engine.inputs if c in recording.columns}
+        some = np.linspace(0, len(recording) - 1, SNAPSHOTS).round().astype(int)
+        inputs = {c: recording.columns[c][some] for c in monitor.engine.inputs if c in recording.columns}
         _, J, _, _ = monitor.predict(inputs, monitor.theta0)
         bias = np.broadcast_to(np.eye(J.shape[1]), (len(J), J.shape[1], J.shape[1]))
         X = (np.concatenate([J, bias], axis=2) / monitor.noise.sigma[:, None]) @ at.basis[:, order]
         columns = X.reshape(-1, X.shape[2])
         found.append(columns.T @ columns)
-    return found
+    F = np.stack(found)
+    value, vector = np.linalg.eigh(F)
+    return F, vector * np.sqrt(np.maximum(value, 0.0))[:, None, :]
 
 
 def drawn_history(
-    monitor: Monitor, sums: list[np.ndarray], rng: np.random.Generator, change: tuple[str, str, float] | None
+    at: Coordinates,
+    names: list[str],
+    sums: tuple[np.ndarray, np.ndarray],
+    rng: np.random.Generator,
+    change: tuple[str, str, float] | None,
 ) -> tuple[History, np.ndarray]:
-    """A history of which the change begins with flight `ONSET`, and its scores (T, c) with the nominal known."""
-    at = unit_coordinates(monitor)
+    """A history of which the change begins with flight `ONSET`, and its scores (T, c) with the nominal known; names:
+    what the changes are of."""
     p, d = len(at.described), at.basis.shape[1]
     nu = rng.standard_normal(d - p)
-    F = np.stack([sums[k] for k in rng.integers(len(sums), size=HISTORY)])
+    like = rng.integers(len(sums[0]), size=HISTORY)
+    F, root = sums[0][like], sums[1][like]
     t, theta = np.arange(HISTORY), np.zeros((HISTORY, p))
     if change is not None:
         law, name, size = change
-        i = [*monitor.monitored, *monitor.sensors].index(name)
+        i = names.index(name)
         course = t >= ONSET if law != "ramp" else np.maximum(t - ONSET + 1, 0) / (HISTORY - ONSET)
         theta[:, i] = size / at.unit[i] * course
-    value, vector = np.linalg.eigh(F)
-    root = vector * np.sqrt(np.maximum(value, 0.0))[:, None, :]
     drawn = np.einsum("tde,te->td", root, rng.standard_normal((HISTORY, d)))
     known = np.einsum("tij,tj->ti", F[:, :p, :p], theta) + drawn[:, :p]
     score = np.einsum("tij,tj->ti", F, np.hstack([theta, np.tile(nu, (HISTORY, 1))])) + drawn
@@ -285,12 +293,13 @@ def trend_delay(history: History) -> tuple[float, bool]:
 def print_histories(monitor: Monitor, options: argparse.Namespace, cases: list[tuple[str, str, float]]) -> None:
     """The table of histories."""
     sums, rng = flight_sums(monitor, KINDS_OF_FLIGHTS), np.random.default_rng(1)
-    p = len(unit_coordinates(monitor).described)
+    at, names = unit_coordinates(monitor), [*monitor.monitored, *monitor.sensors]
+    p = len(at.described)
 
     def path(history: History, known: np.ndarray) -> np.ndarray:
         return glr_path(known, np.einsum("tii->ti", history.information[:, :p, :p]))
 
-    most = [float(path(*drawn_history(monitor, sums, rng, None)).max()) for _ in range(SIMULATED)]
+    most = [float(path(*drawn_history(at, names, sums, rng, None)).max()) for _ in range(SIMULATED)]
     limit = float(np.quantile(most, 1 - FALSE_ALARM))
     print(f"\nGLR of flights alarms from {limit:.1f}\n")
     print(f"| change from flight {ONSET + 1} on | GLR | trend | 90 % | over GLR | missed | early |")
@@ -298,7 +307,7 @@ def print_histories(monitor: Monitor, options: argparse.Namespace, cases: list[t
     for case in cases:
         rows, early = [], 0
         for seed in range(options.seed, options.seed + options.flights):
-            history, known = drawn_history(monitor, sums, np.random.default_rng([seed, 11]), case)
+            history, known = drawn_history(at, names, sums, np.random.default_rng([seed, 11]), case)
             delay, before = trend_delay(history)
             rows.append((first_alarm(path(history, known), limit, ONSET), delay))
             early += before

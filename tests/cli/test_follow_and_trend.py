@@ -6,19 +6,13 @@ import csv
 import io
 import json
 import sys
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
 
 from enginediag_cli.__main__ import main
-from enginediag_cli.engine.instrument_errors import InputErrors
-from enginediag_cli.intake.selection import open_baseline
 from enginediag_cli.recordings.recorder_file import load_recorder
-from enginediag_cli.residuals.monitor import build_monitor
-from enginediag_cli.residuals.reduced import input_error_effects
 from enginediag_cli.units import split_column
 
 ENGINE = str(Path(__file__).parents[2] / "configs" / "turbofan.yaml")
@@ -210,20 +204,6 @@ def test_a_recording_without_flights_is_a_series_of_windows(files, tmp_path):
     changed = [row for row in found if row["kind"] != "steady" and row["probability"] > 0.5]
     assert [(row["parameter"], row["kind"]) for row in changed] == [("sensor.T3.bias", "step")]
     assert abs(changed[0]["onset_line"] - (half + 2)) <= 20 and abs(changed[0]["change"] - 8) < 1.5
-
-
-def test_what_a_wrong_input_does_is_its_derivative_where_the_maps_have_no_errors(files):
-    monitor = build_monitor(open_baseline(files["nominal.yaml"]), sensors=True)
-    plain = replace(monitor, engine=InputErrors.wrap(open_baseline(files["nominal.yaml"]).engine))
-    at = {c: plain.envelope.points[:3, i] for i, c in enumerate(plain.envelope.inputs)}
-    name, _ = [n for n, e in plain.engine.errors.items() if e.column == plain.engine.power_setting]
-    sigma = plain.engine.errors[name].parameter.prior_sigma
-    found = input_error_effects(plain, at, {name: 1e-3 * sigma})[name]
-    base = {n: v for n, v in plain.base.items() if n in plain.engine.parameters}
-    expected = sigma * plain.engine.predict(at, base, sensors=plain.sensors, wrt=(name,)).jacobian[:, :, 0]
-    by_name = {p.name: i for i, c in enumerate(plain.sensors) for p in plain.engine.sensors[c].parameters()}
-    for bias, effect in found.items():
-        np.testing.assert_allclose(effect, expected[:, by_name[bias]], rtol=0.01, atol=1e-6)
 
 
 def test_trend_of_statistics_says_what_cannot_be_judged_without_a_nominal(files, capsys):

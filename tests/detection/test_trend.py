@@ -8,7 +8,6 @@ from enginediag_cli.detection.series import (
     EpochStatistics,
     build_readings,
     estimate_flight_change,
-    level_step,
 )
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.statistics import LocalStatistics
@@ -51,7 +50,7 @@ def test_statistics_with_all_sensors_hold_the_readings_themselves():
     rng = np.random.default_rng(2)
     changes = np.zeros((6, 7))
     changes[3:, 4] = 2.0  # of the second sensor
-    found = build_readings(flights(rng, changes), list(MEANING.values()), np.arange(6.0))
+    found = build_readings(flights(rng, changes), list(MEANING.values()))
     again = np.random.default_rng(2)
     again.standard_normal((6, 4))  # what the readings wander by
     noise = again.standard_normal((6, 4))
@@ -67,22 +66,8 @@ def test_rows_of_the_biases_alone_hold_the_same_readings():
     whole = [a + b for a, b in zip(whole, whole[::-1], strict=True)]
     parts = [EpochStatistics.from_statistics(x, SENSORS) for x in whole]
     assert parts[0].information.shape == (4, 7)
-    expected, found = (build_readings(x, list(MEANING.values()), np.arange(6.0)) for x in (whole, parts))
+    expected, found = (build_readings(x, list(MEANING.values())) for x in (whole, parts))
     np.testing.assert_array_equal(found.z, expected.z)
     np.testing.assert_array_equal(found.J, expected.J)
     one, two = (EpochStatistics.from_statistics(x, SENSORS) for x in whole[:2])
     np.testing.assert_array_equal((one + two).information, one.information + two.information)
-
-
-def test_a_level_that_steps_is_found_with_its_size_and_no_step_in_what_wanders():
-    rng = np.random.default_rng(25)
-    level = 1373.0 + 0.2 * rng.standard_normal(300) - 5.0 * (np.arange(300) >= 210)
-    assert abs(level_step(level) + 5.0) < 0.1
-    assert level_step(np.cumsum(rng.standard_normal(300))) == 0.0 == level_step(level[:8])
-
-
-def test_joined_epochs_do_not_reach_over_long_times_without_any():
-    clock = np.arange(100.0) + np.where(np.arange(100) >= 53, 1000.0, 0.0)
-    series = build_readings(flights(np.random.default_rng(26), np.zeros((100, 7))), list(MEANING.values()), clock)
-    joined = series.merge_epochs(20)
-    assert len(joined) <= 20 and 53 in joined.first and joined.flights.sum() == 100
