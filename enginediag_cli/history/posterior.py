@@ -266,6 +266,8 @@ def describe_event(search: HistorySearch, event: Event, others: Sequence[Event])
     cases = _likely_events(near, mine, weight, event.doubt)
     if irregular:
         onsets, cases = search.irregular_onsets(others, event), [(1.0, event)]
+    elif event.kind == INTERMITTENT and not np.any(np.all(near.shapes.values == event.course, axis=1)):
+        onsets, cases = (np.arange(len(search.history)) == event.shape.onset[0]) * 1.0, [(1.0, event)]
     kind = max(kinds, key=lambda name: kinds[name])
     best = int(np.argmax(np.where(near.shapes.kind == KINDS.index(kind), by_shape, -1.0)))
     order = np.argsort(-onsets, kind="stable")

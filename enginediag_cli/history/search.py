@@ -304,7 +304,12 @@ def exchange(search: HistorySearch, events: tuple[Event, ...]) -> tuple[Event, .
         for k in range(len(events) - 1, -1, -1):
             others = (*events[:k], *events[k + 1 :])
             scan = search.scan(others)
-            events = others if scan.log_odds < 0 else (*events[:k], search.take(others), *events[k + 1 :])
+            if scan.log_odds < 0:
+                events = others
+                continue
+            changed = (*events[:k], search.take(others), *events[k + 1 :])
+            if search.log_probability(changed) > search.log_probability(events):
+                events = changed
         if [e.key for e in events] == before:
             break
     return events
