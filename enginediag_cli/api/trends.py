@@ -138,9 +138,6 @@ class TrendChoices:
             "--what margin, its limits and --events need --nominal: the engine says what wear heats": (
                 self.follows_margin and nominal is None
             ),
-            "standard input is read once, and limits and --events read it again: name a file": (
-                self.follows_margin and what != "margin" and "-" in comparison.source.files
-            ),
         }
         for reason, wrong in refused.items():
             if wrong:
@@ -184,20 +181,18 @@ class TrendResult(Result):
         from enginediag_cli.history.engines import HistoryWindows
         from enginediag_cli.report.tables.fleet import report_margins
         from enginediag_cli.report.tables.trend import report_instruments_over_flights
-        from enginediag_cli.residuals.reduced import comparison_monitor
 
         choices, monitor, margins = self._choices, self._monitor, None
-        question = choices.margin.question(healthy=self._healthy, sensors=choices.sensors)
-        if choices.follows_margin and monitor is not None:
-            files = self._comparison.files(comparison_monitor(monitor), summed=self._whole, series=True)
-            margins = assess_margins(files, monitor, question)
-            report_margins(self.messages, margins)
-            if choices.what == "margin":
-                return margins.series, margins, files
         files = self._comparison.files(monitor, summed=self._whole, series=True)
         files.additive = True
         self._history = HistoryWindows(files)
-        series = build_series(self._history, "covariance" if choices.what == "trend" else "whole")
+        series = build_series(self._history, "whole" if choices.what == "flights" else "covariance")
+        if choices.follows_margin and monitor is not None:
+            question = choices.margin.question(healthy=self._healthy, sensors=choices.sensors)
+            margins = assess_margins(self._history, series, monitor, question)
+            report_margins(self.messages, margins)
+            if choices.what == "margin":
+                return series, margins, files
         report_instruments_over_flights(self.messages, series)
         if monitor is None and series.stretches and choices.what == "trend":
             self.messages.note(

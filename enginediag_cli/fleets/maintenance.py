@@ -32,7 +32,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from enginediag_cli.config.fields import near
-from enginediag_cli.detection.series import FlightWindow, Series, WindowSource, build_series
+from enginediag_cli.detection.series import FlightWindow, Series
 from enginediag_cli.errors import DataError
 from enginediag_cli.fleets.engine_judgement import changes_at_events, judge_with_account
 from enginediag_cli.fleets.findings import EngineFinding, EngineHistory, FleetSettings, HealthChange, MaintenanceEvent
@@ -434,13 +434,17 @@ class SeriesMargins:
     learnt_K: tuple[float, float] | None = None
 
 
-def assess_margins(files: WindowSource, monitor: Monitor, question: MarginSettings) -> SeriesMargins:
+def assess_margins(
+    windows: HistoryWindows, series: Series, monitor: Monitor, question: MarginSettings
+) -> SeriesMargins:
     """Assess the margin of each engine of some files, and the effect of its maintenance.
 
     Parameters
     ----------
-    files : WindowSource
-        Windows of a series, of the monitor `comparison_monitor(monitor)`.
+    windows : HistoryWindows
+        Windows of a series that were read.
+    series : Series
+        That series, with the covariance of its statistics.
     monitor : Monitor
         Gives the effect of a change on the temperature.
     question : MarginSettings
@@ -457,8 +461,7 @@ def assess_margins(files: WindowSource, monitor: Monitor, question: MarginSettin
         engines removed from wing that do not determine a limit, and when flights of an engine have statistics of
         different parameters.
     """
-    windows = HistoryWindows(files)
-    series = replace(build_series(windows, "none"), monitor=monitor)
+    series = replace(series, monitor=monitor)
     events, others = events_by_engine(question.events, series.stretches, question.events_file)
     settings = FleetSettings(
         sensors=question.sensors,

@@ -481,12 +481,17 @@ def _restored(question: RecordingsQuestion, history: EngineHistory) -> list[int]
 
 @stage("following the margin")
 def _margin_rows(question: RecordingsQuestion, left_out: list[str]) -> list[Row]:
+    from enginediag_cli.detection.series import build_series
     from enginediag_cli.fleets.maintenance import assess_margins
+    from enginediag_cli.history.engines import HistoryWindows
     from enginediag_cli.report.tables.fleet import margin_rows, odd_events
-    from enginediag_cli.residuals.reduced import comparison_monitor, monitor_for_series
+    from enginediag_cli.residuals.reduced import monitor_for_series
 
     monitor = monitor_for_series(question.suspicious)
-    margins = assess_margins(_series_files(question, comparison_monitor(monitor)), monitor, question.margins)
+    files = _series_files(question, monitor)
+    files.additive = True
+    windows = HistoryWindows(files)
+    margins = assess_margins(windows, build_series(windows, "covariance"), monitor, question.margins)
     left_out += odd_events(margins)
     told = []
     for row in margin_rows(margins):
