@@ -392,8 +392,9 @@ def judge_engine_history(sums: EngineSums, meaning: Mapping[str, Parameter], opt
     for number, moved in options.shifts:
         since = (np.array(first) >= number - 1).astype(float)
         history = add_shifts(history, since, {place[name]: size for name, size in moved.items() if name in place})
-    found = judge_history(history, sensors=options.sensors, health=options.health)
-    calm = marginalise_offsets(history, learn_offsets(history))
+    offsets = learn_offsets(history)
+    found = judge_history(history, sensors=options.sensors, health=options.health, offsets=offsets)
+    calm = marginalise_offsets(history, offsets)
     departures = tuple(first[t] + 1 for t in departing_epochs(calm))
     visible = step_visibility(calm, int(np.searchsorted(first, options.baseline))) if options.baseline else np.inf
     return EngineTrend(found, first, sums.flights, departures, visible)

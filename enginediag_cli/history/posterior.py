@@ -154,7 +154,9 @@ class HistoryPosterior:
         return self.probability >= EVENT
 
 
-def judge_history(history: History, *, sensors: bool = True, health: bool = False) -> HistoryPosterior:
+def judge_history(
+    history: History, *, sensors: bool = True, health: bool = False, offsets: OffsetModel | None = None
+) -> HistoryPosterior:
     """What changed in a history of `FEWEST_FLIGHTS` flights at least; ValueError otherwise.
 
     Parameters
@@ -165,6 +167,8 @@ def judge_history(history: History, *, sensors: bool = True, health: bool = Fals
         Whether instruments may have changed.
     health
         Whether the path of health is computed, which margins need.
+    offsets
+        Of single flights, where they were learnt already.
 
     References
     ----------
@@ -172,7 +176,7 @@ def judge_history(history: History, *, sensors: bool = True, health: bool = Fals
     """
     if len(history) < FEWEST_FLIGHTS:
         raise ValueError(f"a history needs {FEWEST_FLIGHTS} flights at least, not {len(history)}")
-    offsets = learn_offsets(history)
+    offsets = offsets or learn_offsets(history)
     calm = marginalise_offsets(history, offsets)
     suspects = list_suspects(history.parameters, sensors)
     choices = weigh_wander(calm, suspects)
