@@ -8,7 +8,6 @@ engine 6 reads wrong, both from flight 21 on. fillers: this share of the cells o
 from __future__ import annotations
 
 import argparse
-import sys
 import tempfile
 from pathlib import Path
 
@@ -78,8 +77,8 @@ def main() -> None:
         right += good
         if not good:
             told = {s: sorted(named[s]) for s in flagged}
-            print(f"seeds {first} to {first + ENGINES - 1}: flagged {told}, healthy {healthy}", file=sys.stderr, flush=True)
-    print(f"{right} of {asked.seeds} fleets: engines 5 and 6 flagged, named HPC and T3 sensor, the other four healthy")
+            print(f"seeds {first} to {first + ENGINES - 1}: flagged {told}, healthy {healthy}", flush=True)
+    print(f"{right} of {asked.seeds} fleets: engines 5 and 6 flagged for HPC and T3 sensor, the other four healthy")
 
 
 if __name__ == "__main__":
