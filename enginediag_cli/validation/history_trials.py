@@ -12,13 +12,13 @@ Marks, where e is a true event and v a reported one whose suspect or ambiguity g
     size           of every changed parameter, whether v's 95 % interval has what it is off by in the last flight; of an
                    intermittent fault, by how much while it lasts
     wash           growth is reported before a wash, and the wash where it was
-    stated         probability of each reported suspect, and whether it changed
+    stated         probability of the leading suspect of each v, and whether it changed
 """
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -383,7 +383,8 @@ def mark_history(story: Story, answer: Mapping[str, Any]) -> dict[str, Any]:
         marks["false_finding"] = [int(bool(reported))]
     owners = {event.owner for event in story.events}
     marks["extra"] = [int(not owners & set(v["group"])) for v in reported]
-    marks["stated"] = [[short(p), int(name in owners)] for v in reported for name, p in v["suspects"].items()]
+    leading = [(v["probability"] * v["suspects"][v["group"][0]], v["group"][0]) for v in reported]
+    marks["stated"] = [[short(p), int(name in owners)] for p, name in leading]
     for event in story.events:
         own = [v for v in reported if event.owner in v["group"]]
         marks["named"].append(int(bool(own)))
@@ -446,7 +447,7 @@ def history_sheet(records: Sequence[Record]) -> list[dict[str, Any]]:
             low, high = score.realistic if truth == kinds.REALISTIC else score.clean
             if hits:
                 rows.append(_row(truth, score.words, sum(hits), len(hits), low, high))
-        rows.append(_reliability_row(truth, own))
+        rows += _reliability_rows(truth, own)
     return rows
 
 
@@ -460,23 +461,29 @@ def _row(truth: str, words: str, hits: int, count: int, low: float, high: float)
         "rate": found["rate"],
         "low": found["low"],
         "high": found["high"],
-        "target": f"{100 * low:g} to {100 * high:g} %" if (low, high) != (0.0, 1.0) else "",
+        "target": f"{100 * low:.3g} to {100 * high:.3g} %" if (low, high) != (0.0, 1.0) else "",
         "met": low <= found["rate"] <= high,
     }
 
 
-def _reliability_row(truth: str, records: Sequence[Record]) -> dict[str, Any]:
-    """The largest gap between stated probability and share of right ones, over bins with enough."""
+def _reliability_rows(truth: str, records: Sequence[Record]) -> Iterator[dict[str, Any]]:
+    """How often leading suspects are right, by what was stated of them; then the largest gap between both, over bins
+    with enough."""
     stated = np.array([x for r in records for x in r["marks"]["stated"]], float).reshape(-1, 2)
+    limit = 0.08 if truth == kinds.REALISTIC else 0.05
     gaps = [0.0]
     for low, high in pairwise(PROBABILITY_BINS):
         here = stated[(stated[:, 0] >= low) & ((stated[:, 0] < high) | (high == 1.0))]
+        if not len(here):
+            continue
+        mean, right = float(here[:, 0].mean()), int(here[:, 1].sum())
+        words = f"leading suspect right where stated {low:g} to {high:g}, {100 * mean:.1f} % in the mean"
+        yield _row(truth, words, right, len(here), max(mean - limit, 0.0), min(mean + limit, 1.0))
         if len(here) >= LEAST_IN_BIN:
-            gaps.append(float(abs(here[:, 0].mean() - here[:, 1].mean())))
-    limit = 0.08 if truth == kinds.REALISTIC else 0.05
-    return {
+            gaps.append(abs(mean - right / len(here)))
+    yield {
         "truth": truth,
-        "figure": "largest gap of a reliability bin",
+        "figure": f"largest gap of these, where {LEAST_IN_BIN} or more",
         "hits": None,
         "count": len(stated),
         "rate": max(gaps),
