@@ -15,12 +15,13 @@ from enginediag_cli.api.inputs import Comparison, NominalLike, RecordingsLike, c
 from enginediag_cli.api.results import MessageLog, Picture, Result, Row
 from enginediag_cli.errors import DataError, UsageError
 from enginediag_cli.report.messages import Messages
-from enginediag_cli.units import split_column
+from enginediag_cli.shipped import own_or_shipped
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.series import Series
     from enginediag_cli.fleets.maintenance import MarginSettings, SeriesMargins
     from enginediag_cli.fleets.work_scope import WorkScopeEstimator
+    from enginediag_cli.history.deltas import DeltaAlerts, FlightDeltas
     from enginediag_cli.history.engines import EngineTrend
     from enginediag_cli.intake.selection import RecordingSource
     from enginediag_cli.report.evidence import ReportEvidence
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = ["MarginOptions", "ReportPage", "TrendResult", "forecast", "make_report", "trend"]
 
-WHAT = ("trend", "flights", "margin")
+WHAT = ("trend", "flights", "margin", "deltas")
 
 
 @dataclass(frozen=True)
@@ -122,6 +123,21 @@ class TrendChoices:
     work_scope: str = "nested"
     events: Sequence[str] = ()
     margin: MarginOptions = field(default_factory=MarginOptions)
+    alerts: str | Path | DeltaAlerts | None = None
+    setting: str = ""
+
+    @property
+    def alerts_path(self) -> list[str]:
+        """Path of the file of alert levels, where one is given."""
+        return [str(own_or_shipped(self.alerts))] if isinstance(self.alerts, (str, Path)) else []
+
+    def delta_alerts(self) -> DeltaAlerts:
+        """Read the alert levels; the power setting that was chosen is that of the option first. Raises ConfigError."""
+        from enginediag_cli.history.deltas import DeltaAlerts, load_alerts
+
+        found = load_alerts(*self.alerts_path) if self.alerts_path else self.alerts or DeltaAlerts()
+        assert isinstance(found, DeltaAlerts)
+        return replace(found, setting=self.setting) if self.setting else found
 
     @property
     def follows_margin(self) -> bool:
@@ -134,7 +150,14 @@ class TrendChoices:
         refused = {
             f"--what: there is no {what!r}, but {', '.join(WHAT)}": what not in WHAT,
             f"--event needs --nominal, and does not go with --what {what}": bool(self.events)
-            and (nominal is None or what != "trend"),
+            and (nominal is None or what not in ("trend", "deltas")),
+            "--what deltas needs --nominal: the engine predicts what is read at the same power setting": what
+            == "deltas"
+            and nominal is None,
+            "--alerts and --setting go with --what deltas": what != "deltas"
+            and (self.alerts is not None or bool(self.setting)),
+            "--what deltas shows readings and not the margin: leave its limits and --events out": what == "deltas"
+            and bool(self.margin),
             "--what margin, its limits and --events need --nominal: the engine says what wear heats": (
                 self.follows_margin and nominal is None
             ),
@@ -153,16 +176,24 @@ class TrendResult(Result):
         choices.check(comparison)
         self._choices, self.messages = choices, comparison.messages
         self.histories: dict[str, EngineTrend] = {}
+        self._deltas: dict[str, FlightDeltas] | None = None
         judging = comparison.judging
         self._whole, self._healthy = judging.plan.is_whole_flight, judging.reference
-        # the options of windows hold for the series, not for a window of it
-        self._comparison = replace(comparison, judging=replace(judging, plan=judging.plan.series_plan, reference=0))
+        # the options of windows hold for the series, not for a window of it; deltas are readings minus nominal
+        linearise = "nominal" if choices.what == "deltas" else judging.linearise
+        plain = replace(judging, plan=judging.plan.series_plan, reference=0, linearise=linearise)
+        self._comparison = replace(comparison, judging=plain)
+        self._alerts = choices.delta_alerts()
         monitor = self._comparison.monitor(sensors=not comparison.options.monitor)
         self._monitor = None if monitor is None else monitor_for_series(monitor)
         self._series, self._margins, self._files = self._read()
         table = self._table()
         intake, margin = self._files.intake, choices.margin
-        head = comparison.head("trend", table, intake, {}, configs=margin.configs, last=margin.notes)
+        configs, notes = [*margin.configs, *choices.alerts_path], dict(margin.notes)
+        if choices.what == "deltas":
+            notes |= {"smoothing": f"{self._alerts.smoothing_flights:g} flights", "setting": self._alerts.setting}
+        notes = {name: value for name, value in notes.items() if value}
+        head = comparison.head("trend", table, intake, {}, configs=configs, last=notes)
         super().__init__(table=table, head=head, messages=comparison.messages)
         self.unread = intake.unread
 
@@ -203,13 +234,15 @@ class TrendResult(Result):
 
     def _compute(self) -> Iterator[Row]:
         from enginediag_cli.report.tables.fleet import margin_rows
-        from enginediag_cli.report.tables.trend import flight_rows
+        from enginediag_cli.report.tables.trend import delta_rows, flight_rows, report_deltas
 
         if self._choices.what == "margin" and self._margins is not None:
             rows = list(margin_rows(self._margins))
         elif self._choices.what == "flights":
-            self.histories = dict(self._judged())
-            rows = list(flight_rows(self._series, self.histories))
+            rows = list(flight_rows(self._series))
+        elif self._choices.what == "deltas":
+            rows = [row for engine in self.deltas().values() for row in delta_rows(engine)]
+            report_deltas(self.messages, self.deltas())
         else:
             rows = list(self._changes())
         self.judged = len(rows)
@@ -271,11 +304,31 @@ class TrendResult(Result):
                 rows.append(maintenance_row(engine, found, series, scoping, form, [*before, *rows]))
         return rows
 
+    def deltas(self) -> dict[str, FlightDeltas]:
+        """Raw deltas of each engine over its flights, smoothed, with alert levels. Raises DataError."""
+        from enginediag_cli.fleets.maintenance import maintenance_flights
+        from enginediag_cli.history.deltas import flight_deltas
+
+        if self._deltas is None:
+            self._deltas = {
+                engine: flight_deltas(
+                    self._series,
+                    engine,
+                    self._alerts,
+                    reference=self._healthy,
+                    events=maintenance_flights(self._series, engine, self._choices.events),
+                )
+                for engine in self._series.stretches
+            }
+        return self._deltas
+
     def plot(self) -> Picture:
-        """Draw the health of the engine that changed, or the margin, over flights. Raises NoVerdictError."""
-        from enginediag_cli.report.plotting.models import chart_svg, margin_chart, trend_chart
+        """Draw the health of the engine that changed, the margin, or a delta, over flights. Raises NoVerdictError."""
+        from enginediag_cli.report.plotting.models import chart_svg, delta_chart, margin_chart, trend_chart
 
         rows = self.rows
+        if self._choices.what == "deltas":
+            return Picture(chart_svg(delta_chart(self.deltas(), self._alerts)))
         return Picture(
             chart_svg(
                 margin_chart(rows)
@@ -295,6 +348,8 @@ def trend(
     work_scope: str = "nested",
     events: Sequence[str] = (),
     margin: MarginOptions | None = None,
+    alerts: str | Path | DeltaAlerts | None = None,
+    setting: str = "",
     messages: Messages | None = None,
     stream: bool = False,
     **windows: Any,
@@ -307,8 +362,9 @@ def trend(
         Nominal engine; None where the recordings are statistics that `residual` made.
     recordings
         Paths, `Recordings`, arrays or a DataFrame; see `read_recordings`.
-    what : {"trend", "flights", "margin"}
-        One row per change with kind, onset and rate; one per flight and parameter; or the EGT margin.
+    what : {"trend", "flights", "margin", "deltas"}
+        One row per change with kind, onset and rate; one per flight and parameter; the EGT margin; or one per flight
+        and raw delta.
     by : {"parameter", "component"}
         One row per parameter, or per event with all parameters of the component.
     sensors : bool
@@ -319,6 +375,10 @@ def trend(
         First flights after maintenance, by their labels.
     margin : MarginOptions, optional
         From and to what the EGT margin is counted.
+    alerts : path or DeltaAlerts, optional
+        Alert levels of deltas.
+    setting : str
+        Power setting at which deltas are compared, a column; by default the engine's own.
     messages : Messages, optional
         Receives sentences and warnings; by default they are collected in the result.
     stream : bool
@@ -334,7 +394,7 @@ def trend(
     ------
     UsageError, ConfigError, DataError, NoVerdictError
     """
-    choices = TrendChoices(what, by, sensors, work_scope, tuple(events), margin or MarginOptions())
+    choices = TrendChoices(what, by, sensors, work_scope, tuple(events), margin or MarginOptions(), alerts, setting)
     return TrendResult(compare(nominal, recordings, windows, messages), choices).complete(stream)
 
 

@@ -16,6 +16,7 @@ from enginediag_cli.cli.config import Command, choose_exit_code, command, write_
 from enginediag_cli.cli.options import (
     EXISTING,
     INPUT,
+    JUDGEMENT,
     MODEL,
     OPERATION,
     OUTPUT,
@@ -67,15 +68,31 @@ if TYPE_CHECKING:
 @option(
     OUTPUT,
     "--what",
-    type=click.Choice(["trend", "flights", "margin"]),
+    type=click.Choice(["trend", "flights", "margin", "deltas"]),
     default="trend",
     show_default=True,
     help="trend: one row per change, with kind, onset and rate; flights: one row per flight and parameter; margin: EGT "
-    "margin, one row per flight and maintenance event, and one with the forecast.",
+    "margin, one row per flight and maintenance event, and one with the forecast; deltas: raw deltas at equal power "
+    "setting, smoothed, one row per flight and reading.",
+)
+@option(
+    JUDGEMENT,
+    "--alerts",
+    metavar="FILE",
+    type=ConfigFile(),
+    help="Alert levels of --what deltas (YAML, kind alerts): caution, warning, and how long they must last.",
+)
+@option(
+    JUDGEMENT,
+    "--setting",
+    metavar="COLUMN",
+    default="",
+    help="Power setting at which --what deltas compares, a reading such as N1_rpm. Default: that of --alerts, else the "
+    "engine's own.",
 )
 @by_option("component: one row per event with all parameters of the component, for an engine with generic maps.")
 @work_scope_option
-@picture_option("the health of the engine that changed over its flights")
+@picture_option("the health of the engine that changed over its flights, its margin, or a delta with its levels")
 @jobs_option
 @output_options
 def trend(
@@ -95,7 +112,8 @@ def trend(
     enginediag trend -n nominal.yaml flights.csv
     enginediag trend -n nominal.yaml --what flights flights.csv
     enginediag trend -n nominal.yaml --by component --reference 20 fleet.csv
-    enginediag trend -n nominal.yaml --what margin --limit T45_K 1280 --events washes.csv flights.csv
+    enginediag trend -n nominal.yaml --what deltas --setting N1_rpm --alerts alerts/turbofan.yaml flights.csv
+    enginediag trend -n nominal.yaml --what margin --limit T45_K 1180 --events washes.csv flights.csv
     enginediag residual -n nominal.yaml --sensors flights.csv -o statistics.csv && enginediag trend statistics.csv
 
     Components, sensors and the instruments of model inputs may each have changed. Changes are in the parameter's unit,

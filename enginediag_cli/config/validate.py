@@ -548,6 +548,12 @@ FILE_KINDS: dict[str, FileKind] = {
             "enginediag_cli.simulation.flights:FLIGHT_FILE",
         ),
         FileKind(
+            "alerts",
+            "alert levels of deltas over flights: caution, warning, and how long they must last",
+            "enginediag_cli.history.deltas:ALERTS_FILE",
+            "enginediag_cli.history.deltas:load_alerts",
+        ),
+        FileKind(
             "defaults",
             "options of commands, for enginediag.yaml beside the data",
             "enginediag_cli.cli.config:DEFAULTS_FILE",

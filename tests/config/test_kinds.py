@@ -80,18 +80,18 @@ def test_nothing_is_built_from_a_file_that_fails_its_declarations(tmp_path: Path
         (
             "stages: 1",
             "1:1: error: the file does not say its kind (begin it with 'kind:' and one of "
-            "engine, faults, recorder, nominal, study, fleet, flight, defaults)",
+            "engine, faults, recorder, nominal, study, fleet, flight, alerts, defaults)",
         ),
         ("kind: engin", "1:7: error: unknown kind of file, the text 'engin' (did you mean 'engine'?)"),
         (
             "kind: 3",
             "1:7: error: unknown kind of file, the number 3 "
-            "(one of: engine, faults, recorder, nominal, study, fleet, flight, defaults)",
+            "(one of: engine, faults, recorder, nominal, study, fleet, flight, alerts, defaults)",
         ),
         (
             "- 3",
             "1:1: error: the file must be a mapping of keys, not a list of 1 (begin it with 'kind:' and one "
-            "of engine, faults, recorder, nominal, study, fleet, flight, defaults)",
+            "of engine, faults, recorder, nominal, study, fleet, flight, alerts, defaults)",
         ),
     ],
 )

@@ -233,6 +233,7 @@ OUTPUTS = {
     "trend/components": "trend:EVENTS",
     "trend/flights": "trend:FLIGHTS",
     "trend/margin": "fleet:MARGIN",
+    "trend/deltas": "trend:DELTAS",
     "residual": "detection:RESIDUAL",
     "residual/records": "detection:RECORDS",
     "locate": "location:LOCATE",

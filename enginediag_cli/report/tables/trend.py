@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from enginediag_cli.detection.series import estimate_flight_change, has_times
@@ -22,6 +23,7 @@ from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.sentences import (
     change,
+    date_words,
     instrument_in_flights,
     listed,
     probability,
@@ -32,6 +34,7 @@ from enginediag_cli.report.tables.answers import WORK_SCOPE, work_scope_cells
 if TYPE_CHECKING:
     from enginediag_cli.detection.series import FlightWindow, Series
     from enginediag_cli.fleets.work_scope import WorkScope
+    from enginediag_cli.history.deltas import FlightDeltas
     from enginediag_cli.history.posterior import ChangeEvent, HistoryChange
 
 
@@ -393,6 +396,131 @@ def flight_rows(series: Series, histories: Mapping[str, EngineTrend] | None = No
                 yield FLIGHTS.row(
                     FlightParameter(engine, counts[engine], stretch, found.records, name, size, error, unit, *level)
                 )
+
+
+class DeltaRow(NamedTuple):
+    """Number t and column j, from 0, of the deltas of an engine."""
+
+    found: FlightDeltas
+    t: int
+    j: int
+
+    @property
+    def stretch(self) -> FlightWindow:
+        return self.found.stretches[self.t]
+
+    def pick(self, values: Any) -> float | None:
+        """The value of this flight and column; None where it is not known."""
+        value = float(values[self.t, self.j])
+        return value if isfinite(value) else None
+
+    def bound(self, values: Any, errors: Any, side: float) -> float | None:
+        """One end of the 95 % interval."""
+        value, error = self.pick(values), self.pick(errors)
+        return None if value is None or error is None else value + side * NORMAL_95 * error
+
+
+delta_column: Columns[DeltaRow] = Columns()
+_SHOWN = "as shown"
+
+DELTAS: Table[DeltaRow] = Table(
+    "trend/deltas",
+    1,
+    "trend --what deltas: one row per flight and reading: minus what the nominal engine reads at equal power setting",
+    (
+        delta_column("engine", "text", "engine, as its recording calls it", lambda r: r.found.engine),
+        delta_column("source", "text", "file that holds the flight", lambda r: r.stretch.window.source),
+        delta_column("flight", "text", "flight, as its recording calls it", lambda r: r.stretch.window.flight),
+        delta_column("number", "integer", "its number in the series, from 1", lambda r: r.t + 1),
+        delta_column(
+            "date",
+            "text?",
+            "when it began, UTC, where recordings count time from 1970",
+            lambda r: None if r.found.days is None else date_words(r.found.days[r.t]),
+        ),
+        delta_column("records", "integer", "records judged", lambda r: r.stretch.statistics.n),
+        delta_column("column", "text", "the reading, or the input that sets the power", lambda r: r.found.columns[r.j]),
+        delta_column("name", "text", "what it is called, by the alerts file", lambda r: r.found.names[r.j]),
+        delta_column(
+            "delta",
+            "number?",
+            "mean over the flight of reading minus prediction",
+            lambda r: r.pick(r.found.delta),
+            _SHOWN,
+        ),
+        delta_column(
+            "low",
+            "number?",
+            "lower end of its 95 % interval, by the noise of the readings alone",
+            lambda r: r.bound(r.found.delta, r.found.error, -1.0),
+            _SHOWN,
+        ),
+        delta_column(
+            "high",
+            "number?",
+            "upper end of its 95 % interval",
+            lambda r: r.bound(r.found.delta, r.found.error, 1.0),
+            _SHOWN,
+        ),
+        delta_column(
+            "smoothed",
+            "number?",
+            "exponentially weighted mean of this flight and those before it, since the last maintenance",
+            lambda r: r.pick(r.found.smoothed),
+            _SHOWN,
+        ),
+        delta_column(
+            "smoothed_low",
+            "number?",
+            "lower end of its 95 % interval, by how flights scatter",
+            lambda r: r.bound(r.found.smoothed, r.found.smoothed_error, -1.0),
+            _SHOWN,
+        ),
+        delta_column(
+            "smoothed_high",
+            "number?",
+            "upper end of its 95 % interval",
+            lambda r: r.bound(r.found.smoothed, r.found.smoothed_error, 1.0),
+            _SHOWN,
+        ),
+        delta_column(
+            "unit", "text", "unit of the deltas: °C, or % of what nominal reads", lambda r: r.found.units[r.j]
+        ),
+        delta_column("level", "text?", "caution or warning, else empty", lambda r: r.found.level[r.t, r.j] or None),
+        delta_column(
+            "since",
+            "integer?",
+            "number of the flight from which on the smoothed delta has been beyond that level",
+            lambda r: int(r.found.since[r.t, r.j]) or None,
+        ),
+    ),
+    ("engine", "number", "date", "name", "delta", "smoothed", "unit", "level", "since", "flight", "records", "source"),
+)
+
+
+def delta_rows(found: FlightDeltas) -> Iterator[dict[str, Any]]:
+    """One row per flight and column, flights in order."""
+    for t in range(len(found)):
+        for j in range(len(found.columns)):
+            yield DELTAS.row(DeltaRow(found, t, j))
+
+
+def report_deltas(messages: Messages, found: Mapping[str, FlightDeltas]) -> None:
+    """What the deltas of each engine are now, and since when they are beyond a level."""
+    for engine, deltas in found.items():
+        name = f"engine {engine}: " if engine else ""
+        own = f"{name}at equal {deltas.setting}: " if deltas.setting else name
+        now = deltas.smoothed[-1]
+        shown = [
+            f"Δ{deltas.names[j]} {now[j]:+.3g} {deltas.units[j]} ± {NORMAL_95 * deltas.smoothed_error[-1, j]:.2g}"
+            for j in range(len(deltas.columns))
+            if isfinite(now[j])
+        ]
+        messages.note(f"{own}{', '.join(shown)}".replace("-", "−"), engine=engine)
+        for j, level in enumerate(deltas.level[-1]):
+            if level:
+                since = deltas.stretches[deltas.since[-1, j] - 1].window.flight or deltas.since[-1, j]
+                messages.warning(f"{name}Δ{deltas.names[j]}: {level} since flight {since}", engine=engine)
 
 
 def report_instruments_over_flights(messages: Messages, series: Series) -> None:
