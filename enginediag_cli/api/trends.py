@@ -16,6 +16,7 @@ from enginediag_cli.api.results import MessageLog, Picture, Result, Row
 from enginediag_cli.errors import DataError, UsageError
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.shipped import own_or_shipped
+from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.series import Series
@@ -239,7 +240,8 @@ class TrendResult(Result):
         if self._choices.what == "margin" and self._margins is not None:
             rows = list(margin_rows(self._margins))
         elif self._choices.what == "flights":
-            rows = list(flight_rows(self._series))
+            self.histories = dict(self._judged())
+            rows = list(flight_rows(self._series, self.histories))
         elif self._choices.what == "deltas":
             rows = [row for engine in self.deltas().values() for row in delta_rows(engine)]
             report_deltas(self.messages, self.deltas())

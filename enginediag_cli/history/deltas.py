@@ -40,8 +40,8 @@ MEDIAN = 0.455
 """Median of the square of a standard normal variable."""
 FEWEST_DIFFERENCES = 4
 """Differences of neighbours from which their median is taken for a scatter."""
-EARLIEST_S = 315_532_800.0
-"""1980-01-01 in seconds since 1970: a clock that shows more counts from 1970, and gives dates."""
+FIRST_DATE_S = 3e8
+"""Seconds since 1970 from which a time is a date (July 1979): no recording that counts from its start is as long."""
 DAY_S = 86_400.0
 """Seconds of a day."""
 WARNING, CAUTION = "warning", "caution"
@@ -144,8 +144,8 @@ class FlightDeltas:
     """Deltas of one engine, T flights and m columns: `delta`, standard `error` of the mean over the flight, `smoothed`,
     `smoothed_error` (T, m), NaN where there is no reading; all in the units (m,), which are °C or % as shown. names
     (m,): what the deltas are called; level (T, m): "", caution or warning; since (T, m): number, from 1, of the flight
-    from which on it has been at that level, 0 without; events: numbers of first flights after maintenance; days (T,):
-    since 1970, None without dates."""
+    from which on it has been at that level, 0 without; events: numbers of first flights after maintenance; dates (T,):
+    seconds since 1970, None where times are no dates."""
 
     engine: str
     stretches: Sequence[FlightWindow]
@@ -161,7 +161,7 @@ class FlightDeltas:
     setting: str
     smoothing_flights: float
     events: tuple[int, ...] = ()
-    days: np.ndarray | None = None
+    dates: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.delta)
@@ -210,8 +210,8 @@ def flight_deltas(
     if healthy:
         delta = delta - np.nanmean(delta[:healthy], axis=0)
     smoothed, smoothed_error = _smooth(delta, error, alerts.smoothing_flights, events)
-    days = _days(stretches)
-    level, since = _levels(columns, smoothed, alerts.levels, days)
+    dates = _dates(stretches)
+    level, since = _levels(columns, smoothed, alerts.levels, dates)
     names = tuple(alerts.levels.get(c, {}).get("name") or split_column(c)[0] for c in columns)
     return FlightDeltas(
         engine,
@@ -228,7 +228,7 @@ def flight_deltas(
         alerts.setting or next(iter(series.power_inputs), ""),
         alerts.smoothing_flights,
         tuple(events),
-        days,
+        dates,
     )
 
 
@@ -367,19 +367,19 @@ def _smooth(
     return mean, deviation
 
 
-def _days(stretches: Sequence[FlightWindow]) -> np.ndarray | None:
-    """When each flight began, in days since 1970; None unless all recordings count from there."""
+def _dates(stretches: Sequence[FlightWindow]) -> np.ndarray | None:
+    """When each flight began, in seconds since 1970; None unless all recordings count from there."""
     start = np.array([x.window.start_s for x in stretches])
-    return start / DAY_S if np.all(start > EARLIEST_S) else None
+    return start if np.all(start > FIRST_DATE_S) else None
 
 
 def _levels(
-    columns: Sequence[str], smoothed: np.ndarray, levels: Mapping[str, Mapping[str, Any]], days: np.ndarray | None
+    columns: Sequence[str], smoothed: np.ndarray, levels: Mapping[str, Mapping[str, Any]], dates: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Level (T, m) of each smoothed delta, and since which flight, from 1, it has been beyond it; 0 without."""
     level, since = np.full(smoothed.shape, "", dtype=object), np.zeros(smoothed.shape, int)
     for column, own in levels.items():
-        if own["days"] > 0 and days is None:
+        if own["days"] > 0 and dates is None:
             raise DataError(f"{column}: an alert after {own['days']:g} days needs dates, and the recordings show none")
         j = columns.index(column)
         for name, key, sign in SIDES:
@@ -392,7 +392,7 @@ def _levels(
                     first = t + 1
                     continue
                 lasted = t - first + 1 >= own["flights"]
-                lasted &= own["days"] == 0 or (days is not None and days[t] - days[first] >= own["days"])
+                lasted &= own["days"] == 0 or (dates is not None and dates[t] - dates[first] >= own["days"] * DAY_S)
                 if lasted and not level[t, j]:
                     level[t, j], since[t, j] = name, first + 1
     return level, since

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from datetime import datetime, timezone
 from typing import TYPE_CHECKING
 
 from enginediag_cli.parameters import Parameter, meanings, spelled
@@ -97,13 +96,6 @@ SURE = 0.995
 """Probability from which two decimals say no more."""
 STUCK_DIGITS = 6
 """Digits of a reading that repeats itself: as many as make it found again in the file."""
-
-
-def date_words(day: float) -> str:
-    """A day since 1970, UTC, as a date, with its time of day where it has one."""
-    stamp = datetime.fromtimestamp(round(day * 86_400.0), timezone.utc)
-    whole = not (stamp.hour or stamp.minute)
-    return stamp.strftime("%Y-%m-%d" if whole else "%Y-%m-%d %H:%M")
 
 
 def display_scale(parameter: Parameter) -> tuple[float, str]:

@@ -70,7 +70,7 @@ def test_at_the_engines_own_power_setting_deltas_are_mean_residuals(folder, tmp_
     assert call("residual", "-n", nominal, "--what", "records", flown, "-o", records) == 0
     rows = [row for row in table(records) if row["state"] in ("ok", "outside the operating points identified")]
     found = trend(nominal, flown, what="deltas").deltas()[""]
-    assert found.setting == "Wf_kg_s" and found.days is not None and not found.level.any()
+    assert found.setting == "Wf_kg_s" and found.dates is not None and not found.level.any()
     for t, flight in ((1, "2"), (6, "7")):
         for column in ("T5_K", "N1_rpm"):
             j = found.columns.index(column)
@@ -139,7 +139,7 @@ def test_a_level_that_must_last_days_needs_dates():
         "flights": 1,
         "days": 2.0,
     }
-    level, since = _levels(("T5_K",), smoothed, {"T5_K": own}, np.array([0.0, 1.0, 2.0, 3.0, 4.0]))
+    level, since = _levels(("T5_K",), smoothed, {"T5_K": own}, DAY_S * np.arange(5.0))
     assert level[:, 0].tolist() == ["", "", "", "caution", ""] and since[:, 0].tolist() == [0, 0, 0, 2, 0]
     with pytest.raises(Exception, match="needs dates"):
         _levels(("T5_K",), smoothed, {"T5_K": own}, None)

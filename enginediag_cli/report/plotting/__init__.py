@@ -85,7 +85,7 @@ def format_value(value: Value, digits: int = DIGITS) -> str:
 @dataclass(frozen=True)
 class Axis:
     """`label` with its `unit`; `categories`: names instead of numbers; `limits`: where data alone should not decide;
-    `dates`: numbers are days since 1970 and shown as dates."""
+    `dates`: numbers are seconds since 1970, UTC."""
 
     label: str
     unit: str = ""

@@ -33,8 +33,6 @@ from enginediag_cli.report.plotting import (
     x_range,
     y_range,
 )
-from enginediag_cli.report.plotting.svg import ticks
-from enginediag_cli.report.sentences import date_words
 
 HEIGHT, ROW, CELL, BESIDE, BAR = 300, 24, 21, 66, 62
 """Pixels of a plot, of a row of a lying one, of a row of a heat map, of what stands above and below rows, and of a
@@ -124,10 +122,6 @@ def _dress(on: Any, chart: Chart) -> None:
         grid.grid_line_color = None if said.categories else FAINT
     if chart.x.categories:
         on.xaxis[0].major_label_orientation = 0.8
-    if chart.x.dates:
-        places = ticks(*x_range(chart), 4)
-        on.xaxis[0].ticker = _library("models").FixedTicker(ticks=places)
-        on.xaxis[0].major_label_overrides = {place: date_words(place) for place in places}
 
 
 def _draw(on: Any, chart: Chart, layer: Layer) -> None:

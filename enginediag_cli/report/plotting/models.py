@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from enginediag_cli.engine.components.turbomachinery import Compressor
+from enginediag_cli.engine.evaluation import P_ISA, T_ISA
 from enginediag_cli.errors import NoVerdictError
 from enginediag_cli.identification.nominal import EVERYTHING, SensorQuality
 from enginediag_cli.parameters import Parameter, spelled
@@ -32,6 +34,7 @@ from enginediag_cli.report.plotting import (
     RowOrigin,
     Value,
     chart_columns,
+    date_words,
 )
 from enginediag_cli.report.plotting.health import (
     health_trend,
@@ -42,12 +45,13 @@ from enginediag_cli.report.plotting.health import (
 from enginediag_cli.report.plotting.residuals import detection_course, window_fingerprint
 from enginediag_cli.report.plotting.svg import picture
 from enginediag_cli.report.result_files import ALONE, Row, conditional_rows, order_windows
-from enginediag_cli.report.sentences import date_words, display_scale
+from enginediag_cli.report.sentences import display_scale
 from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.series import Series
     from enginediag_cli.history.deltas import DeltaAlerts, FlightDeltas
+    from enginediag_cli.history.engines import EngineTrend
     from enginediag_cli.identification.identify import Identification
     from enginediag_cli.isolation.windows import IsolatedWindow
     from enginediag_cli.residuals.monitor import Monitor
@@ -475,8 +479,8 @@ def delta_chart(found: Mapping[str, FlightDeltas], alerts: DeltaAlerts) -> Chart
 
 def delta_course(key: str, found: FlightDeltas, j: int, levels: Mapping[str, Any]) -> Chart:
     """The j-th delta of an engine over its flights; levels: of its section of the alerts file."""
-    dated = found.days is not None
-    x = [float(day) for day in found.days] if found.days is not None else [t + 1.0 for t in range(len(found))]
+    dated = found.dates is not None
+    x = [float(t) for t in found.dates] if found.dates is not None else [t + 1.0 for t in range(len(found))]
     delta, half = found.delta[:, j], NORMAL_95 * found.error[:, j]
     smoothed = found.smoothed[:, j]
     begun = [k - 1 for k in found.events]  # the line is interrupted where smoothing begins anew

@@ -37,7 +37,6 @@ from enginediag_cli.report.plotting import (
     y_range,
 )
 from enginediag_cli.report.plotting import shade as model_shade
-from enginediag_cli.report.sentences import date_words
 
 FONT = "Helvetica, Arial, sans-serif"
 
@@ -201,13 +200,13 @@ class Panel:
         v = (min(max(y, self.y_range[0]), self.y_range[1]) - self.y_range[0]) / _span(self.y_range)
         return self.left + u * self.width, self.top + (1.0 - v) * self.height
 
-    def draw(self, on: Drawing, x_label: str, y_label: str, *, dates: bool = False) -> None:
-        """Frame, grid, ticks and names of the axes; dates: x are days since 1970."""
+    def draw(self, on: Drawing, x_label: str, y_label: str) -> None:
+        """Frame, grid, ticks and names of the axes."""
         bottom = self.top + self.height
-        for x in ticks(*self.x_range, 4 if dates else 6):
+        for x in date_ticks(*self.x_range) if self.dates else ticks(*self.x_range):
             u, _ = self.to_pixels(x, self.y_range[0])
             on.line(u, self.top, u, bottom, FAINT)
-            on.words(u, bottom + 17, date_words(x) if dates else _signed(x), anchor="middle")
+            on.words(u, bottom + 17, date_words(x) if self.dates else _signed(x), anchor="middle")
         for y in ticks(*self.y_range):
             _, v = self.to_pixels(self.x_range[0], y)
             on.line(self.left, v, self.left + self.width, v, INK if y == 0 else FAINT)
@@ -374,7 +373,7 @@ def _label_height(chart: Chart) -> float:
 
 def _frame(on: Drawing, chart: Chart, panel: Panel, turned: float) -> None:
     if not chart.lying and not chart.x.categories:
-        panel.draw(on, chart.x.words, "", dates=chart.x.dates)
+        panel.draw(on, chart.x.words, "")
         _y_label(on, chart, panel)
         return
     bottom = panel.top + panel.height

@@ -21,9 +21,9 @@ from enginediag_cli.history.posterior import EVENT
 from enginediag_cli.history.shapes import FROM_START, INTERMITTENT, WASHED, WITH_END
 from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.report.messages import Messages
+from enginediag_cli.report.plotting import date_words
 from enginediag_cli.report.sentences import (
     change,
-    date_words,
     instrument_in_flights,
     listed,
     probability,
@@ -436,7 +436,7 @@ DELTAS: Table[DeltaRow] = Table(
             "date",
             "text?",
             "when it began, UTC, where recordings count time from 1970",
-            lambda r: None if r.found.days is None else date_words(r.found.days[r.t]),
+            lambda r: None if r.found.dates is None else date_words(r.found.dates[r.t]),
         ),
         delta_column("records", "integer", "records judged", lambda r: r.stretch.statistics.n),
         delta_column("column", "text", "the reading, or the input that sets the power", lambda r: r.found.columns[r.j]),
