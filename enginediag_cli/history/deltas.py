@@ -31,6 +31,7 @@ import numpy as np
 from enginediag_cli.config.fields import Field, Section, near
 from enginediag_cli.config.validate import load_checked
 from enginediag_cli.detection.series import FlightWindow, Series
+from enginediag_cli.engine.instrument_errors import InputError
 from enginediag_cli.errors import ConfigError, DataError, Problem
 from enginediag_cli.units import split_column
 
@@ -232,6 +233,11 @@ def flight_deltas(
     )
 
 
+def _input_errors(series: Series) -> Sequence[InputError]:
+    """Errors of inputs, of each its usual form first."""
+    return tuple(getattr(series.monitor.engine, "errors", {}).values()) if series.monitor is not None else ()
+
+
 def _sensor_biases(series: Series) -> dict[str, str]:
     """Column → name of the bias of its sensor."""
     monitor = series.monitor
@@ -289,7 +295,7 @@ def _hold_reading(
 ) -> Residuals:
     """The same at equal reading `setting`: its delta gives way to that of the input that sets the power."""
     power = next(iter(series.power_inputs), "")
-    error = next((x for x in series.errors.values() if x.column == power), None)
+    error = next((x for x in _input_errors(series) if x.column == power), None)
     if setting == power:
         return columns, e, C, read
     if setting not in columns:
