@@ -282,6 +282,7 @@ class TrendResult(Result):
             reference=self._healthy,
             sensors=choices.sensors,
             maintenance={e: maintenance_flights(series, e, choices.events) for e in series.stretches},
+            health=bool(choices.events),
         )
 
     def _engine_rows(
@@ -301,7 +302,7 @@ class TrendResult(Result):
         report_work_scope(messages, engine, scope)
         rows = list(as_rows(engine, story, series, scope, form))
         if scoping is not None:
-            for found in maintenance_effects(scoping, series, engine, tuple(choices.events)):
+            for found in maintenance_effects(scoping, story, series, engine, tuple(choices.events)):
                 report_maintenance(messages, engine, found, series, scoping)
                 rows.append(maintenance_row(engine, found, series, scoping, form, [*before, *rows]))
         return rows

@@ -1,24 +1,7 @@
-"""What maintenance restored: the difference of the levels before and after it, as a change of its own.
+"""What maintenance restored: the step of the path of health at it, by the one account of the engine's history.
 
-With score and information of the flights on either side, b₁, I₁ before and b₂, I₂ after, the difference of the levels
-is known with
-
-    I = I₁ (I₁ + I₂)⁺ I₂,     b = I₁ (I₁ + I₂)⁺ b₂ − I₂ (I₁ + I₂)⁺ b₁,     b ~ N(I (δ₂ − δ₁), I),
-
-the parallel sum of W. N. Anderson and R. J. Duffin (1969) J. Math. Anal. Appl. 26, 576–594, since all that both sides
-have in common cancels. Instruments differ by their spread from flight to flight. Repair may move a parameter
-either way: wear says nothing of it.
-
-A level is that at the event itself, estimated from the flights nearest to it: what they wore on the way there or since
-is no part of it. With δ_k = δ + d_k s at the distance d_k of flight k and a wear s ~ N(0, (WEAR D)²) of each side,
-
-    b = Σ b_k − M Σ d_k b_k,     I = Σ I_k − M Σ d_k I_k,     M = Σ d_k I_k (Σ d_k² I_k + S⁻¹)⁻¹,
-
-as many flights as have such a course: with χ² of the course, and what it has of degrees of freedom,
-
-    ĉ = (Σ b_kᵀ I_k⁺ b_k − χ²) / (Σ rank I_k − rank)
-
-is 1 where they do, and above it by what the model does not know of flights; evidence is divided by it.
+Wear of the flights on either side, errors of instruments and what is uncertain about nominal are in that account, so
+that they are no part of the step.
 
 `maintenance_effects` estimates the events of one series; `assess_margins` the margin of engines whose flights are a
 series, by the judgement of a fleet.
@@ -30,6 +13,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.special import ndtr
 
 from enginediag_cli.config.fields import near
 from enginediag_cli.detection.series import FlightWindow, Series
@@ -46,25 +30,11 @@ from enginediag_cli.fleets.margin import (
     margin_scale,
 )
 from enginediag_cli.fleets.work_scope import ChangeMoments, Gain, PowerReference, WorkScopeEstimator
-from enginediag_cli.history.engines import HistoryWindows
-from enginediag_cli.isolation.methods import keep_first_forms
-from enginediag_cli.isolation.posterior import SetInference, set_posterior
-from enginediag_cli.isolation.prior import SetPrior
-from enginediag_cli.isolation.results import temper
-from enginediag_cli.isolation.sensitivity_analysis import SPREAD, stated_errors
+from enginediag_cli.history.engines import EngineTrend, HistoryWindows
+from enginediag_cli.history.health import HealthStep
+from enginediag_cli.parameters import Parameter
+from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.score import Score, fisher_score
-from enginediag_cli.residuals.statistics import LocalStatistics, range_space
-
-NEAR = 10
-"""Flights on each side of an event that are compared: over more of them wear is no straight line."""
-WEAR = 0.05
-"""Standard deviation of what a part wears from flight to flight, in prior standard deviations of a change: half of one
-in ten flights. Judgement: fast wear is that of a hundredth in as many. Instruments do not wear."""
-DIFFERENT = 4.0
-"""ĉ from which flights have no common level: they differ by twice what their noise and instruments explain."""
-LARGEST = 5
-"""Parameters that change together at most, as where a window is isolated."""
 
 
 @dataclass(frozen=True)
@@ -76,15 +46,13 @@ class MaintenanceEffect:
     flight : int
         Number of the first flight after it, from 1.
     flights_before, flights_after : int
-        Flights that the estimate rests on.
-    dispersion : float
-        Factor ĉ by which the evidence was divided, since flights of one side differ.
+        Flights between the maintenance before and this, and between this and the next.
     names : tuple of str
-        Parameters that changed.
+        Parameters that changed: the 95 % interval of the change excludes zero.
     probability : float
-        That exactly these changed.
+        That the least certain of them changed that way; without any, that of the most certain one.
     change, deviation : tuple of float
-        Mean changes and standard deviations, in the parameters' units.
+        Mean changes of these and standard deviations, in the parameters' units.
     gain : Gain or None
         Fall of temperature and fuel flow at equal power.
     reason : str
@@ -94,7 +62,6 @@ class MaintenanceEffect:
     flight: int
     flights_before: int
     flights_after: int
-    dispersion: float
     names: tuple[str, ...]
     probability: float
     change: tuple[float, ...]
@@ -103,156 +70,8 @@ class MaintenanceEffect:
     reason: str = ""
 
 
-def estimate_maintenance(
-    scoping: WorkScopeEstimator,
-    statistics: Sequence[LocalStatistics],
-    flight: int,
-    others: Sequence[int] = (),
-    spread: Mapping[str, float] | None = None,
-    recorded: Mapping[str, float] | None = None,
-) -> MaintenanceEffect:
-    """What the maintenance before flight number `flight` (from 1) of a series did.
-
-    statistics: of each flight in order; others: flights before which there was maintenance, too, beyond which levels
-    are not compared; spread: standard deviation of an instrument's error from flight to flight, by parameter.
-    ValueError where there is no flight on one side.
-    """
-    first = max([f for f in others if f < flight], default=1)
-    last = min([f for f in others if f > flight], default=len(statistics) + 1)
-    sides = statistics[first - 1 : flight - 1][::-1], statistics[flight - 1 : last - 1]
-    if not all(sides):
-        raise ValueError(f"no flight lies {'after' if sides[0] else 'before'} the maintenance at flight {flight}")
-    before, after = (_flight_level(side[:NEAR], spread or {}) for side in sides)
-    dispersion = max(before.dispersion, after.dispersion)  # of a side of one flight nothing is known
-    one, other = (temper(level.score, dispersion) for level in (before, after))
-    prior = SetPrior(p_recovery=0.5)
-    score = level_difference(one, other)
-    belief = SetInference(score, set_posterior(score, prior, largest=LARGEST), prior)
-    names = belief.posterior.names(0)
-    mean, covariance = belief.moments()
-    at = score.indices(names)
-    engine = [i for i, p in enumerate(score.described) if not p.belongs_to_instrument]
-    told = ChangeMoments(tuple(score.parameters[i] for i in engine), mean[engine], covariance[np.ix_(engine, engine)])
-    # the level before, as far as flights tell it beyond what is plausible
-    gain, reason = scoping.maintenance_gain(_prior_held_change(one)[engine], told, recorded or {})
-    return MaintenanceEffect(
-        flight,
-        before.flights,
-        after.flights,
-        dispersion,
-        names,
-        float(belief.posterior.probabilities[0]),
-        tuple(mean[at].tolist()),
-        tuple(np.sqrt(np.diag(covariance)[at]).tolist()),
-        gain,
-        reason,
-    )
-
-
-def level_difference(before: Score, after: Score) -> Score:
-    """The score of the difference of two levels, what both have in common cancelling."""
-    (b1, I1), (b2, I2) = before.scaled(), after.scaled()
-    space = range_space(I1 + I2, np.ones(len(b1)))
-    inverse = (space.basis / space.eigenvalues) @ space.basis.T
-    I = I1 @ inverse @ I2
-    b = I1 @ inverse @ b2 - I2 @ inverse @ b1
-    D = before.prior_sigma
-    inner = range_space((I + I.T) / 2, np.ones(len(b)))
-    glr = float(np.sum((b @ inner.basis) ** 2 / inner.eigenvalues))
-    return replace(before, b=b / D, information=(I + I.T) / 2 / D / D[:, None], glr=glr, rank=inner.rank)
-
-
-@dataclass(frozen=True)
-class FlightLevel:
-    """Score of the nearest flights of one side together, how many they are, and ĉ, at least 1, among them."""
-
-    score: Score
-    flights: int
-    dispersion: float
-
-
-def _flight_level(side: Sequence[LocalStatistics], spread: Mapping[str, float]) -> FlightLevel:
-    """The flights of a side, the nearest first, as long as they have a course in common: two at least, where there are;
-    instruments' errors are each flight's own."""
-    found: FlightLevel | None = None
-    of: _LevelAndWear | None = None
-    for k, x in enumerate(side, start=1):
-        variance = np.square([spread.get(name, 0.0) for name in x.parameters])
-        own = keep_first_forms(fisher_score(x, uncertainty=np.diag(variance)))
-        of = (of or _LevelAndWear.empty(len(own.parameters))).add_flight(own, k - 0.5)
-        dispersion = of.dispersion(own)
-        if found is not None and k > 2 and dispersion > DIFFERENT:
-            break
-        found = FlightLevel(of.level_score(own), k, dispersion)
-    assert found is not None
-    return found
-
-
-@dataclass(frozen=True)
-class _LevelAndWear:
-    """Sums over flights of a side, in prior standard deviations: score and information of level and wear, (2p,) and
-    (2p, 2p); χ² and rank of the flights one by one."""
-
-    b: np.ndarray
-    information: np.ndarray
-    separate: float
-    ranks: int
-
-    @staticmethod
-    def empty(p: int) -> _LevelAndWear:
-        return _LevelAndWear(np.zeros(2 * p), np.zeros((2 * p, 2 * p)), 0.0, 0)
-
-    def add_flight(self, own: Score, distance: float) -> _LevelAndWear:
-        b, information = own.scaled()
-        d = np.array([1.0, distance])
-        return _LevelAndWear(
-            self.b + np.kron(d, b),
-            self.information + np.kron(np.outer(d, d), information),
-            self.separate + own.glr,
-            self.ranks + own.rank,
-        )
-
-    def _split_parameters(self, like: Score) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Positions of the levels, and of the wear of what can wear, with its precision."""
-        p = len(like.parameters)
-        wears = np.array([not q.belongs_to_instrument for q in like.described])
-        return np.arange(p), p + np.flatnonzero(wears), np.full(int(wears.sum()), WEAR**-2)
-
-    def level_score(self, like: Score) -> Score:
-        """The score of the level there, wear being whatever it was."""
-        level, wear, precision = self._split_parameters(like)
-        cross = self.information[np.ix_(level, wear)]
-        M = np.linalg.solve(self.information[np.ix_(wear, wear)] + np.diag(precision), cross.T).T
-        b = self.b[level] - M @ self.b[wear]
-        I = self.information[np.ix_(level, level)] - M @ cross.T
-        I = (I + I.T) / 2
-        inner = range_space(I, np.ones(len(b)))
-        glr = float(np.sum((b @ inner.basis) ** 2 / inner.eigenvalues))
-        D = like.prior_sigma
-        return replace(like, b=b / D, information=I / D / D[:, None], glr=glr, rank=inner.rank)
-
-    def dispersion(self, like: Score) -> float:
-        """ĉ, at least 1; 1 without degrees of freedom to estimate it."""
-        level, wear, precision = self._split_parameters(like)
-        there = self.level_score(like)
-        own = self.information[np.ix_(wear, wear)]
-        held = np.linalg.solve(own + np.diag(precision), self.b[wear])
-        chi2 = there.glr + float(self.b[wear] @ held)
-        cross = self.information[np.ix_(level, wear)]
-        beside = own - cross.T @ np.linalg.pinv(self.information[np.ix_(level, level)], hermitian=True) @ cross
-        told = float(np.trace(np.linalg.solve(beside + np.diag(precision), beside)))
-        freedom = self.ranks - there.rank - told
-        return max((self.separate - chi2) / freedom, 1.0) if freedom > 0.5 else 1.0
-
-
-def _prior_held_change(level: Score) -> np.ndarray:
-    """Likely change (p,) from nominal, each parameter held by its prior."""
-    b, information = level.scaled()
-    return np.asarray(level.prior_sigma * np.linalg.solve(information + np.eye(len(b)), b))
-
-
 def maintenance_effects(
-    scoping: WorkScopeEstimator, series: Series, engine: str, events: Sequence[str]
+    scoping: WorkScopeEstimator, story: EngineTrend, series: Series, engine: str, events: Sequence[str]
 ) -> Iterator[MaintenanceEffect]:
     """Estimate what maintenance restored on one engine.
 
@@ -260,6 +79,8 @@ def maintenance_effects(
     ----------
     scoping : WorkScopeEstimator
         Of the monitored engine.
+    story : EngineTrend
+        The account of its history, with the path of health and these flights as maintenance.
     series : Series
         Flights of engines.
     engine : str
@@ -276,25 +97,53 @@ def maintenance_effects(
     ------
     DataError
         For a flight that does not exist, or that is the first.
-
-    References
-    ----------
-    W. N. Anderson and R. J. Duffin (1969) J. Math. Anal. Appl. 26, 576–594.
     """
-    stretches = series.stretches[engine]
-    flights = maintenance_flights(series, engine, events)
-    monitor, conditions = series.monitor, mean_conditions(stretches)
-    spread = {}
-    if monitor is not None and flights:
-        readings = {**conditions, **stretches[0].window.readings}
-        stated = stated_errors(monitor, readings, {})
-        spread = {name: s.sigma for name, s in stated.items() if s.origin == SPREAD}
-    statistics = [x.statistics for x in stretches]
-    for flight in sorted(set(flights)):
-        try:
-            yield estimate_maintenance(scoping, statistics, flight, flights, spread, conditions)
-        except ValueError as error:
-            raise DataError(f"--event: {error}") from None
+    flights = sorted(set(maintenance_flights(series, engine, events)))
+    if not flights:
+        return
+    if flights[0] == 1:
+        raise DataError("--event: no flight lies before the maintenance at flight 1")
+    health, recorded = story.posterior.health, mean_conditions(series.stretches[engine])
+    ends = [1, *flights, story.flights + 1]
+    for k, flight in enumerate(flights, start=1):
+        epoch = int(np.searchsorted(story.first, flight - 1))
+        step = next((x for x in health.steps if x.epoch == epoch), None) if health is not None else None
+        around = (flight, flight - ends[k - 1], ends[k + 1] - flight)
+        if step is None or health is None:
+            yield MaintenanceEffect(*around, (), 0.0, (), (), None, "no flight is apart from those on its other side")
+            continue
+        described = [series.parameters[name] for name in health.parameters]
+        yield _step_effect(scoping, described, step, around, recorded)
+
+
+def _step_effect(
+    scoping: WorkScopeEstimator,
+    described: Sequence[Parameter],
+    step: HealthStep,
+    around: tuple[int, int, int],
+    recorded: Mapping[str, float],
+) -> MaintenanceEffect:
+    deviation = np.sqrt(np.maximum(np.diag(step.covariance), 0.0))
+    size = np.abs(step.change) / np.maximum(deviation, LEAST_DEVIATION)
+    named = np.flatnonzero(size > NORMAL_95).tolist()
+    least = size[named].min() if len(named) else size.max(initial=0.0)
+    touched = {described[i].component for i in named}  # what is not seen to have changed gains nothing
+    own = step.select([i for i, p in enumerate(described) if not touched or p.component in touched])
+    parameters = tuple(p.name for p in described if not touched or p.component in touched)
+    gain, reason = scoping.maintenance_gain(own.before, ChangeMoments(parameters, own.change, own.covariance), recorded)
+    return MaintenanceEffect(
+        *around,
+        tuple(described[i].name for i in named),
+        float(2.0 * ndtr(least) - 1.0),
+        tuple(step.change[named].tolist()),
+        tuple(deviation[named].tolist()),
+        gain,
+        reason,
+    )
+
+
+LEAST_DEVIATION = 1e-12
+"""Keeps a change that is known exactly from a division by zero."""
 
 
 def maintenance_flights(series: Series, engine: str, events: Sequence[str]) -> list[int]:

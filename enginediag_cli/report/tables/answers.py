@@ -297,7 +297,7 @@ def maintenance_sentence(
     """What maintenance restored, and at which operating point."""
     sides = f"{count(found.flights_before, 'flight')} before against {found.flights_after} after"
     if not found.names:
-        return f"nothing changed with it for certain ({sides}; probability {probability(found.probability)})"
+        return f"nothing changed with it for certain ({sides})"
     parts = [
         change(known[n], d, NORMAL_95 * s) for n, d, s in zip(found.names, found.change, found.deviation, strict=True)
     ]
