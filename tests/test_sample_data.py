@@ -26,7 +26,7 @@ PICTURES = [
     Path(word).name
     for line in (FOLDER / "README.md").read_text(encoding="utf-8").splitlines()
     if line.startswith(
-        ("    enginediag demo ", "    enginediag explain ", "    enginediag trend ", "    enginediag detect ")
+        ("    enginediag demo ", "    enginediag explain ", "    enginediag report ", "    enginediag detect ")
     )
     for word in shlex.split(line)
     if word.endswith(".svg")

@@ -457,8 +457,12 @@ class ReportPage:
         Whether the page has no verdict at all.
     """
 
-    def __init__(self, html: str, no_verdict: bool):
-        self.html, self.no_verdict = html, no_verdict
+    def __init__(self, html: str, no_verdict: bool, picture: str = ""):
+        self.html, self.no_verdict, self._picture = html, no_verdict, picture
+
+    def plot(self) -> Picture:
+        """Draw the first screen: the verdict with its facts, and the first chart."""
+        return Picture(self._picture)
 
     def save(self, path: str | Path) -> None:
         """Write the page, completely or not at all; ``-`` is standard output. Raises OSError."""
@@ -514,7 +518,7 @@ def make_report(
     ------
     UsageError, ConfigError, DataError, NoVerdictError
     """
-    from enginediag_cli.report.html import EngineState, plots_can_move, rendered, versions
+    from enginediag_cli.report.html import EngineState, first_screen, plots_can_move, rendered, versions
     from enginediag_cli.report.page import build_page
     from enginediag_cli.report.plotting.interactive import WITHOUT
 
@@ -532,7 +536,7 @@ def make_report(
     for lead in silent:
         whose = f"engine {lead.engine}: " if lead.engine else ""
         comparison.messages.warning(f"{whose}no verdict: {lead.sentence}")
-    return ReportPage(rendered(page, static), len(silent) == len(page.leads))
+    return ReportPage(rendered(page, static), len(silent) == len(page.leads), first_screen(page).text())
 
 
 def _results(comparison: Comparison) -> tuple[list[ResultFile], list[str]]:

@@ -277,6 +277,7 @@ PAGE_SUFFIXES = ("", ".html", ".htm")
 @false_alarm_option
 @margin_options
 @option(OUTPUT, "--title", default="", metavar="TEXT", help="Headline of the page.")
+@picture_option("the first screen, with its first chart,")
 @option(OUTPUT, "--static", is_flag=True, help="Draw static pictures even if bokeh is installed, for a small file.")
 @output_file_option(
     "Write the page here, completely or not at all; - is standard output.",
@@ -285,7 +286,7 @@ PAGE_SUFFIXES = ("", ".html", ".htm")
     metavar="FILE.html",
 )
 @jobs_option
-def report(messages: Messages, source: Recordings, output: str, **choices: Any) -> ExitCode:
+def report(messages: Messages, source: Recordings, output: str, picture: str | None, **choices: Any) -> ExitCode:
     """Write results as one page: the verdict first, then charts with their tables, then the provenance.
 
     \b
@@ -305,6 +306,8 @@ def report(messages: Messages, source: Recordings, output: str, **choices: Any) 
 
     page = make_report(source, command=[_command_line()], messages=messages, **choices)
     page.save(output)
+    if picture:
+        page.plot().save(picture)
     return ExitCode.NO_VERDICT if page.no_verdict else ExitCode.DONE
 
 

@@ -248,6 +248,7 @@ def _health_rows(found: _JudgedFlights, current: EngineHistory, earlier: int) ->
     named = {event.group[0] for event in trend.events}  # of which what takes no part has not changed
     for p in found.parameters:
         row = HealthRow(p.name, p.component, p.words or p.name, p.shown_unit, IntervalEstimate(), "steady", 0.0)
+        row = replace(row, family=p.family, quantity=p.quantity, part=p.part)
         if p.name not in parts:
             chance = 0.0 if p.component in named else trend.posterior.inclusion.get(p.component, 0.0)
             yield replace(row, probability=chance)

@@ -69,7 +69,7 @@ class IntervalEstimate:
 class HealthRow:
     """One parameter of an engine. change: now, from its baseline, in `unit`, NaN where no event moved it; onset: number
     of the first changed flight, from 1, with its interval, 0 where nothing changed; kind: "steady", or how an event
-    came; probability: that it has changed at all."""
+    came; probability: that it has changed at all; family, quantity, part: as of the `Parameter`."""
 
     parameter: str
     component: str
@@ -83,6 +83,9 @@ class HealthRow:
     onset_high: int = 0
     onset_flight: str = ""
     rate_per_flight: IntervalEstimate = IntervalEstimate()
+    family: str = ""
+    quantity: str = ""
+    part: str = ""
 
 
 @dataclass(frozen=True, slots=True)

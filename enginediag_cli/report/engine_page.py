@@ -20,7 +20,7 @@ from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.report import result_files
 from enginediag_cli.report.evidence import LIKELY, EngineEvidence, ReportedChange, ReportEvidence
 from enginediag_cli.report.html import Block, EngineState, Folded, Lead, PageSection, Paragraph, TableBlock, next_step
-from enginediag_cli.report.plotting import FIRST_DATE_S, Chart, ChartTable, EventMark, Value, chart_columns, date_words
+from enginediag_cli.report.plotting import Chart, ChartTable, EventMark, Value, chart_columns, date_words, is_date
 from enginediag_cli.report.plotting.health import (
     MOST_CURVES,
     MaintenanceGain,
@@ -100,7 +100,7 @@ def _identity(engine: EngineEvidence, evidence: ReportEvidence) -> str:
     if flights:
         between = f" ({labels[0]} to {labels[-1]})" if len(labels) > 1 else ""
         parts.append(count(flights, "flight") + between)
-    times = [t for row in rows for t in (row.number("start_s"), row.number("end_s")) if t >= FIRST_DATE_S]
+    times = [t for row in rows for t in (row.number("start_s"), row.number("end_s")) if is_date(t)]
     if times:
         parts.append(" to ".join(dict.fromkeys((date_words(min(times)), date_words(max(times))))))
     return " · ".join(part for part in parts if part)
@@ -373,7 +373,7 @@ def _event_onset(event: ReportedChange, engine: EngineEvidence) -> str:
     low, high = row.count("onset_low"), row.count("onset_high")
     within = "" if low == high else f" (counted from the first, between {low} and {high})"
     date = engine.flight_date(row.count("onset")) or (
-        date_words(row.number("onset_s")) if row.number("onset_s") >= FIRST_DATE_S else ""
+        date_words(row.number("onset_s")) if is_date(row.number("onset_s")) else ""
     )
     return f"{name}{within}{f', {date}' if date else ''}, {course}"
 

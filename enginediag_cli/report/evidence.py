@@ -19,7 +19,7 @@ from enginediag_cli.intake.selection import RecordingSource, required_columns
 from enginediag_cli.parameters import Parameter, unspecified
 from enginediag_cli.progress import each, stage
 from enginediag_cli.report import result_files
-from enginediag_cli.report.plotting import FIRST_DATE_S, RowOrigin, date_words
+from enginediag_cli.report.plotting import RowOrigin, date_words, is_date
 from enginediag_cli.report.plotting.models import OperatingMap, operating_maps
 from enginediag_cli.report.result_files import (
     ResidualRecords,
@@ -137,7 +137,7 @@ class EngineEvidence:
         times = [
             row.number("time_s") for row in self.rows_of_kind(result_files.FLIGHTS) if row.count("number") == number
         ]
-        return date_words(times[0]) if times and times[0] >= FIRST_DATE_S else ""
+        return date_words(times[0]) if times and is_date(times[0]) else ""
 
     @property
     def changed_rows(self) -> list[Row]:

@@ -16,12 +16,23 @@ from dataclasses import dataclass
 from enum import Enum
 from html import escape
 from importlib.resources import files
+from textwrap import wrap
 from typing import Any, TypeAlias
 
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.report.plotting import Chart, ChartColumn, ChartTable, RowOrigin, Value, format_value, pairs
+from enginediag_cli.report.plotting import (
+    QUIET,
+    SURFACE,
+    Chart,
+    ChartColumn,
+    ChartTable,
+    RowOrigin,
+    Value,
+    format_value,
+    pairs,
+)
 from enginediag_cli.report.plotting.interactive import available, plot, script, version
-from enginediag_cli.report.plotting.svg import picture
+from enginediag_cli.report.plotting.svg import MARGIN, TITLE, WIDTH, Drawing, Letters, picture
 from enginediag_cli.report.sentences import listed
 from enginediag_cli.safe_text import visible
 from enginediag_cli.units import split_column
@@ -61,11 +72,12 @@ class Preformatted:
 
 @dataclass(frozen=True)
 class TableBlock:
-    """A table of its own, shown openly, or closed behind its title."""
+    """A table of its own, shown openly, or closed behind its title; stacked: a phone shows each row as a card."""
 
     title: str
     table: ChartTable
     closed: bool = False
+    stacked: bool = False
 
 
 @dataclass(frozen=True)
@@ -97,6 +109,18 @@ class Lead:
     alternatives: Sequence[str] = ()
     badge: str = ""
     key: str = ""
+
+    @property
+    def facts(self) -> list[tuple[str, str]]:
+        """What is known beside the sentence, each with its name."""
+        named = {
+            "How surely": self.confidence,
+            "Since": self.onset,
+            "Margin": self.margin,
+            "Would have shown": self.power,
+            "What to do next": self.next_step,
+        }
+        return [(name, text) for name, text in named.items() if text]
 
 
 def next_step(state: EngineState, changed: Sequence[Parameter], telling: Sequence[str], advice: Sequence[str]) -> str:
@@ -228,14 +252,7 @@ def _page(page: Page, scripts: Sequence[str], plots: Mapping[str, Any]) -> Itera
 
 
 def _lead(lead: Lead) -> str:
-    facts = [
-        ("How surely", lead.confidence),
-        ("Since", lead.onset),
-        ("Margin", lead.margin),
-        ("Would have shown", lead.power),
-        ("What to do next", lead.next_step),
-    ]
-    rows = "".join(f"<dt>{name}</dt><dd>{escape_text(text)}</dd>" for name, text in facts if text)
+    rows = "".join(f"<dt>{name}</dt><dd>{escape_text(text)}</dd>" for name, text in lead.facts)
     for word, lines in (("Alternatives", lead.alternatives), ("Sensitivity of the conclusion", lead.sensitivity)):
         if lines:
             rows += f"<dt>{word}</dt><dd>{_first_line(lines)}</dd>"
@@ -256,6 +273,51 @@ def _first_line(lines: Sequence[str]) -> str:
     if not more:
         return first
     return f"{first}<details><summary>{len(more)} more</summary>{'<br>'.join(more)}</details>"
+
+
+INKS = {
+    EngineState.CHANGED: "#b23c00",
+    EngineState.CANNOT_TELL: "#7a5b00",
+    EngineState.NO_VERDICT: QUIET,
+    EngineState.NOTHING_FOUND: "#0b6b34",
+}
+"""Colours of the states in a picture: those of page.css on white."""
+FACT_LEFT, CARD_LETTERS, FACT_LETTERS, CARD_LINE = 140.0, 72, 92, 18.0
+"""Pixels before a fact, letters of a line of the verdict and of a fact, and pixels of a line, in a picture."""
+
+
+def first_screen(page: Page) -> Drawing:
+    """The first verdict of a page and its first chart as one drawing, for a document or a message."""
+    lead = page.leads[0]
+    name = f"engine {lead.engine}: " if lead.engine else ""
+    sentence = wrap(lead.sentence, CARD_LETTERS)
+    identity = wrap(lead.identity, FACT_LETTERS + 15)
+    facts = [(word, wrap(text, FACT_LETTERS)) for word, text in lead.facts]
+    lines = 2.5 + len(identity) + len(sentence) * 1.25 + sum(len(text) + 0.25 for _, text in facts)
+    card = lines * CARD_LINE
+    chart = next(iter(page.charts()), None)
+    below = picture(chart) if chart is not None else None
+    on = Drawing(WIDTH, card + (below.height if below else 0.0), f"{page.title}: {lead.sentence}")
+    on.rectangle(0, 0, WIDTH, card - 8, SURFACE)
+    on.rectangle(0, 0, 6, card - 8, INKS[lead.state])
+    y = 24.0
+    on.words(MARGIN + 6, y, f"{name}{lead.badge or lead.state.value}", letters=Letters(12.0, True, INKS[lead.state]))
+    for line in identity:
+        y += CARD_LINE
+        on.words(MARGIN + 6, y, line, letters=Letters(12.0, fill=QUIET))
+    for line in sentence:
+        y += CARD_LINE * 1.25
+        on.words(MARGIN + 6, y, line, letters=TITLE)
+    for word, text in facts:
+        y += CARD_LINE * 0.25
+        for number, line in enumerate(text):
+            y += CARD_LINE
+            if not number:
+                on.words(MARGIN + 6, y, word, letters=Letters(12.0, fill=QUIET))
+            on.words(FACT_LEFT, y, line)
+    if below is not None:
+        on.add_drawing(below, card)
+    return on
 
 
 def _section(section: PageSection, level: int, plots: Mapping[str, Any]) -> Iterator[str]:
@@ -295,7 +357,7 @@ def _tabled(block: TableBlock) -> Iterator[str]:
         yield from _table(block.table, block.title, open_=False)
         yield "</details>\n"
     else:
-        yield from _table(block.table, block.title, open_=len(block.table.rows) <= MOST_OPEN)
+        yield from _table(block.table, block.title, open_=len(block.table.rows) <= MOST_OPEN, stacked=block.stacked)
 
 
 def _chart(chart: Chart, plot: Any) -> Iterator[str]:
@@ -320,7 +382,7 @@ def _inert(text: str) -> str:
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
-def _table(table: ChartTable, title: str, *, open_: bool) -> Iterator[str]:
+def _table(table: ChartTable, title: str, *, open_: bool, stacked: bool = False) -> Iterator[str]:
     """With the line of each row's origin; the file is said once where there is one."""
     table = _drop_empty_columns(table)
     sources = list(dict.fromkeys(origin.file for origin in table.origins))
@@ -333,12 +395,13 @@ def _table(table: ChartTable, title: str, *, open_: bool) -> Iterator[str]:
     if table.origins:
         head += ("<th scope=col>file" if len(sources) > 1 else "") + f"<th scope=col>{place}"
     name = f"{escape_text(title)}{f', from {escape_text(sources[0])}' if len(sources) == 1 and sources[0] else ''}"
-    kind = "scroll open" if open_ else "scroll"
+    kind = f"scroll{' open' if open_ else ''}{' stacked' if stacked else ''}"
+    names = [escape_text(column.words) for column in table.columns] if stacked else [""] * len(table.columns)
     yield f'<div class="{kind}" tabindex="0" role="region" aria-label="{name}">'
     yield f"<table><caption class=quiet>{name}</caption><thead><tr>{head}</thead><tbody>\n"
     origins: Sequence[RowOrigin | None] = table.origins or [None] * len(table.rows)
     for row, origin in zip(table.rows, origins, strict=True):
-        cells = "".join(_cell(value, n) for value, n in zip(row, numeric, strict=True))
+        cells = "".join(_cell(value, n, name) for value, n, name in zip(row, numeric, names, strict=True))
         if origin is not None:
             cells += (f"<td>{escape_text(origin.file)}" if len(sources) > 1 else "") + f"<td>{escape_text(origin.row)}"
         yield f"<tr>{cells}\n"
@@ -353,8 +416,11 @@ def _drop_empty_columns(table: ChartTable) -> ChartTable:
     return ChartTable([table.columns[k] for k in kept], [[row[k] for k in kept] for row in table.rows], table.origins)
 
 
-def _cell(value: Value, numeric: bool) -> str:
+def _cell(value: Value, numeric: bool, column: str) -> str:
+    """column: its name, where each row may stand as a card."""
     text = escape_text(format_value(value))
+    if column:
+        return f'<td data-label="{column}">{text}'
     kind = " class=n" if numeric else " class=w" if len(text) > LONG else ""
     return f"<td{kind}>{text}"
 

@@ -64,14 +64,13 @@ def fleet_lead(document: Mapping[str, Any], engines: Sequence[FleetEngine], key:
     rest = [f"{numbers[1] - doubtful} show no change"] if numbers[1] > doubtful else []
     rest += [f"{doubtful} cannot be judged, a parameter being far off"] if doubtful else []
     rest += [f"{numbers[2]} could not be judged"] if numbers[2] else []
-    listed_ = [e for e in engines if e.discovery]
     sentence = f"{told}; {listed(rest)}." if rest else f"{told}."
     surely = str((document.get("discoveries") or {}).get("words") or "")
-    if listed_:
-        surely = f"{count(len(listed_), 'engine')} flagged: {surely}"
     worst = [e for e in by_urgency(engines) if e.verdict == "changed"][:1]
     step = [f"Begin with {e.serial}: {_step(e)}" for e in worst]
-    return Lead(state, sentence, confidence=surely, next_step=" ".join(step), key=key, badge="fleet")
+    flights = count(sum(e.flights for e in engines), "flight")
+    identity = " · ".join((str(document.get("description") or "fleet"), count(len(engines), "engine"), flights))
+    return Lead(state, sentence, identity=identity, confidence=surely, next_step=" ".join(step), key=key, badge="fleet")
 
 
 WORKLIST = chart_columns("engine", "module", "what", "since", "how surely", "margin", "action")
@@ -111,7 +110,7 @@ def _worklist(engines: Sequence[FleetEngine]) -> Iterator[Block]:
         for e in shown
     ]
     if rows:
-        yield TableBlock("Worklist", ChartTable(WORKLIST, rows, [e.origin for e in shown]))
+        yield TableBlock("Worklist", ChartTable(WORKLIST, rows, [e.origin for e in shown]), stacked=True)
 
 
 def _margin_words(e: FleetEngine) -> str:
@@ -186,7 +185,7 @@ def fleet_section(result: ResultFile, engines: Sequence[FleetEngine], key: str) 
     inner = [_engine(e, f"{key}-{k}") for k, e in enumerate(engines[:IN_FULL])]
     if len(engines) > IN_FULL:
         blocks.append(Paragraph(f"The {IN_FULL} worst engines follow one by one; the tables have the others."))
-    return PageSection(key, str(document.get("description") or "The fleet"), blocks, inner)
+    return PageSection(key, "The fleet", blocks, inner)
 
 
 def _engine(e: FleetEngine, key: str) -> PageSection:
@@ -313,6 +312,7 @@ def _explanation_lead(answer: Mapping[str, Any], key: str) -> Lead:
             if x.get("probability") is not None
         ]
     flips = [str(f.get("words", f)) if isinstance(f, Mapping) else str(f) for f in answer.get("flips") or ()]
+    flips = [f"{sentence[:1].upper()}{sentence[1:]}." for sentence in flips]
     return Lead(
         state,
         _headline(told) or str(answer.get("reason") or status),

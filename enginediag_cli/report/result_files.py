@@ -22,7 +22,7 @@ from enginediag_cli.isolation.results import restricted_change
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.recordings.source import file_sha256
-from enginediag_cli.report.plotting import FIRST_DATE_S, Axis, RowOrigin, date_words
+from enginediag_cli.report.plotting import Axis, RowOrigin, date_words, is_date
 from enginediag_cli.residuals.flat import is_flat
 from enginediag_cli.residuals.windows import WindowStatistics
 from enginediag_cli.safe_text import shortened, unguarded
@@ -205,7 +205,7 @@ def order_windows(rows: Sequence[Row]) -> Order:
     """The order of rows, one for each window: by date where the recordings have dates."""
     flights = [row.text("flight") for row in rows]
     times = [row.number("time_s" if "time_s" in row else "start_s") for row in rows]
-    if times and min(times) >= FIRST_DATE_S and all(a < b for a, b in pairwise(times)):
+    if times and all(map(is_date, times)) and all(a < b for a, b in pairwise(times)):
         return Order(flights, times, Axis("date", dates=True))
     numbers = [_number(flight) for flight in flights]
     rising = all(b is not None and a is not None and a < b for a, b in pairwise(numbers))

@@ -53,6 +53,7 @@ def foreign(browser: Browser) -> list[str]:
 @moving
 def test_a_page_opens_from_a_file_draws_every_chart_and_asks_nothing_of_any_network(browser, page) -> None:
     opened(browser, page)
+    browser.value("document.querySelectorAll('details.folded').forEach(d => { d.open = true; })")
     browser.wait(f"{DRAWN} === document.querySelectorAll('figure').length")
     assert browser.value("Bokeh.documents.length") >= 4
     assert browser.value("document.querySelectorAll('.drawn').length") >= 4  # for paper

@@ -230,3 +230,151 @@ def test_what_two_files_tell_of_the_same_windows_is_refused_and_not_counted_twic
     assert (
         "d.csv and copy.csv both hold verdicts of the same part of an engine without a name" in capsys.readouterr().err
     )
+
+
+def luminance(colour: str) -> float:
+    """Relative luminance of WCAG 2.2."""
+    parts = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+    r, g, b = (c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts)
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b
+
+
+def contrast(one: str, other: str) -> float:
+    high, low = sorted((luminance(one), luminance(other)), reverse=True)
+    return (high + 0.05) / (low + 0.05)
+
+
+@pytest.mark.parametrize("scheme", [0, 1], ids=["light", "dark"])
+def test_words_stand_out_from_their_ground_by_four_and_a_half_to_one(scheme) -> None:
+    from importlib.resources import files
+
+    sheet = (files("enginediag_cli.report") / "page.css").read_text(encoding="utf-8")
+    colours = dict(re.findall(r"--(\w+):(#[0-9a-f]{6})", re.findall(r":root\{[^}]*\}", sheet)[scheme]))
+    for ground in ("paper", "soft"):
+        for ink in ("ink", "quiet", "link", "changed", "cannot", "silent", "fine"):
+            assert contrast(colours[ink], colours[ground]) >= 4.5, (ink, ground)
+
+
+def test_words_of_pictures_stand_out_and_so_do_numbers_on_the_shades_of_heat_maps() -> None:
+    from enginediag_cli.report import plotting
+
+    for surfaces in (plotting.SURFACES_LIGHT, plotting.SURFACES_DARK):
+        ink, _, paper, _, quiet, card = surfaces
+        assert min(contrast(words, ground) for words in (ink, quiet) for ground in (paper, card)) >= 4.5
+    for value in (-1.0, -0.7, -0.5, -0.3, -0.1, 0.1, 0.3, 0.5, 0.7, 1.0):
+        fill, ink = plotting.shade(value, 1.0)
+        assert contrast(fill, ink) >= 4.5 or (ink == plotting.ON_DARK and contrast(fill, ink) >= 3.0)
+
+
+def test_axes_of_dates_have_midnights_and_first_days_of_months() -> None:
+    from enginediag_cli.report.plotting import date_ticks, date_words
+
+    start = 1_767_225_600.0  # 1 January 2026
+    assert [date_words(t) for t in date_ticks(start, start + 5 * 86400.0)][:2] == ["2026-01-01", "2026-01-02"]
+    assert [date_words(t) for t in date_ticks(start - 1, start + 200 * 86400.0)] == [
+        "2026-01-01",
+        "2026-03-01",
+        "2026-05-01",
+        "2026-07-01",
+    ]
+
+
+def test_the_engine_its_flights_and_their_dates_stand_on_the_first_screen(tmp_path) -> None:
+    file = detected(tmp_path, "ESN-7")
+    dated = {f"{3600.0 * k + s}": f"{1_767_225_600.0 + 86400.0 * k + s}" for k in range(1, 9) for s in (0, 990)}
+    text = file.read_text()
+    for seconds, date in dated.items():
+        text = text.replace(f",{seconds},", f",{date},")
+    file.write_text(text)
+    page = report(tmp_path, file)
+    assert "serial number ESN-7 · 8 flights (1 to 8) · 2026-01-02 to 2026-01-09" in page
+    assert ">2026-01-05</text>" in page
+
+
+def steady(folder: Path, last: bool) -> list[Path]:
+    """A series without a change, in which one window alarms by itself: the last, or one before."""
+    text = trend(folder).read_text().splitlines()
+    row = f",{8},hpc.efficiency,steady,1,1,hpc,steady,0.01,{',' * 12},1,"
+    (folder / "t.csv").write_text("\n".join([*text[:4], row]) + "\n")
+    rows = detected(folder).read_text().replace(",fault", ",healthy").splitlines()
+    at = len(rows) - (1 if last else 4)
+    rows[at] = rows[at].replace(",healthy", ",fault")
+    (folder / "d.csv").write_text("\n".join(rows) + "\n")
+    return [folder / "t.csv", folder / "d.csv"]
+
+
+def test_an_alarm_of_the_last_window_is_never_beside_no_change(tmp_path) -> None:
+    page = report(tmp_path, *steady(tmp_path, last=True))
+    assert 'class="lead cannot"' in page
+    assert "but the last window, flight 8, departs from nominal by itself" in page
+    assert "Record the next flight" in page
+
+
+def test_alarms_that_chance_makes_are_counted_and_explained(tmp_path) -> None:
+    page = report(tmp_path, *steady(tmp_path, last=False))
+    assert 'class="lead fine"' in page
+    assert "1 of 8 windows alarms, as many as chance makes at a false-alarm rate of 1 %" in page
+
+
+def test_suspects_that_flights_do_not_separate_are_an_ambiguity_group(tmp_path) -> None:
+    file = trend(tmp_path)
+    rows = file.read_text().replace("deterioration,0.99", "deterioration,0.55").splitlines()
+    file.write_text("\n".join(r + "sensor.T3 (0.4); fan (0.03)" if ",0.55," in r else r for r in rows) + "\n")
+    page = report(tmp_path, file)
+    assert "these flights do not separate the suspects: hpc (0.55) or sensor.T3 (0.40)." in page
+    assert 'class="lead cannot"' in page
+
+
+def test_a_page_without_a_verdict_says_so_and_does_not_exit_with_0(tmp_path, capsys) -> None:
+    page = tmp_path / "page.html"
+    assert main(["report", str(records(tmp_path)), "--static", "-o", str(page)]) == 3
+    assert "no verdict" in capsys.readouterr().err
+    assert 'class="lead silent"' in page.read_text(encoding="utf-8")
+
+
+def test_a_page_without_a_chart_holds_no_script_of_the_plotting_library(tmp_path) -> None:
+    page = report(tmp_path, isolated(tmp_path), static=False)
+    assert "<figure" not in page and len(page.encode()) < 500_000
+
+
+def test_what_an_expert_needs_is_folded_and_the_heat_map_has_a_colour_bar(tmp_path) -> None:
+    page = report(tmp_path, *engine_files(tmp_path))
+    assert '<details class="folded"><summary>Each window by itself</summary>' in page
+    heat = next(f for f in re.findall(r"<figure.*?</figure>", page, re.S) if "All components" in f)
+    assert "change from nominal (%)" in heat and ">1.6<" in heat and ">−1.6<" in heat
+
+
+def test_the_first_screen_is_a_picture_too(tmp_path) -> None:
+    page = report(tmp_path, *engine_files(tmp_path), more=("--picture", str(tmp_path / "first.svg")))
+    drawn = (tmp_path / "first.svg").read_text(encoding="utf-8")
+    assert drawn.startswith("<svg") and "hpc.efficiency fell by 0.80 %" in drawn and "Health over flights" in drawn
+    assert "What to do next" in drawn and page
+
+
+def test_an_engine_whose_map_contradicts_healthy_is_on_the_worklist(tmp_path) -> None:
+    import json
+
+    file = fleet(tmp_path, 6, 12)
+    document = json.loads(file.read_text())
+    last = document["engines"][-1]
+    assert last["verdict"] == "healthy"
+    last["health"][0]["change"] = {"value": -0.028, "low": -0.031, "high": -0.025}
+    file.write_text(json.dumps(document))
+    text = " ".join("".join(words(report(tmp_path, file)).text).split())
+    work = text[text.index("Worklist") : text.index("Engines by severity")]
+    assert "the test over flights shows no change, but HPC isentropic efficiency fell by 2.8 %" in work
+    assert "1 cannot be judged, a parameter being far off" in text
+
+
+def test_the_point_of_design_lies_on_the_speed_line_of_its_compressor() -> None:
+    import numpy as np
+
+    from enginediag_cli import load_engine
+    from enginediag_cli.engine.components.turbomachinery import Compressor
+
+    network = load_engine("turbofan.yaml").network
+    for compressor in (c for c in network.components if isinstance(c, Compressor)):
+        flow, ratio = compressor.speed_line(network.gas, 1.0)
+        assert np.interp(compressor.flow_scale, flow, ratio) == pytest.approx(
+            compressor.values["pressure_ratio"], rel=0.01
+        )

@@ -98,12 +98,18 @@ class Axis:
         return f"{self.label} ({self.unit})" if self.unit else self.label
 
 
-FIRST_DATE_S = 3e8
-"""Seconds since 1970 from which a time is a date (July 1979): no recording that counts from its start is as long."""
+FIRST_DATE_S, LAST_DATE_S = 3e8, 4e9
+"""Seconds since 1970 between which a time is a date (1979 to 2096): no recording that counts from its start is as
+long."""
 DAY_S = 86400.0
 """Seconds of a day."""
 DAYS, MONTHS = (1, 2, 7, 14), (1, 2, 3, 6, 12, 24, 60, 120)
 """Steps of an axis of dates, in days and in months: weeks and parts of a year."""
+
+
+def is_date(time_s: float) -> bool:
+    """Whether a time counts from 1970 rather than from the start of a recording."""
+    return FIRST_DATE_S <= time_s <= LAST_DATE_S
 
 
 def date_words(time_s: float) -> str:
@@ -253,11 +259,11 @@ def every(count: int, most: int) -> int:
 LIGHT = (BLUE, ORANGE, "#117733", "#aa3377", "#8a7a00", "#00808f", "#6a51a3", "#8c564b")
 DARK = ("#7db4ee", "#f5a35c", "#5cc27f", "#e58bc0", "#d9c94a", "#5cc9d6", "#b6a2e8", "#cfa397")
 
-SURFACES_LIGHT = (INK, FAINT, PAPER, "#eeeeee", "#52606d")
-SURFACES_DARK = ("#e4e7eb", "#3e4c59", "#1b222b", "#2b3540", "#a6b1bd")
-"""Ink, grid, paper, what is empty, and lesser words."""
+SURFACES_LIGHT = (INK, FAINT, PAPER, "#eeeeee", "#52606d", "#f5f7fa")
+SURFACES_DARK = ("#e4e7eb", "#3e4c59", "#1b222b", "#2b3540", "#a6b1bd", "#232c37")
+"""Ink, grid, paper, what is empty, lesser words, and the ground of a card."""
 
-EMPTY, QUIET = SURFACES_LIGHT[3:]
+EMPTY, QUIET, SURFACE = SURFACES_LIGHT[3:]
 
 SHADES_UP = ("#fff3e8", "#fdd9bb", "#fdae6b", "#e6731c", "#8f3a00")
 SHADES_DOWN = ("#eef5fc", "#cfe1f2", "#94c0e2", "#3d85c6", "#08407d")

@@ -182,7 +182,9 @@ def _parameter(h: Mapping[str, Any]) -> Parameter:
         unspecified(str(h["parameter"]), str(h.get("unit") or "1")),
         words=str(h.get("words") or h["parameter"]),
         component=component,
-        part=spelled(component),
+        part=str(h.get("part") or spelled(component)),
+        family=str(h.get("family") or "health"),
+        quantity=str(h.get("quantity") or ""),
     )
 
 
@@ -269,8 +271,8 @@ def fleet_ranking(key: str, engines: Sequence[FleetEngine]) -> Chart:
     )
 
 
-FLEET_DARKEST = 8.0
-"""Standard errors at which a cell is darkest."""
+FLEET_DARKEST, SCORES = 8.0, "change in standard errors"
+"""Standard errors at which a cell is darkest, and what they are of."""
 
 
 def fleet_map(key: str, engines: Sequence[FleetEngine]) -> Chart | None:
@@ -297,7 +299,7 @@ def fleet_map(key: str, engines: Sequence[FleetEngine]) -> Chart | None:
     columns = chart_columns(
         "engine",
         "parameter",
-        "change in standard errors",
+        SCORES,
         "change",
         "95 % from",
         "to",
@@ -310,7 +312,19 @@ def fleet_map(key: str, engines: Sequence[FleetEngine]) -> Chart | None:
         "Engines × parameters",
         Axis("", categories=names),
         Axis("", categories=[e.serial for e in shown]),
-        [HeatCells("change", x, y, value, FLEET_DARKEST, words, signed=True, rooted=True, origins=origins)],
+        [
+            HeatCells(
+                "change in standard errors",
+                x,
+                y,
+                value,
+                FLEET_DARKEST,
+                words,
+                signed=True,
+                rooted=True,
+                origins=origins,
+            )
+        ],
         ChartTable(columns, rows, origins),
         "Change of each parameter in its standard errors; orange above, blue below the engine's baseline. A column of "
         "one colour is what most engines have in common: physics that the model lacks, or the recorder."

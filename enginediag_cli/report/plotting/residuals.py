@@ -33,7 +33,7 @@ from enginediag_cli.report.plotting import (
     every,
 )
 from enginediag_cli.report.result_files import ResidualRecords, Row, finite_mean, order_windows
-from enginediag_cli.report.sentences import listed
+from enginediag_cli.report.sentences import listed, probability
 from enginediag_cli.residuals.windows import WindowStatistics
 from enginediag_cli.units import split_column
 
@@ -116,8 +116,6 @@ class Deviations:
 
 def fingerprint(key: str, found: Deviations, answers: Sequence[PredictedAnswer]) -> Chart:
     """In standard errors, which all readings share; the table has units."""
-    from enginediag_cli.report.sentences import probability
-
     names = list(found.readings)
     rows = range(len(names))
     score = [_ratio(d, e) for d, e in zip(found.deviation, found.error, strict=True)]
@@ -330,7 +328,7 @@ def sensors_health(
             )
         )
     shown = [
-        f"{q}: reads wrong ({wrong[n]:.2f})" if wrong.get(n, 0.0) >= LIKELY else q
+        f"{q}: reads wrong ({probability(wrong[n])})" if wrong.get(n, 0.0) >= LIKELY else q
         for n, (q, *_) in zip(names, rows, strict=True)
     ]
     columns = chart_columns(

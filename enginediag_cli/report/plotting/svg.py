@@ -145,6 +145,10 @@ class Drawing:
             attributes["transform"] = f"rotate({_number(turned)} {_number(x)} {_number(y)})"
         self._elements.append(f"<text{_attributes(attributes)}>{escape(text)}</text>")
 
+    def add_drawing(self, other: Drawing, y: float) -> None:
+        """Another drawing as a part of this one, below its first y pixels."""
+        self._elements += [f'<g transform="translate(0 {_number(y)})">', *other._elements, "</g>"]
+
     def text(self) -> str:
         """The file."""
         w, h = _number(self.width), _number(self.height)
