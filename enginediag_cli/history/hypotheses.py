@@ -183,7 +183,7 @@ class Scan:
     def sizes(self, suspect: int, shapes: np.ndarray) -> Sizes:
         """Of one suspect, for some shapes."""
         own = np.array(self.suspects[suspect].positions)
-        b, M = self.b[shapes][:, own], self.M[shapes][:, own[:, None], own]
+        b, M = self.b[np.ix_(shapes, own)], self.M[np.ix_(shapes, own, own)]
         return size_posterior(b, M, self.suspects[suspect])
 
     def event(self, suspect: int, shape: int) -> Event:
@@ -232,7 +232,7 @@ class HypothesisSpace:
         for k, suspect in enumerate(self.suspects):
             rows = np.flatnonzero(plain if suspect.owner == UNLISTED else (self.owners < 0) | (self.owners == k))
             own = np.array(suspect.positions)
-            sizes = size_posterior(b[rows][:, own], M[rows][:, own[:, None], own], suspect)
+            sizes = size_posterior(b[np.ix_(rows, own)], M[np.ix_(rows, own, own)], suspect)
             prior = suspect.log_prior + self.shapes.log_prior[int(suspect.instrument), rows]
             if suspect.owner == UNLISTED:
                 prior = prior - UNLISTED_SHAPES

@@ -44,6 +44,8 @@ PLAIN = 50.0
 CLEARLY = 0.67
 """Share of its variance to which an offset must fall without the events to be worth another judgement: a fifth in size
 is less than what twenty flights know of it."""
+NOTICED = 0.1
+"""Variance of an offset, in those of a flight's mean reading, below which it takes too little information to matter."""
 LARGEST_STEP = 0.25
 """Share of a component's largest change that it loses from one flight to the next where something was restored."""
 GROWN_AND_ENDED = WASHED
@@ -226,7 +228,8 @@ def judge_again(
     p = history.width
     without = replace(history, score=history.score - np.einsum("tmp,tp->tm", history.information[:, :, :p], level))
     again = learn_offsets(without)
-    known = offsets.variance > 0
+    noise = np.median(np.einsum("tii->ti", history.information), axis=0)[:p]
+    known = offsets.variance * noise > NOTICED
     if not np.any(again.variance[known] < CLEARLY * offsets.variance[known]):
         return choice.search, events, offsets
     again = OffsetModel(np.minimum(again.variance, offsets.variance), again.inflation)
