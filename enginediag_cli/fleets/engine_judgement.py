@@ -48,10 +48,16 @@ from enginediag_cli.fleets.margin import (
     interval_estimate,
     margin_scale,
 )
-from enginediag_cli.history.engines import DETERIORATION, EngineTrend, HistoryOptions, judge_engine_history
+from enginediag_cli.history.engines import (
+    COMES_AND_GOES,
+    DETERIORATION,
+    EngineTrend,
+    HistoryOptions,
+    judge_engine_history,
+)
 from enginediag_cli.history.health import HealthStep
 from enginediag_cli.history.posterior import EVENT, ChangeEvent, HistoryChange
-from enginediag_cli.history.shapes import FROM_START
+from enginediag_cli.history.shapes import FROM_START, INTERMITTENT
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.parameters import Parameter
 
@@ -255,7 +261,7 @@ def _health_rows(found: _JudgedFlights, current: EngineHistory, earlier: int) ->
             continue
         event, part = parts[p.name]
         chance = event.probability * event.suspects[event.group[0]] * part.probability
-        change = _current_change(found, part)
+        change = _shown_change(found, event, part)
         row = replace(row, change=change, probability=chance, kind=trend.family(event))
         if _beyond_possible(event, found):
             yield replace(row, kind="steady", probability=chance * trend.posterior.unlisted)
@@ -272,8 +278,11 @@ def _health_rows(found: _JudgedFlights, current: EngineHistory, earlier: int) ->
         yield row
 
 
-def _current_change(found: _JudgedFlights, part: HistoryChange) -> IntervalEstimate:
-    """Change of a parameter at the last flight; what maintenance is known to have moved is part of it."""
+def _shown_change(found: _JudgedFlights, event: ChangeEvent, part: HistoryChange) -> IntervalEstimate:
+    """Change of a parameter at the last flight; what maintenance is known to have moved is part of it. Of what comes
+    and goes, its largest."""
+    if found.trend.family(event) in (COMES_AND_GOES, INTERMITTENT):
+        return IntervalEstimate(part.largest, part.largest_low, part.largest_high)
     health = found.trend.posterior.health
     if health is None or not any(part.name in moved for moved in found.moved):
         return IntervalEstimate(part.now, part.now_low, part.now_high)

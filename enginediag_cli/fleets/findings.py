@@ -67,7 +67,8 @@ class IntervalEstimate:
 
 @dataclass(frozen=True, slots=True)
 class HealthRow:
-    """One parameter of an engine. change: now, from its baseline, in `unit`, NaN where no event moved it; onset: number
+    """One parameter of an engine. change: now, from its baseline, of what comes and goes the largest, in `unit`,
+    NaN where no event moved it; onset: number
     of the first changed flight, from 1, with its interval, 0 where nothing changed; kind: "steady", or how an event
     came; probability: that it has changed at all; family, quantity, part: as of the `Parameter`."""
 

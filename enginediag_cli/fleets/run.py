@@ -202,7 +202,7 @@ def judge_fleet(
     level = settings.false_discovery
     names, expected = flag_engines(findings, level)
     found = set(names)
-    told = add_forecasts([replace(f, discovery=f.serial in found) for f in findings], settings)
+    told = add_forecasts([_mark_flagged(f, f.serial in found) for f in findings], settings)
     ranked = sorted(told, key=lambda f: -np.nan_to_num(f.severity.value, nan=-np.inf))
     return FleetFinding(
         tuple(ranked),
@@ -243,6 +243,14 @@ def flag_engines(findings: Sequence[EngineFinding], level: float) -> tuple[tuple
     share = np.cumsum([1 - f.probability for f in ranked]) / np.arange(1, len(ranked) + 1)
     count = int(np.sum(share <= level))  # it rises along the list
     return tuple(f.serial for f in ranked[:count]), float(share[count - 1]) if count else 0.0
+
+
+def _mark_flagged(finding: EngineFinding, flagged: bool) -> EngineFinding:
+    """The finding with whether it is flagged, and why it is not where it has changed."""
+    if flagged or finding.verdict != CHANGED:
+        return replace(finding, discovery=flagged)
+    why = f"not flagged: the probability of its change, {finding.probability:.2f}, is too small beside those flagged"
+    return replace(finding, reason="; ".join(filter(None, [finding.reason, why])))
 
 
 def flagged_words(count: int, level: float, expected: float) -> str:

@@ -147,3 +147,11 @@ def test_what_an_engine_showed_from_its_first_flight_on_is_no_change_and_no_heal
     assert found.verdict == NO_VERDICT and "from its first flight on (sensor.P3)" in found.reason
     told = row(found, "sensor.P3.bias")
     assert told.kind == "from start" and told.onset == 0 and told.change.value > 0
+
+
+def test_an_instrument_that_comes_and_goes_has_the_size_that_it_had() -> None:
+    wrong = np.isin(np.arange(60), (27, 28, 34, 41, 42, 50))
+    found = judged(engine_history(np.random.default_rng(23), "K", 60, lost(60, {"sensor.T45.bias": 8.0}, wrong)))
+    told = row(found, "sensor.T45.bias")
+    assert found.verdict == CHANGED and told.kind == "intermittent"
+    assert told.change.low < 60.0 < told.change.high and told.change.low > 0

@@ -113,3 +113,9 @@ def test_the_list_is_the_longest_whose_expected_share_of_healthy_engines_is_smal
         assert len(names) == most and expected == pytest.approx(np.mean(1 - order[:most]))
         assert [p[int(name)] for name in names] == order[:most].tolist()
     assert flag_engines(fleet[-1:], 0.1) == ((), 0.0)
+
+
+def test_a_change_that_is_too_doubtful_for_the_list_says_so():
+    fleet = [EngineFinding("A", "", 9, 9, CHANGED, "", probability=0.6)]
+    (found,) = judge_fleet(fleet, FleetSettings()).engines
+    assert not found.discovery and found.verdict == CHANGED and "not flagged" in found.reason
