@@ -73,7 +73,7 @@ efficiency
     1.
     Used in: hpc.efficiency and the like. Unit: 1
 EGT margin; ITT margin; MGT margin; EGT margin used
-    Distance of the turbine temperature from its limit at the hottest operating point, takeoff for an airliner.
+    Distance of the turbine temperature from its limit at the rating on a standard hot day (takeoff of an airliner).
     Deterioration consumes it, maintenance restores part of it.
     Used in: trend --what margin, fleet, report. Unit: K
 empirical correction; law; formula

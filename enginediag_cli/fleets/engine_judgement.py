@@ -34,7 +34,6 @@ from enginediag_cli.fleets.findings import (
     HealthRow,
     IntervalEstimate,
     MaintenanceEvent,
-    Margin,
     engine_flights,
     event_number,
     movable_parameters,
@@ -122,7 +121,8 @@ def judge_with_account(
     current, earlier = _history_since_renewal(history)
     if (after := len(current.stretches) - current.baseline) < FEWEST:
         new = " since the engine was renewed" if earlier else ""
-        reason = f"{max(after, 0)} flights{new} beside the baseline are too few, {FEWEST} needed"
+        beside = " beside the baseline" if current.baseline else ""
+        reason = f"too few flights{new}{beside}: {max(after, 0)}, and {FEWEST} are needed"
         return replace(nothing, reason=reason), None
     flights = engine_flights(current, series)
     if len(flights) - flights.baseline < FEWEST:
@@ -132,6 +132,8 @@ def judge_with_account(
     unknown = _unknown_health(found)
     scale = margin_scale(series) if scale is None else scale
     used = engine_consumption(found.trend, scale, settings.limits_K, current.baseline)
+    if unknown:
+        used = used.withhold(unknown)
     began = min(found.trend.changes, key=lambda event: event.onset, default=None)
     since = (0, 0, 0) if began is None else _onset_numbers(began, found.trend)
     best, low, high = since
@@ -150,8 +152,8 @@ def judge_with_account(
         health=tuple(_health_rows(found, current, earlier)),
         by_flight=_flight_rows(found, used, current, earlier, (verdict, best)),
         events=_event_rows(found, used, (history, current), earlier),
-        margin=_unknown_margin(used.margin, unknown) if unknown else used.margin,
-        course=None if unknown else used.course,
+        margin=used.margin,
+        course=used.course,
         state=_final_readings(flights),
         event_changes=_event_changes(found, current, history),
     )
@@ -288,12 +290,6 @@ def _shown_change(found: _JudgedFlights, event: ChangeEvent, part: HistoryChange
         return IntervalEstimate(part.now, part.now_low, part.now_high)
     i = health.parameters.index(part.name)
     return interval_estimate(health.level[-1, i], np.sqrt(health.covariance[-1, i, i]))
-
-
-def _unknown_margin(margin: Margin, reason: str) -> Margin:
-    """The margin without its figures, where what changed is not known."""
-    nothing = IntervalEstimate()
-    return replace(margin, consumed_K=nothing, now_K=nothing, remaining_flights=nothing, reason=reason)
 
 
 def _history_since_renewal(history: EngineHistory) -> tuple[EngineHistory, int]:

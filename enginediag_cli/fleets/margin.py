@@ -220,6 +220,12 @@ class EngineConsumption:
     course: MarginCourse | None = None
     recovered: Mapping[int, IntervalEstimate] = field(default_factory=dict)
 
+    def withhold(self, reason: str) -> EngineConsumption:
+        """Without its figures, where what changed is not known."""
+        unknown, nothing = np.full(len(self.used), np.nan), IntervalEstimate()
+        margin = replace(self.margin, consumed_K=nothing, now_K=nothing, remaining_flights=nothing, reason=reason)
+        return EngineConsumption(unknown, unknown, unknown, unknown, margin)
+
 
 CANNOT_TELL_WHAT = "cannot tell what changed: something that is not among the suspects"
 """Why no health is read from a history whose change has no suspect."""

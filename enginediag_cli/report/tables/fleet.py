@@ -339,6 +339,10 @@ def flight_power(followed: EngineMargin, number: int) -> FlightPower | None:
     )
 
 
+UNCHANGED_PERCENT = 0.01
+"""Change below which the power available is that of the healthy engine: a limit of torque holds it."""
+
+
 def power_words(followed: EngineMargin) -> str:
     """For instance "1,150 kW ± 12 kW available at the limit of T45, 4.1 % ± 1.0 % below nominal (rating …)"; "" where
     no limit is stated."""
@@ -351,9 +355,12 @@ def power_words(followed: EngineMargin) -> str:
     unit = "kW" if now.column == POWER else "N"
     shift = now.change_percent
     told = format_quantity(size.value, unit, (size.high - size.low) / 2)
-    by = format_quantity(abs(shift.value), "%", (shift.high - shift.low) / 2)
-    way = "below" if shift.value < 0 else "above"
-    return f"{what} available at the limit of {now.limited_by}: {told}, {by} {way} nominal ({course.condition})"
+    by = f"{format_quantity(abs(shift.value), '%', (shift.high - shift.low) / 2)} below nominal"
+    if shift.value > 0:
+        by = by.replace("below", "above")
+    if max(abs(shift.low), abs(shift.high)) < UNCHANGED_PERCENT:
+        by = "as nominal"
+    return f"{what} available at the limit of {now.limited_by}: {told}, {by} ({course.condition})"
 
 
 def report_margins(messages: Messages, margins: SeriesMargins) -> None:
