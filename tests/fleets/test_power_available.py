@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from made_nominal import noise_of, nominal_of
 from small_fleet import SHIPPED
 
+from enginediag_cli import forecast
+from enginediag_cli.api.trends import MarginOptions
 from enginediag_cli.engine.engine import Engine
+from enginediag_cli.fleets.margin import rated_inputs
 from enginediag_cli.fleets.work_scope import solve_at_limits
+from enginediag_cli.identification.nominal_file import write_nominal
 from enginediag_cli.physics.engine_file import load_engine
 
 CONDITION = {"altitude_m": 1200.0, "mach": 0.0, "dT_isa_K": 20.0, "N2_rpm": 20900.0}
@@ -70,3 +77,59 @@ def test_thrust_is_what_an_engine_without_a_load_delivers() -> None:
     worn = np.array([[0.0], [-0.02]])
     found = solve_at_limits(turbofan, inputs, {}, ("hpc.efficiency",), worn, {"T45_K": 1230.0, "N2_rpm": 11000.0})
     assert found.column == "Fn_N" and np.all(np.diff(found.value) < 0)
+
+
+@pytest.fixture(scope="module")
+def snapshots(engine: Engine, tmp_path_factory) -> tuple[Path, dict[str, np.ndarray]]:
+    """Nominal file of the turboshaft, and the conditions of flights of one record each."""
+    folder, rng, n = tmp_path_factory.mktemp("snapshots"), np.random.default_rng(21), 60
+    inputs = {
+        "altitude_m": rng.uniform(0.0, 3000.0, n),
+        "mach": rng.uniform(0.0, 0.2, n),
+        "dT_isa_K": rng.uniform(-10.0, 25.0, n),
+        "N2_rpm": np.full(n, 20900.0),
+    }
+    inputs["N1_rpm"] = engine.power_from_fraction(rng.uniform(0.6, 1.0, n), inputs)
+    path = folder / "engine.yaml"
+    path.write_text((SHIPPED / "turboshaft.yaml").read_text(encoding="utf-8"), encoding="utf-8")
+    noise = noise_of({c: s.noise_sigma for c, s in engine.sensors.items()})
+    known = {
+        "compressor.efficiency": 0.003,
+        "gas_generator_turbine.efficiency": 0.003,
+        "power_turbine.efficiency": 0.003,
+    }
+    write_nominal(nominal_of(engine, path, noise, inputs, known), folder / "nominal.yaml")
+    return folder / "nominal.yaml", inputs
+
+
+def followed(engine: Engine, snapshots: tuple[Path, dict[str, np.ndarray]], wear: np.ndarray, drift_K: float) -> dict:
+    """The last row of the margin of an engine with that wear (n, 2), whose T45 drifts by so much."""
+    nominal, inputs = snapshots
+    rng, n = np.random.default_rng(22), len(wear)
+    found = engine.predict(inputs, {name: 1.0 + wear[:, j] for j, name in enumerate(NAMES)})
+    assert found.ok.all()
+    sigma = np.array([s.noise_sigma for s in engine.sensors.values()])
+    y = found.y + sigma * rng.standard_normal(found.y.shape)
+    columns = {**inputs, **{c: y[:, j] for j, c in enumerate(engine.sensors)}}
+    columns["T45_K"] = columns["T45_K"] + drift_K * np.arange(n) / n
+    options = MarginOptions(limits_K={"T45_K": 1150.0}, limits={"gearbox_torque_N_m": 900.0}, at={"altitude_m": 1500.0})
+    return list(forecast(nominal, columns, margin=options))[-1]
+
+
+def test_snapshots_of_a_worn_turboshaft_have_its_margin_and_its_power(engine: Engine, snapshots) -> None:
+    wear = np.linspace(0.0, 1.0, 60)[:, None] * np.array([-0.03, -0.01])
+    row = followed(engine, snapshots, wear, 0.0)
+    inputs = rated_inputs(engine, {"altitude_m": 1500.0})
+    truth = solve_at_limits(engine, inputs, {}, NAMES, np.stack([np.zeros(2), wear[-1]]), {"T45_K": 1150.0})
+    wide = 0.75 * (row["power_available_kW_high"] - row["power_available_kW_low"])  # three standard errors
+    assert row["power_available_kW"] == pytest.approx(truth.value[1] / 1000.0, abs=wide)
+    assert wide < 0.05 * row["power_available_kW"] and row["limited_by"] == "T45_K"
+    change = row["power_available_kW"] - row["power_change_kW"]
+    assert change == pytest.approx(truth.value[0] / 1000.0, rel=1e-6)
+    assert row["thrust_available_N"] is None and row["used_low"] > 15.0
+
+
+def test_a_drift_of_the_temperature_uses_no_margin_and_no_power(engine: Engine, snapshots) -> None:
+    row = followed(engine, snapshots, np.zeros((60, 2)), 40.0)
+    assert abs(row["used_K"]) < 3.0 and row["used_high"] - row["used_low"] < 12.0
+    assert abs(row["available_change_percent"]) < 1.5
