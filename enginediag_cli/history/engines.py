@@ -117,7 +117,8 @@ class EngineSums:
         if self.fresh >= FRESH:
             self._condense()
         if len(self.epochs) >= 2 * EPOCHS:
-            self.epochs, self.fresh = self._joined(2), 0
+            self._condense()
+            self.epochs = self._joined(2)
 
     def _coordinates(self, directions: np.ndarray) -> np.ndarray:
         """T (m, m') of the monitored parameters as they are, and of unit normals along `directions`."""
