@@ -3,6 +3,7 @@
     step        g(t) = 1[t ≥ onset]                        ramp        (t − onset + 1)₊, 1 at the last flight
     saturating  1 − exp(−(t − onset + 1)/τ)                ramp, then steady    min((t − onset + 1)/duration, 1)
     pulse       1[onset ≤ t < end]                         ended       a ramp or saturating until `end`, 0 from there
+    accelerating    (t − onset + 1)₊ᵏ: damage that feeds itself
     from the start  1                                      intermittent  1 in a set of flights that the data show
 
     growing, restored, growing    G(t) until `end`; then from L = kept · G(end − 1) on at the same rate, L + G(t − end),
@@ -22,9 +23,11 @@ import numpy as np
 
 FROM_START, STEP, RAMP, SATURATING, RAMP_HOLD = "from start", "step", "ramp", "saturating", "ramp, then steady"
 PULSE, ENDED, RAMP_ENDED, WASHED = "pulse", "saturating, ended", "ramp, ended", "growing, restored, growing"
-INTERMITTENT, IRREGULAR = "intermittent", "irregular"
-KINDS = (FROM_START, STEP, RAMP, SATURATING, RAMP_HOLD, PULSE, ENDED, RAMP_ENDED, WASHED, INTERMITTENT, IRREGULAR)
-GROWING = frozenset({RAMP, SATURATING, RAMP_HOLD, ENDED, RAMP_ENDED, WASHED})
+INTERMITTENT, IRREGULAR, ACCELERATING = "intermittent", "irregular", "accelerating"
+LASTING = (STEP, RAMP, SATURATING, RAMP_HOLD, ACCELERATING)
+"""Kinds that begin and last."""
+KINDS = (FROM_START, *LASTING, PULSE, ENDED, RAMP_ENDED, WASHED, INTERMITTENT, IRREGULAR)
+GROWING = frozenset({RAMP, SATURATING, ACCELERATING, RAMP_HOLD, ENDED, RAMP_ENDED, WASHED})
 """Kinds that grow for a while."""
 WITH_END = frozenset({PULSE, ENDED, RAMP_ENDED, WASHED})
 """Kinds that something ends: afterwards the engine is as before, or partly so and grows worse again."""
@@ -34,7 +37,8 @@ RESTORED = WITH_END - {WASHED}
 COMPONENT_PRIOR: Mapping[str, float] = {
     STEP: 0.2,
     SATURATING: 0.2,
-    RAMP: 0.2,
+    RAMP: 0.15,
+    ACCELERATING: 0.05,
     RAMP_HOLD: 0.1,
     PULSE: 0.06,
     ENDED: 0.03,
@@ -47,7 +51,8 @@ COMPONENT_PRIOR: Mapping[str, float] = {
 """How a component changes: wear and fouling as often as damage. Judgement; odds of ten between kinds cost 2.3 nats."""
 INSTRUMENT_PRIOR: Mapping[str, float] = {
     STEP: 0.4,
-    RAMP: 0.2,
+    RAMP: 0.19,
+    ACCELERATING: 0.01,
     FROM_START: 0.1,
     PULSE: 0.1,
     INTERMITTENT: 0.1,
@@ -68,6 +73,8 @@ KEPT, KEPT_STEP = (0.2,), 0.05
 """Share of what had grown that stays after a wash, as looked at first, and by how much it is moved then."""
 MOST_KEPT = 0.9
 """Largest share that stays after a wash: what brings back less is none."""
+POWERS = (2.0, 4.0)
+"""Of accelerating growth: a rate that rises evenly, and one that multiplies towards the end."""
 DURATIONS = (0.15, 0.3, 0.5)
 """Of a ramp that ends by itself, in histories."""
 ONSETS, ENDS = 30, 12
@@ -85,7 +92,7 @@ AT_MAINTENANCE = 0.8
 @dataclass(frozen=True)
 class ShapeTable:
     """K courses: values (K, T); kind (K,) position in `KINDS`; onset, end (K,), `end` T where there is none; scale (K,)
-    time constant or duration, 0 of even growth; kept (K,): share that stays after a wash; cell (K, 2): how many onsets
+    time constant, duration or power, 0 of even growth; kept (K,): share that stays after a wash; cell (K, 2): how many onsets
     and ends each stands for; log_prior (2, K) of a component and of an instrument."""
 
     values: np.ndarray
@@ -125,6 +132,8 @@ def shape_values(
         g = -np.expm1(-np.maximum(since, 0.0) / scale[:, None])
     elif kind == RAMP_HOLD:
         g = np.clip(since / scale[:, None], 0.0, 1.0)
+    elif kind == ACCELERATING:
+        g = (np.maximum(since, 0.0) / (T - onset[:, None])) ** scale[:, None]
     elif kind in (RAMP, RAMP_ENDED):
         g = np.maximum(since, 0.0)
     else:
@@ -211,6 +220,7 @@ def _scales(kind: str, T: int) -> list[float]:
     return {
         ENDED: list(ENDED_TAUS),
         WASHED: [0.0, *_taus(T)[1::2]],
+        ACCELERATING: list(POWERS),
         RAMP_HOLD: [max(d * T, 2.0) for d in DURATIONS],
     }.get(kind, [0.0])
 
@@ -220,7 +230,7 @@ def coarse_shapes(T: int, maintenance: Sequence[int] = ()) -> ShapeTable:
     none = np.zeros(1, int)
     parts = [build_shapes(FROM_START, none, none + T, none, np.ones((1, 2), int), T, maintenance)]
     onset, size = _cells(1, T - 1, ONSETS)
-    for kind in (STEP, RAMP, SATURATING, RAMP_HOLD):
+    for kind in LASTING:
         scale = np.repeat(_scales(kind, T), len(onset))
         many = len(_scales(kind, T))
         at, cell = np.tile(onset, many), np.column_stack([np.tile(size, many), np.ones(many * len(onset), int)])

@@ -239,7 +239,7 @@ RECORDED_EVERY_S = 120.0
 HISTORY_STREAM, STORY_STREAM, ERRORS_STREAM = 20, 21, 22
 """Streams of random numbers that no other trials use."""
 FAMILIES: Mapping[str, frozenset[str]] = {
-    "growth": frozenset({"ramp", "saturating", "ramp, then steady"}),
+    "growth": frozenset({"ramp", "saturating", "ramp, then steady", "accelerating"}),
     "growth and end": frozenset({"saturating, ended", "ramp, ended", "growing, restored, growing"}),
     "pulse": frozenset({"pulse"}),
     "step": frozenset({"step"}),
