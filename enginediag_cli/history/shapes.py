@@ -92,8 +92,8 @@ AT_MAINTENANCE = 0.8
 @dataclass(frozen=True)
 class ShapeTable:
     """K courses: values (K, T); kind (K,) position in `KINDS`; onset, end (K,), `end` T where there is none; scale (K,)
-    time constant, duration or power, 0 of even growth; kept (K,): share that stays after a wash; cell (K, 2): how many onsets
-    and ends each stands for; log_prior (2, K) of a component and of an instrument."""
+    time constant, duration or power, 0 of even growth; kept (K,): share that stays after a wash; cell (K, 2): how
+    many onsets and ends each stands for; log_prior (2, K) of a component and of an instrument."""
 
     values: np.ndarray
     kind: np.ndarray
