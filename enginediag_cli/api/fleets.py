@@ -15,11 +15,12 @@ from enginediag_cli.report.messages import Messages
 from enginediag_cli.shipped import own_or_shipped
 
 if TYPE_CHECKING:
+    from enginediag_cli.fleets.findings import Acknowledgement
     from enginediag_cli.fleets.fleet_file import Fleet, FleetRecording
     from enginediag_cli.fleets.models import MergeCounts, StoreStatus
     from enginediag_cli.fleets.run import FleetRun
 
-__all__ = ["FleetResult", "StoreResult", "fleet", "fleet_status", "merge_stores", "prune_store"]
+__all__ = ["FleetResult", "StoreResult", "acknowledge", "fleet", "fleet_status", "merge_stores", "prune_store"]
 
 WHAT = ("engines", "health", "flights")
 STATUS_COLUMNS = ("recording", "build", "engine", "state")
@@ -215,6 +216,78 @@ def fleet_status(
 
     with _described(fleet_file, recordings) as (described, found):
         return StoreResult(store_status(described, found, FleetStore(store)), _log(messages)).complete()
+
+
+def acknowledge(
+    fleet_file: str | Path,
+    store: str | Path,
+    engine: str,
+    recordings: RecordingsLike = (),
+    *,
+    parameters: Sequence[str] = (),
+    note: str = "",
+    withdraw: bool = False,
+    jobs: int | None = None,
+    messages: Messages | None = None,
+) -> Acknowledgement | None:
+    """Acknowledge what is found in an engine: it is not raised again unless it grows.
+
+    Parameters
+    ----------
+    fleet_file : str or Path
+        Fleet YAML.
+    store : str or Path
+        Folder of the store, which keeps the acknowledgement.
+    engine : str
+        Serial number.
+    recordings
+        Instead of those in the fleet file; see `read_recordings`.
+    parameters : sequence of str
+        Only these changes; all by default.
+    note : str
+        Why, in words.
+    withdraw : bool
+        Raise it again.
+    jobs : int, optional
+        Number of processes, by default one per core.
+    messages : Messages, optional
+        Receives what was acknowledged; by default it is collected.
+
+    Returns
+    -------
+    Acknowledgement or None
+        With date, number of flights and the changes with 95 % intervals; None where it was withdrawn.
+
+    Raises
+    ------
+    UsageError, ConfigError, NoVerdictError, OSError
+    DataError
+        For an engine or change that is not there.
+    """
+    from datetime import datetime, timezone
+
+    from enginediag_cli.config.fields import near
+    from enginediag_cli.errors import DataError
+    from enginediag_cli.fleets.findings import acknowledge_finding
+    from enginediag_cli.fleets.store import FleetStore
+    from enginediag_cli.report.tables.fleet import report_acknowledged
+
+    kept, log = FleetStore(store), _log(messages)
+    known = kept.acknowledgements()
+    if withdraw:
+        if engine not in known:
+            raise DataError(f"--engine: nothing is acknowledged of {engine!r}; {near(engine, known)}")
+        kept.keep_acknowledgements({serial: x for serial, x in known.items() if serial != engine})
+        log.note(f"engine {engine}: withdrawn, it is raised again")
+        return None
+    found = fleet(fleet_file, recordings, store=store, jobs=jobs).run.finding
+    mine = next((x for x in found.engines if x.serial == engine), None)
+    if mine is None:
+        raise DataError(f"--engine: no engine is called {engine!r}; {near(engine, [x.serial for x in found.engines])}")
+    made = acknowledge_finding(mine, f"{datetime.now(timezone.utc):%Y-%m-%d}", note, parameters)
+    kept.keep_acknowledgements({**known, engine: made})
+    report_acknowledged(log, [mine.compare_acknowledged(made)])
+    return made
 
 
 def prune_store(

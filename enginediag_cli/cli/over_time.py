@@ -1,7 +1,8 @@
 """Commands that follow engines over time: `trend`, `fleet` and `report`.
 
 `trend` follows health over flights: onset, rate, and EGT margin. `fleet` ranks many engines from their recordings;
-`status`, `prune` and `merge` maintain its store. `report` puts results, or recordings, on one page that opens offline.
+`status`, `acknowledge`, `prune` and `merge` maintain its store. `report` puts results, or recordings, on one page that
+opens offline.
 """
 
 from __future__ import annotations
@@ -198,7 +199,41 @@ def merge(messages: Messages, into: str, others: tuple[str, ...]) -> None:
     merge_stores(into, *others, messages=messages)
 
 
-PARTS: dict[str, click.Command] = {"status": status, "prune": prune, "merge": merge}
+@command("Acknowledge what is found in an engine of a fleet.")
+@fleet_arguments
+@store_option
+@option(INPUT, "--engine", metavar="NAME", required=True, help="Serial number of the engine.")
+@option(
+    INPUT,
+    "--parameter",
+    metavar="NAME",
+    multiple=True,
+    help="Acknowledge only the change of this parameter. Repeatable. Default: all changes of the engine.",
+)
+@option(OPERATION, "--note", metavar="TEXT", default="", help="Why, for whoever looks next.")
+@option(OPERATION, "--withdraw", is_flag=True, help="Withdraw what was acknowledged: it is raised again.")
+@all_cores_option
+def acknowledge(
+    messages: Messages, fleet_file: str, recordings: tuple[str, ...], parameter: tuple[str, ...], **choices: Any
+) -> None:
+    """Acknowledge what is found in an engine: fleet shows it with date and size, and does not flag it again unless it
+    grows beyond its 95 % interval, or something else changes.
+
+    \b
+    enginediag fleet acknowledge fleet.yaml --store kept --engine 5 --note "wash planned for March"
+    enginediag fleet acknowledge fleet.yaml --store kept --engine 5 --withdraw
+    """
+    from enginediag_cli.api.fleets import acknowledge as run
+
+    run(fleet_file, recordings=recordings, parameters=parameter, messages=messages, **choices)
+
+
+PARTS: dict[str, click.Command] = {
+    "acknowledge": acknowledge,
+    "status": status,
+    "prune": prune,
+    "merge": merge,
+}
 
 
 class FleetCommand(Command):
@@ -251,6 +286,7 @@ def fleet(
     \b
     enginediag fleet fleet.yaml --store kept -o fleet.json
     enginediag fleet fleet.yaml flights/*.csv --what health -o health.csv
+    enginediag fleet acknowledge fleet.yaml --store kept --engine 5
     enginediag fleet status fleet.yaml --store kept
     enginediag fleet prune fleet.yaml --store kept
     enginediag fleet merge kept from_the_other_machine

@@ -20,6 +20,7 @@ import numpy as np
 from enginediag_cli.detection.forecast import MarginCourse
 from enginediag_cli.detection.series import FlightWindow, Readings, Series
 from enginediag_cli.engine.wrapped import WrappedModel
+from enginediag_cli.errors import DataError
 from enginediag_cli.history.engines import EngineSums
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.instruments import FaultInFlights
@@ -87,6 +88,39 @@ class HealthRow:
     family: str = ""
     quantity: str = ""
     part: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class AcknowledgedChange:
+    """Change of a parameter when it was acknowledged, in `unit`."""
+
+    parameter: str
+    change: IntervalEstimate
+    unit: str
+
+    def grew(self, row: HealthRow) -> bool:
+        """Whether the change is now beyond the far end of its interval then, or of the other sign."""
+        before, now = self.change, row.change
+        if before.value < 0:
+            return now.value < before.low or now.low > 0
+        return now.value > before.high or now.high < 0
+
+
+@dataclass(frozen=True, slots=True)
+class Acknowledgement:
+    """That somebody knows what was found in an engine: on which date, after how many flights, the changes as they were
+    then, and a note. grown: parameters that have changed since, beyond the interval of then, or that are new."""
+
+    serial: str
+    date: str
+    flights: int
+    changes: tuple[AcknowledgedChange, ...]
+    note: str = ""
+    grown: tuple[str, ...] = ()
+
+
+LIKELY = 0.5
+"""Probability from which a parameter counts as changed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,6 +227,8 @@ class EngineFinding:
         Effect of each event; None where it is not known.
     instruments : sequence of FaultInFlights
         Instruments that are stuck or scatter in some of its flights.
+    acknowledged : Acknowledgement or None
+        What is known of it already.
     """
 
     serial: str
@@ -219,6 +255,24 @@ class EngineFinding:
     state: FinalReadings | None = field(default=None, repr=False, compare=False)
     event_changes: Sequence[HealthChange | None] = field(default=(), repr=False, compare=False)
     instruments: Sequence[FaultInFlights] = ()
+    acknowledged: Acknowledgement | None = None
+
+    @property
+    def changed_rows(self) -> list[HealthRow]:
+        """Parameters that have changed, most probable first."""
+        return sorted((r for r in self.health if r.probability >= LIKELY and r.onset), key=lambda r: -r.probability)
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether all that has changed is acknowledged, and none of it has grown."""
+        return self.acknowledged is not None and not self.acknowledged.grown
+
+    def compare_acknowledged(self, before: Acknowledgement) -> EngineFinding:
+        """The finding beside what was acknowledged."""
+        known = {x.parameter: x for x in before.changes}
+        grown = (r.parameter for r in self.changed_rows if r.parameter not in known or known[r.parameter].grew(r))
+        found = replace(self, acknowledged=replace(before, grown=tuple(grown)))
+        return replace(found, discovery=found.discovery and not found.is_settled)
 
 
 @dataclass(frozen=True)
@@ -298,6 +352,31 @@ class FleetFinding:
     flagged: FlaggedEngines
     common: Sequence[CommonChange]
     excluded: Sequence[tuple[str, str]]
+
+
+def apply_acknowledgements(found: FleetFinding, known: Mapping[str, Acknowledgement]) -> FleetFinding:
+    """The findings without raising again what is acknowledged, as long as it does not grow."""
+    engines = tuple(x.compare_acknowledged(known[x.serial]) if x.serial in known else x for x in found.engines)
+    settled = {x.serial for x in engines if x.is_settled}
+    raised = tuple(serial for serial in found.flagged.engines if serial not in settled)
+    count, words = len(found.flagged.engines) - len(raised), found.flagged.words
+    if count:
+        words += f"; {count} of them acknowledged and not raised again"
+    return replace(found, engines=engines, flagged=replace(found.flagged, engines=raised, words=words))
+
+
+def acknowledge_finding(
+    found: EngineFinding, date: str, note: str = "", parameters: Collection[str] = ()
+) -> Acknowledgement:
+    """What is acknowledged of an engine: all that has changed, or these parameters. Raises DataError."""
+    rows = [r for r in found.changed_rows if not parameters or r.parameter in parameters]
+    missing = [name for name in parameters if name not in {r.parameter for r in rows}]
+    if missing or not rows:
+        has = ", ".join(r.parameter for r in found.changed_rows) or f"none (verdict: {found.verdict})"
+        what = f"{', '.join(missing)} has not changed" if missing else "there is no change to acknowledge"
+        raise DataError(f"engine {found.serial}: {what}; changed: {has}")
+    changes = tuple(AcknowledgedChange(r.parameter, r.change, r.unit) for r in rows)
+    return Acknowledgement(found.serial, date, found.flights, changes, note)
 
 
 @dataclass(frozen=True)

@@ -412,7 +412,16 @@ def merge_stores(into: FleetStore, other: FleetStore) -> MergeCounts:
             models += 1
         elif file_sha256(mine) != file_sha256(path):
             differ.append(path.stem)
+    merge_acknowledgements(into, other)
     return MergeCounts(copied, there, tuple(damaged), models, tuple(differ))
+
+
+def merge_acknowledgements(into: FleetStore, other: FleetStore) -> None:
+    """Of each engine the later one of two stores."""
+    mine, theirs = into.acknowledgements(), other.acknowledgements()
+    later = {serial: x for serial, x in theirs.items() if serial not in mine or x.date > mine[serial].date}
+    if later:
+        into.keep_acknowledgements({**mine, **later})
 
 
 def _copy_file(source: Path, target: Path) -> None:

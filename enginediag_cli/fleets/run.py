@@ -51,6 +51,7 @@ from enginediag_cli.fleets.findings import (
     FleetSettings,
     IntervalEstimate,
     MaintenanceEvent,
+    apply_acknowledgements,
 )
 from enginediag_cli.fleets.fleet_file import Fleet, FleetBaseline, FleetRecording, natural_order
 from enginediag_cli.fleets.margin import MarginScale, add_forecasts, learn_removal_limit, margin_scale
@@ -613,7 +614,7 @@ def run_fleet(fleet: Fleet, recordings: Sequence[FleetRecording], store: FleetSt
         fleet,
         models,
         outcomes,
-        judge_fleet(findings, settings, known),
+        apply_acknowledgements(judge_fleet(findings, settings, known), store.acknowledgements()),
         left_out,
         sums,
         sorted({e.engine for e in fleet.events} - serials, key=natural_order),

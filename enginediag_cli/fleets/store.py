@@ -2,7 +2,8 @@
 
 A file appears under its name when it is whole, or not at all, and is never changed: runs that are killed lose what they
 had in work, and runs at the same time write the same bytes under the same name. Nothing else has to be kept: which
-recordings are known follows from the names of the files.
+recordings are known follows from the names of the files. What is acknowledged of engines stands beside them, in a file
+of its own.
 
 Statistics of a recording as a file: an .npz whose members are parts, windows of one engine each, and an index.
 
@@ -37,6 +38,7 @@ import numpy as np
 
 from enginediag_cli import __version__
 from enginediag_cli.errors import DataError, EngineDiagError
+from enginediag_cli.fleets.findings import AcknowledgedChange, Acknowledgement, IntervalEstimate
 from enginediag_cli.intake.loader import ExcludedData, GrossCounts, RecordingLoader
 from enginediag_cli.intake.selection import RecordingSource, required_columns
 from enginediag_cli.parameters import Parameter
@@ -289,6 +291,8 @@ def _npy(rows: np.ndarray) -> bytes:
 
 
 RECORDINGS, NOMINALS = "recordings", "nominals"
+ACKNOWLEDGED = "acknowledged.json"
+"""File of what is acknowledged; people may read and edit it."""
 
 
 class FleetStore:
@@ -336,6 +340,31 @@ class FleetStore:
     def nominal(self, key: str) -> Path:
         """Where the common model of this key is, or would be."""
         return self.folder / NOMINALS / f"{key}.yaml"
+
+    def acknowledgements(self) -> dict[str, Acknowledgement]:
+        """Serial number → what is acknowledged of the engine. Raises DataError for a damaged file."""
+        path = self.folder / ACKNOWLEDGED
+        if not path.exists():
+            return {}
+        try:
+            told = json.loads(path.read_text(encoding="utf-8"))
+            return {serial: _acknowledgement(serial, x) for serial, x in told["engines"].items()}
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            raise DataError(f"{path}: not the acknowledgements of a fleet ({error}); fix or remove it") from None
+
+    def keep_acknowledgements(self, known: Mapping[str, Acknowledgement]) -> None:
+        """Write them in the place of those that are there. Raises OSError."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        engines = {}
+        for serial in sorted(known):
+            engines[serial] = {k: v for k, v in asdict(known[serial]).items() if k not in ("serial", "grown")}
+        with open_binary_output(self.folder / ACKNOWLEDGED) as stream:
+            stream.write(json.dumps({"engines": engines}, indent=1).encode() + b"\n")
+
+
+def _acknowledgement(serial: str, told: Mapping[str, Any]) -> Acknowledgement:
+    changes = [AcknowledgedChange(x["parameter"], IntervalEstimate(**x["change"]), x["unit"]) for x in told["changes"]]
+    return Acknowledgement(serial, told["date"], int(told["flights"]), tuple(changes), told["note"])
 
 
 @contextmanager

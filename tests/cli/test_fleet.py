@@ -71,7 +71,7 @@ def test_rows_of_engines_health_and_flights_have_their_columns(run, folder):
             assert ended.stdout.startswith(columns)
 
 
-@pytest.mark.parametrize("part", ["status", "prune", "merge"])
+@pytest.mark.parametrize("part", ["acknowledge", "status", "prune", "merge"])
 def test_the_parts_have_help_with_an_example(run, part):
     text = run("fleet", part, "--help").stdout
     assert f"enginediag fleet {part}" in text.split("Options:")[0].split("\n", 1)[1]

@@ -31,7 +31,7 @@ from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.series import FlightWindow, Series
-    from enginediag_cli.fleets.findings import EngineFinding, EventRow, Margin
+    from enginediag_cli.fleets.findings import AcknowledgedChange, EngineFinding, EventRow, Margin
     from enginediag_cli.fleets.maintenance import EngineMargin, EventEffect, SeriesMargins
     from enginediag_cli.fleets.models import BuildModel, MergeCounts, StoreStatus
     from enginediag_cli.fleets.run import FleetRun
@@ -470,9 +470,6 @@ TERMINAL = (
 SHOWN = 10
 """Recordings that are listed one by one; the document has all."""
 
-LIKELY = 0.5
-"""Probability from which a parameter is reported as changed."""
-
 
 def engine_rows(result: FleetRun) -> Iterator[dict[str, Any]]:
     """One row per engine, worst first."""
@@ -492,7 +489,10 @@ def engine_rows(result: FleetRun) -> Iterator[dict[str, Any]]:
             "since_flight": x.since_flight,
             "probability": x.probability,
             "unlisted": x.unlisted,
-            "changed": [row.parameter for row in _changed(x)],
+            "changed": [row.parameter for row in x.changed_rows],
+            "acknowledged": None if x.acknowledged is None else x.acknowledged.date,
+            "acknowledged_changes": [] if x.acknowledged is None else list(map(_acknowledged, x.acknowledged.changes)),
+            "grown": [] if x.acknowledged is None else list(x.acknowledged.grown),
             "instruments": [instrument_in_flights(found) for found in x.instruments],
             "margin_column": margin.column,
             **_fleet_estimate("margin_K", margin.now_K),
@@ -656,6 +656,7 @@ def report_fleet(messages: Messages, result: FleetRun) -> None:
     for common in result.finding.common:
         if common.common:
             messages.note(f"{common.words}: {common.reading}")
+    report_acknowledged(messages, result.finding.engines)
     if result.finding.flagged.words:
         messages.note(result.finding.flagged.words)
 
@@ -699,5 +700,21 @@ def _fleet_estimate(name: str, x: IntervalEstimate) -> dict[str, float]:
     return {name: x.value, f"{name}_low": x.low, f"{name}_high": x.high}
 
 
-def _changed(x: EngineFinding) -> list[Any]:
-    return sorted((r for r in x.health if r.probability >= LIKELY and r.onset), key=lambda r: -r.probability)
+def _acknowledged(x: AcknowledgedChange) -> str:
+    """A change as it was, for instance "hpc.efficiency -0.021 (-0.024 to -0.018)", a share where it has no unit."""
+    unit = "" if x.unit in ("", "1") else f" {x.unit}"
+    return f"{x.parameter} {x.change.value:.3g} ({x.change.low:.3g} to {x.change.high:.3g}){unit}"
+
+
+def report_acknowledged(messages: Messages, engines: Sequence[EngineFinding]) -> None:
+    """What is acknowledged, and what of it has grown."""
+    for x in engines:
+        before = x.acknowledged
+        if before is None:
+            continue
+        then = f"acknowledged {before.date}, after {count(before.flights, 'flight')}: "
+        then += "; ".join(map(_acknowledged, before.changes)) + (f" ({before.note})" if before.note else "")
+        if before.grown:
+            messages.warning(f"engine {x.serial}: grown since: {', '.join(before.grown)}; {then}", engine=x.serial)
+        else:
+            messages.note(f"engine {x.serial}: {then}; not raised again unless it grows", engine=x.serial)
