@@ -23,7 +23,7 @@ from enginediag_cli.history.background import (
 from enginediag_cli.history.hypotheses import SLABS, UNLISTED, Suspect, list_suspects, size_posterior
 from enginediag_cli.history.posterior import HistoryPosterior, judge_history
 from enginediag_cli.history.records import History
-from enginediag_cli.history.shapes import KINDS, RAMP, SATURATING, STEP, coarse_shapes, open_cells
+from enginediag_cli.history.shapes import COMPONENT_PRIOR, KINDS, RAMP, SATURATING, STEP, coarse_shapes, open_cells
 from enginediag_cli.parameters import Parameter
 
 T = 24
@@ -141,7 +141,7 @@ def test_cells_hold_every_onset_once() -> None:
     for kind in (STEP, RAMP):
         mine = shapes.kind == KINDS.index(kind)
         assert shapes.cell[mine, 0].sum() == 149
-        assert np.exp(shapes.log_prior[0, mine]).sum() == pytest.approx(0.2)
+        assert np.exp(shapes.log_prior[0, mine]).sum() == pytest.approx(COMPONENT_PRIOR[kind])
     rows = np.flatnonzero(shapes.kind == KINDS.index(SATURATING))[:3]
     parts = open_cells(shapes, rows, 150)
     assert parts.cell[:, 0].sum() == shapes.cell[rows, 0].sum()
