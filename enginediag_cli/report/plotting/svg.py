@@ -333,7 +333,7 @@ def picture(chart: Chart, *, titled: bool = True) -> Drawing:
     return on
 
 
-BAR, SHADE_WIDTH, SHADE_HEIGHT = 44.0, 44.0, 12.0
+BAR, SHADE_WIDTH, SHADE_HEIGHT = 56.0, 40.0, 12.0
 """Pixels of a colour bar with its numbers, and of one shade of it."""
 
 
@@ -341,12 +341,11 @@ def _colour_bar(on: Drawing, layer: HeatCells, panel: Panel, top: float) -> None
     """The shades with the values between which they are, and what they are values of."""
     scale = shade_scale(layer)
     left = panel.left
+    on.words(left, top + 10, layer.name, letters=SMALL)
     for k, (low, _, fill) in enumerate(scale):
-        on.rectangle(left + k * SHADE_WIDTH, top + 4, SHADE_WIDTH, SHADE_HEIGHT, fill)
-        on.words(left + k * SHADE_WIDTH, top + 31, format_value(low, 2), letters=SMALL, anchor="middle")
-    end = left + len(scale) * SHADE_WIDTH
-    on.words(end, top + 31, format_value(scale[-1][1], 2), letters=SMALL, anchor="middle")
-    on.words(end + 12, top + 14, layer.name, letters=SMALL)
+        on.rectangle(left + k * SHADE_WIDTH, top + 16, SHADE_WIDTH, SHADE_HEIGHT, fill)
+        on.words(left + k * SHADE_WIDTH, top + 43, format_value(low, 2), letters=SMALL, anchor="middle")
+    on.words(left + len(scale) * SHADE_WIDTH, top + 43, format_value(scale[-1][1], 2), letters=SMALL, anchor="middle")
 
 
 def _head(chart: Chart) -> list[str]:
