@@ -260,23 +260,26 @@ def pattern_shapes(
         b, K = background.flights(suspects[single[c]].positions[0])
         for way in (1.0, -1.0):
             found = _best_patterns(way * (estimate[:, c] - level[c]), weight[:, c])
-            found = np.concatenate([found, _climb_pattern(found[0], b, K)[None]])
-            patterns += list(found)
-            owner += [single[c]] * len(found)
-    g = np.array(patterns)
-    log = _log_markov(g)
-    kept = np.isfinite(log)
-    g, log, who = g[kept], log[kept], np.array(owner)[kept]
-    if not len(g):
-        return None
-    count = len(g)
-    prior = np.log([[COMPONENT_PRIOR[INTERMITTENT]], [INSTRUMENT_PRIOR[INTERMITTENT]]]) + log
-    first = g.argmax(axis=1)
+            patterns += [*found, _climb_pattern(found[0], b, K)]
+            owner += [single[c]] * (len(found) + 1)
+    g, who = np.array(patterns), np.array(owner)
+    kept = np.isfinite(_log_markov(g))
+    return (_pattern_table(g[kept]), who[kept]) if kept.any() else None
+
+
+def nearby_patterns(pattern: np.ndarray) -> ShapeTable:
+    """A pattern (T,) of an intermittent fault, and those that differ from it in one flight."""
+    g = np.concatenate([pattern[None], np.abs(pattern - np.eye(len(pattern)))])
+    return _pattern_table(g[np.isfinite(_log_markov(g))])
+
+
+def _pattern_table(g: np.ndarray) -> ShapeTable:
+    """Patterns (K, T) of intermittent faults with their priors."""
+    count, flights = g.shape
+    prior = np.log([[COMPONENT_PRIOR[INTERMITTENT]], [INSTRUMENT_PRIOR[INTERMITTENT]]]) + _log_markov(g)
+    first, kind = g.argmax(axis=1), np.full(count, KINDS.index(INTERMITTENT))
     none, ones = np.zeros(count), np.ones((count, 2), int)
-    table = ShapeTable(
-        g, np.full(count, KINDS.index(INTERMITTENT)), first, np.full(count, flights), none, none, ones, prior
-    )
-    return table, who
+    return ShapeTable(g, kind, first, np.full(count, flights), none, none, ones, prior)
 
 
 def _best_patterns(estimate: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -301,7 +304,6 @@ def _climb_pattern(g: np.ndarray, b: np.ndarray, K: np.ndarray) -> np.ndarray:
     of scores b (T,) and information K (T, T) that all flights share what is uncertain beside the fault."""
     T = len(g)
     flip = np.eye(T)
-    best = -np.inf
     for _ in range(T):
         turned = np.concatenate([g[None], np.abs(g - flip)])
         change = 1 - 2 * g
@@ -310,9 +312,9 @@ def _climb_pattern(g: np.ndarray, b: np.ndarray, K: np.ndarray) -> np.ndarray:
         known = g @ Kg + np.concatenate([[0.0], 2 * change * Kg + np.diag(K)])
         gain = 0.5 * total**2 / (np.maximum(known, 0.0) + 1) + _log_markov(turned)
         k = int(np.argmax(gain))
-        if k == 0 or gain[k] <= max(best, 0.0):
+        if k == 0 or gain[k] <= 0:
             break
-        best, g = float(gain[k]), turned[k]
+        g = turned[k]
     return g
 
 

@@ -263,8 +263,11 @@ def describe_event(search: HistorySearch, event: Event, others: Sequence[Event])
     suspects = _owner_shares(scan)
     owner = next(iter(suspects))
     mine = _forms(scan, owner)
-    plain = scan.log_odds > PLAIN and event.suspect.owner == owner and event.kind != INTERMITTENT
+    going = event.kind == INTERMITTENT and scan.best_event(owner).kind == INTERMITTENT
+    plain = event.suspect.owner == owner and (scan.log_odds > PLAIN or going)
     near = search.scan_near(others, event) if plain else scan
+    if plain and event.suspect.instrument:
+        mine = [scan.suspects.index(event.suspect)]
     weight = normalized_weights(near.log[mine], axis=None)
     by_shape = weight.sum(axis=0)
     irregular = plain and event.irregular >= EVENT
@@ -273,8 +276,6 @@ def describe_event(search: HistorySearch, event: Event, others: Sequence[Event])
     cases = _likely_events(near, mine, weight, event.doubt)
     if irregular:
         onsets, cases = search.irregular_onsets(others, event), [(1.0, event)]
-    elif event.kind == INTERMITTENT and not np.any(np.all(near.shapes.values == event.course, axis=1)):
-        onsets, cases = (np.arange(len(search.history)) == event.shape.onset[0]) * 1.0, [(1.0, event)]
     kind = max(kinds, key=lambda name: kinds[name])
     best = int(np.argmax(np.where(near.shapes.kind == KINDS.index(kind), by_shape, -1.0)))
     order = np.argsort(-onsets, kind="stable")

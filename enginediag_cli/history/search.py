@@ -35,6 +35,7 @@ from enginediag_cli.history.hypotheses import (
     Scan,
     Suspect,
     join_scans,
+    nearby_patterns,
     with_patterns,
 )
 from enginediag_cli.history.records import History
@@ -68,7 +69,7 @@ PASSES = 2
 """Rounds of looking at each event again with the others as they are."""
 OPENED, OPENED_SHARE, ROUNDS = 12, 1e-4, 6
 """Cells of onsets that are opened at once, least share of the likeliest's probability of those, and rounds at most."""
-CLIMBED, CLIMBED_SHARE = 12.0, 0.6
+CLIMBED, CLIMBED_SHARE = 12.0, 0.3
 """Nats below the best, and share of its log odds, to which a kind of shape is climbed to its likeliest onset and end: a
 step that is looked at two flights beside its onset loses a part of what it explains, not all."""
 QUIET = -2.5
@@ -155,9 +156,13 @@ class HistorySearch:
         return self._scans[key]
 
     def scan_near(self, others: Sequence[Event], event: Event) -> Scan:
-        """The posterior over kinds and onsets near those of an event, the others given, with its course in doubt."""
-        background = self.before(others).add_columns(self.shape_doubt(event))
-        return self._scan_shapes(nearby_shapes(event.shape, len(self.history), self.history.maintenance), background)
+        """The posterior over kinds and onsets near those of an event, the others given, with its course in doubt; of an
+        intermittent one over the flights that it is in."""
+        background = self.before(others)
+        if event.kind == INTERMITTENT:
+            return self._scan_shapes(nearby_patterns(event.course), background)
+        shapes = nearby_shapes(event.shape, len(self.history), self.history.maintenance)
+        return self._scan_shapes(shapes, background.add_columns(self.shape_doubt(event)))
 
     def take(self, others: Sequence[Event], owner: str = "") -> Event:
         """The likeliest further event, of one owner where that is named, with what the data leave of the doubts about
