@@ -99,7 +99,8 @@ class FlightStory:
         """The most probable event."""
         event = next(iter(self.trend.posterior.events), None)
         if event is None:
-            return DetectedChange()
+            inclusion = self.trend.posterior.inclusion
+            return DetectedChange(rivals={name: p for name, p in inclusion.items() if p >= UNLIKELY})
         families = self.trend.families(event)
         leading = max(families, key=lambda name: families[name])
         probability = event.probability * families[leading]
@@ -294,6 +295,7 @@ class FlightMonitor:
     monitor: Monitor
     key: Key
     false_alarm: float
+    coordinates: Coordinates | None = None
     process: EProcess = field(init=False)
     gross: GrossCounts = field(default_factory=GrossCounts)
     _innovations: Innovations = field(init=False)
@@ -314,7 +316,7 @@ class FlightMonitor:
     _explained: int = 0
 
     def __post_init__(self) -> None:
-        coordinates = unit_coordinates(self.monitor)
+        coordinates = self.coordinates or unit_coordinates(self.monitor)
         self.process = EProcess(coordinates, StepEvidence(coordinates.described), self.false_alarm)
         self._innovations = Innovations(self.monitor.noise)
 
@@ -586,9 +588,10 @@ class FlightFollower:
     def reports(self) -> Iterator[BlockReport]:
         """One report per block of each flight, as soon as its records are there."""
         flights: dict[Key, FlightMonitor] = {}
+        coordinates = unit_coordinates(self.monitor)
         for chunk in follow_chunks(self.intake, self.block, self.idle_s):
             for key, rows in group_rows(chunk):
-                flight = flights.pop(key, None) or FlightMonitor(self.monitor, key, self.false_alarm)
+                flight = flights.pop(key, None) or FlightMonitor(self.monitor, key, self.false_alarm, coordinates)
                 flights[key] = flight  # the latest is the last
                 while len(flights) > OPEN_FLIGHTS:
                     yield from self._finish_flight(flights.pop(next(iter(flights))))

@@ -12,7 +12,7 @@ Flights. For each kind and size of change that begins on the way: median delay i
 then the 90 % point of follow's delay over that of the GLR, flights that follow missed or in which it had an alarm
 before the onset, the kind that is reported at the end, and in how many the onset lies in its 95 % interval. The
 thresholds of CUSUM and GLR are those of which 1 % of healthy flights have an alarm, by simulation; `--follow` states
-1 %, and the last row counts the alarms of healthy flights. One record every 10 s.
+1 %, and the last row counts the alarms of healthy flights, looked at after every five records. One record every 10 s.
 
 Histories. Flights after the onset until `trend` says that something changed (`judge_history` of a growing history),
 beside a GLR that knows the nominal, on the same statistics, with an alarm in 1 % of healthy histories at any flight.
@@ -196,7 +196,6 @@ def thresholds(monitor: Monitor, cases: list[tuple[str, str, float]]) -> tuple[f
 def print_flights(monitor: Monitor, options: argparse.Namespace, cases: list[tuple[str, str, float]]) -> None:
     """The table of flights."""
     limit, limits = thresholds(monitor, cases)
-    print(f"GLR alarms from {limit:.1f} (2 log of the likelihood ratio)\n")
     print(
         "| change | CUSUM | GLR | follow, each record | each 5 | over GLR | missed | early | reported as | onset held |"
     )
@@ -228,7 +227,7 @@ def print_flights(monitor: Monitor, options: argparse.Namespace, cases: list[tup
         recording, _ = flown(monitor, seed + 500_000, "none", "", 0.0)
         flight = FlightMonitor(monitor, ("", "", ""), FALSE_ALARM)
         alarms += any(flight.add(recording.select(slice(i, i + BLOCK))).alarm for i in range(0, len(recording), BLOCK))
-    print(f"\n{alarms} of {options.healthy} healthy flights with an alarm, looked at after every {BLOCK} records")
+    print(f"| none, {options.healthy} flights | | | | | | | {alarms} | | |")
 
 
 def flight_sums(monitor: Monitor, flights: int) -> tuple[np.ndarray, np.ndarray]:
@@ -301,7 +300,6 @@ def print_histories(monitor: Monitor, options: argparse.Namespace, cases: list[t
 
     most = [float(path(*drawn_history(at, names, sums, rng, None)).max()) for _ in range(SIMULATED)]
     limit = float(np.quantile(most, 1 - FALSE_ALARM))
-    print(f"\nGLR of flights alarms from {limit:.1f}\n")
     print(f"| change from flight {ONSET + 1} on | GLR | trend | 90 % | over GLR | missed | early |")
     print("|---|---|---|---|---|---|---|")
     for case in cases:
@@ -326,16 +324,16 @@ def main() -> None:
     parser.add_argument("--healthy", type=int, default=100, help="healthy flights")
     parser.add_argument("--only", action="append", help="rows that hold this text; may be given several times")
     parser.add_argument("--seed", type=int, default=0, help="of the first flight of a row")
-    parser.add_argument("--part", choices=("flights", "histories"), help="one of the tables alone")
+    parser.add_argument("--part", choices=("flights", "histories"), default="flights", help="which table")
     options = parser.parse_args()
     monitor = nominal_monitor()
     chosen = [
         [c for c in cases if not options.only or any(x in f"{c[0]} {c[1]} {c[2]:+g}" for x in options.only)]
         for cases in (CASES, HISTORY_CASES)
     ]
-    if options.part != "histories":
+    if options.part == "flights":
         print_flights(monitor, options, chosen[0])
-    if options.part != "flights":
+    else:
         print_histories(monitor, options, chosen[1])
 
 
