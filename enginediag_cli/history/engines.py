@@ -265,7 +265,9 @@ class EngineTrend:
             family = DETERIORATION if shape in GROWING else COMES_AND_GOES if shape == PULSE else shape
             total[family] = total.get(family, 0.0) + p
         found = max(total, key=lambda name: total[name])
-        if found == DETERIORATION and len(self.first) < self.flights and event.end < 0 and event.changes:
+        epochs = len(self.first)
+        long = epochs < self.flights and epochs - event.onset > 2 * STEP_EPOCHS  # else all has come within the few
+        if found == DETERIORATION and long and event.end < 0 and event.changes:
             largest = max(event.changes, key=lambda x: abs(x.largest) / max(x.largest_high - x.largest_low, TINY))
             level = np.abs(self.posterior.level[:, self.posterior.parameters.index(largest.name)])
             soon = level[event.onset : event.onset + STEP_EPOCHS].max()
