@@ -40,7 +40,6 @@ ORDER = (
     "intake",
     "residuals",
     "detection",
-    "planning",
     "isolation",
     "history",
     "mismatch",
@@ -79,7 +78,7 @@ VALIDATION = {name: ("validation",) for name in ("validation",)}
 LARGEST_FILE = 750
 """Lines of a file: a topic that a reader can name usually takes 150 to 600; a family of near relatives takes more."""
 
-MOST_FILES, MOST_FILES_IN_ALL = 40, 239
+MOST_FILES, MOST_FILES_IN_ALL = 40, 230
 """Files of a package, and of all packages: what a newcomer can survey."""
 
 LARGEST_SHARE_OF_IMPORTS = 0.04

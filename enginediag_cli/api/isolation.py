@@ -171,7 +171,7 @@ class IsolationResult(Result):
         self._monitor = monitor = comparison.monitor(sensors=watched, drifts=not choices.pool)
         self._files = files = comparison.files(monitor, drifts=not choices.pool)
         if choices.pool:
-            from enginediag_cli.history.pooled import PooledWindows
+            from enginediag_cli.history.engines import PooledWindows
 
             self._files = files = PooledWindows.from_reader(files, choices.pool)
         self._diagnosis = choices.diagnosis_options(judging.linearise, options)

@@ -266,7 +266,7 @@ def _locked(path: str | None, wait: float, context: click.Context, messages: Mes
     if path is None:
         yield
         return
-    from enginediag_cli.file_lock import lock_file
+    from enginediag_cli.parallel import lock_file
 
     with lock_file(path, str(context.info_name), wait):
         messages.record("note", f"holds {path}", lock=os.path.abspath(path))

@@ -54,9 +54,8 @@ from enginediag_cli.history.engines import (
     HistoryOptions,
     judge_engine_history,
 )
-from enginediag_cli.history.health import HealthStep
-from enginediag_cli.history.posterior import EVENT, ChangeEvent, HistoryChange
-from enginediag_cli.history.shapes import FROM_START, INTERMITTENT
+from enginediag_cli.history.hypotheses import FROM_START, INTERMITTENT
+from enginediag_cli.history.posterior import EVENT, ChangeEvent, HealthStep, HistoryChange
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.parameters import Parameter
 

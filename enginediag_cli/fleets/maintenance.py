@@ -31,7 +31,7 @@ from enginediag_cli.fleets.margin import (
 )
 from enginediag_cli.fleets.work_scope import ChangeMoments, Gain, PowerReference, WorkScopeEstimator
 from enginediag_cli.history.engines import EngineTrend, HistoryWindows
-from enginediag_cli.history.health import HealthStep
+from enginediag_cli.history.posterior import HealthStep
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.residuals.monitor import Monitor

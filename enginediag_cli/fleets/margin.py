@@ -39,8 +39,8 @@ from enginediag_cli.fleets.work_scope import (
     solve_at_limits,
 )
 from enginediag_cli.history.engines import EngineTrend
-from enginediag_cli.history.health import HealthPath
-from enginediag_cli.history.shapes import FROM_START, STEP
+from enginediag_cli.history.hypotheses import FROM_START, STEP
+from enginediag_cli.history.posterior import HealthPath
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.residuals.monitor import Monitor

@@ -29,11 +29,10 @@ from enginediag_cli.detection.verdict import (
     one_channel_reason,
     too_few_sensors_reason,
 )
-from enginediag_cli.history.background import inner
+from enginediag_cli.history.background import LEAST_INFORMATION, History, inner
 from enginediag_cli.history.engines import CANNOT_TELL, EPOCHS, UNLIKELY, EngineTrend
 from enginediag_cli.history.hypotheses import UNLISTED, list_suspects, size_posterior
 from enginediag_cli.history.posterior import FEWEST_FLIGHTS, judge_history
-from enginediag_cli.history.records import LEAST_INFORMATION, History
 from enginediag_cli.intake.loader import ExcludedData, GrossCounts, RecordingLoader, follow_chunks
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.recordings.repeated import StuckRun

@@ -9,29 +9,344 @@ Then the sign: efficiencies fall, and what is found to have risen is as improbab
     ln BF += ln Π_j 2 [(1 − w_j) P(δ_j in the way of wear) + w_j P(against it)]
 
 "Something else": all sensors off by independent amounts, with one step or ramp. Nothing is named after it.
+
+ShapeTable in time: how a change may come, stay, grow and go.
+
+    step        g(t) = 1[t ≥ onset]                        ramp        (t − onset + 1)₊, 1 at the last flight
+    saturating  1 − exp(−(t − onset + 1)/τ)                ramp, then steady    min((t − onset + 1)/duration, 1)
+    pulse       1[onset ≤ t < end]                         ended       a ramp or saturating until `end`, 0 from there
+    accelerating    (t − onset + 1)₊ᵏ: damage that feeds itself
+    from the start  1                                      intermittent  1 in a set of flights that the data show
+
+    growing, restored, growing    G(t) until `end`; then from L = kept · G(end − 1) on at the same rate, L + G(t − end),
+                                  or with the same asymptote, L + (1 − L) G(t − end)
+
+all scaled so that the largest value is 1; `onset` is the first flight with an effect, from 0. Onsets and ends are
+looked at coarsely first: a course stands for the onsets and ends of its cell, and has their prior. Where it matters,
+cells are opened.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.special import ndtr
 
-from enginediag_cli.history.background import Background
-from enginediag_cli.history.records import History
-from enginediag_cli.history.shapes import (
-    COMPONENT_PRIOR,
-    INSTRUMENT_PRIOR,
-    INTERMITTENT,
-    KINDS,
-    RAMP,
-    STEP,
-    ShapeTable,
-    join_shapes,
-)
+from enginediag_cli.history.background import Background, History
 from enginediag_cli.parameters import Parameter
+
+FROM_START, STEP, RAMP, SATURATING, RAMP_HOLD = "from start", "step", "ramp", "saturating", "ramp, then steady"
+PULSE, ENDED, RAMP_ENDED, WASHED = "pulse", "saturating, ended", "ramp, ended", "growing, restored, growing"
+INTERMITTENT, IRREGULAR, ACCELERATING = "intermittent", "irregular", "accelerating"
+LASTING = (STEP, RAMP, SATURATING, RAMP_HOLD, ACCELERATING)
+"""Kinds that begin and last."""
+KINDS = (FROM_START, *LASTING, PULSE, ENDED, RAMP_ENDED, WASHED, INTERMITTENT, IRREGULAR)
+GROWING = frozenset({RAMP, SATURATING, ACCELERATING, RAMP_HOLD, ENDED, RAMP_ENDED, WASHED})
+"""Kinds that grow for a while."""
+WITH_END = frozenset({PULSE, ENDED, RAMP_ENDED, WASHED})
+"""Kinds that something ends: afterwards the engine is as before, or partly so and grows worse again."""
+RESTORED = WITH_END - {WASHED}
+"""Kinds after whose end nothing grows again."""
+
+COMPONENT_PRIOR: Mapping[str, float] = {
+    STEP: 0.2,
+    SATURATING: 0.2,
+    RAMP: 0.15,
+    ACCELERATING: 0.05,
+    RAMP_HOLD: 0.1,
+    PULSE: 0.06,
+    ENDED: 0.03,
+    RAMP_ENDED: 0.02,
+    WASHED: 0.04,
+    FROM_START: 0.05,
+    INTERMITTENT: 0.04,
+    IRREGULAR: 0.06,
+}
+"""How a component changes: wear and fouling as often as damage. Judgement; odds of ten between kinds cost 2.3 nats."""
+INSTRUMENT_PRIOR: Mapping[str, float] = {
+    STEP: 0.4,
+    RAMP: 0.19,
+    ACCELERATING: 0.01,
+    FROM_START: 0.1,
+    PULSE: 0.1,
+    INTERMITTENT: 0.1,
+    IRREGULAR: 0.03,
+    SATURATING: 0.01,
+    RAMP_HOLD: 0.04,
+    ENDED: 0.004,
+    RAMP_ENDED: 0.014,
+    WASHED: 0.002,
+}
+"""How an instrument fails: mostly at once. Judgement."""
+
+TAUS = (1.5, 2.5, 4.0, 6.0, 10.0, 18.0, 35.0)
+"""Time constants of saturating growth, in flights: fouling after a wash takes tens of flights at most."""
+ENDED_TAUS = (2.5, 6.0, 14.0)
+"""Of growth that is ended: every other one, since its end is seen beside it."""
+KEPT, KEPT_STEP = (0.2,), 0.05
+"""Share of what had grown that stays after a wash, as looked at first, and by how much it is moved then."""
+MOST_KEPT = 0.9
+"""Largest share that stays after a wash: what brings back less is none."""
+POWERS = (2.0, 4.0)
+"""Of accelerating growth: a rate that rises evenly, and one that multiplies towards the end."""
+DURATIONS = (0.15, 0.3, 0.5)
+"""Of a ramp that ends by itself, in histories."""
+ONSETS, ENDS = 30, 12
+"""Onsets of courses without an end, and onsets and ends of those with one, that are looked at first."""
+NEARBY = 8
+"""Flights to either side of a plain event's onset at which its course is looked at again."""
+REACH = 2
+"""Flights by which onsets and ends are moved at once where a shape is climbed to its likeliest ones."""
+PARTS = 4
+"""Parts into which a cell is opened, each way: two rounds open the cells of two hundred flights."""
+AT_MAINTENANCE = 0.8
+"""Probability that what ends does so with recorded maintenance, where there is any: washes are recorded."""
+
+
+@dataclass(frozen=True)
+class ShapeTable:
+    """K courses: values (K, T); kind (K,) position in `KINDS`; onset, end (K,), `end` T where there is none; scale (K,)
+    time constant, duration or power, 0 of even growth; kept (K,): share that stays after a wash; cell (K, 2): how
+    many onsets and ends each stands for; log_prior (2, K) of a component and of an instrument."""
+
+    values: np.ndarray
+    kind: np.ndarray
+    onset: np.ndarray
+    end: np.ndarray
+    scale: np.ndarray
+    kept: np.ndarray
+    cell: np.ndarray
+    log_prior: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def select(self, rows: np.ndarray) -> ShapeTable:
+        return ShapeTable(
+            self.values[rows],
+            self.kind[rows],
+            self.onset[rows],
+            self.end[rows],
+            self.scale[rows],
+            self.kept[rows],
+            self.cell[rows],
+            self.log_prior[:, rows],
+        )
+
+
+def shape_values(
+    kind: str, onset: np.ndarray, end: np.ndarray, scale: np.ndarray, kept: np.ndarray, T: int
+) -> np.ndarray:
+    """g (K, T) of courses of one kind, the largest value of each 1."""
+    if kind == WASHED:
+        return _washed_values(onset, end, scale, kept, T)
+    since = np.arange(T) - onset[:, None] + 1.0
+    there = since > 0
+    if kind in (SATURATING, ENDED):
+        g = -np.expm1(-np.maximum(since, 0.0) / scale[:, None])
+    elif kind == RAMP_HOLD:
+        g = np.clip(since / scale[:, None], 0.0, 1.0)
+    elif kind == ACCELERATING:
+        g = (np.maximum(since, 0.0) / (T - onset[:, None])) ** scale[:, None]
+    elif kind in (RAMP, RAMP_ENDED):
+        g = np.maximum(since, 0.0)
+    else:
+        g = np.ones_like(since)
+    g = np.where(there & (np.arange(T) < end[:, None]), g, 0.0)
+    return np.asarray(g / np.maximum(g.max(axis=1, keepdims=True), 1e-9))
+
+
+def _washed_values(onset: np.ndarray, end: np.ndarray, scale: np.ndarray, kept: np.ndarray, T: int) -> np.ndarray:
+    t, tau = np.arange(T), scale[:, None]
+
+    def grown(since: np.ndarray) -> np.ndarray:
+        positive = np.maximum(since, 0.0)
+        return np.where(tau > 0, -np.expm1(-positive / np.maximum(tau, 1e-9)), positive / T)
+
+    before, again = grown(t - onset[:, None] + 1.0), grown(t - end[:, None] + 1.0)
+    level = kept[:, None] * grown((end - onset)[:, None] + 0.0)
+    after = level + np.where(tau > 0, 1 - level, 1.0) * again
+    g = np.where(t < end[:, None], before, after)
+    return np.asarray(g / np.maximum(g.max(axis=1, keepdims=True), 1e-9))
+
+
+def _cells(first: int, last: int, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """Middles and sizes of the cells into which first … last are cut, `most` at most."""
+    edges = np.unique(np.linspace(first, last + 1, min(most, last + 1 - first) + 1).round().astype(int))
+    size = np.diff(edges)
+    return edges[:-1] + size // 2, size
+
+
+def _log_end_prior(end: np.ndarray, cell: np.ndarray, T: int, maintenance: Sequence[int]) -> np.ndarray:
+    """Log probability of the ends of cells: any flight alike, or mostly those with maintenance."""
+    anywhere = cell / max(T - 1, 1)
+    if not len(maintenance):
+        return np.asarray(np.log(anywhere))
+    exact = np.isin(end, maintenance) & (cell == 1)
+    return np.asarray(np.log((1 - AT_MAINTENANCE) * anywhere + AT_MAINTENANCE * exact / len(maintenance)))
+
+
+def build_shapes(
+    kind: str,
+    onset: np.ndarray,
+    end: np.ndarray,
+    scale: np.ndarray,
+    cell: np.ndarray,
+    T: int,
+    maintenance: Sequence[int],
+    kept: np.ndarray | None = None,
+) -> ShapeTable:
+    """Courses of one kind with their priors: onsets uniform, time constants alike."""
+    kept = np.zeros(len(onset)) if kept is None else kept
+    alike = len(_scales(kind, T)) * (len(KEPT) if kind == WASHED else 1)
+    log = np.zeros(len(onset)) - np.log(alike)
+    if kind in WITH_END:
+        log += np.log(cell[:, 0] / np.maximum(end - 1, 1)) + _log_end_prior(end, cell[:, 1], T, maintenance)
+    elif kind != FROM_START:
+        log += np.log(cell[:, 0] / (T - 1))
+    number = KINDS.index(kind)
+    prior = np.array([COMPONENT_PRIOR[kind], INSTRUMENT_PRIOR[kind]])
+    values = shape_values(kind, onset, end, scale, kept, T)
+    return ShapeTable(values, np.full(len(onset), number), onset, end, scale, kept, cell, np.log(prior)[:, None] + log)
+
+
+def join_shapes(parts: Sequence[ShapeTable]) -> ShapeTable:
+    """All of them."""
+    return ShapeTable(
+        np.concatenate([c.values for c in parts]),
+        np.concatenate([c.kind for c in parts]),
+        np.concatenate([c.onset for c in parts]),
+        np.concatenate([c.end for c in parts]),
+        np.concatenate([c.scale for c in parts]),
+        np.concatenate([c.kept for c in parts]),
+        np.concatenate([c.cell for c in parts]),
+        np.concatenate([c.log_prior for c in parts], axis=1),
+    )
+
+
+def _taus(T: int) -> list[float]:
+    return [tau for tau in TAUS if tau <= max(T / 3, TAUS[0])]
+
+
+def _scales(kind: str, T: int) -> list[float]:
+    if kind == SATURATING:
+        return _taus(T)
+    return {
+        ENDED: list(ENDED_TAUS),
+        WASHED: [0.0, *_taus(T)[1::2]],
+        ACCELERATING: list(POWERS),
+        RAMP_HOLD: [max(d * T, 2.0) for d in DURATIONS],
+    }.get(kind, [0.0])
+
+
+def coarse_shapes(T: int, maintenance: Sequence[int] = ()) -> ShapeTable:
+    """The courses that are looked at first."""
+    none = np.zeros(1, int)
+    parts = [build_shapes(FROM_START, none, none + T, none, np.ones((1, 2), int), T, maintenance)]
+    onset, size = _cells(1, T - 1, ONSETS)
+    for kind in LASTING:
+        scale = np.repeat(_scales(kind, T), len(onset))
+        many = len(_scales(kind, T))
+        at, cell = np.tile(onset, many), np.column_stack([np.tile(size, many), np.ones(many * len(onset), int)])
+        parts.append(build_shapes(kind, at, np.full(len(at), T), scale, cell, T, maintenance))
+    first, first_size = _cells(0, T - 2, ENDS)
+    last, last_size = _ends(T, maintenance)
+    i, j = (x.ravel() for x in np.meshgrid(np.arange(len(first)), np.arange(len(last)), indexing="ij"))
+    for kind in (PULSE, ENDED, RAMP_ENDED, WASHED):
+        shortest = 1 if kind == PULSE else 3  # what grows for less than three flights is a pulse
+        fits = last[j] - first[i] >= shortest
+        for tau in _scales(kind, T):
+            for kept in KEPT if kind == WASHED else KEPT[:1]:
+                cell = np.column_stack([first_size[i], last_size[j]])[fits]
+                at, end = first[i][fits], last[j][fits]
+                same = np.ones(len(at))
+                parts.append(build_shapes(kind, at, end, tau * same, cell, T, maintenance, kept * same))
+    return join_shapes(parts)
+
+
+def _ends(T: int, maintenance: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Ends that are looked at first: those with maintenance, each by itself, and cells of all others."""
+    last, size = _cells(1, T - 1, ENDS)
+    known = np.array([k for k in maintenance if 0 < k < T], int)
+    own = np.isin(last, known)
+    return np.concatenate([last[~own], known]), np.concatenate([size[~own], np.ones(len(known), int)])
+
+
+def open_cells(shapes: ShapeTable, rows: np.ndarray, T: int, maintenance: Sequence[int] = ()) -> ShapeTable:
+    """The parts of the cells of the shapes `rows`."""
+    parts = []
+    for k in rows:
+        name = KINDS[shapes.kind[k]]
+        n, e = (int(c) for c in shapes.cell[k])
+        start = int(shapes.onset[k]) - n // 2
+        onset, onset_size = _cells(start, start + n - 1, PARTS)
+        end, end_size = np.array([T]), np.ones(1, int)
+        if name in WITH_END:
+            stop = int(shapes.end[k]) - e // 2
+            end, end_size = _cells(stop, stop + e - 1, PARTS)
+        i, j = (x.ravel() for x in np.meshgrid(np.arange(len(onset)), np.arange(len(end)), indexing="ij"))
+        fits = end[j] > onset[i]
+        i, j = i[fits], j[fits]
+        cell = np.column_stack([onset_size[i], end_size[j]])
+        scale, kept = np.full(len(i), shapes.scale[k]), np.full(len(i), shapes.kept[k])
+        parts.append(build_shapes(name, onset[i], end[j], scale, cell, T, maintenance, kept))
+    return join_shapes(parts)
+
+
+def neighbours(shapes: ShapeTable, rows: np.ndarray, T: int, maintenance: Sequence[int] = ()) -> ShapeTable | None:
+    """Shapes with onset and end up to `REACH` flights beside those of the shapes `rows`, as far as they are not there
+    yet, each by itself; None where all are."""
+    table = (shapes.kind, shapes.onset, shapes.end, shapes.scale.round(6), shapes.kept.round(6))
+    known = set(zip(*(column.tolist() for column in table), strict=True))
+    parts = []
+    for k in rows:
+        kind, onset, stop, scale, kept = (column[k].item() for column in table)
+        name = KINDS[kind]
+        first, reach = (0, 1) if name == WASHED else (0 if name in WITH_END else 1, REACH)
+        onsets = range(max(onset - reach, first), min(onset + reach, T - 1) + 1)
+        ends = range(max(stop - reach, 1), min(stop + reach, T - 1) + 1) if name in WITH_END else [T]
+        moves = (-KEPT_STEP, 0.0, KEPT_STEP) if name == WASHED else (0.0,)
+        shares = {round(min(max(kept + move, 0.0), MOST_KEPT), 6) for move in moves}
+        new = [(n, e, r) for n in onsets for e in ends for r in shares if n < e and (kind, n, e, scale, r) not in known]
+        if new:
+            at, end, stays = (np.array(x) for x in zip(*new, strict=True))
+            ones = np.ones((len(new), 2), int)
+            parts.append(build_shapes(name, at, end, np.full(len(new), scale), ones, T, maintenance, stays))
+    return join_shapes(parts) if parts else None
+
+
+def nearby_shapes(shape: ShapeTable, T: int, maintenance: Sequence[int] = ()) -> ShapeTable:
+    """Courses of all kinds with an onset near that of a shape (a table of one), each by itself: those that end where it
+    ends, or those without an end where it has none."""
+    onset, end = int(shape.onset[0]), int(shape.end[0])
+    ended = KINDS[shape.kind[0]] in WITH_END
+    none = np.zeros(1, int)
+    parts = [shape]
+    if not ended and onset <= NEARBY:
+        parts.append(build_shapes(FROM_START, none, none + T, none, np.ones((1, 2), int), T, maintenance))
+    first = np.arange(max(onset - NEARBY, 0 if ended else 1), min(onset + NEARBY, end - 1) + 1)
+    for kind in KINDS:
+        if (kind in WITH_END) != ended or kind in (FROM_START, INTERMITTENT, IRREGULAR):
+            continue
+        share = float(shape.kept[0]) or KEPT[0]
+        for scale in _scales(kind, T):
+            same, ones = np.full(len(first), scale), np.ones((len(first), 2), int)
+            kept = np.full(len(first), share if kind == WASHED else 0.0)
+            parts.append(build_shapes(kind, first, np.full(len(first), end), same, ones, T, maintenance, kept))
+    return join_shapes(parts)
+
+
+def moved_shapes(shape: ShapeTable, T: int, maintenance: Sequence[int] = ()) -> ShapeTable:
+    """A shape (a table of one) with onsets up to `NEARBY` flights beside its own."""
+    kind, own = KINDS[shape.kind[0]], int(shape.onset[0])
+    if kind == FROM_START:
+        return shape
+    onset = np.arange(max(own - NEARBY, 0 if kind in WITH_END else 1), min(own + NEARBY, int(shape.end[0]) - 1) + 1)
+    end, scale, kept = (np.full(len(onset), column[0]) for column in (shape.end, shape.scale, shape.kept))
+    return build_shapes(kind, onset, end, scale, np.ones((len(onset), 2), int), T, maintenance, kept)
+
 
 SLABS = (0.05, 0.15, 0.5, 1.5, 5.0, 20.0)
 """Sizes of changes in prior standard deviations: from a tenth of a per cent of an efficiency to a broken instrument."""

@@ -26,20 +26,11 @@ from enginediag_cli.history.background import (
     WANDER_MULTIPLES,
     WANDER_PRIOR,
     Background,
+    History,
     add_wander,
     wander_modes,
 )
 from enginediag_cli.history.hypotheses import (
-    Event,
-    HypothesisSpace,
-    Scan,
-    Suspect,
-    join_scans,
-    nearby_patterns,
-    with_patterns,
-)
-from enginediag_cli.history.records import History
-from enginediag_cli.history.shapes import (
     COMPONENT_PRIOR,
     FROM_START,
     INSTRUMENT_PRIOR,
@@ -47,12 +38,19 @@ from enginediag_cli.history.shapes import (
     IRREGULAR,
     KINDS,
     RESTORED,
+    Event,
+    HypothesisSpace,
+    Scan,
     ShapeTable,
+    Suspect,
     coarse_shapes,
+    join_scans,
     moved_shapes,
+    nearby_patterns,
     nearby_shapes,
     neighbours,
     open_cells,
+    with_patterns,
 )
 from enginediag_cli.probability import normalized_weights
 

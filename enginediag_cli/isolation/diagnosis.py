@@ -30,13 +30,13 @@ import numpy as np
 
 from enginediag_cli.faults.catalogue import FaultSet
 from enginediag_cli.intake.agreement import RecordingMismatch
-from enginediag_cli.isolation.advice import ODDS
 from enginediag_cli.isolation.catalogue import NamedIsolation, isolate_named, known_signs, one_sided_posterior
 from enginediag_cli.isolation.methods import IsolationOptions, isolate, posterior_result
 from enginediag_cli.isolation.nonlinear import CHECKED, NATS, WindowModel, nonlinear_posterior, quadratic_error
 from enginediag_cli.isolation.posterior import SetInference, SetPosterior, set_posterior
 from enginediag_cli.isolation.prior import InstrumentForms, SetPrior, are_sensors
 from enginediag_cli.isolation.results import (
+    ODDS,
     Adequacy,
     AmbiguityGroup,
     Explanation,

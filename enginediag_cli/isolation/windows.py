@@ -20,15 +20,6 @@ from enginediag_cli.config.fields import near
 from enginediag_cli.detection.verdict import Verdict, judge
 from enginediag_cli.engine.instrument_errors import DRIFT
 from enginediag_cli.errors import DataError
-from enginediag_cli.isolation.advice import (
-    ODDS,
-    Advice,
-    advise,
-    advise_flights,
-    condition_options,
-    noncentrality_gains,
-    sensor_options,
-)
 from enginediag_cli.isolation.diagnosis import (
     ComponentIsolation,
     Diagnosis,
@@ -37,8 +28,19 @@ from enginediag_cli.isolation.diagnosis import (
     isolate_components,
 )
 from enginediag_cli.isolation.nonlinear import WindowModel
+from enginediag_cli.isolation.planned_flights import Suggestion, best_of_each_kind, conditions_grid
 from enginediag_cli.isolation.prior import SEPARATED, SetPrior
-from enginediag_cli.isolation.results import AmbiguityGroup, temper
+from enginediag_cli.isolation.results import (
+    ODDS,
+    Advice,
+    AmbiguityGroup,
+    advise,
+    advise_flights,
+    condition_options,
+    noncentrality_gains,
+    sensor_options,
+    temper,
+)
 from enginediag_cli.isolation.sensitivity_analysis import (
     SensitivityAnalysis,
     component_sensitivity,
@@ -47,7 +49,6 @@ from enginediag_cli.isolation.sensitivity_analysis import (
 )
 from enginediag_cli.parallel import parallel_map, pieces_in_flight
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.planning.flights import Suggestion, best_of_each_kind, conditions_grid
 from enginediag_cli.residuals.files import Window, WindowReader
 from enginediag_cli.residuals.instruments import InstrumentFault
 from enginediag_cli.residuals.long_windows import RecentRecords

@@ -31,8 +31,7 @@ from enginediag_cli.recordings.unit_inference import (
     likelihood_of_range,
     propose_limits,
 )
-from enginediag_cli.recordings.unit_words import UnitWord
-from enginediag_cli.units import find_unit, split_column
+from enginediag_cli.units import UnitWord, find_unit, split_column
 
 STAND_IN_RPM = 10000.0
 """Speed or torque at 100 %, where nothing says it: a round number that shows that it is none."""

@@ -17,7 +17,7 @@ import numpy as np
 
 from enginediag_cli.recordings.quantities import Meaning, NameMark, ParsedName, interpret_name, parse_name
 from enginediag_cli.recordings.sniff import SniffedTable
-from enginediag_cli.recordings.unit_words import UnitWord, parse_unit, split_unit
+from enginediag_cli.units import UnitWord, parse_unit, split_unit
 
 LEAST = 0.6
 """Share of a scheme's names that must be in a header: files are often published without some columns."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import NamedTuple
 
-from enginediag_cli.recordings.unit_words import UnitWord, split_unit
+from enginediag_cli.units import UnitWord, split_unit
 
 TEMPERATURES = ("K", "degC", "degF", "degR")
 PRESSURES = ("Pa", "kPa", "bar", "psi", "mbar", "MPa", "inHg", "atm")

@@ -57,10 +57,9 @@ from enginediag_cli.recordings.table import (
     read_positions,
     rechunk,
 )
-from enginediag_cli.recordings.unit_words import parse_unit
 from enginediag_cli.recordings.write import ParquetTable
 from enginediag_cli.safe_text import shortened, unguarded
-from enginediag_cli.units import find_unit, is_numeric_column, split_column
+from enginediag_cli.units import find_unit, is_numeric_column, parse_unit, split_column
 
 _LINE_END = re.compile(r"\r\n|\r|\n")
 _SUMMARY = re.compile(r"\W*(total|sum|count|average|avg|mean|median|min(imum)?|max(imum)?|std(dev)?|end)\b", re.I)

@@ -36,8 +36,8 @@ from enginediag_cli.recordings.table import (
     TableFile,
     is_missing,
 )
-from enginediag_cli.recordings.unit_words import UnitWord, parse_unit, split_unit
 from enginediag_cli.recordings.write import ParquetTable
+from enginediag_cli.units import UnitWord, parse_unit, split_unit
 
 LOOKED_AT = 1 << 18
 """Bytes of the file that are looked at, 256 KiB: some thousand records."""

@@ -30,7 +30,7 @@ from typing import Any, BinaryIO, TextIO
 import numpy as np
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.file_lock import try_lock
+from enginediag_cli.parallel import try_lock
 from enginediag_cli.progress import touched, wipe
 from enginediag_cli.recordings.source import PARQUET_MAGIC, named_parquet, refuse_devices
 from enginediag_cli.recordings.table import (

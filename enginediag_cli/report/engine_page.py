@@ -15,7 +15,7 @@ from scipy.stats import binom
 from enginediag_cli.detection.verdict import format_size
 from enginediag_cli.fleets.findings import IntervalEstimate
 from enginediag_cli.history.engines import COMES_AND_GOES, FROM_THE_FIRST
-from enginediag_cli.history.shapes import FROM_START, INTERMITTENT
+from enginediag_cli.history.hypotheses import FROM_START, INTERMITTENT
 from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.report import result_files
 from enginediag_cli.report.evidence import LIKELY, EngineEvidence, ReportedChange, ReportEvidence

@@ -40,6 +40,7 @@ import numpy as np
 from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
+from enginediag_cli.isolation.planned_flights import AIRLINER, RECORDS, SWEEP, WEATHER, Corner, PlannedFlight
 from enginediag_cli.mismatch.explain.answer import (
     FORMULA,
     HIDDEN_STATE,
@@ -73,7 +74,6 @@ from enginediag_cli.parallel import QuestionProcess
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.law import formula_variables
 from enginediag_cli.physics.registry import candidate_effects
-from enginediag_cli.planning.flights import AIRLINER, RECORDS, SWEEP, WEATHER, Corner, PlannedFlight
 from enginediag_cli.validation import kinds
 from enginediag_cli.validation.concealed_effects import (
     SHOWS,

@@ -31,9 +31,9 @@ from pathlib import Path
 import numpy as np
 
 from enginediag_cli.detection.sequential import Coordinates
+from enginediag_cli.history.background import History
 from enginediag_cli.history.follow import FlightMonitor, unit_coordinates
 from enginediag_cli.history.posterior import judge_history
-from enginediag_cli.history.records import History
 from enginediag_cli.intake.selection import open_baseline
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.monitor import Monitor, build_monitor

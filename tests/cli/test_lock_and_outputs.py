@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from enginediag_cli.file_lock import lock_file
+from enginediag_cli.parallel import lock_file
 from enginediag_cli.recordings.write import LEFT_BEHIND_S, open_output
 
 ROOT = Path(__file__).parents[2]

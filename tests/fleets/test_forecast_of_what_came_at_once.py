@@ -10,7 +10,7 @@ import pytest
 
 from enginediag_cli.detection.forecast import fit_laws, forecast, unknown_population
 from enginediag_cli.fleets.margin import _margin_course
-from enginediag_cli.history.shapes import FROM_START, STEP
+from enginediag_cli.history.hypotheses import FROM_START, STEP
 
 
 def found(kind: str, onset: int) -> Any:

@@ -10,7 +10,7 @@ import pytest
 
 from enginediag_cli.detection.series import Series
 from enginediag_cli.errors import DataError
-from enginediag_cli.history.background import learn_offsets, marginalise_offsets
+from enginediag_cli.history.background import History, learn_offsets, marginalise_offsets
 from enginediag_cli.history.engines import (
     CANNOT_TELL,
     CHANGED,
@@ -27,7 +27,6 @@ from enginediag_cli.history.engines import (
     judge_engines,
     step_visibility,
 )
-from enginediag_cli.history.records import History
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.statistics import LocalStatistics
 

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from test_history import PARAMETERS, T, make_history
 
+from enginediag_cli.history.background import History
 from enginediag_cli.history.engines import add_engine_level, add_shifts
-from enginediag_cli.history.health import HealthPath
-from enginediag_cli.history.posterior import judge_history
-from enginediag_cli.history.records import History
+from enginediag_cli.history.posterior import HealthPath, judge_history
 
 SLOPE = np.array([-20.0, -5.0, -15.0])
 """Kelvins of margin used per unit of each health parameter: what falls uses margin."""

@@ -14,16 +14,28 @@ from scipy.stats import multivariate_normal
 
 from enginediag_cli.history.background import (
     Background,
+    History,
     OffsetModel,
     add_wander,
     learn_offsets,
     marginalise_offsets,
     wander_modes,
 )
-from enginediag_cli.history.hypotheses import SLABS, UNLISTED, Suspect, list_suspects, size_posterior
+from enginediag_cli.history.hypotheses import (
+    COMPONENT_PRIOR,
+    KINDS,
+    RAMP,
+    SATURATING,
+    SLABS,
+    STEP,
+    UNLISTED,
+    Suspect,
+    coarse_shapes,
+    list_suspects,
+    open_cells,
+    size_posterior,
+)
 from enginediag_cli.history.posterior import HistoryPosterior, judge_history
-from enginediag_cli.history.records import History
-from enginediag_cli.history.shapes import COMPONENT_PRIOR, KINDS, RAMP, SATURATING, STEP, coarse_shapes, open_cells
 from enginediag_cli.parameters import Parameter
 
 T = 24

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.__main__ import main
-from enginediag_cli.history.pooled import agreement
+from enginediag_cli.history.engines import agreement
 from enginediag_cli.residuals.statistics import LocalStatistics
 
 CONFIGS = Path(__file__).parents[2] / "configs"

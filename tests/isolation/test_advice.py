@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from score_makers import linear_score, sensitivities
 
-from enginediag_cli.isolation.advice import (
+from enginediag_cli.isolation.planned_flights import conditions_grid
+from enginediag_cli.isolation.results import (
     RecordingOption,
     advise,
     condition_options,
     sensor_options,
     separable_information,
 )
-from enginediag_cli.planning.flights import conditions_grid
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "residuals"))
 from toy_engine import toy_monitor, toy_recording

@@ -10,10 +10,9 @@ from turbofan_trials import ENGINE, faulty_window, turbofan_monitor, window_scor
 from white_statistics import white_noise
 
 from enginediag_cli.engine.instrument_errors import InputErrors
-from enginediag_cli.isolation.advice import ODDS
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions, diagnose
 from enginediag_cli.isolation.nonlinear import WindowModel
-from enginediag_cli.isolation.results import CONVINCED, AmbiguityGroup, ambiguity_group
+from enginediag_cli.isolation.results import CONVINCED, ODDS, AmbiguityGroup, ambiguity_group
 from enginediag_cli.isolation.windows import find_separating_sensors
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.report.sentences import ambiguity_words

@@ -10,6 +10,7 @@ import pytest
 
 from enginediag_cli.engine.recall import MOMENT
 from enginediag_cli.intake.selection import RecordingSource
+from enginediag_cli.isolation.planned_flights import DURATION_S, MANOEUVRE
 from enginediag_cli.mismatch.explain.answer import IDENTIFIED, NO_DISCREPANCY, Coefficient, Explanation
 from enginediag_cli.mismatch.explain.plan import advise_flights_for_explanations
 from enginediag_cli.mismatch.explain.story import explain_mismatch
@@ -20,7 +21,6 @@ from enginediag_cli.mismatch.fit.load import RecordedCase, load_case
 from enginediag_cli.mismatch.refine.refine import refine
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
-from enginediag_cli.planning.flights import DURATION_S, MANOEUVRE
 from enginediag_cli.report.tables.explanation_text import sentences
 from enginediag_cli.report.tables.formulas import suggestion
 from enginediag_cli.shipped import shipped

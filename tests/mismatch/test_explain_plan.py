@@ -15,6 +15,7 @@ from enginediag_cli.cli.discrepancy import explain
 from enginediag_cli.cli.model import simulate
 from enginediag_cli.engine.term import Coefficient as Declared
 from enginediag_cli.engine.term import Effect
+from enginediag_cli.isolation.planned_flights import SENSOR, SWEEP
 from enginediag_cli.mismatch.explain.answer import Coefficient, Explanation
 from enginediag_cli.mismatch.explain.plan import PlannedEvidence, advise_flights_for_explanations, whatever_the_form
 from enginediag_cli.mismatch.explain.reach import REACH, near_alternatives
@@ -25,7 +26,6 @@ from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, Hypothesis, 
 from enginediag_cli.mismatch.fit.options import FORMULA_OPTION, Option, effect_option
 from enginediag_cli.physics.law import Expression, Law, LawPlace, formula_variables
 from enginediag_cli.physics.registry import effect, term_names
-from enginediag_cli.planning.flights import SENSOR, SWEEP
 
 RIVALS = ("bearing_loss@hp", "power_offtake@hp")
 TRUE = {"bearing_loss.hp.fraction": 0.006}

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from refine_flights import evidence, flights, library
 
+from enginediag_cli.isolation.planned_flights import SAME, SWITCH, best_of_each_kind
 from enginediag_cli.mismatch.explain.answer import Coefficient, Explanation
 from enginediag_cli.mismatch.explain.curves import best_places
 from enginediag_cli.mismatch.explain.plan import advise_flights_for_explanations
@@ -15,7 +16,6 @@ from enginediag_cli.mismatch.explain.story import explain_mismatch, named_effect
 from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.identified import NULL_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.options import effect_option
-from enginediag_cli.planning.flights import SAME, SWITCH, best_of_each_kind
 from enginediag_cli.report.output import finite, plain
 from enginediag_cli.report.tables.explanation import document, rows
 from enginediag_cli.report.tables.explanation_text import sentences

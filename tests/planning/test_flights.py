@@ -11,8 +11,7 @@ import pytest
 
 from enginediag_cli.config.document import dump
 from enginediag_cli.config.validate import load_checked
-from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.planning.flights import (
+from enginediag_cli.isolation.planned_flights import (
     AIRLINER,
     BEYOND,
     CLIMB,
@@ -28,6 +27,7 @@ from enginediag_cli.planning.flights import (
     is_inside_flown,
     manoeuvres,
 )
+from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.simulation.flights import generate_flights
 
 CONFIGS = Path(__file__).parents[2] / "configs"

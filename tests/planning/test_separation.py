@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from enginediag_cli.planning.flights import ODDS, SURE, Adaptation, Outlook, Separation, fewest
+from enginediag_cli.isolation.planned_flights import ODDS, SURE, Adaptation, Outlook, Separation, fewest
 
 RNG = np.random.default_rng(3)
 

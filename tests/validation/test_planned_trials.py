@@ -10,10 +10,10 @@ import pytest
 from click.testing import CliRunner
 
 from enginediag_cli.cli.validation import prove
+from enginediag_cli.isolation.planned_flights import AIRLINER, RECORDS, SWEEP, WEATHER, flights
 from enginediag_cli.mismatch.explain.answer import IDENTIFIED, NO_DISCREPANCY
 from enginediag_cli.parallel import QuestionProcess
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.planning.flights import AIRLINER, RECORDS, SWEEP, WEATHER, flights
 from enginediag_cli.validation import kinds
 from enginediag_cli.validation.concealed_effects import draw_truth, record_trial, true_flight_readings
 from enginediag_cli.validation.explain_trials import (

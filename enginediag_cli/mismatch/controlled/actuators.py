@@ -8,7 +8,7 @@ from enginediag_cli.engine.components.base import Actuator
 from enginediag_cli.engine.components.nozzles import CondiNozzle, Nozzle
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.parameters import spelled
-from enginediag_cli.physics.parts import core_compressor
+from enginediag_cli.physics.registry import core_compressor
 
 FLOW_PER_DEG = 0.01
 """Fall of a compressor's flow per degree of closing where nobody states it: 0.5 to 1.5 %/deg (NLR GSP and GasTurb

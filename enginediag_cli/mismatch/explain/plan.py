@@ -18,13 +18,7 @@ import numpy as np
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.recall import MOMENT
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.mismatch.explain.answer import Explanation
-from enginediag_cli.mismatch.explain.foreseen import PredictedReadings, Rival
-from enginediag_cli.mismatch.fit.evidence import Dataset, Flight
-from enginediag_cli.mismatch.fit.extended import NUMBER
-from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis, input_values, nuisance, stack_column
-from enginediag_cli.physics.law import Law
-from enginediag_cli.planning.flights import (
+from enginediag_cli.isolation.planned_flights import (
     SAME,
     SENSOR,
     SWITCH,
@@ -38,6 +32,12 @@ from enginediag_cli.planning.flights import (
     is_inside_flown,
     manoeuvres,
 )
+from enginediag_cli.mismatch.explain.answer import Explanation
+from enginediag_cli.mismatch.explain.foreseen import PredictedReadings, Rival
+from enginediag_cli.mismatch.fit.evidence import Dataset, Flight
+from enginediag_cli.mismatch.fit.extended import NUMBER
+from enginediag_cli.mismatch.fit.identified import IdentifiedHypothesis, input_values, nuisance, stack_column
+from enginediag_cli.physics.law import Law
 from enginediag_cli.progress import stage
 from enginediag_cli.units import split_column
 

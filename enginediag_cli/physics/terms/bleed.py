@@ -17,7 +17,7 @@ from enginediag_cli.engine.evaluation import Evaluation, Flow
 from enginediag_cli.engine.filters import Hysteresis, ScaledFilter
 from enginediag_cli.engine.recall import UNKNOWN_PAST
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term, shape_coefficient
-from enginediag_cli.physics.parts import (
+from enginediag_cli.physics.registry import (
     Quantity,
     core_compressor,
     has_variable_speed,

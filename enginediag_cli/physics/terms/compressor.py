@@ -16,7 +16,7 @@ from enginediag_cli.engine.dual import Value, exp, log, select, value
 from enginediag_cli.engine.evaluation import Evaluation, Flow
 from enginediag_cli.engine.maps import closed_efficiency, closed_flow
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term, shape_coefficient
-from enginediag_cli.physics.parts import (
+from enginediag_cli.physics.registry import (
     Quantity,
     component_sites,
     compressors,

@@ -30,7 +30,7 @@ from enginediag_cli.engine.evaluation import (
 from enginediag_cli.engine.filters import Delay, Filter, FullScaleFilter, Lag, RateLimit, SecondOrder
 from enginediag_cli.engine.recall import UNKNOWN_PAST
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term, shape_coefficient
-from enginediag_cli.physics.parts import burners, component_sites, flies
+from enginediag_cli.physics.registry import burners, component_sites, flies
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network

@@ -21,7 +21,15 @@ from enginediag_cli.engine.components.passages import Duct
 from enginediag_cli.engine.dual import Value, exp, log
 from enginediag_cli.engine.evaluation import Evaluation, Flow
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term, shape_coefficient
-from enginediag_cli.physics.parts import Quantity, burners, component_sites, flies, is_hot, outlet_sites, relative_flow
+from enginediag_cli.physics.registry import (
+    Quantity,
+    burners,
+    component_sites,
+    flies,
+    is_hot,
+    outlet_sites,
+    relative_flow,
+)
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network

@@ -15,7 +15,7 @@ from enginediag_cli.engine.filters import Delay, Lag
 from enginediag_cli.engine.network import STATION_COLUMN
 from enginediag_cli.engine.recall import UNKNOWN_PAST
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term, shape_coefficient
-from enginediag_cli.physics.parts import burners, flies, is_hot, relative_flow
+from enginediag_cli.physics.registry import burners, flies, is_hot, relative_flow
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network

@@ -16,7 +16,7 @@ from enginediag_cli.engine.evaluation import Evaluation, Flow, reynolds_index, v
 from enginediag_cli.engine.filters import Lag, RateOfChange, ScaledFilter, ScaledIntegratedFilter
 from enginediag_cli.engine.recall import UNKNOWN_PAST
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term, shape_coefficient
-from enginediag_cli.physics.parts import (
+from enginediag_cli.physics.registry import (
     component_sites,
     compressors,
     core_compressor,

@@ -12,17 +12,26 @@ from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 
+from enginediag_cli.isolation.planned_flights import (
+    DURATION_S,
+    MANOEUVRE,
+    RECORDS,
+    SAME,
+    SENSOR,
+    SWITCH,
+    best_of_each_kind,
+)
 from enginediag_cli.mismatch.laws.finding import TOGETHER
 from enginediag_cli.mismatch.unrecorded.finding import Limit
 from enginediag_cli.mismatch.unrecorded.latched import SwitchingDirection
 from enginediag_cli.physics.engine_file import law_entry
 from enginediag_cli.physics.law import Law
-from enginediag_cli.planning.flights import DURATION_S, MANOEUVRE, RECORDS, SAME, SENSOR, SWITCH, best_of_each_kind
 from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.report.sentences import count, format_quantity, listed, probability, rounded
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.term import Effect, Term
+    from enginediag_cli.isolation.planned_flights import Suggestion
     from enginediag_cli.mismatch.explain.follows import HysteresisFit
     from enginediag_cli.mismatch.explain.plan import Advice
     from enginediag_cli.mismatch.explain.story import ExplanationResult
@@ -31,7 +40,6 @@ if TYPE_CHECKING:
     from enginediag_cli.mismatch.laws.finding import Group, LawFinding, Share
     from enginediag_cli.mismatch.unrecorded.finding import Switch
     from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
-    from enginediag_cli.planning.flights import Suggestion
 
 
 POSSIBLE = 0.02

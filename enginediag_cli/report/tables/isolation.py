@@ -47,7 +47,7 @@ from enginediag_cli.units import split_column
 if TYPE_CHECKING:
     from enginediag_cli.detection.verdict import Verdict
     from enginediag_cli.fleets.work_scope import WorkScope
-    from enginediag_cli.history.pooled import FlightAgreement
+    from enginediag_cli.history.engines import FlightAgreement
     from enginediag_cli.isolation.catalogue import NamedIsolation
     from enginediag_cli.isolation.diagnosis import ComponentIsolation, Diagnosis
     from enginediag_cli.isolation.results import AmbiguityGroup, SetIsolation

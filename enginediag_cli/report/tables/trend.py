@@ -17,8 +17,8 @@ from enginediag_cli.history.engines import (
     UNLIKELY,
     EngineTrend,
 )
+from enginediag_cli.history.hypotheses import FROM_START, INTERMITTENT, WASHED, WITH_END
 from enginediag_cli.history.posterior import EVENT
-from enginediag_cli.history.shapes import FROM_START, INTERMITTENT, WASHED, WITH_END
 from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.report.messages import Messages
 from enginediag_cli.report.plotting import date_words
