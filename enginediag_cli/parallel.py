@@ -14,7 +14,7 @@ Three ways, each for its own kind of work:
     for result in parallel_map(lambda k: judge(series[k]), len(series)):
         ...
 
-A lock on a file, for one run at a time. The system releases it when its holder ends, however it ends.
+Runs that write the same file take turns by a lock on it. The system releases it when its holder ends, however it ends.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ A column is a quantity and the unit it is recorded in: `T3_K`, `Wf_lb_h`. Factor
 (NIST SP 811, 2008, appendix B; ISO 80000): 1 in = 25.4 mm, 1 lb = 0.45359237 kg, 1 lbf = 1 lb · 9.80665 m/s²,
 1 kt = 1852 m/h. Conventional inHg and inH2O are those of SP 811 (0 °C and 4 °C columns).
 
-Units as foreign files spell them: `DEG C`, `LB/HR`, `%RPM`, `psig`, `KFT`, `ft msl`, `x1000 rpm`.
+Foreign files spell units in other ways: `DEG C`, `LB/HR`, `%RPM`, `psig`, `KFT`, `ft msl`, `x1000 rpm`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,14 @@
-"""Everything that is uncertain in all flights alike, marginalised: block diagonal minus low rank.
+"""The history of one engine, and everything in it that is uncertain in all flights alike, marginalised.
+
+A history has per flight a score and an information matrix of what they speak of,
+
+    s_t ~ N(F_t (θ_t, ν), F_t),      θ_t (p,) monitored parameters, ν (r,) ~ N(0, I) uncertain about nominal,
+                                     the same in all flights
+
+in units of prior standard deviations. Nothing is marginalised yet: what is uncertain about nominal counts once for all
+flights, and an instrument's offset once for each.
+
+The background of a history is block diagonal minus low rank:
 
     x_t = Σ_e g_e(t) δ_e + H_t z,     z ~ N(0, I): nominal's uncertainty, wander of instruments, doubt about events
 
@@ -25,14 +35,6 @@ Q by expectation and maximisation with weights of Student's t, so that a change 
 Then, flight by flight (Woodbury),
 
     F̃ = F − F_o (Q⁻¹ + F_oo)⁻¹ F_oᵀ,      s̃ = s − F_o (Q⁻¹ + F_oo)⁻¹ s_o
-
-The history of one engine: per flight a score and an information matrix, and what they speak of.
-
-    s_t ~ N(F_t (θ_t, ν), F_t),      θ_t (p,) monitored parameters, ν (r,) ~ N(0, I) uncertain about nominal,
-                                     the same in all flights
-
-in units of prior standard deviations. Nothing is marginalised yet: what is uncertain about nominal counts once for all
-flights, and an instrument's offset once for each.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The histories of engines from their recordings, and what is known of each.
+"""The histories of engines from their recordings, what is known of each, and their last flights as one window.
 
 While windows are read for the series of flights, what they know of the nominal engine's uncertainty is summed here,
 flight by flight:
@@ -8,10 +8,9 @@ flight by flight:
 Long histories are summed over neighbouring flights, so that memory has a limit: two epochs become one whenever an
 engine has twice `EPOCHS` of them.
 
-The last flights of each engine, judged as one window.
-
-What each flight's instruments are off by is learnt from all flights of the engine, as its history learns it, and
-marginalised flight by flight; what is uncertain about nominal is one draw for all flights, and marginalised in the sum:
+The last flights of each engine are judged as one window, too. What each flight's instruments are off by is learnt from
+all flights of the engine, as its history learns it, and marginalised flight by flight; what is uncertain about nominal is
+one draw for all flights, and marginalised in the sum:
 
     s̃_t ~ N(F̃_t (Δθ, ν), F̃_t),   offsets b_t ~ N(0, Q) counted as noise        s = Σ s̃_t,   F = Σ F̃_t
 

@@ -10,7 +10,7 @@ Then the sign: efficiencies fall, and what is found to have risen is as improbab
 
 "Something else": all sensors off by independent amounts, with one step or ramp. Nothing is named after it.
 
-ShapeTable in time: how a change may come, stay, grow and go.
+Courses in time: how a change may come, stay, grow and go.
 
     step        g(t) = 1[t ≥ onset]                        ramp        (t − onset + 1)₊, 1 at the last flight
     saturating  1 − exp(−(t − onset + 1)/τ)                ramp, then steady    min((t − onset + 1)/duration, 1)

@@ -5,6 +5,6 @@ the answer for one window with its verdict.
 
 Open first: `prior` (what is assumed before the data), `posterior` (probability of every set of changed parameters),
 `diagnosis` (the answer for one window), `windows` (the windows of recordings, one after the other). `nonlinear` treats
-large changes; `catalogue` named faults; `results` what is returned; `advice` and `sensitivity_analysis` what to record
-next, and which error would change the conclusion.
+large changes; `catalogue` named faults; `results` what is returned, and what to record next; `planned_flights` on
+which flight; `sensitivity_analysis` which error would change the conclusion.
 """

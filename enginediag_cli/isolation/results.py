@@ -44,17 +44,15 @@ of the deviation of a reading, and that which a change Δ predicts, are
 and the change of a set A of parameters that is likeliest, with its prior Δ_q ~ N(0, σ_q²), is
 Δ_A = (F_Aᵀ V⁻¹ F_A + diag σ⁻²)⁻¹ F_Aᵀ V⁻¹ s with F_A the columns of A.
 
-Advice: at which operating condition, with which further sensor or on which flight alternative
-hypotheses separate soonest.
-
-If the set A changed by Δ, the best account by the set B instead falls short, over records of information I, by
+Advice. At which operating condition, with which further sensor or on which flight alternative hypotheses separate
+soonest. If the set A changed by Δ, the best account by the set B instead falls short, over records of information I, by
 
     λ = Δᵀ (I_AA − I_AB I_BB⁺ I_BA) Δ,
 
 the non-centrality of the likelihood ratio between the two sets; n further records of information G each raise the
 expected log odds of A over B by ½ [λ(I + nG) − λ(I)]. The advice is for the least favourable Δ of those that the
 data allow, and for the less favourable of "A is true" and "B is true". A set that contains the other cannot lose
-to it by this measure; then only the larger one being true counts. The gain is λ(n) of `planning.separation`, for what B
+to it by this measure; then only the larger one being true counts. The gain is λ(n) of `planned_flights`, for what B
 predicts when it is fitted to what A has shown so far, and may adapt within what is known of it and of nominal.
 """
 

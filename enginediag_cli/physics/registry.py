@@ -1,8 +1,8 @@
-"""The library of physics terms, by name, and the effects of an engine that they make.
+"""The library of physics terms, by name, the effects of an engine that they make, and the parts that they look for.
 
 A term is a class with a NAME in one of the family modules of `terms/`; nothing else lists it.
 
-Parts of an engine that several terms look for, their sites, and their state relative to the design point.
+Several terms look for the same parts: their sites, and their state relative to the design point.
 """
 
 from __future__ import annotations
