@@ -9,8 +9,8 @@ Long histories are summed over neighbouring flights, so that memory has a limit:
 engine has twice `EPOCHS` of them.
 
 The last flights of each engine are judged as one window, too. What each flight's instruments are off by is learnt from
-all flights of the engine, as its history learns it, and marginalised flight by flight; what is uncertain about nominal is
-one draw for all flights, and marginalised in the sum:
+all flights of the engine, as its history learns it, and marginalised flight by flight; what is uncertain about nominal
+is one draw for all flights, and marginalised in the sum:
 
     s̃_t ~ N(F̃_t (Δθ, ν), F̃_t),   offsets b_t ~ N(0, Q) counted as noise        s = Σ s̃_t,   F = Σ F̃_t
 
