@@ -36,6 +36,7 @@ from enginediag_cli.fleets.work_scope import (
     PowerNotHeldError,
     WorkScopeEstimator,
     design_condition,
+    design_unknowns,
     solve_at_limits,
 )
 from enginediag_cli.history.engines import EngineTrend
@@ -133,8 +134,7 @@ def _reference(monitor: Monitor, engine: Any, columns: list[str], at: Mapping[st
     inputs = rated_inputs(engine, at) if isinstance(engine, Engine) else None
     why = "its file gives no rating for a power setting"
     if inputs is not None:
-        # from the design point, so that no digit depends on what the engine has computed before
-        found = engine.predict(inputs, base, sensors=columns, start=np.array([[u.start] for u in engine.unknowns]))
+        found = engine.predict(inputs, base, sensors=columns, start=design_unknowns(engine))
         if found.ok[0]:
             return ReferencePoint(STATED if at else TAKE_OFF, inputs, columns[int(np.argmax(found.y[0]))], found.x)
         why = found.reason(0)

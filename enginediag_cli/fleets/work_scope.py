@@ -175,6 +175,12 @@ class PowerNotHeldError(ValueError):
     """The power of the healthy engine is not reached, with the reason."""
 
 
+def design_unknowns(engine: Engine) -> np.ndarray:
+    """The engine's unknowns (nx, 1) at the design point: a solution that begins there has the same digits whatever the
+    engine has computed before."""
+    return np.array([[unknown.start] for unknown in engine.unknowns])
+
+
 def solve_equal_power(
     engine: Engine,
     reference: PowerReference,
@@ -188,7 +194,8 @@ def solve_equal_power(
     """
     values = {n: v for n, v in base.items() if n in engine.parameters}
     nominal = np.array([values.get(n, engine.parameters[n].nominal) for n in names])
-    healthy = engine.predict(reference.inputs, values, sensors=(reference.fixed_column,))
+    start = design_unknowns(engine)
+    healthy = engine.predict(reference.inputs, values, sensors=(reference.fixed_column,), start=start)
     if not healthy.ok[0]:
         raise PowerNotHeldError(healthy.reason(0) or "the engine cannot be computed there")
     wanted = float(healthy.y[0, 0])
@@ -197,7 +204,7 @@ def solve_equal_power(
     N, k = changes.shape
     theta = {**values, **{n: nominal[i] + changes[:, i] for i, n in enumerate(names)}}
     setting = np.full(N, float(reference.inputs[engine.power_setting]))
-    start = None
+    start = np.repeat(start, N, axis=1)
     for _ in range(STEPS):
         inputs = {**{c: np.full(N, v) for c, v in reference.inputs.items()}, engine.power_setting: setting}
         found = engine.predict(
