@@ -19,6 +19,18 @@ import numpy as np
 
 Value = TypeVar("Value", float, np.ndarray)
 
+DAY_S = 86_400.0
+"""A day, in s."""
+FIRST_DATE_S, LAST_DATE_S = 3e8, 4e9
+"""Seconds since 1970 between which a time is a date (1979 to 2096): no recording that counts from its start is as
+long."""
+
+
+def is_date(time_s: float) -> bool:
+    """Whether a time counts from 1970 rather than from the start of a recording."""
+    return FIRST_DATE_S <= time_s <= LAST_DATE_S
+
+
 RAD_S_PER_RPM = math.pi / 30.0
 """Of angular speed: a turn is 2π rad, a minute 60 s."""
 _LB = 0.45359237

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
@@ -444,13 +445,14 @@ def _health_faults(
     from enginediag_cli.report.sentences import change as words
 
     rows, name = _health_rows(health, instance)
+    changes = [(row, size) for row in rows if not isnan(size := row.number("change"))]
     wrong = {e.parameter.name: e.parameter for column in engine.inputs for e in forms(engine, column)}
     meaning = {**wrong, **engine.parameters}
     sizes: dict[str, float] = {}
-    for row in rows:
-        size, parameter = row.number("change"), row.text("parameter")
+    for row, size in changes:
+        parameter = row.text("parameter")
         known = meaning.get(parameter)
-        if size == size and (instruments or known is None or not known.belongs_to_instrument):
+        if instruments or known is None or not known.belongs_to_instrument:
             sizes[parameter] = sizes.get(parameter, 0.0) + size
     whose = f"engine {name}: " if name else ""
     faults = faults_from_changes(f"found in engine {name}" if name else "found", sizes, engine)
@@ -459,9 +461,7 @@ def _health_faults(
         messages.note(f"{whose}flown with {'; '.join(words(meaning[n], size) for n, size in sizes.items() if size)}")
     else:
         messages.warning(f"{whose}flown as identified: trend's verdict is {verdict!r}, and names no change to implant")
-    others = sorted(
-        {rival for row in rows if row.number("change") == row.number("change") for rival in row.list("rivals")}
-    )
+    others = sorted({rival for row, _ in changes for rival in row.list("rivals")})
     if others:
         messages.warning(f"{whose}the likeliest suspects were implanted; trend also suspects {', '.join(others)}")
     return faults

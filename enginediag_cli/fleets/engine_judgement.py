@@ -40,6 +40,7 @@ from enginediag_cli.fleets.findings import (
     washable_components,
 )
 from enginediag_cli.fleets.margin import (
+    CANNOT_TELL_WHAT,
     EngineConsumption,
     MarginScale,
     engine_consumption,
@@ -134,7 +135,7 @@ def judge_with_account(
     if unknown:
         used = used.withhold(unknown)
     began = min(found.trend.changes, key=lambda event: event.onset, default=None)
-    since = (0, 0, 0) if began is None else _onset_numbers(began, found.trend)
+    since = (0, 0, 0) if began is None else found.trend.onset_numbers(began)
     best, low, high = since
     finding = replace(
         nothing,
@@ -218,7 +219,7 @@ def _unknown_health(found: _JudgedFlights) -> str:
     beyond what it can do; "" where it can be."""
     trend = found.trend
     if trend.posterior.unlisted >= EVENT or (trend.posterior.changed and not trend.events):
-        return "cannot tell what changed: something that is not among the suspects"
+        return CANNOT_TELL_WHAT
     instruments = {p.component for p in found.parameters if p.belongs_to_instrument}
     for event in trend.changes:
         if len({name in instruments for name in event.group}) > 1:
@@ -242,12 +243,6 @@ def _beyond_possible(event: ChangeEvent, found: _JudgedFlights) -> str:
     return ""
 
 
-def _onset_numbers(event: ChangeEvent, trend: EngineTrend) -> tuple[int, int, int]:
-    """Number of the first changed flight, from 1: most probable, and the 95 % interval."""
-    first, last = event.onset_set[0], event.onset_set[-1]
-    return trend.flight_number(event.onset), trend.flight_number(first), trend.last_number(last)
-
-
 def _health_rows(found: _JudgedFlights, current: EngineHistory, earlier: int) -> Iterator[HealthRow]:
     """One row per parameter: the change of those that an event moved, and of the others that they are steady."""
     trend = found.trend
@@ -262,24 +257,24 @@ def _health_rows(found: _JudgedFlights, current: EngineHistory, earlier: int) ->
             continue
         event, part = parts[p.name]
         chance = event.probability * event.suspects[event.group[0]] * part.probability
-        change = _shown_change(found, event, part)
+        change = _reported_change(found, event, part)
         row = replace(row, change=change, probability=chance, kind=trend.family(event))
         if _beyond_possible(event, found):
             yield replace(row, kind="steady", probability=chance * trend.posterior.unlisted)
             continue
         if row.kind != FROM_START:
-            best, low, high = _onset_numbers(event, trend)
+            best, low, high = trend.onset_numbers(event)
             label = current.stretches[best - 1].window.flight
-            row = replace(row, onset=best + earlier, onset_low=low + earlier, onset_high=high + earlier)
-            row = replace(row, onset_flight=label)
+            best, low, high = best + earlier, low + earlier, high + earlier
+            row = replace(row, onset=best, onset_low=low, onset_high=high, onset_flight=label)
             if row.kind == DETERIORATION and event.end < 0:
-                span = max(trend.flights - best + 1, 1)
+                span = max(trend.flights + earlier - best + 1, 1)
                 rate = IntervalEstimate(change.value / span, change.low / span, change.high / span)
                 row = replace(row, rate_per_flight=rate)
         yield row
 
 
-def _shown_change(found: _JudgedFlights, event: ChangeEvent, part: HistoryChange) -> IntervalEstimate:
+def _reported_change(found: _JudgedFlights, event: ChangeEvent, part: HistoryChange) -> IntervalEstimate:
     """Change of a parameter at the last flight; what maintenance is known to have moved is part of it. Of what comes
     and goes, its largest."""
     if found.trend.family(event) in (COMES_AND_GOES, INTERMITTENT):
@@ -363,7 +358,7 @@ def _event_rows(
         number = event_number(event, history)
         step = _event_step(found, current, event)
         if step is None:
-            reason = _why_unknown(event, number, earlier, len(history.stretches))
+            reason = _unknown_reason(event, number, earlier, len(history.stretches))
             rows.append(EventRow(event, number + 1 if number < len(history.stretches) else 0, {}, reason=reason))
             continue
         deviation = np.sqrt(np.diag(step.covariance))
@@ -376,7 +371,7 @@ def _event_rows(
     return tuple(rows)
 
 
-def _why_unknown(event: MaintenanceEvent, number: int, earlier: int, flights: int) -> str:
+def _unknown_reason(event: MaintenanceEvent, number: int, earlier: int, flights: int) -> str:
     """Why the effect of an event before flight `number`, from 0, is not known."""
     if number >= flights:
         return "no flight is after it"

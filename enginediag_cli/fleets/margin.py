@@ -41,7 +41,7 @@ from enginediag_cli.fleets.work_scope import (
 )
 from enginediag_cli.history.engines import EngineTrend
 from enginediag_cli.history.hypotheses import FROM_START, STEP
-from enginediag_cli.history.posterior import HealthPath
+from enginediag_cli.history.posterior import EVENT, HealthPath
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.residuals.monitor import Monitor
@@ -245,7 +245,7 @@ def engine_consumption(
     reason = scale.reason
     if scale.column and health is None:
         reason = "the path of its health was not computed"
-    elif scale.column and found.posterior.unlisted >= 0.5:
+    elif scale.column and found.posterior.unlisted >= EVENT:
         reason = CANNOT_TELL_WHAT
     if reason or health is None:
         none = Margin(scale.column, scale.condition, reason=reason)

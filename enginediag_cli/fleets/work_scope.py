@@ -181,6 +181,15 @@ def design_unknowns(engine: Engine) -> np.ndarray:
     return np.array([[unknown.start] for unknown in engine.unknowns])
 
 
+def _changed_parameters(
+    engine: Engine, base: Mapping[str, float], names: Sequence[str], changes: np.ndarray
+) -> dict[str, Any]:
+    """Parameters of the states base + changes (N, k) of the parameters `names`."""
+    values = {n: v for n, v in base.items() if n in engine.parameters}
+    nominal = [values.get(n, engine.parameters[n].nominal) for n in names]
+    return {**values, **{n: nominal[i] + changes[:, i] for i, n in enumerate(names)}}
+
+
 def solve_equal_power(
     engine: Engine,
     reference: PowerReference,
@@ -193,7 +202,6 @@ def solve_equal_power(
     Raises PowerNotHeldError.
     """
     values = {n: v for n, v in base.items() if n in engine.parameters}
-    nominal = np.array([values.get(n, engine.parameters[n].nominal) for n in names])
     start = design_unknowns(engine)
     healthy = engine.predict(reference.inputs, values, sensors=(reference.fixed_column,), start=start)
     if not healthy.ok[0]:
@@ -202,7 +210,7 @@ def solve_equal_power(
     if not wanted:
         raise PowerNotHeldError(f"{reference.fixed_column} is 0 there")
     N, k = changes.shape
-    theta = {**values, **{n: nominal[i] + changes[:, i] for i, n in enumerate(names)}}
+    theta = _changed_parameters(engine, base, names, changes)
     setting = np.full(N, float(reference.inputs[engine.power_setting]))
     start = np.repeat(start, N, axis=1)
     for _ in range(STEPS):
@@ -283,9 +291,7 @@ def solve_at_limits(
     delivered = next((c for c in (POWER, THRUST) if c in engine.model_columns), None)
     if delivered is None:
         raise PowerNotHeldError("the engine gives neither thrust nor power")
-    values = {n: v for n, v in base.items() if n in engine.parameters}
-    nominal = np.array([values.get(n, engine.parameters[n].nominal) for n in names])
-    theta = {**values, **{n: nominal[i] + changes[:, i] for i, n in enumerate(names)}}
+    theta = _changed_parameters(engine, base, names, changes)
     query = _LimitQuery(engine, inputs, theta, tuple(names), delivered, len(changes))
     found = {column: query.solve(column, limit) for column, limit in limits.items()}
     settings = np.stack([x.setting for x in found.values()])
@@ -310,7 +316,7 @@ def solve_at_limits(
 
 
 @dataclass(frozen=True)
-class _AtLimit:
+class _LimitSolution:
     """What N states deliver at one limit: setting, value (N,), slopes (N, k), NaN where it is not reached."""
 
     setting: np.ndarray
@@ -330,11 +336,11 @@ class _LimitQuery:
     delivered: str
     size: int
 
-    def predict(self, setting: np.ndarray, columns: tuple[str, ...], start: np.ndarray | None = None) -> Prediction:
+    def predict(self, setting: np.ndarray, columns: tuple[str, ...]) -> Prediction:
         """Columns of all states at power settings (N,), with derivatives by the parameters and the setting."""
         held = self.engine.power_setting
         inputs = {**{c: np.full(self.size, v) for c, v in self.inputs.items()}, held: setting}
-        return self.engine.predict(inputs, self.theta, sensors=columns, wrt=(*self.names, held), start=start)
+        return self.engine.predict(inputs, self.theta, sensors=columns, wrt=(*self.names, held))
 
     def exceeds(self, setting: np.ndarray, limits: Mapping[str, float]) -> np.ndarray:
         """States (N,) that exceed some limit at power settings (N,)."""
@@ -348,7 +354,7 @@ class _LimitQuery:
             over |= np.any(y > np.array([limits[c] for c in columns]) * (1 + OVER), axis=1)
         return over
 
-    def solve(self, column: str, limit: float) -> _AtLimit:
+    def solve(self, column: str, limit: float) -> _LimitSolution:
         """The power setting at which each state reaches one limit, by Newton steps that go back by half where the
         engine cannot be computed."""
         k = len(self.names)
@@ -361,7 +367,7 @@ class _LimitQuery:
             value, J = found.y[:, 1], found.jacobian
             with np.errstate(divide="ignore", invalid="ignore"):
                 slopes = J[:, 1, :k] - J[:, 1, k:] * J[:, 0, :k] / J[:, 0, k:]
-        return _AtLimit(
+        return _LimitSolution(
             np.where(reached, setting, np.nan),
             np.where(reached, value, np.nan),
             np.where(reached[:, None], slopes, np.nan),

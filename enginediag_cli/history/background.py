@@ -285,17 +285,17 @@ def learn_offsets(history: History) -> OffsetModel:
     L = np.median(R @ F[:, S[:, None], forms], axis=0)
     information = np.einsum("tii->ti", F)[:, forms]
     strength = np.maximum(np.median(information, axis=0), TINY)
-    alone = np.diff(without_second_level(s[:, forms] / np.maximum(information, TINY)), axis=0)
+    alone = np.diff(remove_second_level(s[:, forms] / np.maximum(information, TINY)), axis=0)
     sensor = np.array([history.parameters[i].belongs_to_sensor for i in forms], bool)
     cap = np.where(sensor, CAP**2 * np.median(alone**2, axis=0) / MEDIAN / 2, np.inf)
     least = LEAST_SHARE / strength
     start = np.where(sensor, np.maximum(cap, least), START_SHARE / strength)
-    d = np.diff(without_second_level(e), axis=0)
+    d = np.diff(remove_second_level(e), axis=0)
     variance[forms] = _expectation_maximisation(d, V, L, start, least, np.maximum(cap, least))
     return OffsetModel(variance, _inflation(d, V + 2 * (L * variance[forms]) @ L.T))
 
 
-def without_second_level(e: np.ndarray) -> np.ndarray:
+def remove_second_level(e: np.ndarray) -> np.ndarray:
     """Estimates e (T, k) with what is plainly at one of two levels brought to one: of all ways to cut the sorted values
     of a column in two, the one that leaves the least scatter about both means."""
     T = len(e)

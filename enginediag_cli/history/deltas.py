@@ -33,7 +33,7 @@ from enginediag_cli.config.validate import load_checked
 from enginediag_cli.detection.series import FlightWindow, Series
 from enginediag_cli.engine.instrument_errors import InputError
 from enginediag_cli.errors import ConfigError, DataError, Problem
-from enginediag_cli.units import split_column
+from enginediag_cli.units import DAY_S, is_date, split_column
 
 SMOOTHING_FLIGHTS = 5
 """Flights of an even mean that scatters as much: of the usual weights, 0.1 to 0.3 of the newest flight, the upper."""
@@ -41,10 +41,6 @@ MEDIAN = 0.455
 """Median of the square of a standard normal variable."""
 FEWEST_DIFFERENCES = 4
 """Differences of neighbours from which their median is taken for a scatter."""
-FIRST_DATE_S = 3e8
-"""Seconds since 1970 from which a time is a date (July 1979): no recording that counts from its start is as long."""
-DAY_S = 86_400.0
-"""Seconds of a day."""
 WARNING, CAUTION = "warning", "caution"
 SIDES = (
     (WARNING, "warning_high", 1.0),
@@ -205,7 +201,7 @@ def flight_deltas(
     if alerts.setting:
         columns, e, C, read = _hold_reading(series, stretches, alerts.setting, columns, e, C, read)
     _check_columns(alerts, columns)
-    factor, units = _shown(columns, e, read)
+    factor, units = _display_factors(columns, e, read)
     delta, error = e * factor, np.sqrt(np.einsum("tii->ti", C)) * factor
     healthy = series.healthy(engine, reference) if reference else 0
     if healthy:
@@ -335,7 +331,7 @@ def _check_columns(alerts: DeltaAlerts, columns: Sequence[str]) -> None:
             raise DataError(f"alert levels of {column!r}, of which there is no delta; {near(column, columns)}")
 
 
-def _shown(columns: Sequence[str], e: np.ndarray, read: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
+def _display_factors(columns: Sequence[str], e: np.ndarray, read: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
     """Factors (T, m) to the shown unit: °C of temperatures in K, else % of what the nominal engine reads."""
     factor, units = np.ones_like(e), []
     for j, column in enumerate(columns):
@@ -376,7 +372,7 @@ def _smooth(
 def _dates(stretches: Sequence[FlightWindow]) -> np.ndarray | None:
     """When each flight began, in seconds since 1970; None unless all recordings count from there."""
     start = np.array([x.window.start_s for x in stretches])
-    return start if np.all(start > FIRST_DATE_S) else None
+    return start if all(map(is_date, start)) else None
 
 
 def _levels(

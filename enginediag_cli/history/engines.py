@@ -210,12 +210,13 @@ class HistoryWindows:
             if statistics is None:
                 yield window, known
                 continue
-            sums = self.engines.setdefault(window.engine, EngineSums(statistics))
+            if window.engine not in self.engines:
+                self.engines[window.engine] = EngineSums(statistics)
             key = (window.engine, window.source, window.flight)
             if not window.flight or key not in place or not self.summed:
-                place[key] = sums.flights
+                place[key] = self.engines[window.engine].flights
             try:
-                sums.add(place[key], statistics)
+                self.engines[window.engine].add(place[key], statistics)
             except ValueError as error:
                 name = f"engine {window.engine}: " if window.engine else ""
                 raise DataError(f"{name}{error}") from None
@@ -312,6 +313,11 @@ class EngineTrend:
     def last_number(self, epoch: int) -> int:
         """Number, from 1, of the last flight of an epoch."""
         return self.first[epoch + 1] if epoch + 1 < len(self.first) else self.flights
+
+    def onset_numbers(self, event: ChangeEvent) -> tuple[int, int, int]:
+        """Number, from 1, of the first flight with an effect of an event: most probable, and the 95 % interval."""
+        first, last = event.onset_set[0], event.onset_set[-1]
+        return self.flight_number(event.onset), self.flight_number(first), self.last_number(last)
 
 
 def add_engine_level(history: History) -> History:
@@ -511,7 +517,9 @@ class PooledWindows(WindowReader):
                 )
             known.update(meaning)
             first = window.statistics
-            mine = sums.setdefault(window.engine, EngineSums(replace(first, rows=None, kurtosis=None, by_sensor=None)))
+            if window.engine not in sums:
+                sums[window.engine] = EngineSums(replace(first, rows=None, kurtosis=None, by_sensor=None))
+            mine = sums[window.engine]
             try:
                 mine.add(mine.flights, first)
             except ValueError as error:

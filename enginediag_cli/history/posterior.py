@@ -19,7 +19,7 @@ health of each stretch of flights by itself, with the covariance of its errors.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -297,6 +297,19 @@ LEAST_SPREAD = 1e-9
 """Standard deviation, in prior ones, of what is known to be zero."""
 
 
+def leading_suspects(suspects: Iterable[tuple[str, float]], whole: float = 1.0) -> list[tuple[str, float]]:
+    """The suspect that is named, or the ambiguity group: of suspects with their probabilities, likeliest first, which
+    come to `whole` in all."""
+    chosen: list[tuple[str, float]] = []
+    total = 0.0
+    for name, probability in suspects:
+        chosen.append((name, probability))
+        total += probability
+        if total >= (NAMED if len(chosen) == 1 else GROUP) * whole:
+            break
+    return chosen
+
+
 @dataclass(frozen=True)
 class HistoryChange:
     """Change of one parameter by one event in its unit: now (at the last flight) and at its largest, with 95 %
@@ -339,14 +352,7 @@ class ChangeEvent:
     @property
     def group(self) -> tuple[str, ...]:
         """The suspect that is named, or the ambiguity group."""
-        chosen: list[str] = []
-        total = 0.0
-        for name, probability in self.suspects.items():
-            chosen.append(name)
-            total += probability
-            if total >= (NAMED if len(chosen) == 1 else GROUP):
-                break
-        return tuple(chosen)
+        return tuple(name for name, _ in leading_suspects(self.suspects.items()))
 
     @property
     def kind(self) -> str:
@@ -587,7 +593,7 @@ def _changes(
 ) -> tuple[tuple[HistoryChange, ...], np.ndarray]:
     """Sizes, and their covariance at the last flight, of the parameters of one suspect, averaged over weighted
     events."""
-    background = search.before(others)
+    background = search.condition_on(others)
     p, T = search.history.width, len(search.history)
     means, deviations = [], []
     taking, second = np.zeros(p), np.zeros((p, p))
@@ -689,7 +695,7 @@ def smooth_levels(search: HistorySearch, events: Sequence[Event]) -> tuple[np.nd
 def check_fit(search: HistorySearch, events: Sequence[Event]) -> PredictiveCheck:
     """Whether the readings of flights scatter about the events as they should."""
     S = search.sensors
-    before = search.before(events)
+    before = search.condition_on(events)
     if not len(S):
         return PredictiveCheck(1.0, 0.5)
     z = np.linalg.solve(before.A, before.d)

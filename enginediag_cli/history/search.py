@@ -138,7 +138,7 @@ class HistorySearch:
         direction[list(event.suspect.positions)] = (1.0 if irregular else SHAPE_DOUBT) * event.size
         return np.asarray(direction[None, :, None] * modes[:, None, :])
 
-    def before(self, events: Sequence[Event]) -> Background:
+    def condition_on(self, events: Sequence[Event]) -> Background:
         """The background with these events in it, whatever their size."""
         found = self.background
         for event in events:
@@ -149,14 +149,14 @@ class HistorySearch:
         """The posterior over one more change; cells of onsets that matter are opened."""
         key = tuple(sorted(event.key for event in events))
         if key not in self._scans:
-            background = self.before(events)
+            background = self.condition_on(events)
             self._scans[key] = self._opened(with_patterns(self.space, background).scan(background), background)
         return self._scans[key]
 
     def scan_near(self, others: Sequence[Event], event: Event) -> Scan:
         """The posterior over kinds and onsets near those of an event, the others given, with its course in doubt; of an
         intermittent one over the flights that it is in."""
-        background = self.before(others)
+        background = self.condition_on(others)
         if event.kind == INTERMITTENT:
             return self._scan_shapes(nearby_patterns(event.course), background)
         shapes = nearby_shapes(event.shape, len(self.history), self.history.maintenance)
@@ -166,7 +166,7 @@ class HistorySearch:
         """The likeliest further event, of one owner where that is named, with what the data leave of the doubts about
         its course and its effect."""
         event = self.scan(others).best_event(owner)
-        before = self.before(others)
+        before = self.condition_on(others)
 
         def log_evidence(one: Event) -> float:
             return before.add_columns(self.event_columns(one)[0]).log_evidence
@@ -182,7 +182,7 @@ class HistorySearch:
 
     def irregular_onsets(self, others: Sequence[Event], event: Event) -> np.ndarray:
         """Probability (T,) of the onsets near that of an irregular event, the others given."""
-        before, T = self.before(others), len(self.history)
+        before, T = self.condition_on(others), len(self.history)
         shapes = moved_shapes(event.shape, T, self.history.maintenance)
         each = [replace(event, shape=shapes.select(np.array([k]))) for k in range(len(shapes))]
         log = [before.add_columns(self.event_columns(one)[0]).log_evidence for one in each]
@@ -192,7 +192,7 @@ class HistorySearch:
 
     def log_probability(self, events: Sequence[Event]) -> float:
         """Of a set of events with their shapes, against none: marginal likelihood times prior."""
-        moved = self.before(events).log_evidence - self.background.log_evidence
+        moved = self.condition_on(events).log_evidence - self.background.log_evidence
         return moved + sum(event.log_prior for event in events)
 
     def _opened(self, scan: Scan, background: Background) -> Scan:

@@ -28,6 +28,7 @@ from enginediag_cli.recordings.table import (
     number_error,
     rechunk,
 )
+from enginediag_cli.units import DAY_S
 
 FRACTION = re.compile(r"(.*?)[.,](\d+)(.*)")
 """A stamp with a fraction of a second: what stands before it, its digits, what stands behind."""
@@ -43,8 +44,6 @@ EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 """Where the seconds of a time stamp begin, as in POSIX."""
 SPREADSHEET_EPOCH = datetime(1899, 12, 30)
 """Day 0 of spreadsheets, so that 1 March 1900 is day 61 as in the first of them."""
-DAY_S = 86400.0
-"""A day of a clock, in s."""
 PAST_MIDNIGHT_S = 0.5 * DAY_S
 """A clock of a day that goes back by more than this has passed midnight, unless the recording has a gap of as much."""
 

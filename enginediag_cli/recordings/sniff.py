@@ -15,7 +15,6 @@ from itertools import islice, pairwise, product
 import numpy as np
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.clocks import DAY_S
 from enginediag_cli.recordings.quantities import parse_name
 from enginediag_cli.recordings.read import open_table
 from enginediag_cli.recordings.source import (
@@ -37,7 +36,7 @@ from enginediag_cli.recordings.table import (
     is_missing,
 )
 from enginediag_cli.recordings.write import ParquetTable
-from enginediag_cli.units import UnitWord, parse_unit, split_unit
+from enginediag_cli.units import DAY_S, UnitWord, parse_unit, split_unit
 
 LOOKED_AT = 1 << 18
 """Bytes of the file that are looked at, 256 KiB: some thousand records."""

@@ -14,13 +14,14 @@ from scipy.stats import binom
 
 from enginediag_cli.detection.verdict import format_size
 from enginediag_cli.fleets.findings import IntervalEstimate
-from enginediag_cli.history.engines import COMES_AND_GOES, FROM_THE_FIRST
+from enginediag_cli.history.engines import COMES_AND_GOES, FROM_THE_FIRST, UNLIKELY
 from enginediag_cli.history.hypotheses import FROM_START, INTERMITTENT
+from enginediag_cli.history.posterior import EVENT
 from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.report import result_files
-from enginediag_cli.report.evidence import LIKELY, EngineEvidence, ReportedChange, ReportEvidence
+from enginediag_cli.report.evidence import EngineEvidence, ReportedChange, ReportEvidence
 from enginediag_cli.report.html import Block, EngineState, Folded, Lead, PageSection, Paragraph, TableBlock, next_step
-from enginediag_cli.report.plotting import Chart, ChartTable, EventMark, Value, chart_columns, date_words, is_date
+from enginediag_cli.report.plotting import Chart, ChartTable, EventMark, Value, chart_columns, date_words
 from enginediag_cli.report.plotting.health import (
     MOST_CURVES,
     MaintenanceGain,
@@ -57,7 +58,7 @@ from enginediag_cli.report.tables.answers import MAINTENANCE
 from enginediag_cli.report.tables.fleet import margin_words
 from enginediag_cli.report.tables.isolation import CANNOT_TELL
 from enginediag_cli.report.tables.trend import COURSE_WORDS
-from enginediag_cli.units import split_column
+from enginediag_cli.units import is_date, split_column
 
 SETTLED = 0.9
 """Probability that a change must have to be in the headline without a doubt."""
@@ -148,7 +149,7 @@ def series_answer(engine: EngineEvidence, evidence: ReportEvidence) -> EngineAns
         return None
     events, verdict, unlisted = engine.changes, rows[0].text("verdict"), rows[0].number("unlisted")
     names = [row.text("parameter") for event in events for row in event.changed]
-    if unlisted >= LIKELY:
+    if unlisted >= EVENT:
         words = f"Something changed that is probably none of the suspects (probability {probability(unlisted)})."
         step = "Record more sensors, or ask `explain` what the model lacks; until then do no work on the engine."
         return EngineAnswer(EngineState.CANNOT_TELL, words, names, step)
@@ -424,15 +425,11 @@ def _sensitivity_sentence(flip: dict[str, object], head: Row, engine: EngineEvid
     return f"{_capital(str(flip.get('words', flip)).replace('the answer', f'the answer{of}', 1))}."
 
 
-LEAST = 0.01
-"""Probability below which an alternative is not on the first screen."""
-
-
 def _alternatives(engine: EngineEvidence, evidence: ReportEvidence) -> tuple[str, ...]:
     """What else the data do not exclude: other suspects by the series, else other answers of the last window."""
     if engine.rows_of_kind(result_files.TREND):
         named = [(event, event.suspects[len(event.group) :]) for event in engine.changes]
-        others = [(evidence.owner_words(name), p) for _, rest in named for name, p in rest if p >= LEAST]
+        others = [(evidence.owner_words(name), p) for _, rest in named for name, p in rest if p >= UNLIKELY]
         return tuple(f"{words} ({probability(p)})" for words, p in others[:MOST_RIVALS])
     if not engine.isolated:
         return ()
@@ -659,7 +656,7 @@ def _series_sets(events: Sequence[ReportedChange], evidence: ReportEvidence) -> 
         return []
     first, *more = ([row.text("parameter") for row in event.changed] for event in events)
     rest = [name for names in more for name in names]
-    others = [((*evidence.parameters_of_owner(name), *rest), p) for name, p in events[0].suspects[1:] if p >= LEAST]
+    others = [((*evidence.parameters_of_owner(name), *rest), p) for name, p in events[0].suspects[1:] if p >= UNLIKELY]
     return [((*first, *rest), events[0].own), *others]
 
 

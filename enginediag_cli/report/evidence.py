@@ -14,12 +14,13 @@ import numpy as np
 from enginediag_cli.errors import DataError
 from enginediag_cli.fleets.findings import EngineHistory, event_number
 from enginediag_cli.fleets.maintenance import MarginSettings
+from enginediag_cli.history.posterior import EVENT, leading_suspects
 from enginediag_cli.intake.loader import RecordingLoader
 from enginediag_cli.intake.selection import RecordingSource, required_columns
 from enginediag_cli.parameters import Parameter, unspecified
 from enginediag_cli.progress import each, stage
 from enginediag_cli.report import result_files
-from enginediag_cli.report.plotting import RowOrigin, date_words, is_date
+from enginediag_cli.report.plotting import RowOrigin, date_words
 from enginediag_cli.report.plotting.models import OperatingMap, operating_maps
 from enginediag_cli.report.result_files import (
     ResidualRecords,
@@ -35,15 +36,12 @@ from enginediag_cli.report.tables.recordings import excluded_lines, not_judged_l
 from enginediag_cli.residuals.files import WindowReader, WindowSettings, record_residuals
 from enginediag_cli.residuals.monitor import Monitor, recording_agreement
 from enginediag_cli.residuals.windows import WindowStatistics
+from enginediag_cli.units import is_date
 
-LIKELY = 0.5
-"""Probability from which something is reported as changed."""
 UNCHANGED = ("", "steady", "cannot tell", MAINTENANCE)
 """Kinds of rows of `trend` that report no change."""
 TAKES_PART = 0.5
 """Probability, relative to its component's, from which a parameter is one of those that changed."""
-NAMED, GROUP = 0.9, 0.95
-"""Share of an event's probability from which one suspect is named, and that of an ambiguity group."""
 
 
 @dataclass(frozen=True)
@@ -71,13 +69,7 @@ class ReportedChange:
     @property
     def group(self) -> Sequence[tuple[str, float]]:
         """The suspect that is named, or the ambiguity group."""
-        chosen, total = [], 0.0
-        for name, p in self.suspects:
-            chosen.append((name, p))
-            total += p
-            if total >= (NAMED if len(chosen) == 1 else GROUP) * self.probability:
-                break
-        return chosen
+        return leading_suspects(self.suspects, self.probability)
 
     @property
     def changed(self) -> Sequence[Row]:
@@ -130,7 +122,7 @@ class EngineEvidence:
             own = max(row.number("probability") for row in rows)
             others = [(" & ".join(names), p) for names, p in map(parse_alternative, rows[0].list("rivals"))]
             events.append(ReportedChange(rows, [(owner, own), *(other for other in others if other[1] == other[1])]))
-        return [event for event in events if event.probability >= LIKELY]
+        return [event for event in events if event.probability >= EVENT]
 
     def flight_date(self, number: int) -> str:
         """Date of a flight, counted from 1, where the recordings have dates."""

@@ -22,10 +22,11 @@ from enginediag_cli.isolation.results import restricted_change
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.recordings.source import file_sha256
-from enginediag_cli.report.plotting import Axis, RowOrigin, date_words, is_date
+from enginediag_cli.report.plotting import Axis, RowOrigin, date_words
 from enginediag_cli.residuals.flat import is_flat
 from enginediag_cli.residuals.windows import WindowStatistics
 from enginediag_cli.safe_text import shortened, unguarded
+from enginediag_cli.units import is_date
 
 NOT_KNOWN = float("nan")
 

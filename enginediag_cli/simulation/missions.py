@@ -23,6 +23,7 @@ from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.evaluation import P_ISA, R_AIR, T_ISA, standard_atmosphere
 from enginediag_cli.engine.wrapped import EngineLike
 from enginediag_cli.errors import DataError
+from enginediag_cli.units import DAY_S
 
 Settings = Mapping[str, Any]
 """Values of a mission's section in a flight file."""
@@ -224,8 +225,6 @@ GROUND = Section(
     ),
 )
 
-DAY_S = 86400.0
-"""In seconds."""
 YEAR_DAYS = 365.25
 """Julian year."""
 COLDEST_DAY = 20.0

@@ -155,7 +155,7 @@ def _draw_event(
         first = int(np.flatnonzero(course)[0])
         return StoryEvent(kind, owner, first, -1, {f"{owner}.bias": size * course})
     if kind == OFF_FROM_START:
-        return _off_from_start(T, rng, sensors, components, taken)
+        return _draw_off_from_start(T, rng, sensors, components, taken)
     kinds = {FOULING: COMPRESSORS, FOULING_WASHED: COMPRESSORS, EROSION: TURBINES}.get(kind, tuple(components))
     owner = str(rng.choice(sorted((set(kinds) & set(components)) - taken) or sorted(set(components) - taken)))
     efficiency, flow = _component_size(kind, owner, rng)
@@ -178,7 +178,7 @@ def _instrument_course(kind: str, since: np.ndarray, on: np.ndarray, rng: np.ran
             return course
 
 
-def _off_from_start(
+def _draw_off_from_start(
     T: int, rng: np.random.Generator, sensors: Mapping[str, float], components: Sequence[str], taken: set[str]
 ) -> StoryEvent:
     course = np.ones(T)

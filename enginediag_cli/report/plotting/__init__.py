@@ -17,6 +17,7 @@ from datetime import datetime, timezone
 from typing import TypeAlias
 
 from enginediag_cli.report.sentences import rounded
+from enginediag_cli.units import DAY_S
 
 INK, FAINT, PAPER = "#1f2933", "#d5dbe1", "#ffffff"
 BLUE, ORANGE = "#2166ac", "#d95f02"
@@ -98,18 +99,8 @@ class Axis:
         return f"{self.label} ({self.unit})" if self.unit else self.label
 
 
-FIRST_DATE_S, LAST_DATE_S = 3e8, 4e9
-"""Seconds since 1970 between which a time is a date (1979 to 2096): no recording that counts from its start is as
-long."""
-DAY_S = 86400.0
-"""Seconds of a day."""
 DAYS, MONTHS = (1, 2, 7, 14), (1, 2, 3, 6, 12, 24, 60, 120)
 """Steps of an axis of dates, in days and in months: weeks and parts of a year."""
-
-
-def is_date(time_s: float) -> bool:
-    """Whether a time counts from 1970 rather than from the start of a recording."""
-    return FIRST_DATE_S <= time_s <= LAST_DATE_S
 
 
 def date_words(time_s: float) -> str:

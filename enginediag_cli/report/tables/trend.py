@@ -17,7 +17,7 @@ from enginediag_cli.history.engines import (
     UNLIKELY,
     EngineTrend,
 )
-from enginediag_cli.history.hypotheses import FROM_START, INTERMITTENT, WASHED, WITH_END
+from enginediag_cli.history.hypotheses import FROM_START, INTERMITTENT, RESTORED, WASHED
 from enginediag_cli.history.posterior import EVENT
 from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.report.messages import Messages
@@ -87,10 +87,9 @@ class TrendRow(NamedTuple):
         if self.event is None:
             return None
         e, found = self.event, self.found
-        number = found.flight_number(e.onset)
+        number, low, high = found.onset_numbers(e)
         window = self.series.stretches[self.engine][number - 1].window
         time_s = window.start_s if has_times(window) else None
-        low, high = found.flight_number(e.onset_set[0]), found.last_number(e.onset_set[-1])
         end = found.flight_number(e.end) if 0 <= e.end < len(found.first) else None
         return Onset(number, low, high, window.flight, window.source, window.first_line, time_s, end)
 
@@ -574,7 +573,7 @@ def _event_words(event: ChangeEvent, found: EngineTrend, series: Series, flights
     for x in event.changes:
         if x.probability >= EVENT:
             low, high, size = x.now_low, x.now_high, x.now
-            if event.kind in (*WITH_END - {WASHED}, INTERMITTENT):
+            if event.kind in (*RESTORED, INTERMITTENT):
                 low, high, size = x.largest_low, x.largest_high, x.largest
             parts.append(change(series.parameters[x.name], size, (high - low) / 2))
     shown = listed(parts) or f"{event.group[0]} changed"
@@ -587,12 +586,7 @@ def _event_words(event: ChangeEvent, found: EngineTrend, series: Series, flights
 
 def _onset_words(event: ChangeEvent, found: EngineTrend, flights: Sequence[FlightWindow]) -> str:
     """When it began: flights by their labels, else seconds, else lines, with the interval."""
-    numbers = (
-        found.flight_number(event.onset),
-        found.flight_number(event.onset_set[0]),
-        found.last_number(event.onset_set[-1]),
-    )
-    at, low, high = (flights[k - 1].window for k in numbers)
+    at, low, high = (flights[k - 1].window for k in found.onset_numbers(event))
     family = found.family(event)
     word = COURSE_WORDS.get(family, family)
     if at.flight:
