@@ -196,8 +196,8 @@ def _verdict(found: _JudgedFlights, baseline: int) -> tuple[str, str]:
         return CHANGED, f"cannot tell what changed: {' or '.join(likely) or 'something that is not among the suspects'}"
     if trend.departures:
         count, first = len(trend.departures), trend.departures[0]
-        told = f"{count} of its {trend.flights} flights differ from the others for certain, number {first} first"
-        return NO_VERDICT, f"{told}, and no change explains them"
+        words = f"{count} of its {trend.flights} flights differ from the others for certain, number {first} first"
+        return NO_VERDICT, f"{words}, and no change explains them"
     if trend.visible < VISIBLE:
         n, m = trend.flights - baseline, found.flights.z.shape[1]
         return NO_VERDICT, f"a baseline of {baseline} flights and {n} after it cannot show a change of {m} readings"
@@ -238,8 +238,8 @@ def _beyond_possible(event: ChangeEvent, found: _JudgedFlights) -> str:
         p = found.parameters[i]
         if part.probability >= EVENT and not low[i] <= part.now / p.prior_sigma <= high[i]:
             what = "an instrument" if p.belongs_to_instrument else "a component"
-            told = f"it would take a change of {p.words or p.name} outside what {what} can do"
-            return f"cannot tell what changed: {told}: check units and engine file"
+            needed = f"it would take a change of {p.words or p.name} outside what {what} can do"
+            return f"cannot tell what changed: {needed}: check units and engine file"
     return ""
 
 
@@ -392,12 +392,12 @@ def changes_at_events(
 def _event_changes(
     found: _JudgedFlights, current: EngineHistory, history: EngineHistory
 ) -> tuple[HealthChange | None, ...]:
-    told: list[HealthChange | None] = []
+    changes: list[HealthChange | None] = []
     for event in history.events:
         step = _event_step(found, current, event)
-        told.append(
+        changes.append(
             None
             if step is None
             else HealthChange(_moved_names(found, event), step.before, step.change, step.covariance)
         )
-    return tuple(told)
+    return tuple(changes)

@@ -203,8 +203,8 @@ def judge_fleet(
     level = settings.false_discovery
     names, expected = flag_engines(findings, level)
     found = set(names)
-    told = add_forecasts([_mark_flagged(f, f.serial in found) for f in findings], settings)
-    ranked = sorted(told, key=lambda f: -np.nan_to_num(f.severity.value, nan=-np.inf))
+    forecast = add_forecasts([_mark_flagged(f, f.serial in found) for f in findings], settings)
+    ranked = sorted(forecast, key=lambda f: -np.nan_to_num(f.severity.value, nan=-np.inf))
     return FleetFinding(
         tuple(ranked),
         FlaggedEngines(names, level, expected, flagged_words(len(names), level, expected)),

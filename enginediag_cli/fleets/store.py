@@ -347,8 +347,8 @@ class FleetStore:
         if not path.exists():
             return {}
         try:
-            told = json.loads(path.read_text(encoding="utf-8"))
-            return {serial: _acknowledgement(serial, x) for serial, x in told["engines"].items()}
+            stored = json.loads(path.read_text(encoding="utf-8"))
+            return {serial: _acknowledgement(serial, x) for serial, x in stored["engines"].items()}
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise DataError(f"{path}: not the acknowledgements of a fleet ({error}); fix or remove it") from None
 
@@ -362,9 +362,9 @@ class FleetStore:
             stream.write(json.dumps({"engines": engines}, indent=1).encode() + b"\n")
 
 
-def _acknowledgement(serial: str, told: Mapping[str, Any]) -> Acknowledgement:
-    changes = [AcknowledgedChange(x["parameter"], IntervalEstimate(**x["change"]), x["unit"]) for x in told["changes"]]
-    return Acknowledgement(serial, told["date"], int(told["flights"]), tuple(changes), told["note"])
+def _acknowledgement(serial: str, stored: Mapping[str, Any]) -> Acknowledgement:
+    changes = [AcknowledgedChange(x["parameter"], IntervalEstimate(**x["change"]), x["unit"]) for x in stored["changes"]]
+    return Acknowledgement(serial, stored["date"], int(stored["flights"]), tuple(changes), stored["note"])
 
 
 @contextmanager

@@ -386,7 +386,7 @@ class FlightMonitor:
         )
 
     def _explain(self) -> DetectedChange:
-        """What happened, told anew where the flight has grown enough since the last time."""
+        """What happened, explained again where the flight has grown enough since the last time."""
         blocks, since = self._blocks, self._explained
         if not since or blocks - (self.process.alarm_block or 0) <= EACH_BLOCK or blocks >= (1 + GROWTH) * since:
             self._story = FlightStory.from_pieces(self.process.pieces, self.process.coordinates)

@@ -606,5 +606,5 @@ def _onset_words(event: ChangeEvent, found: EngineTrend, flights: Sequence[Fligh
 def report_too_few_flights(messages: Messages, engine: str, count: int) -> None:
     """Why an engine has no trend."""
     name = f"engine {engine}: " if engine else ""
-    told = f"{name}{count} flights are too few for a trend, which needs three; --window cuts long flights"
-    messages.warning(told, engine=engine, flights=count)
+    reason = f"{name}{count} flights are too few for a trend, which needs three; --window cuts long flights"
+    messages.warning(reason, engine=engine, flights=count)
