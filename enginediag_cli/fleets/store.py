@@ -363,7 +363,9 @@ class FleetStore:
 
 
 def _acknowledgement(serial: str, stored: Mapping[str, Any]) -> Acknowledgement:
-    changes = [AcknowledgedChange(x["parameter"], IntervalEstimate(**x["change"]), x["unit"]) for x in stored["changes"]]
+    changes = [
+        AcknowledgedChange(x["parameter"], IntervalEstimate(**x["change"]), x["unit"]) for x in stored["changes"]
+    ]
     return Acknowledgement(serial, stored["date"], int(stored["flights"]), tuple(changes), stored["note"])
 
 
