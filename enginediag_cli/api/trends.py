@@ -247,7 +247,8 @@ class TrendResult(Result):
             report_deltas(self.messages, self.deltas())
         else:
             rows = list(self._changes())
-        self.judged = len(rows)
+        undecided = {engine for engine, found in self.histories.items() if found.undecided}
+        self.judged = sum(row.get("engine") not in undecided for row in rows)
         yield from rows
         report_exclusions(self.messages, self._files)
         if self._series.skipped_windows:

@@ -121,8 +121,9 @@ def trend(
     from nominal (--what flights) or since the onset, with 95 % intervals. `kind` is steady, step, deterioration, comes
     and goes, intermittent, from the start (off nominal from the first flight on) or irregular; `shapes` has the courses
     with their probabilities, `onset` the first affected flight, `end` the first without the change again. `probability`
-    is that the parameter has changed at all; `rivals` are alternative causes of the same change. --event also says
-    where a change may have been taken back.
+    is that the parameter has changed at all; `rivals` are alternative causes of the same change; `detectable` is the
+    smallest step that these flights would have shown, and kind is `cannot tell` where that is more than is plausible.
+    --event also says where a change may have been taken back.
     `work_scope` (JSON) is the reduction of turbine temperature and fuel flow at equal thrust or power if a component
     were restored to its state before the change. Flights are counted from 1 for each engine. Without a
     column `flight`, the windows of a recording count as flights (without --window, its records). --reference N says

@@ -13,7 +13,7 @@ flights being its reference:
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,22 +51,17 @@ from enginediag_cli.fleets.margin import (
 from enginediag_cli.history.engines import (
     COMES_AND_GOES,
     DETERIORATION,
+    STEADY,
     EngineTrend,
     HistoryOptions,
     judge_engine_history,
 )
 from enginediag_cli.history.hypotheses import FROM_START, INTERMITTENT
 from enginediag_cli.history.posterior import EVENT, ChangeEvent, HealthStep, HistoryChange
-from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.parameters import Parameter
 
 LAST = 10
 """Flights at the end that say what an engine has come to, for what a fleet has in common."""
-VISIBLE = 30.0
-"""Squared standard deviations by which a plausible change must stand out where an engine is called healthy: of these a
-tenth less than twenty goes on the prior of one suspect, shape and onset, the rest is what chance may take away."""
-POSSIBLE = 0.05
-"""Probability from which something that may have changed is listed, where nothing is named."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +123,7 @@ def judge_with_account(
     if len(flights) - flights.baseline < FEWEST:
         return replace(nothing, reason="too few flights determine all readings"), None
     found = _judge_flights(flights, current, series, settings)
-    verdict, reason = _verdict(found, current.baseline)
+    verdict, reason = _verdict(found.trend)
     unknown = _unknown_health(found)
     scale = margin_scale(series) if scale is None else scale
     used = engine_consumption(found.trend, scale, settings.limits_K, current.baseline)
@@ -177,35 +172,18 @@ def _judge_flights(
     return _JudgedFlights(trend, parameters, flights, tuple(frozenset(own) for _, own in shifts))
 
 
-def _likeliest_form(event: ChangeEvent) -> tuple[HistoryChange, ...]:
-    """The parts of an event; of an instrument the likeliest of its forms of error, which exclude each other."""
-    return (max(event.changes, key=lambda x: x.probability),) if event.instrument and event.changes else event.changes
-
-
-def _verdict(found: _JudgedFlights, baseline: int) -> tuple[str, str]:
+def _verdict(trend: EngineTrend) -> tuple[str, str]:
     """The verdict, and what has to be said with it."""
-    trend = found.trend
     if trend.changes:
-        return CHANGED, "; ".join(_ambiguity_words(event) for event in trend.changes if len(event.group) > 1)
+        words = [_ambiguity_words(event) for event in trend.changes if len(event.group) > 1]
+        return CHANGED, "; ".join(filter(None, [*words, trend.reason]))
     if trend.differs_from_start:
         names = ", ".join(event.group[0] for event in trend.events)
         what = f" ({names})" if names else ""
         return NO_VERDICT, f"differs from nominal from its first flight on{what}: no healthy state to compare with"
     if trend.posterior.changed:
-        likely = [f"{n} ({p:.2g})" for n, p in _ranked(trend.posterior.inclusion) if p >= POSSIBLE]
-        return CHANGED, f"cannot tell what changed: {' or '.join(likely) or 'something that is not among the suspects'}"
-    if trend.departures:
-        count, first = len(trend.departures), trend.departures[0]
-        words = f"{count} of its {trend.flights} flights differ from the others for certain, number {first} first"
-        return NO_VERDICT, f"{words}, and no change explains them"
-    if trend.visible < VISIBLE:
-        n, m = trend.flights - baseline, found.flights.z.shape[1]
-        return NO_VERDICT, f"a baseline of {baseline} flights and {n} after it cannot show a change of {m} readings"
-    return HEALTHY, ""
-
-
-def _ranked(chances: Mapping[str, float]) -> list[tuple[str, float]]:
-    return sorted(chances.items(), key=lambda item: -item[1])
+        return CHANGED, trend.reason
+    return (NO_VERDICT if trend.undecided else HEALTHY), trend.reason
 
 
 def _ambiguity_words(event: ChangeEvent) -> str:
@@ -215,31 +193,15 @@ def _ambiguity_words(event: ChangeEvent) -> str:
 
 
 def _unknown_health(found: _JudgedFlights) -> str:
-    """Why no health is read from the history: what changed is not listed, may be the engine or an instrument, or is
-    beyond what it can do; "" where it can be."""
+    """Why no health is read from the history: what changed is not listed, or may be the engine or an instrument; ""
+    where it can be."""
     trend = found.trend
     if trend.posterior.unlisted >= EVENT or (trend.posterior.changed and not trend.events):
-        return CANNOT_TELL_WHAT
+        return trend.reason or CANNOT_TELL_WHAT
     instruments = {p.component for p in found.parameters if p.belongs_to_instrument}
     for event in trend.changes:
         if len({name in instruments for name in event.group}) > 1:
             return "whether the engine or an instrument changed is not separated, so that no margin is read"
-        if beyond := _beyond_possible(event, found):
-            return beyond
-    return ""
-
-
-def _beyond_possible(event: ChangeEvent, found: _JudgedFlights) -> str:
-    """That a change is larger than anything a component or an instrument does; "" where it is not."""
-    low, high = SetPrior().bounds(found.parameters)
-    place = {p.name: i for i, p in enumerate(found.parameters)}
-    for part in _likeliest_form(event):
-        i = place[part.name]
-        p = found.parameters[i]
-        if part.probability >= EVENT and not low[i] <= part.now / p.prior_sigma <= high[i]:
-            what = "an instrument" if p.belongs_to_instrument else "a component"
-            needed = f"it would take a change of {p.words or p.name} outside what {what} can do"
-            return f"cannot tell what changed: {needed}: check units and engine file"
     return ""
 
 
@@ -247,22 +209,19 @@ def _health_rows(found: _JudgedFlights, current: EngineHistory, earlier: int) ->
     """One row per parameter: the change of those that an event moved, and of the others that they are steady."""
     trend = found.trend
     parts = {part.name: (event, part) for event in trend.events for part in event.changes}
-    named = {event.group[0] for event in trend.events}  # of which what takes no part has not changed
     for p in found.parameters:
-        row = HealthRow(p.name, p.component, p.words or p.name, p.shown_unit, IntervalEstimate(), "steady", 0.0)
+        chance = trend.parameter_probability(p.name, p.component)
+        row = HealthRow(
+            p.name, p.component, p.words or p.name, p.shown_unit, IntervalEstimate(), trend.calm_kind(p.name), chance
+        )
         row = replace(row, family=p.family, quantity=p.quantity, part=p.part)
         if p.name not in parts:
-            chance = 0.0 if p.component in named else trend.posterior.inclusion.get(p.component, 0.0)
-            yield replace(row, probability=chance)
+            yield row
             continue
         event, part = parts[p.name]
-        chance = event.probability * event.suspects[event.group[0]] * part.probability
         change = _reported_change(found, event, part)
-        row = replace(row, change=change, probability=chance, kind=trend.family(event))
-        if _beyond_possible(event, found):
-            yield replace(row, kind="steady", probability=chance * trend.posterior.unlisted)
-            continue
-        if row.kind != FROM_START:
+        row = replace(row, change=change, kind=trend.family(event) if part.probability >= EVENT else STEADY)
+        if row.kind not in (FROM_START, STEADY):
             best, low, high = trend.onset_numbers(event)
             label = current.stretches[best - 1].window.flight
             best, low, high = best + earlier, low + earlier, high + earlier

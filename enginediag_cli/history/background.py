@@ -39,12 +39,14 @@ Then, flight by flight (Woodbury),
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.special import chdtri
 
+from enginediag_cli.detection.verdict import format_size
 from enginediag_cli.parameters import Parameter
 
 LEAST_INFORMATION = 0.5
@@ -361,3 +363,66 @@ def marginalise_offsets(history: History, offsets: OffsetModel) -> History:
     information = F - cross.transpose(0, 2, 1) @ solved[:, :, :-1]
     score = s - np.einsum("tom,to->tm", cross, solved[:, :, -1])
     return replace(history, information=information / offsets.inflation, score=score / offsets.inflation)
+
+
+VISIBLE = 30.0
+"""Squared standard deviations by which a plausible change must stand out where an engine is called steady: of these a
+tenth less than twenty goes on the prior of one suspect, shape and onset, the rest is what chance may take away."""
+PLAUSIBLE = 2.0
+"""Change, in prior standard deviations, which an engine that is called healthy must have been able to show."""
+LEAST_SHOWN = 1e-9
+"""Information of a parameter, in squared prior standard deviations, below which no reading shows it."""
+
+
+@dataclass(frozen=True)
+class StepVisibility:
+    """Which steps after the baseline a history would have shown, nothing else having changed.
+
+    squared: how plainly a plausible step of the component that shows best stands out, in squared standard deviations;
+    parameter, needed: of it the parameter that moves most, and by how much in its unit it would have to move at least;
+    smallest: parameter → step of it alone that is seen, in its unit; unseen: parameters of which a plausible step is
+    not."""
+
+    squared: float
+    parameter: Parameter
+    needed: float
+    smallest: Mapping[str, float]
+    unseen: frozenset[str]
+
+    @property
+    def enough(self) -> bool:
+        """Whether a history without a change says that there was none."""
+        return self.squared >= VISIBLE
+
+    @property
+    def words(self) -> str:
+        """By how much what shows best would have to change."""
+        name, size = self.parameter.words or self.parameter.name, format_size(self.parameter, self.needed)
+        return f"even {name}, which shows best, would have to change by {size}"
+
+
+def step_visibility(calm: History, epoch: int) -> StepVisibility:
+    """How plainly a plausible step of the component that shows best would stand out from an epoch on, of a history
+    without offsets: its efficiency and flow by PLAUSIBLE together, the second half as far as the first and so on; of an
+    instrument where no component is among the suspects."""
+    parts: dict[str, list[int]] = {}
+    for i, parameter in enumerate(calm.parameters):
+        if not parameter.belongs_to_instrument:
+            parts.setdefault(parameter.component, []).append(i)
+    background = add_wander(Background.from_history(calm), calm, WANDER_MULTIPLES[0])
+    _, M = background.project((np.arange(len(calm)) >= epoch).astype(float)[None])
+    best, first, moved = -1.0, 0, 0.0
+    for at in parts.values() or [[i] for i in range(calm.width)]:
+        size = 0.5 ** np.arange(len(at))
+        change = -PLAUSIBLE * size / np.linalg.norm(size)
+        squared = float(change @ M[0][np.ix_(at, at)] @ change)
+        if squared > best:
+            best, first, moved = squared, at[0], abs(float(change[0]))
+    needed = moved * float(calm.unit[first]) * (VISIBLE / max(best, LEAST_SHOWN)) ** 0.5
+    shown = np.diag(M[0])
+    # in prior standard deviations
+    alone = np.where(shown > LEAST_SHOWN, (VISIBLE / np.maximum(shown, LEAST_SHOWN)) ** 0.5, np.inf)
+    names = [p.name for p in calm.parameters]
+    unseen = frozenset(name for name, size in zip(names, alone, strict=True) if size > PLAUSIBLE)
+    smallest = dict(zip(names, (alone * calm.unit).tolist(), strict=True))
+    return StepVisibility(best, calm.parameters[first], needed, smallest, unseen)

@@ -33,20 +33,27 @@ import numpy as np
 from scipy.stats import chi2
 
 from enginediag_cli.detection.series import FEWEST, Series, WindowSource
+from enginediag_cli.detection.verdict import format_size
 from enginediag_cli.errors import DataError
 from enginediag_cli.history.background import (
     LEAST_INFORMATION,
-    WANDER_MULTIPLES,
-    Background,
     History,
     KnownShift,
     OffsetModel,
-    add_wander,
+    StepVisibility,
     learn_offsets,
     marginalise_offsets,
+    step_visibility,
 )
 from enginediag_cli.history.hypotheses import FROM_START, GROWING, PULSE, STEP, UNLISTED
-from enginediag_cli.history.posterior import ChangeEvent, HistoryPosterior, judge_history
+from enginediag_cli.history.posterior import (
+    EVENT,
+    ChangeEvent,
+    HistoryChange,
+    HistoryPosterior,
+    judge_history,
+)
+from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.parallel import parallel_imap
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.progress import each
@@ -77,6 +84,9 @@ SEEN = 1e-9
 """Share of the largest information below which a direction of the parameters is not seen at all."""
 GROSS = 1e-4
 """Probability of one flight among all of a healthy history to count as one that differs from nominal for certain."""
+NOT_LISTED = "something that is not among the suspects"
+POSSIBLE = 0.05
+"""Probability from which something that may have changed is listed, where nothing is named."""
 
 
 @dataclass(frozen=True)
@@ -228,13 +238,16 @@ class HistoryWindows:
 class EngineTrend:
     """What is known of one engine's history. posterior: of its epochs; first: number of each epoch's first flight, from
     0; flights: how many there are; departures: numbers, from 1, of flights that differ from nominal for certain;
-    visible: as of `step_visibility`, at the end of the baseline, where there is one."""
+    baseline: first flights that say what the engine is like; visible: steps after these that would have been seen;
+    impossible: what a change of a listed suspect would have to be, where none can do it."""
 
     posterior: HistoryPosterior
     first: tuple[int, ...]
     flights: int
     departures: tuple[int, ...] = ()
-    visible: float = float("inf")
+    baseline: int = 0
+    visible: StepVisibility | None = None
+    impossible: str = ""
 
     @property
     def events(self) -> tuple[ChangeEvent, ...]:
@@ -263,12 +276,57 @@ class EngineTrend:
 
     @property
     def verdict(self) -> str:
-        """Of the history as a whole; never "steady" where flights differ from nominal for certain."""
+        """Of the history as a whole; never "steady" where flights differ from nominal for certain, or where they could
+        not have shown a change."""
         if self.changes:
             return CHANGED
         if self.differs_from_start:
             return FROM_THE_FIRST
-        return CANNOT_TELL if self.posterior.changed or self.departures else STEADY
+        return CANNOT_TELL if self.posterior.changed or self.departures or not self.powerful else STEADY
+
+    @property
+    def powerful(self) -> bool:
+        """Whether a plausible change would have been seen."""
+        return self.visible is None or self.visible.enough
+
+    @property
+    def undecided(self) -> bool:
+        """Whether it is not known that anything changed, nor that nothing did."""
+        return self.verdict == CANNOT_TELL and not self.posterior.changed
+
+    @property
+    def reason(self) -> str:
+        """Why it is not known what changed, or whether anything did; "" where that is known."""
+        if self.verdict != CANNOT_TELL:
+            return self.impossible and f"cannot tell what else changed: {self.impossible}"
+        if self.posterior.changed:
+            chances = {**self.posterior.inclusion, NOT_LISTED: self.posterior.unlisted}
+            likely = sorted((item for item in chances.items() if item[1] >= POSSIBLE), key=lambda item: -item[1])
+            what = self.impossible or " or ".join(f"{name} ({p:.2g})" for name, p in likely) or NOT_LISTED
+            return f"cannot tell what changed: {what}"
+        if self.departures:
+            words = f"{len(self.departures)} of its {self.flights} flights differ from the others for certain"
+            return f"{words}, number {self.departures[0]} first, and no change explains them"
+        assert self.visible is not None
+        after, beside = self.flights - self.baseline, f" beside a baseline of {self.baseline}" if self.baseline else ""
+        flights = f"{after} flight{'' if after == 1 else 's'}{beside} cannot show a change"
+        return f"{flights}: {self.visible.words}"
+
+    def calm_kind(self, name: str) -> str:
+        """Of a parameter that takes part in no event: steady, unless it is not known that it is."""
+        unseen = self.visible is not None and name in self.visible.unseen
+        return CANNOT_TELL if unseen or self.verdict == CANNOT_TELL else STEADY
+
+    def parameter_probability(self, name: str, owner: str) -> float:
+        """That a parameter of a component or instrument changed: where that is named, or one of an ambiguity group,
+        each of its parameters has its own; else that of the component as a whole."""
+        named = False
+        for event in self.events:
+            for part in (*event.changes, *event.rivals):
+                if part.name == name:
+                    return event.probability * event.suspects[owner] * part.probability
+            named |= owner in event.group
+        return 0.0 if named else self.posterior.inclusion.get(owner, 0.0)
 
     def family(self, event: ChangeEvent) -> str:
         """The likeliest kind of an event as a reader knows it."""
@@ -372,28 +430,6 @@ def departing_epochs(calm: History) -> tuple[int, ...]:
     return tuple(int(t) for t in np.flatnonzero(statistic > limit))
 
 
-def step_visibility(calm: History, epoch: int) -> float:
-    """How plainly a plausible step of the component that shows best would stand out from an epoch on, in squared
-    standard deviations, of a history without offsets: its efficiency and flow by PLAUSIBLE together, the second half as
-    far as the first and so on."""
-    parts: dict[str, list[int]] = {}
-    for i, parameter in enumerate(calm.parameters):
-        if not parameter.belongs_to_instrument:
-            parts.setdefault(parameter.component, []).append(i)
-    background = add_wander(Background.from_history(calm), calm, WANDER_MULTIPLES[0])
-    _, M = background.project((np.arange(len(calm)) >= epoch).astype(float)[None])
-    best = 0.0
-    for at in parts.values():
-        size = 0.5 ** np.arange(len(at))
-        change = -PLAUSIBLE * size / np.linalg.norm(size)
-        best = max(best, float(change @ M[0][np.ix_(at, at)] @ change))
-    return best
-
-
-PLAUSIBLE = 2.0
-"""Change, in prior standard deviations, which an engine that is called healthy must have been able to show."""
-
-
 @dataclass(frozen=True)
 class HistoryOptions:
     """How one engine is judged. baseline: its first flights, believed healthy, which say what it is like; 0 where
@@ -421,10 +457,45 @@ def judge_engine_history(sums: EngineSums, meaning: Mapping[str, Parameter], opt
         history = add_shifts(history, since, {place[name]: size for name, size in moved.items() if name in place})
     offsets = learn_offsets(history)
     found = judge_history(history, sensors=options.sensors, health=options.health, offsets=offsets)
+    found, impossible = exclude_impossible(found, history)
     calm = marginalise_offsets(history, offsets)
     departures = tuple(first[t] + 1 for t in departing_epochs(calm))
-    visible = step_visibility(calm, int(np.searchsorted(first, options.baseline))) if options.baseline else np.inf
-    return EngineTrend(found, first, sums.flights, departures, visible)
+    begins_at = int(np.searchsorted(first, options.baseline))
+    visible = step_visibility(calm, min(begins_at, len(first) - 1))
+    return EngineTrend(found, first, sums.flights, departures, options.baseline, visible, impossible)
+
+
+def exclude_impossible(found: HistoryPosterior, history: History) -> tuple[HistoryPosterior, str]:
+    """What is known without the events whose likeliest suspect would have to do more than it can: these happened, and
+    are nothing that is listed; what they would take, in words."""
+    low, high = SetPrior().bounds(history.parameters)
+    place = {p.name: i for i, p in enumerate(history.parameters)}
+    events, inclusion, words = [], dict(found.inclusion), ""
+    for event in found.events:
+        beyond = None
+        for part in likeliest_form(event):
+            i = place[part.name]
+            if part.probability >= EVENT and not low[i] <= part.largest / history.unit[i] <= high[i]:
+                beyond = history.parameters[i], part.largest
+        if beyond is None:
+            events.append(event)
+            continue
+        parameter, size = beyond
+        what = "an instrument" if parameter.belongs_to_instrument else "a component"
+        change = f"{parameter.words or parameter.name} by {format_size(parameter, size)}".replace("-", "−")
+        words = f"it would take a change of {change}, outside what {what} can do: check units and engine file"
+        inclusion.pop(event.group[0], None)
+        nothing = np.zeros((0, 0))
+        events.append(replace(event, suspects={UNLISTED: 1.0}, changes=(), rivals=(), covariance=nothing))
+    if not words:
+        return found, ""
+    unlisted = max(e.probability * e.suspects.get(UNLISTED, 0.0) for e in events)
+    return replace(found, events=tuple(events), inclusion=inclusion, unlisted=unlisted), words
+
+
+def likeliest_form(event: ChangeEvent) -> tuple[HistoryChange, ...]:
+    """The parts of an event; of an instrument the likeliest of its forms of error, which exclude each other."""
+    return (max(event.changes, key=lambda x: x.probability),) if event.instrument and event.changes else event.changes
 
 
 def judge_engines(

@@ -148,9 +148,11 @@ def series_answer(engine: EngineEvidence, evidence: ReportEvidence) -> EngineAns
     if not rows:
         return None
     events, verdict, unlisted = engine.changes, rows[0].text("verdict"), rows[0].number("unlisted")
+    reason = rows[0].text("reason")
     names = [row.text("parameter") for event in events for row in event.changed]
     if unlisted >= EVENT:
-        words = f"Something changed that is probably none of the suspects (probability {probability(unlisted)})."
+        words = f"Something changed that is probably none of the suspects (probability {probability(unlisted)})"
+        words += f"; {reason}." if reason else "."
         step = "Record more sensors, or ask `explain` what the model lacks; until then do no work on the engine."
         return EngineAnswer(EngineState.CANNOT_TELL, words, names, step)
     if events:
@@ -160,7 +162,7 @@ def series_answer(engine: EngineEvidence, evidence: ReportEvidence) -> EngineAns
         return EngineAnswer(EngineState.CANNOT_TELL, words, (), CHECK_START)
     if verdict == CANNOT_TELL:
         alone = _isolation_answer(engine, evidence)
-        words = "Flights differ from nominal, and no listed change explains the series."
+        words = f"{_capital(reason)}." if reason else "Flights differ from nominal, and no listed change explains them."
         if alone is None or alone.state is not EngineState.CHANGED:
             return EngineAnswer(EngineState.CANNOT_TELL, words)
         return EngineAnswer(

@@ -27,7 +27,7 @@ def test_healthy_engines_seldom_lose_their_verdict_to_their_baseline():
 def test_readings_that_show_no_plausible_change_call_no_engine_healthy():
     history = engine_history(np.random.default_rng(2), "C", 24, scatter=60.0)
     found = judged(history)
-    assert found.verdict == NO_VERDICT and "a baseline of 20 flights and 4 after it cannot show" in found.reason
+    assert found.verdict == NO_VERDICT and "4 flights beside a baseline of 20 cannot show" in found.reason
     assert all(row.verdict in ("baseline", NO_VERDICT) for row in found.by_flight)
 
 

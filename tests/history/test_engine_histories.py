@@ -10,7 +10,7 @@ import pytest
 
 from enginediag_cli.detection.series import Series
 from enginediag_cli.errors import DataError
-from enginediag_cli.history.background import History, learn_offsets, marginalise_offsets
+from enginediag_cli.history.background import History, learn_offsets, marginalise_offsets, step_visibility
 from enginediag_cli.history.engines import (
     CANNOT_TELL,
     CHANGED,
@@ -25,7 +25,6 @@ from enginediag_cli.history.engines import (
     departing_epochs,
     judge_engine_history,
     judge_engines,
-    step_visibility,
 )
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.statistics import LocalStatistics
@@ -203,8 +202,68 @@ def test_the_probability_of_a_change_leaves_out_what_was_there_from_the_start() 
 def test_a_step_shows_the_more_the_more_flights_follow_it() -> None:
     rng = np.random.default_rng(9)
     calm = calm_history([statistics(rng) for _ in range(24)])
-    plain = [step_visibility(calm, k) for k in (12, 18, 22, 24)]
+    plain = [step_visibility(calm, k).squared for k in (12, 18, 22, 24)]
     assert plain == sorted(plain, reverse=True) and plain[-1] == 0.0
+
+
+def scaled(one: LocalStatistics, share: float) -> LocalStatistics:
+    """The same with so small a share of its information."""
+    return replace(one, s=one.s * share**0.5, F=one.F * share, V=one.V * share)
+
+
+def test_flights_that_could_not_have_shown_a_change_do_not_say_that_there_was_none() -> None:
+    rng = np.random.default_rng(31)
+    flights = [statistics(rng) for _ in range(12)]
+    known = trend_of(flights)
+    assert known.verdict == STEADY and known.reason == "" and not known.undecided
+    assert {known.calm_kind(name) for name in MEANING} == {STEADY}
+    blind = trend_of([scaled(one, 1e-3) for one in flights])
+    assert blind.verdict == CANNOT_TELL and blind.undecided and blind.visible is not None
+    assert "12 flights cannot show a change: even " in blind.reason
+    assert {blind.calm_kind(name) for name in MEANING} == {CANNOT_TELL}
+    # information is a thousandth of what it was: the same is seen where it is larger by about the root of that
+    assert known.visible is not None
+    for name, size in known.visible.smallest.items():
+        assert blind.visible.smallest[name] > 10 * size
+
+
+def test_a_parameter_that_no_reading_shows_is_not_called_steady() -> None:
+    rng = np.random.default_rng(32)
+    flights = []
+    for _ in range(10):
+        one = statistics(rng)
+        i = one.parameters.index("hpt.efficiency")
+        F = one.F.copy()
+        F[i], F[:, i] = 0.0, 0.0
+        s = one.s.copy()
+        s[i] = 0.0
+        flights.append(replace(one, s=s, F=F, V=F))
+    found = trend_of(flights)
+    assert found.verdict == STEADY and found.visible is not None
+    assert found.calm_kind("hpt.efficiency") == CANNOT_TELL and found.calm_kind("hpc.efficiency") == STEADY
+    assert found.visible.smallest["hpt.efficiency"] == np.inf
+
+
+def test_what_no_component_can_do_is_nothing_that_is_listed() -> None:
+    """As of a column in another unit: a compressor that lost half of its efficiency does not run."""
+    rng = np.random.default_rng(33)
+    flights = [statistics(rng, {"hpc.efficiency": -25.0} if k >= 8 else {}) for k in range(16)]
+    found = trend_of(flights)
+    assert found.verdict == CANNOT_TELL and not found.events and found.posterior.changed and not found.undecided
+    assert found.posterior.unlisted > 0.9 and "hpc.efficiency by −" in found.reason
+    assert "outside what a component can do: check units and engine file" in found.reason
+    assert found.parameter_probability("hpc.efficiency", "hpc") < 0.5
+
+
+def test_each_parameter_of_a_component_that_changed_has_its_own_probability() -> None:
+    rng = np.random.default_rng(34)
+    flights = [statistics(rng, {"hpc.efficiency": -2.0} if k >= 10 else {}) for k in range(24)]
+    found = trend_of(flights)
+    (event,) = found.changes
+    assert event.group == ("hpc",) and found.posterior.inclusion["hpc"] > 0.99
+    assert found.parameter_probability("hpc.efficiency", "hpc") > 0.99
+    own = {part.name: part.probability for part in event.changes}.get("hpc.flow_capacity", 0.0)
+    assert found.parameter_probability("hpc.flow_capacity", "hpc") == pytest.approx(own, abs=1e-3) and own < 0.5
 
 
 def test_a_history_begins_anew_where_an_engine_was_renewed() -> None:

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from math import isfinite
+from math import inf, isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from enginediag_cli.detection.series import estimate_flight_change, has_times
 from enginediag_cli.history.engines import (
-    CANNOT_TELL,
     DETERIORATION,
+    STEADY,
     UNLIKELY,
     EngineTrend,
 )
@@ -84,7 +84,7 @@ class TrendRow(NamedTuple):
 
     @property
     def onset(self) -> Onset | None:
-        if self.event is None:
+        if self.event is None or self.kind == STEADY:
             return None
         e, found = self.event, self.found
         number, low, high = found.onset_numbers(e)
@@ -99,23 +99,27 @@ class TrendRow(NamedTuple):
             return None
         x = self.part
         sizes = (x.now, x.now_low, x.now_high, x.largest, x.largest_low, x.largest_high)
-        if self.found.family(self.event) != DETERIORATION or self.event.end >= 0:
+        if self.kind != DETERIORATION or self.event.end >= 0:
             return ChangeSize(*sizes)
         span = max(self.found.flights - self.found.flight_number(self.event.onset) + 1, 1)
         return ChangeSize(*sizes, *(size / span for size in sizes[:3]))
 
     @property
     def probability(self) -> float:
-        if self.event is None or self.part is None:
-            return self.found.posterior.inclusion.get(self.series.parameters[self.parameter].component, 0.0)
-        owner = self.series.parameters[self.parameter].component
-        return self.event.probability * self.event.suspects[owner] * self.part.probability
+        return self.found.parameter_probability(self.parameter, self.series.parameters[self.parameter].component)
+
+    @property
+    def detectable(self) -> float | None:
+        seen = self.found.visible
+        size = seen.smallest.get(self.parameter, inf) if seen is not None else inf
+        return size if isfinite(size) else None
 
     @property
     def kind(self) -> str:
         if self.event is not None:
-            return self.found.family(self.event)
-        return CANNOT_TELL if self.found.verdict == CANNOT_TELL else "steady"
+            steady = self.part is not None and self.part.probability < EVENT
+            return STEADY if steady else self.found.family(self.event)
+        return self.found.calm_kind(self.parameter)
 
     @property
     def rivals(self) -> list[str]:
@@ -149,6 +153,12 @@ _FIT = (
                 "verdict",
                 "text",
                 "of the engine: changed, steady, differs from nominal from the first flight on, or cannot tell",
+            ),
+            found_column(
+                "reason",
+                "text?",
+                "why it is not known what changed, or whether anything did",
+                lambda found: found.reason or None,
             ),
             found_column(
                 "fit_before",
@@ -208,7 +218,7 @@ TREND: Table[TrendRow] = Table(
             "kind",
             "text",
             "steady, step, deterioration, comes and goes (once), intermittent, from the start, irregular, or cannot "
-            "tell where the series is not steady and no change is named",
+            "tell where no change is named and these flights would not have shown one",
         ),
         row_column(
             "shapes",
@@ -237,6 +247,13 @@ TREND: Table[TrendRow] = Table(
             "text",
             "unit of change and rate; 1 is a share of nominal",
             lambda row: row.series.parameters[row.parameter].unit,
+        ),
+        row_column(
+            "detectable",
+            "number?",
+            "smallest step after the baseline, of it alone, that these flights would have shown",
+            lambda row: row.detectable,
+            unit=_PARAMETER,
         ),
         row_column("rivals", "texts", "other suspects of the same change, with their probabilities"),
         _SCOPE,
@@ -553,7 +570,9 @@ def report_trend(messages: Messages, engine: str, found: EngineTrend, series: Se
             f" the first of them {since}, and no listed change explains the series; run isolate",
             engine=engine,
         )
-    if posterior.unlisted >= EVENT:
+    elif found.impossible or (found.undecided and not found.departures):
+        messages.warning(f"{name}no conclusion: {found.reason}", engine=engine)
+    if posterior.unlisted >= EVENT and not found.impossible:
         messages.warning(
             f"{name}no conclusion: something changed that is probably none of the suspects (probability "
             f"{probability(posterior.unlisted)})",
