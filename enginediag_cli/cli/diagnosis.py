@@ -191,10 +191,11 @@ def detect(
     parameters explains: near 1 when model and noise are right.
 
     With --follow, `log10_e` is the evidence for a change since the flight began, as a power of ten. The alarm comes
-    when it reaches 1/P of --false-alarm, at any time of the flight, and stays. A deviation of a single sensor or input
-    is an alarm once it has lasted longer than a gross error: 7 records or 10 minutes. `kind` is then that of
-    trend (step, deterioration, comes and goes, intermittent, from start, irregular) or cannot tell; onset_s is the
-    onset, with its 95 % interval.
+    when it reaches about 0.4/P of --false-alarm, at any time of the flight, and stays: 1/P would be exact if evidence
+    grew in small steps, and it exceeds a limit by a factor of 2.5 or so when it passes it. A deviation of a single
+    sensor or input is an alarm once it has lasted longer than a gross error: 7 records or 10 minutes. `kind` is then
+    that of trend (step, deterioration, comes and goes, intermittent, from start, irregular) or cannot tell; onset_s is
+    the onset, with its 95 % interval.
 
     With --method, another method judges each window: rows hold statistic, threshold and p value of each of its tests.
     `isolated` lists what it names; `isolated_kind` says whether these are parameters of the engine or sensors.

@@ -13,6 +13,12 @@ starts at 1 and has mean 1 as long as nothing changes, so that P(E_n ≥ 1/α fo
 de la notion de collectif, 1939; mixtures: H. Robbins, Ann. Math. Statist. 41 (1970) 1397–1409; sums over onsets:
 J. Shin, A. Ramdas, A. Rinaldo, "E-detectors", NEJSDS 2023. Forgetting an onset can only lower E. The bound holds for
 Gaussian noise, and with certain nominal for uniform noise too, whose moments E exp(λx) lie below the Gaussian ones.
+It is not reached, because E passes a limit h by some amount:
+
+    P(E_n ≥ h for any n) = ∫ E_δ[1/E_τ] dπ(δ) ≈ ρ/h,      ρ = ∫ ν(√(δᵀf δ)) dπ(δ)
+
+π: the prior of changes δ, f: the information of a record, ν(x): the limit of E_δ[h/E_τ] where records have the
+Kullback–Leibler distance x²/2 (T. L. Lai, D. Siegmund, Ann. Statist. 5 (1977) 946–954). An alarm comes at E = ρ/α.
 Suspects, sizes and their probabilities are those of the model of change (`history`), so that an alarm
 comes when that model finds a step likely enough.
 
@@ -145,13 +151,14 @@ def onset_chance(first: int, records: int) -> float:
 @dataclass
 class EProcess:
     """E of one flight. log_ratio: of the equations of J onsets the log (J,) of a mean of likelihood ratios over changes
-    of all kinds, weighed beforehand. past: blocks that are decided for good; open: those after them. `log_e` is log
-    E_n, `alarm_block` the first block with E ≥ 1/α (None while there is none); decisive_cause: that without which E
-    would stay below."""
+    of all kinds, weighed beforehand. overshoot: ρ, 1 where it is not known. past: blocks that are decided for good;
+    open: those after them. `log_e` is log E_n, `alarm_block` the first block with E ≥ ρ/α (None while there is none);
+    decisive_cause: that without which E would stay below."""
 
     coordinates: Coordinates
     log_ratio: Callable[[ChangeEquations], np.ndarray]
     false_alarm: float
+    overshoot: float = 1.0
     past: list[Segment] = field(default_factory=list)
     open: list[Segment] = field(default_factory=list)
     log_e: float = 0.0
@@ -184,7 +191,7 @@ class EProcess:
         for segment in closed:
             self.past = append_segment(self.past, segment)
         self.open, self.decisive_cause = list(open_blocks), ""
-        limit = -np.log(self.false_alarm)
+        limit = float(np.log(self.overshoot / self.false_alarm))
         self.log_e = self._log_e(self.open)
         if self.alarm_block is None and self.log_e >= limit:
             without = {cause: self._log_e(segments) for cause, segments in disturbed()}

@@ -4,7 +4,7 @@ Evidence. A record whose readings repeat those before to the last digit brings n
 readings that scatter impossibly little were not measured. One sensor alone is no evidence either. Gross errors are
 rejected, which bounds what a reading adds to the evidence, and keeps the mean of E at most 1: a Gaussian reading cut at
 ±c is sub-Gaussian. What has not yet lasted longer than a gross error may be one or may be a change: there is an alarm
-only if E reaches 1/α without the brief departures of any one channel, too, a sensor's or an input's. What several
+only if E reaches ρ/α without the brief departures of any one channel, too, a sensor's or an input's. What several
 channels show at once is seen as soon as ever; what one alone shows, when it has lasted.
 
 Kind and onset. The flight so far is a history as that of an engine over flights, with an epoch for each piece, and is
@@ -19,6 +19,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from scipy.special import ndtr
 
 from enginediag_cli.detection.sequential import ChangeEquations, Coordinates, EProcess, Innovations, Segment
 from enginediag_cli.detection.verdict import (
@@ -31,7 +32,7 @@ from enginediag_cli.detection.verdict import (
 )
 from enginediag_cli.history.background import LEAST_INFORMATION, History, inner
 from enginediag_cli.history.engines import CANNOT_TELL, EPOCHS, UNLIKELY, EngineTrend
-from enginediag_cli.history.hypotheses import UNLISTED, list_suspects, size_posterior
+from enginediag_cli.history.hypotheses import SLAB_WEIGHTS, SLABS, UNLISTED, list_suspects, size_posterior
 from enginediag_cli.history.posterior import FEWEST_FLIGHTS, judge_history
 from enginediag_cli.intake.loader import ExcludedData, GrossCounts, RecordingLoader, follow_chunks
 from enginediag_cli.parameters import Parameter
@@ -160,7 +161,36 @@ class StepEvidence:
             parts.append(log_prior + np.logaddexp.reduce(sizes.log, axis=1))
         return np.asarray(np.logaddexp.reduce(parts, axis=0))
 
+    def mean_overshoot(self, information: np.ndarray) -> float:
+        """ρ by the information (n, c, c) that n records, one by one, have on the changes."""
+        rng, total = np.random.default_rng(0), 0.0
+        for suspect, log_prior in zip(self.suspects, self.log_prior, strict=True):
+            own = np.array(suspect.positions)
+            change = rng.standard_normal((DRAWS, len(own)))
+            f = np.einsum("di,nij,dj->dn", change, information[:, own[:, None], own], change)
+            x = np.multiply.outer(SLABS, np.sqrt(np.maximum(f, 0.0)))
+            total += float(np.exp(log_prior) * (SLAB_WEIGHTS @ overshoot_factor(x).mean(axis=(1, 2))))
+        return total
 
+
+DRAWS = 200
+"""Changes of each suspect over which the overshoot is averaged: to a hundredth, of a number that is a third or so."""
+
+
+def overshoot_factor(x: np.ndarray) -> np.ndarray:
+    """ν(x): mean of limit over likelihood ratio where that passes the limit, of records that are x ≥ 0 standard
+    deviations apart under both hypotheses; to a hundredth.
+
+    References
+    ----------
+    D. Siegmund and B. Yakir (2007) The Statistics of Gene Mapping, Springer, chapter 5.
+    """
+    h = np.maximum(x / 2, TINY)
+    return np.asarray((ndtr(h) - 0.5) / (h * (h * ndtr(h) + np.exp(-(h**2) / 2) / np.sqrt(2 * np.pi))))
+
+
+TINY = 1e-6
+"""Keeps a division by nothing from failing."""
 JUMP_SIGMAS = 5.0
 """Size of a plausible jump of a sensor, in its noise, where the engine file has no prior for its bias."""
 SCATTER = 20
@@ -207,6 +237,23 @@ def _visible_columns(monitor: Monitor, root: np.ndarray) -> np.ndarray:
     return np.asarray(root @ vector[:, value > LEAST_INFORMATION])
 
 
+def change_information(monitor: Monitor, coordinates: Coordinates) -> np.ndarray | None:
+    """Information (n, c, c) of single records on the changes, at points identified; None where these are unknown. Of
+    noise that is correlated, what a record adds while a change lasts."""
+    points = np.empty((0, 0)) if monitor.envelope is None else monitor.envelope.points
+    if len(points) < POINTS:
+        return None
+    at = np.unique(np.linspace(0, len(points) - 1, POINTS).astype(int))
+    inputs = {c: points[at, i] for i, c in enumerate(monitor.envelope.inputs)}
+    _, J, ok, _ = monitor.predict(inputs, monitor.theta0)
+    noise, a, p = monitor.noise, len(coordinates.health), J.shape[2]
+    k = coordinates.nuisance
+    scale = np.sqrt((1 - noise.rho) / (1 + noise.rho)) / noise.sigma
+    jumps = np.broadcast_to(np.diag(coordinates.unit[a:]), (int(ok.sum()), J.shape[1], J.shape[1]))
+    G = np.concatenate([J[ok] @ coordinates.basis[:p, k : k + a], jumps], axis=2) * scale[:, None]
+    return np.asarray(G.transpose(0, 2, 1) @ G)
+
+
 def _sensor_jump(monitor: Monitor, j: int) -> Parameter:
     """The bias of a sensor, which an engine file may not have."""
     name, unit = split_column(monitor.sensors[j])
@@ -230,6 +277,12 @@ def _sensor_jump(monitor: Monitor, j: int) -> Parameter:
     )
 
 
+def mean_overshoot(monitor: Monitor, coordinates: Coordinates) -> float:
+    """ρ of the changes that are looked for at the points identified; 1, its bound, where these are unknown."""
+    information = change_information(monitor, coordinates)
+    return 1.0 if information is None else StepEvidence(coordinates.described).mean_overshoot(information)
+
+
 def _unit(S: np.ndarray) -> np.ndarray:
     """S (n, m, q) with columns of length 1 in every record, or 0."""
     size = np.linalg.norm(S, axis=1, keepdims=True)
@@ -250,7 +303,7 @@ class BlockReport:
     log10_e : float
         Evidence of a change, log₁₀ E.
     alarm : bool
-        Whether E has reached 1/α, in this block or before.
+        Whether E has reached ρ/α, in this block or before.
     change : DetectedChange or None
         Kind and onset of the change, once there is an alarm.
     reason : str
@@ -295,6 +348,7 @@ class FlightMonitor:
     key: Key
     false_alarm: float
     coordinates: Coordinates | None = None
+    overshoot: float | None = None
     process: EProcess = field(init=False)
     gross: GrossCounts = field(default_factory=GrossCounts)
     _innovations: Innovations = field(init=False)
@@ -315,8 +369,10 @@ class FlightMonitor:
     _explained: int = 0
 
     def __post_init__(self) -> None:
-        coordinates = self.coordinates or unit_coordinates(self.monitor)
-        self.process = EProcess(coordinates, StepEvidence(coordinates.described), self.false_alarm)
+        coordinates, overshoot = self.coordinates or unit_coordinates(self.monitor), self.overshoot
+        if overshoot is None:
+            overshoot = mean_overshoot(self.monitor, coordinates)
+        self.process = EProcess(coordinates, StepEvidence(coordinates.described), self.false_alarm, overshoot)
         self._innovations = Innovations(self.monitor.noise)
 
     def add(self, part: Recording, masked: Sequence[StuckRun] = ()) -> BlockReport:
@@ -588,9 +644,10 @@ class FlightFollower:
         """One report per block of each flight, as soon as its records are there."""
         flights: dict[Key, FlightMonitor] = {}
         coordinates = unit_coordinates(self.monitor)
+        fixed = coordinates, mean_overshoot(self.monitor, coordinates)
         for chunk in follow_chunks(self.intake, self.block, self.idle_s):
             for key, rows in group_rows(chunk):
-                flight = flights.pop(key, None) or FlightMonitor(self.monitor, key, self.false_alarm, coordinates)
+                flight = flights.pop(key, None) or FlightMonitor(self.monitor, key, self.false_alarm, *fixed)
                 flights[key] = flight  # the latest is the last
                 while len(flights) > OPEN_FLIGHTS:
                     yield from self._finish_flight(flights.pop(next(iter(flights))))

@@ -1,21 +1,24 @@
 """Detection delay of `detect --follow` and of `trend`, beside those of classic tests that know the nominal engine:
 python tests/benchmarks/detection_delay.py [--flights N] [--only ROW] …
 
-Flights. For each kind and size of change that begins on the way: median delay in records from the onset to the alarm of
+Flights. For each kind and size of change that begins on the way: mean delay in records from the onset to the alarm of
 
     CUSUM     E. S. Page, Biometrika 41 (1954) 100–115: knows nominal, what changes, and how much
     GLR       A. S. Willsky, H. L. Jones, IEEE Trans. Automatic Control 21 (1976) 108–112: knows nominal; any one
               parameter or sensor, any size, any onset
     follow    knows the nominal that was identified from six flights with what is uncertain about it; looks after every
-              record (--window 1), and after every five
+              `--block` records
 
-then the 90 % point of follow's delay over that of the GLR, flights that follow missed or in which it had an alarm
-before the onset, the kind that is reported at the end, and in how many the onset lies in its 95 % interval. The
-thresholds of CUSUM and GLR are those of which 1 % of healthy flights have an alarm, by simulation; `--follow` states
-1 %, and the last row counts the alarms of healthy flights, looked at after every five records. One record every 10 s.
+over the flights in which all three have one after the onset, the ratio of follow to GLR with its standard error,
+flights that follow missed, in which it had an alarm before the onset, and in which the GLR did. With --kinds: the kind
+that is reported at the end, and in how many the onset lies in its 95 % interval. The thresholds of CUSUM and GLR are
+those of which 1 % of healthy flights have an alarm, by simulation; `--follow` states 1 %. --healthy: the alarms of
+GLR and of follow, after every five records, in the same healthy flights, with 95 % intervals of their rates. One record
+every 10 s.
 
 Histories. Flights after the onset until `trend` says that something changed (`judge_history` of a growing history),
 beside a GLR that knows the nominal, on the same statistics, with an alarm in 1 % of healthy histories at any flight.
+--healthy: both in the same healthy histories, after every fourth flight from the tenth on.
 """
 
 from __future__ import annotations
@@ -29,6 +32,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.stats import beta
 
 from enginediag_cli.detection.sequential import Coordinates
 from enginediag_cli.history.background import History
@@ -43,23 +47,28 @@ ENGINE = Path(__file__).resolve().parents[2] / "configs" / "turbofan.yaml"
 INTERVAL_S, BEFORE, BLOCK = 10.0, 20, 5
 """Seconds between records; records of a block far from the onset, and of one near it, by default of the command."""
 CASES = [
-    ("step", "fan.efficiency", -0.01),
+    *(("step", "fan.efficiency", x) for x in (-0.01, -0.02)),
     *(("step", "hpc.efficiency", x) for x in (-0.003, -0.005, -0.01, -0.02)),
     *(("step", "hpt.flow_capacity", x) for x in (0.0025, 0.005, 0.01)),
-    ("ramp", "hpc.efficiency", -0.01),
-    *(("jump", "T3_K", x) for x in (1.5, 3.0, 6.0)),
+    *(("jump", "T3_K", x) for x in (1.5, 3.0, 6.0, 12.0)),
+    *(("ramp", "hpc.efficiency", x) for x in (-0.01, -0.03)),
+    ("ramp", "hpt.flow_capacity", 0.02),
+    *(("drift", "T3_K", x) for x in (5.0, 20.0)),
 ]
 HISTORY_CASES = [
     *(("step", "hpc.efficiency", x) for x in (-0.0015, -0.003)),
     ("step", "fan.efficiency", -0.005),
-    ("ramp", "hpc.efficiency", -0.01),
     *(("jump", "T3_K", x) for x in (1.0, 2.0)),
+    *(("ramp", "hpc.efficiency", x) for x in (-0.003, -0.01)),
+    ("drift", "T3_K", 3.0),
 ]
-FALSE_ALARM, SIMULATED, KINDS_OF_FLIGHTS = 0.01, 600, 20
+SENSORS = ("jump", "drift")
+"""Laws of the error of a sensor; the others are of the engine. A ramp and a drift grow evenly to the end."""
+FALSE_ALARM, SIMULATED, KINDS_OF_FLIGHTS = 0.01, 600, 10
 """Share of healthy flights with an alarm; simulated ones that thresholds are taken from, and flights these are like."""
-HISTORY, ONSET, SNAPSHOTS = 60, 20, 10
-"""Flights of a history, the number, from 0, of the first after a change, and records of a flight; a ramp ends with the
-history."""
+HISTORY, ONSET, SNAPSHOTS, LOOKS = 60, 20, 10, range(10, 61, 4)
+"""Flights of a history, the number, from 0, of the first after a change, and records of a flight; flights after
+which healthy histories are looked at. A ramp ends with the history."""
 
 
 def nominal_monitor() -> Monitor:
@@ -80,11 +89,11 @@ def flown(monitor: Monitor, seed: int, law: str, name: str, size: float) -> tupl
     inputs = engine_inputs(engine, generate_flights(default_plan(engine), engine, rng, flights=1))
     n = len(inputs["mach"])
     onset, t = int(n * rng.uniform(0.3, 0.5)), np.arange(n)
-    after = t >= onset if law != "ramp" else np.maximum(t - onset, 0) / (n - onset)
-    values = {} if law in ("jump", "none") else {name: 1 + size * after}
+    after = np.maximum(t - onset, 0) / (n - onset) if law in ("ramp", "drift") else t >= onset
+    values = {} if law in (*SENSORS, "none") else {name: 1 + size * after}
     y = np.asarray(engine.predict(inputs, values, sensors=monitor.sensors).y)
     y = y + noise_sigma(monitor) * rng.standard_normal(y.shape)
-    if law == "jump":
+    if law in SENSORS:
         y[:, monitor.sensors.index(name)] += size * after
     readings = {c: y[:, j] for j, c in enumerate(monitor.sensors)}
     columns = {c: np.asarray(v, float) for c, v in inputs.items()}
@@ -153,81 +162,119 @@ class FollowedFlight:
     onset."""
 
     delay: float
-    kind: str
-    covered: bool
+    kind: str = ""
+    covered: bool = False
 
 
-def follow(monitor: Monitor, recording: Recording, onset: int, block: int) -> FollowedFlight:
-    """The flight in blocks, those before the onset larger."""
+def follow(monitor: Monitor, recording: Recording, onset: int, block: int, kinds: bool) -> FollowedFlight:
+    """The flight in blocks, those before the onset larger; to the alarm, or with kinds to its end."""
     flight = FlightMonitor(monitor, ("", "", ""), FALSE_ALARM)
     position, hit, report = 0, None, None
-    while position < len(recording):
-        length = block if hit is None and position >= onset - BEFORE else BEFORE
+    while position < len(recording) and (kinds or hit is None):
+        near = hit is None and position >= onset - BEFORE
+        length = block if near else min(BEFORE, onset - BEFORE - position if position < onset - BEFORE else BEFORE)
         report = flight.add(recording.select(slice(position, position + length)))
         position += length
         hit = min(position, len(recording)) if report.alarm and hit is None else hit
-    change = report.change if report is not None else None
-    if hit is None or change is None:
-        return FollowedFlight(np.nan, "", False)
+    if hit is None:
+        return FollowedFlight(np.nan)
+    change = report.change if report is not None and kinds else None
+    if change is None:
+        return FollowedFlight(float(hit - onset))
     covered = change.low_s is not None and change.low_s <= INTERVAL_S * onset <= (change.high_s or 0.0)
     return FollowedFlight(float(hit - onset), change.kind, covered)
 
 
-def thresholds(monitor: Monitor, cases: list[tuple[str, str, float]]) -> tuple[float, dict[tuple[str, float], float]]:
-    """Those of the GLR, and of CUSUM for each change, that a share FALSE_ALARM of healthy flights reach."""
-    rng = np.random.default_rng(0)
-    alike = [
-        KnownResiduals.from_recording(monitor, flown(monitor, 9000 + k, "none", "", 0.0)[0])
-        for k in range(KINDS_OF_FLIGHTS)
-    ]
-    known = {(name, size) for _, name, size in cases}
-    most: list[float] = []
-    sums: dict[tuple[str, float], list[float]] = {change: [] for change in known}
-    for k in range(SIMULATED):
-        like = alike[k % KINDS_OF_FLIGHTS]
-        z = rng.standard_normal(like.z.shape)
-        most.append(float(glr(z, like.G).max()))
-        for change in known:
-            sums[change].append(float(cusum(z, like.shift(monitor, *change)).max()))
-    level = 1 - FALSE_ALARM
-    return float(np.quantile(most, level)), {c: float(np.quantile(x, level)) for c, x in sums.items()}
+@dataclass(frozen=True)
+class Thresholds:
+    """That of the GLR, and of CUSUM for each change, which a share FALSE_ALARM of healthy flights reach."""
+
+    glr: float
+    cusum: dict[tuple[str, float], float]
+
+    @staticmethod
+    def simulate(monitor: Monitor, cases: list[tuple[str, str, float]]) -> Thresholds:
+        rng = np.random.default_rng(0)
+        alike = [
+            KnownResiduals.from_recording(monitor, flown(monitor, 9000 + k, "none", "", 0.0)[0])
+            for k in range(KINDS_OF_FLIGHTS)
+        ]
+        shifts = [{(name, size): like.shift(monitor, name, size) for _, name, size in cases} for like in alike]
+        most: list[float] = []
+        sums: dict[tuple[str, float], list[float]] = {change: [] for change in shifts[0]}
+        for k in range(SIMULATED):
+            like = alike[k % KINDS_OF_FLIGHTS]
+            z = rng.standard_normal(like.z.shape)
+            most.append(float(glr(z, like.G).max()))
+            for change, shift in shifts[k % KINDS_OF_FLIGHTS].items():
+                sums[change].append(float(cusum(z, shift).max()))
+        level = 1 - FALSE_ALARM
+        return Thresholds(float(np.quantile(most, level)), {c: float(np.quantile(x, level)) for c, x in sums.items()})
+
+
+def rate(alarms: int, of: int) -> str:
+    """A count with the 95 % interval of its rate (C. J. Clopper, E. S. Pearson, Biometrika 26 (1934) 404–413)."""
+    low = beta.ppf(0.025, alarms, of - alarms + 1) if alarms else 0.0
+    high = beta.ppf(0.975, alarms + 1, of - alarms) if alarms < of else 1.0
+    return f"{alarms} of {of} ({100 * low:.1f}–{100 * high:.1f} %)"
+
+
+def ratio(later: np.ndarray, sooner: np.ndarray) -> str:
+    """Ratio of two mean delays (n,) of the same flights, with its standard error by the jackknife."""
+    n = len(later)
+    whole = later.sum() / sooner.sum()
+    without = (later.sum() - later) / (sooner.sum() - sooner)
+    error = np.sqrt((n - 1) / n * np.sum((without - without.mean()) ** 2))
+    return f"{whole:.2f} ± {error:.2f}"
 
 
 def print_flights(monitor: Monitor, options: argparse.Namespace, cases: list[tuple[str, str, float]]) -> None:
     """The table of flights."""
-    limit, limits = thresholds(monitor, cases)
-    print(
-        "| change | CUSUM | GLR | follow, each record | each 5 | over GLR | missed | early | reported as | onset held |"
-    )
-    print("|---|---|---|---|---|---|---|---|---|---|")
+    limits = Thresholds.simulate(monitor, cases)
+    extra = " reported as | onset held |" if options.kinds else ""
+    print(f"| change | CUSUM | GLR | follow | follow over GLR | missed | early | GLR early |{extra}")
+    print("|---" * (10 if options.kinds else 8) + "|")
+    seeds = range(options.seed, options.seed + options.flights)
     for law, name, size in cases:
-        rows, told = [], []
-        for seed in range(options.seed, options.seed + options.flights):
+        rows, found = [], []
+        for seed in seeds:
             recording, onset = flown(monitor, seed, law, name, size)
             known = KnownResiduals.from_recording(monitor, recording)
-            each, five = (follow(monitor, recording, onset, block) for block in (1, BLOCK))
-            by_sum = first_alarm(cusum(known.z, known.shift(monitor, name, size)), limits[name, size], onset)
-            rows.append((by_sum, first_alarm(glr(known.z, known.G), limit, onset), each.delay, five.delay))
-            told.append(each)
+            followed = follow(monitor, recording, onset, options.block, options.kinds)
+            by_sum = first_alarm(cusum(known.z, known.shift(monitor, name, size)), limits.cusum[name, size], onset)
+            path = glr(known.z, known.G)
+            early = bool(np.any(path[:onset] >= limits.glr))
+            rows.append((by_sum, np.nan if early else first_alarm(path, limits.glr, onset), followed.delay))
+            found.append(followed)
         delay = np.array(rows)
-        seen = delay[:, 2] > 0
+        seen = np.all(delay > 0, axis=1)
         early, missed = int(np.sum(delay[:, 2] <= 0)), int(np.isnan(delay[:, 2]).sum())
-        middle = np.nanmedian(np.where(delay > 0, delay, np.nan), axis=0)
-        kinds = Counter(each.kind for each, good in zip(told, seen, strict=True) if good)
+        kinds = Counter(each.kind for each, good in zip(found, seen, strict=True) if good)
+        held = sum(each.covered for each, good in zip(found, seen, strict=True) if good)
         words = ", ".join(f"{kind} {count}" for kind, count in kinds.most_common())
-        covered = sum(each.covered for each, good in zip(told, seen, strict=True) if good)
-        figures = " | ".join(f"{x:.0f}" for x in middle)
+        figures = " | ".join(f"{x:.1f}" for x in delay[seen].mean(axis=0))
+        extra = f" {words} | {held}/{int(seen.sum())} |" if options.kinds else ""
         print(
-            f"| {law} {name} {size:+g} | {figures} | {middle[2] / middle[1]:.2f} | {missed} | {early} | {words} "
-            f"| {covered}/{int(seen.sum())} |",
+            f"| {law} {name} {size:+g} | {figures} | {ratio(delay[seen, 2], delay[seen, 1])} | {missed} | {early} "
+            f"| {int(np.isnan(delay[:, 1]).sum())} |{extra}",
             flush=True,
         )
-    alarms = 0
+    if options.healthy:
+        print_healthy_flights(monitor, options, limits)
+
+
+def print_healthy_flights(monitor: Monitor, options: argparse.Namespace, limits: Thresholds) -> None:
+    """Rates of false alarms."""
+    by_glr, by_follow = 0, 0
     for seed in range(options.seed, options.seed + options.healthy):
         recording, _ = flown(monitor, seed + 500_000, "none", "", 0.0)
+        known = KnownResiduals.from_recording(monitor, recording)
+        by_glr += bool(glr(known.z, known.G).max() >= limits.glr)
         flight = FlightMonitor(monitor, ("", "", ""), FALSE_ALARM)
-        alarms += any(flight.add(recording.select(slice(i, i + BLOCK))).alarm for i in range(0, len(recording), BLOCK))
-    print(f"| none, {options.healthy} flights | | | | | | | {alarms} | | |")
+        parts = (recording.select(slice(i, i + BLOCK)) for i in range(0, len(recording), BLOCK))
+        by_follow += any(flight.add(part).alarm for part in parts)
+    rates = f"{rate(by_glr, options.healthy)} | {rate(by_follow, options.healthy)}"
+    print(f"| none: flights with an alarm | | {rates} | | | | |")
 
 
 def flight_sums(monitor: Monitor, flights: int) -> tuple[np.ndarray, np.ndarray]:
@@ -267,7 +314,7 @@ def drawn_history(
     if change is not None:
         law, name, size = change
         i = names.index(name)
-        course = t >= ONSET if law != "ramp" else np.maximum(t - ONSET + 1, 0) / (HISTORY - ONSET)
+        course = np.maximum(t - ONSET + 1, 0) / (HISTORY - ONSET) if law in ("ramp", "drift") else t >= ONSET
         theta[:, i] = size / at.unit[i] * course
     drawn = np.einsum("tde,te->td", root, rng.standard_normal((HISTORY, d)))
     known = np.einsum("tij,tj->ti", F[:, :p, :p], theta) + drawn[:, :p]
@@ -300,8 +347,8 @@ def print_histories(monitor: Monitor, options: argparse.Namespace, cases: list[t
 
     most = [float(path(*drawn_history(at, names, sums, rng, None)).max()) for _ in range(SIMULATED)]
     limit = float(np.quantile(most, 1 - FALSE_ALARM))
-    print(f"| change from flight {ONSET + 1} on | GLR | trend | 90 % | over GLR | missed | early |")
-    print("|---|---|---|---|---|---|---|")
+    print(f"| change from flight {ONSET + 1} on | GLR | trend | trend over GLR | missed | early |")
+    print("|---|---|---|---|---|---|")
     for case in cases:
         rows, early = [], 0
         for seed in range(options.seed, options.seed + options.flights):
@@ -310,18 +357,30 @@ def print_histories(monitor: Monitor, options: argparse.Namespace, cases: list[t
             rows.append((first_alarm(path(history, known), limit, ONSET), delay))
             early += before
         delay = np.array(rows)
-        middle, late = np.nanmedian(delay, axis=0), float(np.nanquantile(delay[:, 1], 0.9))
+        seen = np.isfinite(delay).all(axis=1)
+        figures = " | ".join(f"{x:.1f}" for x in delay[seen].mean(axis=0))
         print(
-            f"| {case[0]} {case[1]} {case[2]:+g} | {middle[0]:.0f} | {middle[1]:.0f} | {late:.0f} "
-            f"| {middle[1] / middle[0]:.2f} | {int(np.isnan(delay[:, 1]).sum())} | {early} |",
+            f"| {case[0]} {case[1]} {case[2]:+g} | {figures} | {ratio(delay[seen, 1], delay[seen, 0])} "
+            f"| {int(np.isnan(delay[:, 1]).sum())} | {early} |",
             flush=True,
+        )
+    by_glr, by_trend = 0, 0
+    for seed in range(options.seed, options.seed + options.healthy):
+        history, known = drawn_history(at, names, sums, np.random.default_rng([seed, 12]), None)
+        by_glr += bool(path(history, known).max() >= limit)
+        by_trend += any(judge_history(prefix(history, n)).changed for n in LOOKS)
+    if options.healthy:
+        print(
+            f"| none: histories called changed | {rate(by_glr, options.healthy)} | {rate(by_trend, options.healthy)} |"
         )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--flights", type=int, default=20, help="flights, and histories, per row")
-    parser.add_argument("--healthy", type=int, default=100, help="healthy flights")
+    parser.add_argument("--healthy", type=int, default=100, help="healthy flights, or histories")
+    parser.add_argument("--block", type=int, default=1, help="records of a block of follow after the onset")
+    parser.add_argument("--kinds", action="store_true", help="follow flights to their end, and show what is reported")
     parser.add_argument("--only", action="append", help="rows that hold this text; may be given several times")
     parser.add_argument("--seed", type=int, default=0, help="of the first flight of a row")
     parser.add_argument("--part", choices=("flights", "histories"), default="flights", help="which table")

@@ -20,7 +20,7 @@ from enginediag_cli.detection.sequential import (
     onset_chance,
 )
 from enginediag_cli.errors import DataError
-from enginediag_cli.history.follow import FlightMonitor, StepEvidence
+from enginediag_cli.history.follow import FlightMonitor, StepEvidence, overshoot_factor
 from enginediag_cli.history.hypotheses import SLAB_WEIGHTS, SLABS
 from enginediag_cli.parameters import unspecified
 from enginediag_cli.recordings.source import LONGEST_LINE, GrowingFile
@@ -84,17 +84,30 @@ def test_innovations_of_correlated_noise_are_white_also_across_chunks_and_gaps()
         assert abs(np.mean(x[1:] * x[:-1])) < 0.03  # four standard errors
 
 
-def process(alpha, k=2, a=3, m=2):
+@pytest.mark.parametrize("x", [0.3, 1.0, 3.0])
+def test_a_likelihood_ratio_exceeds_a_limit_by_the_stated_factor(x):
+    rng, limit, ratio = np.random.default_rng(7), 100.0, np.zeros(4000)
+    while (going := ratio < np.log(limit)).any():
+        ratio[going] += x**2 / 2 + x * rng.standard_normal(int(going.sum()))
+    share = limit * np.exp(-ratio)
+    error = share.std() / np.sqrt(len(share))
+    assert overshoot_factor(np.array([x]))[0] == pytest.approx(share.mean(), abs=4 * error + 0.01)
+
+
+def process(alpha, k=2, a=3, m=2, overshoot=False):
     health, sensors = (tuple(map(unspecified, names)) for names in ("abc"[:a], "xy"[:m]))
     coordinates = Coordinates(np.eye(k + a + m) * 2.0, k, health, sensors, np.full(a + m, 2.0))
-    return EProcess(coordinates, StepEvidence(coordinates.described), alpha)
+    evidence = StepEvidence(coordinates.described)
+    G = 2.0 * np.random.default_rng(0).standard_normal((50, a + m))
+    share = evidence.mean_overshoot(G[:, :, None] * G[:, None]) if overshoot else 1.0
+    return EProcess(coordinates, evidence, alpha, share)
 
 
-@pytest.mark.parametrize("noise", ["gaussian", "uniform"])
-def test_healthy_flights_alarm_no_more_often_than_stated_over_their_whole_length(noise):
+@pytest.mark.parametrize("noise, overshoot", [("gaussian", True), ("uniform", False)])
+def test_healthy_flights_alarm_no_more_often_than_stated_over_their_whole_length(noise, overshoot):
     rng, alarms, flights = np.random.default_rng(4), 0, 300
     for _ in range(flights):
-        watch, w = process(0.1), 2.0 * rng.standard_normal(2)  # as the coordinates' nuisance has it
+        watch, w = process(0.1, overshoot=overshoot), 2.0 * rng.standard_normal(2)  # nuisance as coordinates have it
         for block in range(25):
             G = rng.standard_normal((6, 1, 7))
             z = rng.standard_normal((6, 1)) if noise == "gaussian" else rng.uniform(-1, 1, (6, 1)) * np.sqrt(3)
