@@ -175,13 +175,25 @@ class Background:
 
     def project(self, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Scores b (K, p) and information M (K, p, p) of the courses g (K, T), of all parameters at once."""
+        b, N = self._project_scores(g)
+        p = N.shape[1]
+        return b, (g**2 @ self.F.reshape(len(self.F), p * p)).reshape(len(g), p, p) - N @ N.transpose(0, 2, 1)
+
+    def project_pairs(self, g: np.ndarray, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Scores b (K, p) of the courses g (K, T), and the elements (K, c) of their information M at `pairs` (2, c)."""
+        b, N = self._project_scores(g)
+        i, j = pairs
+        M = g**2 @ self.F[:, i, j]
+        for c, (first, second) in enumerate(zip(i, j, strict=True)):
+            M[:, c] -= np.einsum("kr,kr->k", N[:, first], N[:, second])
+        return b, M
+
+    def _project_scores(self, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Scores b (K, p) of the courses g (K, T), and N A⁻½ (K, p, r)."""
         _, whitened, w = self._root
         T, p, r = whitened.shape
-        K = len(g)
-        N = (g @ whitened.reshape(T, p * r)).reshape(K, p, r)
-        b = g @ self.s - N @ w
-        M = (g**2 @ self.F.reshape(T, p * p)).reshape(K, p, p) - N @ N.transpose(0, 2, 1)
-        return b, M
+        N = (g @ whitened.reshape(T, p * r)).reshape(len(g), p, r)
+        return g @ self.s - N @ w, N
 
     def single_flights(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Estimates and information (T, k) of the parameters `at` (k,), each alone and in each flight alone."""

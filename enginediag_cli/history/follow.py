@@ -36,6 +36,7 @@ from enginediag_cli.history.hypotheses import SLAB_WEIGHTS, SLABS, UNLISTED, lis
 from enginediag_cli.history.posterior import FEWEST_FLIGHTS, judge_history
 from enginediag_cli.intake.loader import ExcludedData, GrossCounts, RecordingLoader, follow_chunks
 from enginediag_cli.parameters import Parameter
+from enginediag_cli.probability import log_sum
 from enginediag_cli.recordings.repeated import StuckRun
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.gross_errors import FEWEST, UNRELATED, find_brief_departures
@@ -158,8 +159,8 @@ class StepEvidence:
         for suspect, log_prior in zip(self.suspects, self.log_prior, strict=True):
             own = np.array(suspect.positions)
             sizes = size_posterior(found.r[:, own], found.S[:, own[:, None], own], suspect)
-            parts.append(log_prior + np.logaddexp.reduce(sizes.log, axis=1))
-        return np.asarray(np.logaddexp.reduce(parts, axis=0))
+            parts.append(log_prior + log_sum(sizes.log, 1))
+        return log_sum(np.array(parts), 0)
 
     def mean_overshoot(self, information: np.ndarray) -> float:
         """ρ by the information (n, c, c) that n records, one by one, have on the changes."""

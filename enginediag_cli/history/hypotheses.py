@@ -30,12 +30,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.special import ndtr
 
 from enginediag_cli.history.background import Background, History
 from enginediag_cli.parameters import Parameter
+from enginediag_cli.probability import log_sum, normalized_weights
 
 FROM_START, STEP, RAMP, SATURATING, RAMP_HOLD = "from start", "step", "ramp", "saturating", "ramp, then steady"
 PULSE, ENDED, RAMP_ENDED, WASHED = "pulse", "saturating, ended", "ramp, ended", "growing, restored, growing"
@@ -448,48 +450,78 @@ class Event:
 
 @dataclass(frozen=True)
 class Sizes:
-    """Of one suspect for K shapes and L slabs: log Bayes factor (K, L), mean (K, L, q), covariance (K, L, q, q)."""
+    """Of one suspect for K shapes and L slabs: log Bayes factor (K, L), mean and variance (K, L, q)."""
 
     log: np.ndarray
     mean: np.ndarray
-    covariance: np.ndarray
+    variance: np.ndarray
 
 
 def size_posterior(b: np.ndarray, M: np.ndarray, suspect: Suspect) -> Sizes:
-    """Of scores b (K, q) and information M (K, q, q)."""
-    q = b.shape[1]
-    sigma = np.array(SLABS)
-    precision = M[:, None] + (sigma**-2)[:, None, None] * np.eye(q)
-    covariance = np.asarray(1 / precision if q == 1 else np.linalg.inv(precision))
-    log_det = np.log(precision[..., 0, 0]) if q == 1 else np.linalg.slogdet(precision)[1]
-    mean = np.einsum("klij,kj->kli", covariance, b)
-    log = 0.5 * np.einsum("kli,ki->kl", mean, b) - 0.5 * (log_det + 2 * q * np.log(sigma))
+    """Of scores b (K, q) and information M (K, q, q), along whose own directions the slabs are independent."""
+    sigma = np.array(SLABS)[:, None]
+    if b.shape[1] == 1:
+        value, along, U = M[:, :, 0], b, np.ones((1, 1, 1))
+    else:
+        value, U = np.linalg.eigh(M)
+        along = np.einsum("kij,ki->kj", U, b)
+    value = np.maximum(value, 0.0)[:, None]
+    spread = 1 / (value + sigma**-2)  # (K, L, q)
+    shift = spread * along[:, None]
+    log = 0.5 * np.sum(shift * along[:, None] - np.log1p(sigma**2 * value), axis=2)
+    back = U.transpose(0, 2, 1)
+    mean, variance = (shift, spread) if b.shape[1] == 1 else (shift @ back, spread @ back**2)
     for j, (way, against) in enumerate(zip(suspect.wear, suspect.against, strict=True)):
         if way:
-            p = ndtr(way * mean[..., j] / np.sqrt(covariance[..., j, j]))
+            p = ndtr(way * mean[..., j] / np.sqrt(variance[..., j]))
             log = log + np.log(2 * ((1 - against) * p + against * (1 - p)))
-    return Sizes(log + np.log(SLAB_WEIGHTS), mean, covariance)
+    return Sizes(log + np.log(SLAB_WEIGHTS), mean, variance)
+
+
+@dataclass(frozen=True)
+class InformationBlocks:
+    """Which elements of the information are needed: pairs (2, c) of positions, and place (p, p) of each of these among
+    the c, −1 of others."""
+
+    pairs: np.ndarray
+    place: np.ndarray
+
+    @staticmethod
+    def from_suspects(suspects: Sequence[Suspect], width: int) -> InformationBlocks:
+        """Those of the parameters that change together."""
+        used = np.zeros((width, width), bool)
+        for suspect in suspects:
+            used[np.ix_(suspect.positions, suspect.positions)] = True
+        pairs = np.stack(np.nonzero(np.triu(used)))
+        place = np.full((width, width), -1)
+        place[pairs[0], pairs[1]] = place[pairs[1], pairs[0]] = np.arange(pairs.shape[1])
+        return InformationBlocks(pairs, place)
+
+    def select(self, M: np.ndarray, rows: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """Information (n, q, q) of the parameters `own` (q,) at rows (n,) of M (K, c)."""
+        return M[rows[:, None, None], self.place[np.ix_(own, own)]]
 
 
 @dataclass(frozen=True)
 class Scan:
-    """The posterior over one more change: shapes (K), b (K, p), M (K, p, p), log (G, K): log prior probability times
-    Bayes factor of each suspect with each shape."""
+    """The posterior over one more change: shapes (K), b (K, p), M (K, c) by its blocks, log (G, K): log prior
+    probability times Bayes factor of each suspect with each shape."""
 
     shapes: ShapeTable
     suspects: tuple[Suspect, ...]
+    blocks: InformationBlocks
     b: np.ndarray
     M: np.ndarray
     log: np.ndarray
 
-    @property
+    @cached_property
     def log_odds(self) -> float:
         """That there is one more change, listed or not, against none."""
-        return float(np.logaddexp.reduce(self.log, axis=None))
+        return float(log_sum(self.log))
 
     def owners(self) -> dict[str, float]:
         """Log odds of each owner."""
-        each = np.logaddexp.reduce(self.log, axis=1)
+        each = log_sum(self.log, 1)
         found: dict[str, float] = {}
         for suspect, log in zip(self.suspects, each, strict=True):
             found[suspect.owner] = float(np.logaddexp(found.get(suspect.owner, -np.inf), log))
@@ -498,13 +530,13 @@ class Scan:
     def sizes(self, suspect: int, shapes: np.ndarray) -> Sizes:
         """Of one suspect, for some shapes."""
         own = np.array(self.suspects[suspect].positions)
-        b, M = self.b[np.ix_(shapes, own)], self.M[np.ix_(shapes, own, own)]
-        return size_posterior(b, M, self.suspects[suspect])
+        M = self.blocks.select(self.M, shapes, own)
+        return size_posterior(self.b[np.ix_(shapes, own)], M, self.suspects[suspect])
 
     def event(self, suspect: int, shape: int) -> Event:
         """One of the hypotheses with its likeliest size."""
         sizes = self.sizes(suspect, np.array([shape]))
-        share = np.exp(sizes.log[0] - np.logaddexp.reduce(sizes.log[0]))
+        share = normalized_weights(sizes.log[0])
         size = share @ sizes.mean[0]
         slab = float(max(SLABS[int(np.argmax(share))], np.abs(size).max()))
         return Event(self.suspects[suspect], self.shapes.select(np.array([shape])), size, slab)
@@ -523,6 +555,7 @@ def join_scans(one: Scan, kept: np.ndarray, other: Scan) -> Scan:
     return Scan(
         join_shapes([one.shapes.select(kept), other.shapes]),
         one.suspects,
+        one.blocks,
         np.concatenate([one.b[kept], other.b]),
         np.concatenate([one.M[kept], other.M]),
         np.concatenate([one.log[:, kept], other.log], axis=1),
@@ -539,20 +572,26 @@ class HypothesisSpace:
     shapes: ShapeTable
     owners: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
 
+    @cached_property
+    def blocks(self) -> InformationBlocks:
+        """Of the information, those that are needed."""
+        return InformationBlocks.from_suspects(self.suspects, self.history.width)
+
     def scan(self, background: Background) -> Scan:
         """The posterior over one more change before this background."""
-        b, M = background.project(self.shapes.values)
+        blocks = self.blocks
+        b, M = background.project_pairs(self.shapes.values, blocks.pairs)
         log = np.full((len(self.suspects), len(self.shapes)), -np.inf)
         plain = np.isin(self.shapes.kind, (KINDS.index(STEP), KINDS.index(RAMP)))
         for k, suspect in enumerate(self.suspects):
             rows = np.flatnonzero(plain if suspect.owner == UNLISTED else (self.owners < 0) | (self.owners == k))
             own = np.array(suspect.positions)
-            sizes = size_posterior(b[np.ix_(rows, own)], M[np.ix_(rows, own, own)], suspect)
+            sizes = size_posterior(b[np.ix_(rows, own)], blocks.select(M, rows, own), suspect)
             prior = suspect.log_prior + self.shapes.log_prior[int(suspect.instrument), rows]
             if suspect.owner == UNLISTED:
                 prior = prior - UNLISTED_SHAPES
-            log[k, rows] = prior + np.logaddexp.reduce(sizes.log, axis=1)
-        return Scan(self.shapes, self.suspects, b, M, log)
+            log[k, rows] = prior + log_sum(sizes.log, 1)
+        return Scan(self.shapes, self.suspects, blocks, b, M, log)
 
 
 def pattern_shapes(

@@ -101,7 +101,7 @@ def test_the_sign_of_wear_counts_as_its_share_of_the_integral() -> None:
     falls = size_posterior(b, M, Suspect((0,), "hpc", 0.0, False, (-1,), (0.05,)))
     rng = np.random.default_rng(0)
     for k in range(len(SLABS)):
-        draws = rng.normal(free.mean[0, k, 0], np.sqrt(free.covariance[0, k, 0, 0]), 200_000)
+        draws = rng.normal(free.mean[0, k, 0], np.sqrt(free.variance[0, k, 0]), 200_000)
         factor = np.mean(np.where(draws < 0, 2 * 0.95, 2 * 0.05))
         assert falls.log[0, k] - free.log[0, k] == pytest.approx(np.log(factor), abs=0.02)
 
