@@ -30,10 +30,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import gammaln, ndtr
 
 from enginediag_cli.history.background import Background, History
 from enginediag_cli.parameters import Parameter
@@ -278,7 +278,7 @@ def _ends(T: int, maintenance: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
 
 def open_cells(shapes: ShapeTable, rows: np.ndarray, T: int, maintenance: Sequence[int] = ()) -> ShapeTable:
     """The parts of the cells of the shapes `rows`."""
-    parts = []
+    parts: dict[str, list[np.ndarray]] = {}
     for k in rows:
         name = KINDS[shapes.kind[k]]
         n, e = (int(c) for c in shapes.cell[k])
@@ -288,13 +288,16 @@ def open_cells(shapes: ShapeTable, rows: np.ndarray, T: int, maintenance: Sequen
         if name in WITH_END:
             stop = int(shapes.end[k]) - e // 2
             end, end_size = _cells(stop, stop + e - 1, PARTS)
-        i, j = (x.ravel() for x in np.meshgrid(np.arange(len(onset)), np.arange(len(end)), indexing="ij"))
-        fits = end[j] > onset[i]
-        i, j = i[fits], j[fits]
-        cell = np.column_stack([onset_size[i], end_size[j]])
-        scale, kept = np.full(len(i), shapes.scale[k]), np.full(len(i), shapes.kept[k])
-        parts.append(build_shapes(name, onset[i], end[j], scale, cell, T, maintenance, kept))
-    return join_shapes(parts)
+        i, j = np.nonzero(end > onset[:, None])
+        same = np.ones(len(i))
+        row = (onset[i], end[j], onset_size[i], end_size[j], shapes.scale[k] * same, shapes.kept[k] * same)
+        parts.setdefault(name, []).append(np.stack(row))
+    found = []
+    for name, columns in parts.items():
+        onset, end, onset_size, end_size, scale, kept = np.concatenate(columns, axis=1)
+        cell = np.column_stack([onset_size, end_size]).astype(int)
+        found.append(build_shapes(name, onset.astype(int), end.astype(int), scale, cell, T, maintenance, kept))
+    return join_shapes(found)
 
 
 def neighbours(shapes: ShapeTable, rows: np.ndarray, T: int, maintenance: Sequence[int] = ()) -> ShapeTable | None:
@@ -458,48 +461,82 @@ class Sizes:
 
 
 def size_posterior(b: np.ndarray, M: np.ndarray, suspect: Suspect) -> Sizes:
-    """Of scores b (K, q) and information M (K, q, q), along whose own directions the slabs are independent."""
-    sigma = np.array(SLABS)[:, None]
-    if b.shape[1] == 1:
-        value, along, U = M[:, :, 0], b, np.ones((1, 1, 1))
+    """Of scores b (K, q) and information M (K, q, q)."""
+    return _slab_posterior(b, M, np.array(suspect.wear), np.array(suspect.against))
+
+
+def _slab_posterior(b: np.ndarray, M: np.ndarray, wear: np.ndarray, against: np.ndarray) -> Sizes:
+    """Of scores b (…, q) and information M (…, q, q), along whose own directions the slabs are independent; wear,
+    against (…, q): of a suspect, or of several along the last axis but one of b."""
+    sigma, alone = np.array(SLABS)[:, None], b.shape[-1] == 1
+    if alone:
+        value, along = M[..., 0], b
     else:
         value, U = np.linalg.eigh(M)
-        along = np.einsum("kij,ki->kj", U, b)
-    value = np.maximum(value, 0.0)[:, None]
-    spread = 1 / (value + sigma**-2)  # (K, L, q)
-    shift = spread * along[:, None]
-    log = 0.5 * np.sum(shift * along[:, None] - np.log1p(sigma**2 * value), axis=2)
-    back = U.transpose(0, 2, 1)
-    mean, variance = (shift, spread) if b.shape[1] == 1 else (shift @ back, spread @ back**2)
-    for j, (way, against) in enumerate(zip(suspect.wear, suspect.against, strict=True)):
-        if way:
-            p = ndtr(way * mean[..., j] / np.sqrt(variance[..., j]))
-            log = log + np.log(2 * ((1 - against) * p + against * (1 - p)))
+        along = (b[..., None, :] @ U)[..., 0, :]
+    value = np.maximum(value, 0.0)[..., None, :]
+    spread = 1 / (value + sigma**-2)  # (…, L, q)
+    shift = spread * along[..., None, :]
+    log = 0.5 * np.sum(shift * along[..., None, :] - np.log1p(sigma**2 * value), axis=-1)
+    mean, variance = shift, spread
+    if not alone:
+        back = np.swapaxes(U, -1, -2)
+        mean, variance = shift @ back, spread @ back**2
+    if wear.any():
+        p = ndtr(wear[..., None, :] * mean / np.sqrt(variance))
+        other = against[..., None, :]
+        log += np.log(2 * (other + (1 - 2 * other) * p)).sum(axis=-1)
     return Sizes(log + np.log(SLAB_WEIGHTS), mean, variance)
 
 
 @dataclass(frozen=True)
+class SuspectGroup:
+    """Suspects number `rows` (G,) with as many parameters each, all with a way of wear or none: their positions, wear
+    and against (G, q), log prior (G,), and whether each is an instrument (G,); unlisted: it is what is not listed."""
+
+    rows: np.ndarray
+    positions: np.ndarray
+    wear: np.ndarray
+    against: np.ndarray
+    log_prior: np.ndarray
+    instrument: np.ndarray
+    unlisted: bool
+
+
+@dataclass(frozen=True)
 class InformationBlocks:
-    """Which elements of the information are needed: pairs (2, c) of positions, and place (p, p) of each of these among
-    the c, −1 of others."""
+    """Which elements of the information suspects need: pairs (2, c) of positions, and place (p, p) of each of these
+    among the c, −1 of others; groups of suspects that are looked at together."""
 
     pairs: np.ndarray
     place: np.ndarray
+    groups: tuple[SuspectGroup, ...]
 
     @staticmethod
-    def from_suspects(suspects: Sequence[Suspect], width: int) -> InformationBlocks:
+    @lru_cache(maxsize=16)
+    def from_suspects(suspects: tuple[Suspect, ...], width: int) -> InformationBlocks:
         """Those of the parameters that change together."""
         used = np.zeros((width, width), bool)
-        for suspect in suspects:
+        members: dict[tuple[int, bool, bool], list[int]] = {}
+        for k, suspect in enumerate(suspects):
             used[np.ix_(suspect.positions, suspect.positions)] = True
+            key = len(suspect.positions), suspect.owner == UNLISTED, any(suspect.wear)
+            members.setdefault(key, []).append(k)
         pairs = np.stack(np.nonzero(np.triu(used)))
         place = np.full((width, width), -1)
         place[pairs[0], pairs[1]] = place[pairs[1], pairs[0]] = np.arange(pairs.shape[1])
-        return InformationBlocks(pairs, place)
+        groups = []
+        for (_, unlisted, _), rows in members.items():
+            own = [suspects[k] for k in rows]
+            table = (np.array([getattr(s, name) for s in own]) for name in ("positions", "wear", "against"))
+            prior = np.array([s.log_prior for s in own]) - unlisted * UNLISTED_SHAPES
+            kind = np.array([int(s.instrument) for s in own])
+            groups.append(SuspectGroup(np.array(rows), *table, prior, kind, unlisted))
+        return InformationBlocks(pairs, place, tuple(groups))
 
-    def select(self, M: np.ndarray, rows: np.ndarray, own: np.ndarray) -> np.ndarray:
-        """Information (n, q, q) of the parameters `own` (q,) at rows (n,) of M (K, c)."""
-        return M[rows[:, None, None], self.place[np.ix_(own, own)]]
+    def select(self, M: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """Information (n, …, q, q) of the parameters `own` (…, q), of M (n, c)."""
+        return np.asarray(M[:, self.place[own[..., :, None], own[..., None, :]]])
 
 
 @dataclass(frozen=True)
@@ -530,7 +567,7 @@ class Scan:
     def sizes(self, suspect: int, shapes: np.ndarray) -> Sizes:
         """Of one suspect, for some shapes."""
         own = np.array(self.suspects[suspect].positions)
-        M = self.blocks.select(self.M, shapes, own)
+        M = self.blocks.select(self.M[shapes], own)
         return size_posterior(self.b[np.ix_(shapes, own)], M, self.suspects[suspect])
 
     def event(self, suspect: int, shape: int) -> Event:
@@ -572,25 +609,20 @@ class HypothesisSpace:
     shapes: ShapeTable
     owners: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
 
-    @cached_property
-    def blocks(self) -> InformationBlocks:
-        """Of the information, those that are needed."""
-        return InformationBlocks.from_suspects(self.suspects, self.history.width)
-
     def scan(self, background: Background) -> Scan:
         """The posterior over one more change before this background."""
-        blocks = self.blocks
+        blocks = InformationBlocks.from_suspects(self.suspects, self.history.width)
         b, M = background.project_pairs(self.shapes.values, blocks.pairs)
         log = np.full((len(self.suspects), len(self.shapes)), -np.inf)
-        plain = np.isin(self.shapes.kind, (KINDS.index(STEP), KINDS.index(RAMP)))
-        for k, suspect in enumerate(self.suspects):
-            rows = np.flatnonzero(plain if suspect.owner == UNLISTED else (self.owners < 0) | (self.owners == k))
-            own = np.array(suspect.positions)
-            sizes = size_posterior(b[np.ix_(rows, own)], blocks.select(M, rows, own), suspect)
-            prior = suspect.log_prior + self.shapes.log_prior[int(suspect.instrument), rows]
-            if suspect.owner == UNLISTED:
-                prior = prior - UNLISTED_SHAPES
-            log[k, rows] = prior + log_sum(sizes.log, 1)
+        plain = np.flatnonzero(np.isin(self.shapes.kind, (KINDS.index(STEP), KINDS.index(RAMP))))
+        for group in blocks.groups:
+            rows = plain if group.unlisted else np.arange(len(self.shapes))
+            own = group.positions
+            sizes = _slab_posterior(b[rows][:, own], blocks.select(M[rows], own), group.wear, group.against)
+            prior = group.log_prior[:, None] + self.shapes.log_prior[group.instrument][:, rows]
+            log[np.ix_(group.rows, rows)] = prior + log_sum(sizes.log, -1).T
+        owned = self.owners >= 0
+        log[:, owned] = np.where(np.arange(len(log))[:, None] == self.owners[owned], log[:, owned], -np.inf)
         return Scan(self.shapes, self.suspects, blocks, b, M, log)
 
 
@@ -674,12 +706,12 @@ def _climb_pattern(g: np.ndarray, b: np.ndarray, K: np.ndarray) -> np.ndarray:
 
 def _log_markov(g: np.ndarray) -> np.ndarray:
     """Log prior (K,) of patterns g (K, T) of 0 and 1; −inf with fewer than two appearances."""
-    from scipy.special import betaln
-
     before, after = g[:, :-1], g[:, 1:]
     n01, n10 = np.sum((1 - before) * after, axis=1), np.sum(before * (1 - after), axis=1)
     n00, n11 = np.sum((1 - before) * (1 - after), axis=1), np.sum(before * after, axis=1)
-    log = betaln(n01 + 1, n00 + 1) + betaln(n10 + 1, n11 + 1) - np.log(2)
+    counts = np.stack([n01, n00, n01 + n00 + 1, n10, n11, n10 + n11 + 1]).astype(int)
+    factorial = gammaln(np.arange(g.shape[1] + 2) + 1.0)[counts]
+    log = np.array([1.0, 1.0, -1.0, 1.0, 1.0, -1.0]) @ factorial - np.log(2)
     return np.where(n01 + g[:, 0] >= 2, log, -np.inf)
 
 
