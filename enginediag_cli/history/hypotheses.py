@@ -528,10 +528,12 @@ class InformationBlocks:
         groups = []
         for (_, unlisted, _), rows in members.items():
             own = [suspects[k] for k in rows]
-            table = (np.array([getattr(s, name) for s in own]) for name in ("positions", "wear", "against"))
+            positions, wear, against = (
+                np.array([getattr(s, name) for s in own]) for name in ("positions", "wear", "against")
+            )
             prior = np.array([s.log_prior for s in own]) - unlisted * UNLISTED_SHAPES
             kind = np.array([int(s.instrument) for s in own])
-            groups.append(SuspectGroup(np.array(rows), *table, prior, kind, unlisted))
+            groups.append(SuspectGroup(np.array(rows), positions, wear, against, prior, kind, unlisted))
         return InformationBlocks(pairs, place, tuple(groups))
 
     def select(self, M: np.ndarray, own: np.ndarray) -> np.ndarray:
