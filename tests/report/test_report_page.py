@@ -209,7 +209,7 @@ def test_a_fleet_begins_with_how_many_changed_the_bound_and_where_to_begin(tmp_p
     assert "10 of 30 engines changed; 20 show no change." in text
     assert "at most 5 % are healthy on average" in text
     assert "Begin with ESN-1000: Inspect the HPC" in text
-    assert "120 (90 %: 80 to 200)" in text and "to no end in sight" in text
+    assert "120 flights (90 %: 80 to 200)" in text and "no end in sight (95 %: not before" in text
     assert "LPT efficiency: rose alike in most engines" in text
 
 
