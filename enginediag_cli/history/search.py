@@ -5,7 +5,8 @@ Which changes together: a beam over sets of events, with adding, exchanging and 
 An event that is accepted becomes part of the background, with its size free within its slab, and with what is in doubt
 about it, each by the amount that the data make likeliest:
 
-    effect    each sensor follows the event to a share of what the model says, and the event turns within its component
+    effect    the readings follow the event but for a share of the whole, in any of the directions that they tell apart,
+              and the event turns within its component: maps have slopes of their own
     course    the event may be off its course by 10 % of its size in smooth modes while it lasts; or by all of it from
               its onset on: then it has no shape that is listed, and is irregular
     end       what ended may have left something: 20 % of its size from there on
@@ -23,6 +24,7 @@ import numpy as np
 from scipy.special import expit
 
 from enginediag_cli.history.background import (
+    LEAST_INFORMATION,
     WANDER_MULTIPLES,
     WANDER_PRIOR,
     Background,
@@ -54,9 +56,9 @@ from enginediag_cli.history.hypotheses import (
 )
 from enginediag_cli.probability import normalized_weights
 
-EFFECT_DOUBTS = (0.01, 0.04, 0.15)
-"""Shares to which the effect of a change on each sensor may be known, alike in prior: a model that is right but linear
-about nominal, one whose maps are off by some per cent, and a change far beyond what was linearised."""
+EFFECT_DOUBTS = (0.02, 0.05, 0.12, 0.3)
+"""Shares to which the effect of a change on all readings may be known, alike in prior: a model that is right but linear
+about nominal, up to one whose maps have slopes of their own. Of maps whose shape is off by 1 % it is 0.05 to 0.4."""
 LEFT = 0.2
 """Share of an event's size that may be left after its end: no wash and no repair restores all."""
 SHAPE_DOUBT = 0.1
@@ -77,8 +79,6 @@ LIKELY = 0.5
 """Probability from which an event's course is taken to have no shape that is listed."""
 RIVAL = 10.0
 """Nats below the best beyond which another amount of wander, or another set of the beam, is not followed."""
-TINY = 1e-12
-"""Keeps a division by no information from failing."""
 
 
 @dataclass(frozen=True)
@@ -91,14 +91,13 @@ class EventSetFit:
 
 @dataclass(frozen=True)
 class HistorySearch:
-    """A history ready to be searched: background without events, hypotheses, effect (k, p) of each parameter on the
-    mean readings of sensors at positions `sensors` (k,)."""
+    """A history ready to be searched: background without events, hypotheses, and the positions (k,)
+    of the sensors' biases."""
 
     history: History
     background: Background
     space: HypothesisSpace
     sensors: np.ndarray
-    effect: np.ndarray
     _scans: dict[tuple[object, ...], Scan] = field(default_factory=dict, repr=False, compare=False)
 
     def event_columns(self, event: Event) -> tuple[np.ndarray, np.ndarray]:
@@ -115,14 +114,28 @@ class HistorySearch:
             parts.append(left)
         real = np.ones(sum(h.shape[2] for h in parts))
         if event.doubt:
-            at = [*self.sensors, *own]
-            follows = np.linalg.norm(self.effect[:, own] * event.size, axis=1)
-            turned = np.full(len(own), np.linalg.norm(event.size))
-            doubt = np.zeros((T, p, len(at)))
-            doubt[:, at, range(len(at))] = g[:, None] * event.doubt * np.concatenate([follows, turned])
-            parts.append(doubt)
-            real = np.concatenate([real, np.zeros(len(at))])
+            parts.append(self.effect_doubt(event))
+            real = np.concatenate([real, np.zeros(parts[-1].shape[2])])
         return np.concatenate(parts, axis=2), real
+
+    def effect_doubt(self, event: Event) -> np.ndarray:
+        """h (T, p, c): what the model may get wrong about the readings with this change, while it lasts. With M the
+        information on all parameters of its course and δ its size, of a share a
+
+            N(0, a² δᵀMδ / k · M⁻¹) in all k directions that the flights tell apart, and
+            N(0, a² |δ|² I) among its own parameters
+
+        so that the size is found with the weights of the noise, while what is smaller than the error and has the same
+        course is no further change."""
+        own = list(event.suspect.positions)
+        M = self.background.project(event.course[None])[1][0]
+        value, vector = np.linalg.eigh(M)
+        seen = value > LEAST_INFORMATION
+        visible = max(event.size @ M[np.ix_(own, own)] @ event.size, 0.0) / max(seen.sum(), 1)
+        turned = np.zeros((len(M), len(own)))
+        turned[own, range(len(own))] = np.linalg.norm(event.size)
+        wrong = np.concatenate([np.sqrt(visible / value[seen]) * vector[:, seen], turned], axis=1)
+        return np.asarray(event.doubt * event.course[:, None, None] * wrong)
 
     def shape_doubt(self, event: Event) -> np.ndarray:
         """h (T, p, c): modes while the event lasts, each of the parameters together; of an irregular one in full, from
@@ -246,10 +259,7 @@ def prepare_search(
     background = add_wander(nominal, history, multiple)
     shapes = coarse_shapes(len(history), history.maintenance)
     space = HypothesisSpace(history, tuple(suspects), shapes, np.full(len(shapes), -1))
-    S = history.sensors
-    total = history.information.sum(axis=0)
-    effect = np.linalg.pinv(total[S[:, None], S] + TINY * np.eye(len(S))) @ total[S, : history.width]
-    return HistorySearch(history, background, space, S, effect)
+    return HistorySearch(history, background, space, history.sensors)
 
 
 def find_events(search: HistorySearch, first: Scan) -> EventSetFit:

@@ -38,19 +38,9 @@
     return box;
   }
   function again() { drawn.forEach(function (_, figure) { draw(figure); }); }
-  function library() {
-    var packed = document.getElementById("library");
-    if (!packed || typeof DecompressionStream === "undefined") return Promise.resolve();
-    var bytes = Uint8Array.from(atob(packed.textContent), function (c) { return c.charCodeAt(0); });
-    var stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
-    return new Response(stream).text().then(function (text) {
-      var script = document.createElement("script");
-      script.textContent = text;
-      document.head.append(script);
-    });
-  }
-  library().then(function () {
-    if (typeof Bokeh === "undefined") return;
+  var figures = typeof Bokeh === "undefined" ? [] : Array.from(document.querySelectorAll("figure")).filter(
+    function (figure) { return figure.querySelector("script.plot"); });
+  if (figures.length) {
     Bokeh.set_log_level("error");
     var seen = new IntersectionObserver(function (entries) {
       entries.forEach(function (entry) {
@@ -59,11 +49,9 @@
         draw(entry.target);
       });
     }, {rootMargin: "300px"});
-    document.querySelectorAll("figure").forEach(function (figure) {
-      if (figure.querySelector("script.plot")) seen.observe(figure);
-    });
+    figures.forEach(function (figure) { seen.observe(figure); });
     dark.addEventListener("change", again);
-  });
+  }
   document.querySelectorAll(".scroll").forEach(function (box) {
     var rows = box.querySelectorAll("tbody tr");
     if (rows.length < LONG) return;

@@ -117,7 +117,7 @@ def _margin_words(e: FleetEngine) -> str:
     """What is left of the margin, and for how many flights."""
     now, left = e.margin.now_K, _remaining_words(e.margin.remaining_flights)
     words = [format_quantity(now.value, "K", (now.high - now.low) / 2)] if math.isfinite(now.value) else []
-    return "; ".join([*words, *([left] if left else [])]).replace("-", "−")
+    return "; ".join([*words, *([f"{left} flights"] if left else [])]).replace("-", "−")
 
 
 def _engine_findings(e: FleetEngine) -> str:
@@ -152,13 +152,11 @@ def _step(e: FleetEngine) -> str:
 
 
 def _remaining_words(left: IntervalEstimate) -> str:
-    """Flights to the limit with their 90 % interval, or before how many it is not reached."""
-    if not math.isfinite(left.low):
+    """Flights to the limit with their 90 % interval."""
+    if not math.isfinite(left.value):
         return ""
-    if not math.isfinite(left.high):
-        return f"no end in sight (95 %: not before {rounded(left.low, digits=2)} flights)"
-    within = f"90 %: {rounded(left.low, digits=2)} to {rounded(left.high, digits=2)}"
-    return f"{rounded(left.value, digits=2)} flights ({within})"
+    end = rounded(left.high, digits=2) if math.isfinite(left.high) else "no end in sight"
+    return f"{rounded(left.value, digits=2)} (90 %: {rounded(left.low, digits=2)} to {end})"
 
 
 def _size(h: ParameterHealth) -> str:

@@ -33,16 +33,8 @@ from enginediag_cli.report.plotting import (
     every,
 )
 from enginediag_cli.report.result_files import Order, Row, order_windows
-from enginediag_cli.report.sentences import capital, display_scale, maintained, rounded
-from enginediag_cli.report.tables.fleet import (
-    FLIGHT,
-    MAINTENANCE,
-    WHOLE,
-    available_words,
-    interval_columns,
-    margin_words,
-    remaining_words,
-)
+from enginediag_cli.report.sentences import display_scale, maintained, rounded
+from enginediag_cli.report.tables.fleet import FLIGHT, MAINTENANCE, WHOLE, interval_columns
 from enginediag_cli.units import split_column
 
 NAN = float("nan")
@@ -510,9 +502,12 @@ def margin_forecast(key: str, engine: MarginSource, marks: Sequence[EventMark] =
     left = m.remaining_flights
     if of_limit and m.now_K.value <= 0:
         caption = "The limit is passed."
-    elif of_limit and math.isfinite(left.low):
-        layers += _forecast(x[-1], m.now_K.value, left, len(x))
-        caption = f"{capital(remaining_words(left, 'to the limit'))}."
+    elif of_limit and math.isfinite(left.value):
+        layers += _forecast(x[-1], m.now_K.value, left.value, (left.low, left.high), len(x))
+        caption = (
+            f"Flights until the limit: {_flights_words(left.value)}, 90 % interval {_flights_words(left.low)} to "
+            f"{_flights_words(left.high)}."
+        )
     quantity = split_column(m.column)[0] or "temperature"
     words = f"{quantity} margin" if of_limit else f"{quantity} margin used"
     columns = chart_columns("flight", (words, "K"), ("95 % from", "K"), ("to", "K"))
@@ -535,11 +530,9 @@ def maintenance_marks(engine: MarginSource) -> list[EventMark]:
     return [EventMark(float(x.number), x.words) for x in engine.events if x.number]
 
 
-def _forecast(now: float, left_K: float, left: IntervalEstimate, flights: int) -> list[Layer]:
-    """Straight from the present margin to zero after so many flights, where it is reached; of each end of the interval
-    as well."""
-    reached = math.isfinite(left.high)
-    last = max(1.0, min(left.value if reached else left.low, AHEAD * flights))
+def _forecast(now: float, left_K: float, median: float, ends: tuple[float, float], flights: int) -> list[Layer]:
+    """Straight from the present margin to zero after so many flights; of each end of the interval as well."""
+    last = max(1.0, min(median, AHEAD * flights))
     steps = [last * k / 20 for k in range(21)]
 
     def after(flights_left: float) -> list[float]:
@@ -548,8 +541,14 @@ def _forecast(now: float, left_K: float, left: IntervalEstimate, flights: int) -
         return [left_K * (1.0 - s / max(flights_left, 1.0)) for s in steps]
 
     x = [now + s for s in steps]
-    band = Band("90 % of the forecast", x, after(left.low), after(left.high), 1)
-    return [band, *([Line("forecast", x, after(left.value), 1, dashed=True)] if reached else [])]
+    return [
+        Band("90 % of the forecast", x, after(ends[0]), after(ends[1]), 1),
+        Line("forecast", x, after(median), 1, dashed=True),
+    ]
+
+
+def _flights_words(flights: float) -> str:
+    return f"{flights:,.0f}" if math.isfinite(flights) else "no end in sight"
 
 
 @dataclass(frozen=True)
@@ -566,30 +565,11 @@ class MaintenanceGain:
 
 @dataclass(frozen=True)
 class OwnMargin:
-    """An engine's margin, flight by flight and as a whole, with its maintenance; available: power or thrust at the
-    limit, in words."""
+    """An engine's margin, flight by flight and as a whole, with its maintenance."""
 
     margin: MarginRecord
     by_flight: Sequence[FlightEvidence]
     events: Sequence[MaintenanceRecord]
-    available: str = ""
-
-    @property
-    def words(self) -> str:
-        """How far the turbine temperature is from its limit, and what the engine delivers there."""
-        sentences = filter(None, (margin_words(self.margin), self.available))
-        return " ".join(f"{capital(words)}." for words in sentences)
-
-    @property
-    def next_step(self) -> str:
-        """What is to be done where the limit is reached; "" where it is not."""
-        if not self.margin.now_K.value <= 0.0:
-            return ""
-        quantity = split_column(self.margin.column)[0]
-        return (
-            f"{quantity} reaches its limit: make sure that the limit is that of this condition, then derate the engine "
-            "or remove it from wing."
-        )
 
 
 def read_margin(rows: Sequence[Row]) -> OwnMargin | None:
@@ -607,16 +587,7 @@ def read_margin(rows: Sequence[Row]) -> OwnMargin | None:
         whole.text("reason"),
     )
     flights = [_flight(row) for row in rows if row.text("row") == FLIGHT]
-    return OwnMargin(m, flights, [found.event for found in read_maintenance(rows)], _available(whole))
-
-
-def _available(whole: Row) -> str:
-    """Power or thrust at the limit that binds, in words; "" where it is not known."""
-    for shaft, column in ((True, "power_available_kW"), (False, "thrust_available_N")):
-        size = estimate(whole, column)
-        if math.isfinite(size.value):
-            return available_words(shaft, size, estimate(whole, "available_change_percent"), whole.text("limited_by"))
-    return ""
+    return OwnMargin(m, flights, [found.event for found in read_maintenance(rows)])
 
 
 def read_maintenance(rows: Sequence[Row]) -> list[MaintenanceGain]:
