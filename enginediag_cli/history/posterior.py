@@ -487,8 +487,7 @@ def judge_again(
     return search, exchange(search, events), again
 
 
-def _owner_shares(scan: Scan) -> dict[str, float]:
-    owners = scan.owners()
+def _owner_shares(owners: Mapping[str, float]) -> dict[str, float]:
     weights = normalized_weights(np.array(list(owners.values())))
     named = sorted(zip(owners, weights.tolist(), strict=True), key=lambda item: -item[1])
     return {name: weight for name, weight in named if weight >= 1e-4}
@@ -500,7 +499,7 @@ def _inclusion(events: Sequence[ChangeEvent], more: Scan) -> dict[str, float]:
     for event in events:
         for name, share in event.suspects.items():
             missed[name] = missed.get(name, 1.0) * (1 - event.probability * share)
-    for name, share in _owner_shares(more).items():
+    for name, share in _owner_shares(more.owners()).items():
         missed[name] = missed.get(name, 1.0) * (1 - float(expit(more.log_odds)) * share)
     return {name: 1 - m for name, m in missed.items() if name != UNLISTED}
 
@@ -509,7 +508,7 @@ def describe_event(search: HistorySearch, event: Event, others: Sequence[Event])
     """One event from the posterior over it, the others given: whether and who; then how, since when and how much, with
     its course in doubt where the event is plain: no onset and no kind is known better than the course itself."""
     scan = search.scan(others)
-    suspects = _owner_shares(scan)
+    suspects = _owner_shares(search.owners(others))
     owner = next(iter(suspects))
     mine = _forms(scan, owner)
     going = event.kind == INTERMITTENT and scan.best_event(owner).kind == INTERMITTENT
