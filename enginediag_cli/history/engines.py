@@ -230,7 +230,8 @@ class HistoryWindows:
             except ValueError as error:
                 name = f"engine {window.engine}: " if window.engine else ""
                 raise DataError(f"{name}{error}") from None
-            meaning = {n: p for n, p in known.items() if n in statistics.monitored}
+            own = set(statistics.monitored)
+            meaning = {n: p for n, p in known.items() if n in own}
             yield replace(window, statistics=replace(drop_nuisance(statistics), meaning=meaning)), known
 
 
