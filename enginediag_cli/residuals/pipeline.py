@@ -58,9 +58,9 @@ BATCH_RECORDS = 3_000
 """Windows wait for each other until they hold this many records for each process. A window with more is a long one."""
 CALL_RECORDS = 2_000
 """Records of the windows that are re-linearised together: one call of the engine costs less than many, for five hundred
-records nearly as much as for two thousand, and more would hold sensitivities to a hundred parameters of each. A window holds the square of its p parameters, too,
-as much as p/m records of m readings. Which windows share a call decides on their last digits: it must not depend on how
-many processes there are."""
+records nearly as much as for two thousand, and more would hold sensitivities to a hundred parameters of each. A window
+holds the square of its p parameters, too, as much as p/m records of m readings. Which windows share a call decides on
+their last digits: it must not depend on how many processes there are."""
 FLOWN = 12
 """Records of a window by which it is known where it was flown: a climb and a cruise have their corners among them."""
 SETTLED = 0.2

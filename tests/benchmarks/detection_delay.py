@@ -13,8 +13,8 @@ over the flights in which all three have one after the onset, the ratio of follo
 flights that follow missed, in which it had an alarm before the onset, and in which the GLR did. With --kinds: the kind
 that is reported at the end, and in how many the onset lies in its 95 % interval. The thresholds of CUSUM and GLR are
 those of which 1 % of healthy flights have an alarm, by simulation; `--follow` states 1 %. --healthy: the alarms of
-GLR and of follow, after every five records, in the same healthy flights, with 95 % intervals of their rates. One record
-every 10 s.
+GLR and of follow, after every five records, in the same healthy flights, with 95 % intervals of their rates, and in a
+fifth as many in which one reading of a hundred is a gross error. One record every 10 s.
 
 Histories. Flights after the onset until `trend` says that something changed (`judge_history` of a growing history),
 beside a GLR that knows the nominal, on the same statistics, with an alarm in 1 % of healthy histories at any flight.
@@ -66,6 +66,8 @@ SENSORS = ("jump", "drift")
 """Laws of the error of a sensor; the others are of the engine. A ramp and a drift grow evenly to the end."""
 FALSE_ALARM, SIMULATED, KINDS_OF_FLIGHTS = 0.01, 600, 10
 """Share of healthy flights with an alarm; simulated ones that thresholds are taken from, and flights these are like."""
+SPIKES, SPIKE_SIGMAS = 0.01, 10.0
+"""Share of readings that are gross errors, and by how much, in standard deviations of their noise."""
 HISTORY, ONSET, SNAPSHOTS, LOOKS = 60, 20, 10, range(10, 61, 4)
 """Flights of a history, the number, from 0, of the first after a change, and records of a flight; flights after
 which healthy histories are looked at. A ramp ends with the history."""
@@ -264,17 +266,24 @@ def print_flights(monitor: Monitor, options: argparse.Namespace, cases: list[tup
 
 
 def print_healthy_flights(monitor: Monitor, options: argparse.Namespace, limits: Thresholds) -> None:
-    """Rates of false alarms."""
-    by_glr, by_follow = 0, 0
-    for seed in range(options.seed, options.seed + options.healthy):
-        recording, _ = flown(monitor, seed + 500_000, "none", "", 0.0)
-        known = KnownResiduals.from_recording(monitor, recording)
-        by_glr += bool(glr(known.z, known.G).max() >= limits.glr)
-        flight = FlightMonitor(monitor, ("", "", ""), FALSE_ALARM)
-        parts = (recording.select(slice(i, i + BLOCK)) for i in range(0, len(recording), BLOCK))
-        by_follow += any(flight.add(part).alarm for part in parts)
-    rates = f"{rate(by_glr, options.healthy)} | {rate(by_follow, options.healthy)}"
-    print(f"| none: flights with an alarm | | {rates} | | | | |")
+    """Rates of false alarms, of clean flights and of some with gross errors of single readings."""
+    for words, share, count in (("none", 0.0, options.healthy), ("none, spikes", SPIKES, options.healthy // 5)):
+        by_glr, by_follow = 0, 0
+        for seed in range(options.seed, options.seed + count):
+            recording, _ = flown(monitor, seed + 500_000, "none", "", 0.0)
+            rng = np.random.default_rng([seed, 13])
+            for column, sigma in zip(monitor.sensors, noise_sigma(monitor), strict=True):
+                wrong = rng.random(len(recording)) < share
+                recording.columns[column][wrong] += SPIKE_SIGMAS * sigma * rng.choice((-1, 1), int(wrong.sum()))
+            known = KnownResiduals.from_recording(monitor, recording)
+            by_glr += bool(glr(known.z, known.G).max() >= limits.glr)
+            flight = FlightMonitor(monitor, ("", "", ""), FALSE_ALARM)
+            parts = (recording.select(slice(i, i + BLOCK)) for i in range(0, len(recording), BLOCK))
+            by_follow += any(flight.add(part).alarm for part in parts)
+        print(
+            f"| {words}: flights with an alarm | | {rate(by_glr, count)} | {rate(by_follow, count)} | | | | |",
+            flush=True,
+        )
 
 
 def flight_sums(monitor: Monitor, flights: int) -> tuple[np.ndarray, np.ndarray]:
