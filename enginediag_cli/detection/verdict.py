@@ -42,11 +42,12 @@ import numpy as np
 from enginediag_cli.config.fields import near
 from enginediag_cli.errors import DataError
 from enginediag_cli.parameters import Parameter
+from enginediag_cli.probability import chdtrc, chdtri, fdtrc, fdtri, noncentrality_for_power
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.gross_gate import input_effects
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import window_statistics
-from enginediag_cli.residuals.score import Score, chdtrc, chdtri, fdtrc, fdtri, fisher_score, noncentrality_for_power
+from enginediag_cli.residuals.score import Score, fisher_score
 from enginediag_cli.residuals.statistics import LocalStatistics, range_space
 from enginediag_cli.residuals.windows import WindowPlan, WindowStatistics
 

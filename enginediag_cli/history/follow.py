@@ -34,16 +34,15 @@ from enginediag_cli.history.background import LEAST_INFORMATION, History, inner
 from enginediag_cli.history.engines import CANNOT_TELL, EPOCHS, UNLIKELY, EngineTrend
 from enginediag_cli.history.hypotheses import SLAB_WEIGHTS, SLABS, UNLISTED, list_suspects, size_posterior
 from enginediag_cli.history.posterior import FEWEST_FLIGHTS, judge_history
+from enginediag_cli.identification.gross_errors import FEWEST, UNRELATED, find_brief_departures
 from enginediag_cli.intake.loader import ExcludedData, GrossCounts, RecordingLoader, follow_chunks
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.probability import log_sum
+from enginediag_cli.probability import chdtrc
 from enginediag_cli.recordings.repeated import StuckRun
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.gross_errors import FEWEST, UNRELATED, find_brief_departures
 from enginediag_cli.residuals.gross_gate import CleanBlocks, LiveGate, LiveRecords, input_effects
 from enginediag_cli.residuals.instruments import InstrumentFault
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.score import chdtrc
 from enginediag_cli.residuals.windows import Extrapolation, Key, Timeline, group_rows, select_inputs
 from enginediag_cli.units import split_column
 

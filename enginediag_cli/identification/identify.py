@@ -332,7 +332,8 @@ def identify(
         other, predicted = predict_held_out(problem, fit, held_out, replace(settings, sensors=problem.sensors))
         sigma = noise.sigma[[problem.sensors.index(s) for s in other.sensors]]
         held_quality = sensor_quality(other.sensors, other.measured - predicted, predicted, sigma, other.regimes)
-    ok = fit.equations.ok if fit.equations.ok.any() else slice(None)
+    flown = fit.equations.ok & np.isfinite(problem.measured).any(axis=1)  # a wrong input is no place it was flown at
+    ok = flown if flown.any() else slice(None)
     return Identification(
         converged,
         reason,

@@ -129,14 +129,6 @@ Gaussian readings are clipped."""
 GAUSSIAN_MEAN = 0.9775
 """E min(z², CLIP²) for a standard normal z: 1 − 2(cφ(c) + Q(c)) + 2c²Q(c)."""
 
-GROSS, AROUND, NOISE_MOSTLY = 4.5, 15, 0.1
-"""Standard deviations beyond which a reading belongs neither to the model nor to the running median of so many readings
-around it; 7 in a million of Gaussian noise do. Of a sensor of which more than this share does, the model is wrong."""
-FEWEST = 8
-"""Records of a recording from which a reading can be seen not to belong: of fewer, several may be wrong."""
-STRETCH = 20_000
-"""Records whose neighbours are sorted at once, which bounds memory."""
-
 MAX_RHO = 0.98
 """Beyond this the recording is one reading, not many, and κ says nothing any more."""
 
@@ -232,45 +224,6 @@ def estimate_noise(residual: np.ndarray, gap: np.ndarray, lost: np.ndarray, floo
         rho_common,
         excess_kurtosis(np.where(pairs, e[1:] - rho * e[:-1], np.nan) if np.any(rho) else np.where(inside, e, np.nan)),
     )
-
-
-def gross_readings(residual: np.ndarray, recording: np.ndarray) -> np.ndarray:
-    """Which residuals (N, m) of records of `recording` (N,) are gross errors: no noise, and nothing to fit.
-
-    A reading is one iff both it and its distance from the running median of its sensor lie beyond GROSS of their own
-    scale, 1.4826 times the median of their amounts; all of a record are where half of them are, as when an input is
-    wrong. What lasts longer than half of AROUND moves the median, and stays.
-    """
-    away, long = np.full(residual.shape, np.nan), np.zeros(len(residual), bool)
-    for r in np.unique(recording):
-        own = np.flatnonzero(recording == r)
-        if len(own) >= FEWEST:
-            long[own] = True
-            for part in np.array_split(own, len(own) // STRETCH + 1):
-                away[part] = residual[part] - _running_median(residual[part])
-    with np.errstate(invalid="ignore"):
-        found = [np.abs(x) > GROSS * 1.4826 * _nan_median(np.abs(x[long])) for x in (residual, away)]
-    gross = found[0] & found[1] & long[:, None]
-    there = np.isfinite(residual)
-    gross &= gross.sum(axis=0) <= NOISE_MOSTLY * there.sum(axis=0)
-    half = gross.sum(axis=1) >= np.maximum(0.5 * there.sum(axis=1), 2)
-    return np.asarray((gross | half[:, None]) & there)
-
-
-def _running_median(x: np.ndarray) -> np.ndarray:
-    """Median (n, m) of AROUND values about each of x (n, m), fewer at the ends, without NaN."""
-    padded = np.pad(x, ((AROUND // 2, AROUND // 2), (0, 0)), constant_values=np.nan)
-    return _nan_median(np.lib.stride_tricks.sliding_window_view(padded, AROUND, axis=0), axis=-1)
-
-
-def _nan_median(x: np.ndarray, axis: int = 0) -> np.ndarray:
-    """Median along an axis, without NaN; NaN where there is nothing else."""
-    if not x.shape[axis]:
-        return np.full(np.delete(x.shape, axis), np.nan)
-    ordered, n = np.sort(x, axis=axis), np.isfinite(x).sum(axis=axis, keepdims=True)
-    ends = [np.take_along_axis(ordered, np.maximum(k, 0), axis) for k in ((n - 1) // 2, n // 2)]
-    ends[1] = np.where(n // 2 < x.shape[axis], ends[1], np.nan)
-    return np.asarray(np.where(n > 0, 0.5 * (ends[0] + ends[1]), np.nan).squeeze(axis))
 
 
 def _shrink(

@@ -13,7 +13,7 @@ they have, and the parameters get the uncertainty that comes of it (`consider_ma
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
@@ -36,6 +36,15 @@ from enginediag_cli.identification.gauss_newton import (
     resume_equations,
     solve,
 )
+from enginediag_cli.identification.gross_errors import (
+    BLOCK,
+    HALO,
+    LEAST,
+    GrossErrors,
+    ResidualStretch,
+    find_gross_errors,
+    may_have_gross_errors,
+)
 from enginediag_cli.identification.instruments import SETTLED as OFFSETS_SETTLED
 from enginediag_cli.identification.instruments import add_size_uncertainties, initial_offsets, resize_offsets
 from enginediag_cli.identification.map_error import SETTLED as SIZES_SETTLED
@@ -47,15 +56,15 @@ from enginediag_cli.identification.map_error import (
     is_without_clock,
     misfit_inflation,
     resize_errors,
+    restrict_map_range,
 )
 from enginediag_cli.identification.noise import (
     NoiseEstimate,
     estimate_noise,
-    gross_readings,
     initial_noise,
     quantisation_sigma,
 )
-from enginediag_cli.identification.normal_equations import normal_equations, predict
+from enginediag_cli.identification.normal_equations import blocks, normal_equations, predict
 from enginediag_cli.identification.problem import IdentificationProblem, IdentificationSettings, OffsetPrior
 from enginediag_cli.progress import each
 
@@ -68,7 +77,8 @@ NOISE_KNOWN = 0.15
 """The same after the last pass: a standard deviation from twenty independent readings is no better known."""
 
 GROSS_PASSES = 2
-"""Passes after which gross errors are sought among all readings: the first fit is bent by them, the second is not."""
+"""Passes after which gross errors are sought among all readings: the first fit is bent by those of sensors, the second
+is not."""
 SIGMA_FLOOR = 0.2
 """Estimated noise is never below this share of what the sensor states."""
 
@@ -124,9 +134,11 @@ def fit_and_noise(problem: IdentificationProblem, settings: IdentificationSettin
     start = (np.zeros(len(problem.parameters)), initial_offsets(problem, described))
     problem, noise = _add_initial_noise(problem, described, start, estimated)
     rho = noise.rho1
+    as_read, gross = problem.measured, np.zeros(problem.measured.shape, bool)
+    if problem.loss.robust:
+        problem = _exclude_wrong_inputs(problem, start)
     lent, kept = derivative_modes(problem)
     fit: Fit | None = None
-    as_read, gross = problem.measured, np.zeros(problem.measured.shape, bool)
     steps, settled = 0, False
     for number in each(range(1, NOISE_PASSES + 1), "identifying, passes of fit and noise"):
         fit = solve(
@@ -141,7 +153,7 @@ def fit_and_noise(problem: IdentificationProblem, settings: IdentificationSettin
         # noise, sizes and fit feed back on each other; ever shorter steps end a swing between two states
         damping = max(1.0 / max(number - UNDAMPED_PASSES + 1, 1), LEAST_SHARE)
         if number <= GROSS_PASSES and problem.loss.robust:
-            problem, fit, gross = _exclude_gross_errors(problem, fit, as_read)
+            problem, fit, gross = _exclude_gross_errors(problem, fit, as_read, floor)
         if problem.offsets and number == 1:
             # offsets take the more of noise the longer it remembers: from above that would confirm itself, up to ρ = 1
             plain = estimate_noise(fit.equations.residual, problem.gap, np.zeros(len(rho)), floor)
@@ -192,11 +204,102 @@ def _add_initial_noise(
     return problem.replace_noise(problem.sigma, *tempering), noise
 
 
+@dataclass(frozen=True)
+class _Judged:
+    """What readings are judged by: the place (x, z) of the engine, what is `predicted` there (N, m), readings as they
+    were read (N, m), and noise, sigma and rho (m,). fitted: whether the place is that of a fit; before one, a recording
+    may be of any engine that its priors allow."""
+
+    problem: IdentificationProblem
+    place: tuple[np.ndarray, np.ndarray]
+    predicted: np.ndarray
+    as_read: np.ndarray
+    sigma: np.ndarray
+    rho: np.ndarray
+    fitted: bool
+
+    def gross_errors(self) -> Iterator[tuple[np.ndarray, GrossErrors]]:
+        """Rows (n,) of consecutive records, and the gross errors among them, where there may be any."""
+        z, level = (np.asarray(y / self.sigma) for y in (self.as_read - self.predicted, self.predicted))
+        waiting: list[tuple[np.ndarray, np.ndarray]] = []
+        for rows, own in _stretches(self.problem.recording, np.isfinite(z).any(axis=1)):
+            if may_have_gross_errors(z[rows], np.nan_to_num(level[rows]), self.rho):
+                waiting.append((rows, own))
+            if sum(len(rows) for rows, _ in waiting) >= BLOCK:
+                yield from self._judge(waiting, z, level)
+                waiting = []
+        yield from self._judge(waiting, z, level)
+
+    def _judge(
+        self, stretches: Sequence[tuple[np.ndarray, np.ndarray]], z: np.ndarray, level: np.ndarray
+    ) -> Iterator[tuple[np.ndarray, GrossErrors]]:
+        problem, m = self.problem, len(self.sigma)
+        taken = np.isin(np.arange(len(z)), np.concatenate([rows for rows, _ in stretches] or [np.zeros(0, int)]))
+        J = np.zeros((int(taken.sum()), m, 0))
+        if not self.fitted and taken.any():
+            J = np.concatenate([b.jacobian for b in blocks(problem.select(taken), *self.place)])
+        place = np.cumsum(taken) - 1
+        for rows, own in stretches:
+            lags = np.maximum(np.round(np.diff(problem.position[rows], prepend=-np.inf)), 1.0)
+            stretch = ResidualStretch(
+                z[rows],
+                J[place[rows]] / self.sigma[:, None],
+                np.nan_to_num(level[rows]),
+                lags,
+                problem.time[rows],
+                np.eye(J.shape[2]),
+                self.rho,
+                partial(self._input_effects, rows),
+            )
+            found = find_gross_errors(stretch, events=True)
+            yield rows[own], found.select(own)
+
+    def _input_effects(self, rows: np.ndarray, some: np.ndarray) -> np.ndarray:
+        """What an error of each input does to the readings of some records, over their noise: (n, m, q)."""
+        problem = self.problem
+        here = {c: v[rows[some]] for c, v in problem.inputs.items()}
+        theta = problem.to_physical(self.place[0])
+        found = problem.model.predict(here, theta, sensors=problem.sensors, wrt=problem.model.inputs)
+        return np.asarray(found.jacobian) / self.sigma[:, None]
+
+
+def _stretches(recording: np.ndarray, judged: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Rows (n,) of consecutive records of one recording (N,) that are `judged` (N,), and which of them (n,) are to be
+    judged, the others being context. Of a recording of fewer than `LEAST` nobody can say which reading is wrong."""
+    for r in np.unique(recording):
+        mine = np.flatnonzero((recording == r) & judged)
+        for first in range(0, len(mine) if len(mine) >= LEAST else 0, BLOCK):
+            rows = mine[max(0, first - HALO) : first + BLOCK + HALO]
+            yield rows, np.isin(rows, mine[first : first + BLOCK])
+
+
+def _exclude_wrong_inputs(
+    problem: IdentificationProblem, start: tuple[np.ndarray, np.ndarray]
+) -> IdentificationProblem:
+    """The problem without the readings of records an input of which is wrong, judged before a fit: where the engine is
+    far from where it was flown, neither predictions nor derivatives mean anything, and no weight keeps them from
+    bending it. Maps are then known to be wrong over the range of the other records."""
+    predicted, nothing = predict(problem, *start)[0], np.zeros(len(problem.sigma))
+    judged = _Judged(problem, start, predicted, problem.measured, problem.sigma, nothing, False)
+    wrong = np.zeros(len(problem.recording), bool)
+    for rows, found in judged.gross_errors():
+        wrong[rows] = found.records
+    if not wrong.any():
+        return problem
+    measured = np.where(wrong[:, None], np.nan, problem.measured)
+    return restrict_map_range(replace(problem, measured=measured), ~wrong)
+
+
 def _exclude_gross_errors(
-    problem: IdentificationProblem, fit: Fit, as_read: np.ndarray
+    problem: IdentificationProblem, fit: Fit, as_read: np.ndarray, floor: np.ndarray
 ) -> tuple[IdentificationProblem, Fit, np.ndarray]:
     """Problem and fit without gross errors among all readings (N, m), and which readings are such, (N, m)."""
-    gross = gross_readings((as_read - fit.equations.predicted) / problem.sigma, problem.recording)
+    gross, predicted = np.zeros(as_read.shape, bool), fit.equations.predicted
+    noise = estimate_noise(as_read - predicted, problem.gap, np.zeros(len(floor)), floor)
+    judged = _Judged(problem, (fit.x, fit.z), predicted, as_read, noise.sigma, noise.rho1, True)
+    for rows, found in judged.gross_errors():
+        gross[rows] = found.readings & ~found.dead | found.records[:, None]
+    gross &= np.isfinite(as_read)
     problem = replace(problem, measured=np.where(gross, np.nan, as_read))
     equations = normal_equations(problem, fit.x, fit.z, fit.equations.prediction)
     return problem, replace(fit, equations=equations), gross

@@ -41,7 +41,7 @@ from enginediag_cli.engine.declaration import IDENTIFICATION, LOSSES
 from enginediag_cli.engine.recall import MOMENT, UNKNOWN_PAST
 from enginediag_cli.engine.wrapped import Model
 from enginediag_cli.errors import DataError
-from enginediag_cli.identification.noise import record_gaps, record_positions
+from enginediag_cli.identification.noise import TIME, record_gaps, record_positions
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.units import split_column
@@ -182,6 +182,7 @@ class IdentificationProblem:
     recording: np.ndarray  # (N,) index into labels, not decreasing
     labels: tuple[str, ...]
     position: np.ndarray  # (N,) steps since the first record of its recording, see `noise.py`
+    time: np.ndarray  # (N,) in s, NaN where unknown
     regimes: np.ndarray  # (N,) text
     offsets: tuple[OffsetPrior, ...]
     loss: Loss
@@ -217,6 +218,7 @@ class IdentificationProblem:
             measured=self.measured[keep],
             recording=self.recording[keep],
             position=self.position[keep],
+            time=self.time[keep],
             regimes=self.regimes[keep],
         )
 
@@ -280,6 +282,7 @@ def build_problem(
         stacked.recording,
         tuple(r.label for r in recordings),
         stacked.position,
+        stacked.time,
         stacked.regimes,
         _offsets((*sensors, *model.inputs), settings),
         Loss(settings.loss, settings.loss_scale),
@@ -355,6 +358,7 @@ class _Stack(NamedTuple):
     measured: np.ndarray
     recording: np.ndarray
     position: np.ndarray
+    time: np.ndarray
     regimes: np.ndarray
     dropped: dict[str, int]
 
@@ -365,7 +369,7 @@ def _stack(model: Model, recordings: Sequence[TrainingRecording], sensors: tuple
     if any(MOMENT in item.columns for item in recordings):  # what lags is seen by those without memory, too
         optional |= UNKNOWN_PAST
     inputs: dict[str, list[np.ndarray]] = {c: [] for c in (*model.inputs, *optional)}
-    measured, recording, positions, regimes = [], [], [], []
+    measured, recording, positions, times, regimes = [], [], [], [], []
     for index, item in enumerate(recordings):
         missing = [c for c in model.inputs if c not in item.columns]
         if missing:
@@ -391,6 +395,7 @@ def _stack(model: Model, recordings: Sequence[TrainingRecording], sensors: tuple
         measured.append(y[keep])
         recording.append(np.full(int(keep.sum()), index))
         positions.append(record_positions(item.columns, model.inputs, n)[keep])
+        times.append(np.asarray(item.columns.get(TIME, np.full(n, np.nan)), float)[keep])
         labels = np.full(n, "all") if item.regimes is None else np.asarray(item.regimes).astype(str)
         regimes.append(labels[keep])
     if not sum(map(len, measured)):
@@ -402,6 +407,7 @@ def _stack(model: Model, recordings: Sequence[TrainingRecording], sensors: tuple
         np.concatenate(measured),
         np.concatenate(recording),
         np.concatenate(positions),
+        np.concatenate(times),
         np.concatenate(regimes),
         {k: v for k, v in dropped.items() if v},
     )

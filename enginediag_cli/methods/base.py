@@ -36,8 +36,8 @@ import numpy as np
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.detection.verdict import FAULT, HEALTHY, NO_VERDICT
 from enginediag_cli.errors import DataError
+from enginediag_cli.recordings.repeated import label_runs
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.instruments import label_runs
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import piece_bookkeeping
 from enginediag_cli.residuals.windows import (

@@ -9,7 +9,7 @@ when the last block ended, and the memory of the search for repeated rows.
 One rule for every caller: an input (a command, the air outside) may well stand still for hours, so only its limits
 are checked; a sensor that does so while others move is stuck. Inputs are witnesses in that search. Outliers are single
 records, or two in a row, far from both sides and from all that the column reads at any time; what lies within its
-usual range is judged by the model (`residuals/gross_errors.py`). Every mask is counted.
+usual range is judged by the model (`identification/gross_errors.py`). Every mask is counted.
 
 **The stability gate** keeps the records in which the engine has settled, judged over the last seconds before each
 record at any time stamps, and counts the reasons for the others. Steady records may be averaged over some seconds.

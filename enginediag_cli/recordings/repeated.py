@@ -53,6 +53,12 @@ class StuckRun:
         return self.first_line <= last_line and self.last_line >= first_line
 
 
+def label_runs(labels: np.ndarray) -> list[tuple[int, int]]:
+    """(start, stop) of stretches of equal neighbours in labels (n,)."""
+    edges = [0, *(np.flatnonzero(np.diff(labels)) + 1).tolist(), len(labels)]
+    return [(i, k) for i, k in pairwise(edges) if k > i]
+
+
 def list_stuck_runs(column: str, values: np.ndarray, line: np.ndarray, mask: np.ndarray) -> Iterator[StuckRun]:
     """The masked (N,) of the readings of a column (N,), on these lines (N,), as runs of one value."""
     rows = np.flatnonzero(mask)

@@ -18,25 +18,27 @@ from itertools import pairwise
 import numpy as np
 
 from enginediag_cli.engine.instrument_errors import ELAPSED
-from enginediag_cli.intake.loader import ExcludedData, GrossCounts
-from enginediag_cli.recordings.repeated import StuckRun, append_runs, extend_to_runs, list_stuck_runs
-from enginediag_cli.recordings.table import Recording, concat
-from enginediag_cli.residuals.gross_errors import (
+from enginediag_cli.engine.wrapped import MonitoredModel
+from enginediag_cli.identification.gross_errors import (
     AROUND,
     BLOCK,
     FEWEST,
     HALO,
     LEAST,
+    UNKNOWN,
     UNRELATED,
     GrossErrors,
     ResidualStretch,
-    count_rejected,
     find_gross_errors,
     may_have_gross_errors,
 )
+from enginediag_cli.intake.loader import EXCURSION, ExcludedData, GrossCounts
+from enginediag_cli.recordings.repeated import StuckRun, append_runs, extend_to_runs, label_runs, list_stuck_runs
+from enginediag_cli.recordings.table import Recording, concat
 from enginediag_cli.residuals.instruments import (
     SPAN,
     InstrumentFault,
+    NoiseModel,
     apply_weights,
     find_stuck_faults,
     find_stuck_inputs,
@@ -236,7 +238,7 @@ class GrossErrorGate:
         suspects = [
             s
             for s in stretches
-            if may_have_gross_errors(context.e[s[0]] / sigma, context.y[s[0]] / sigma, monitor.noise)
+            if may_have_gross_errors(context.e[s[0]] / sigma, context.y[s[0]] / sigma, monitor.noise.rho)
         ]
         if not suspects:
             return own
@@ -254,7 +256,7 @@ class GrossErrorGate:
                 lags,
                 time,
                 monitor.precision,
-                monitor.noise,
+                monitor.noise.rho,
                 lambda some, at=at: input_effects(monitor, context.inputs, at[some], recorded),  # type: ignore[misc]
             )
             first += len(at)
@@ -535,12 +537,102 @@ class LiveGate:
         monitor, p = self.monitor, len(self.monitor.names)
         sigma = monitor.noise.sigma
         z, level = known.e / sigma, known.y / sigma
-        if not may_have_gross_errors(z, level, monitor.noise):
+        if not may_have_gross_errors(z, level, monitor.noise.rho):
             return None
         G = np.nan_to_num(known.J[:, :, :p] / sigma[:, None])
 
         def effects(rows: np.ndarray) -> np.ndarray:
             return input_effects(monitor, known.inputs, rows, self.recorded)
 
-        stretch = ResidualStretch(z, G, level, known.lags, known.time, monitor.precision, monitor.noise, effects)
+        stretch = ResidualStretch(z, G, level, known.lags, known.time, monitor.precision, monitor.noise.rho, effects)
         return find_gross_errors(stretch)
+
+
+def count_rejected(
+    found: GrossErrors, line: np.ndarray, mine: np.ndarray, sensors: Sequence[str], inputs: Sequence[str]
+) -> Iterator[tuple[int, GrossCounts]]:
+    """What was rejected of each record in lines (n,) that is `mine` (n,) and has gross errors."""
+    excursions = _find_excursions(found, line)
+    for k in np.flatnonzero(mine & (found.readings.any(axis=1) | found.records)).tolist():
+        gone = [sensors[j] for j in np.flatnonzero(found.readings[k]).tolist()]
+        wrong = [] if not found.records[k] else ["" if found.blamed[k] == UNKNOWN else inputs[found.blamed[k]]]
+        yield (
+            k,
+            GrossCounts(
+                dict.fromkeys(gone, 1),
+                dict.fromkeys(wrong, 1),
+                {c: [int(line[k])] for c in (*gone, *wrong)},
+                {c: [excursions[k, j]] for j, c in enumerate(sensors) if (k, j) in excursions},
+                [sensors[j] for j in np.flatnonzero(found.readings[k] & found.dead).tolist()],
+                judged=len(wrong),
+            ),
+        )
+
+
+def _find_excursions(found: GrossErrors, line: np.ndarray) -> dict[tuple[int, int], list[int]]:
+    """Record and sensor at which readings begin to be rejected in a row → first line, last line and how many they
+    are, from `EXCURSION` on; line (n,) of the records."""
+    excursions = {}
+    for j in np.flatnonzero(found.readings.any(axis=0) & ~found.dead).tolist():
+        for first, stop in label_runs(found.readings[:, j]):
+            if found.readings[first, j] and stop - first >= EXCURSION:
+                excursions[first, j] = [int(line[first]), int(line[stop - 1]), stop - first]
+    return excursions
+
+
+@dataclass(frozen=True)
+class CleanFlight:
+    """Columns of a flight that lost readings, and what was rejected of it."""
+
+    columns: Mapping[str, np.ndarray]
+    counts: GrossCounts
+
+
+def gross_of_flight(
+    engine: MonitoredModel,
+    theta: Mapping[str, float],
+    columns: Mapping[str, np.ndarray],
+    wrt: Sequence[str],
+    precision: np.ndarray,
+    noise: NoiseModel,
+    sensors: Sequence[str],
+) -> CleanFlight:
+    """A flight in memory, columns → (n,), without gross errors of its `sensors` (m,): judged against an engine at
+    `theta`, of which the parameters `wrt` (p,) are known to `precision` (p, p). Events that several sensors show are
+    kept. A flight in memory does not know its lines."""
+    n = len(next(iter(columns.values()), ()))
+    inputs = {c: columns[c] for c in engine.inputs}
+    inputs |= {c: np.nan_to_num(columns[c], nan=x) for c, x in engine.optional_inputs.items() if c in columns}
+    usable = np.all([np.isfinite(v) for v in inputs.values()], axis=0)
+    time = np.asarray(columns.get("time_s", np.full(n, np.nan)), float)
+    y = np.column_stack([columns[s] for s in sensors])
+    gone, counts = np.zeros(y.shape, bool), GrossCounts()
+    for start in range(0, n, BLOCK):
+        at = np.arange(max(0, start - HALO), min(n, start + BLOCK + HALO))
+        at = at[usable[at]]
+        if len(at) < FEWEST:
+            continue
+        here = {c: v[at] for c, v in inputs.items()}
+        read = tuple(here)
+        p = engine.predict(here, theta, sensors=tuple(sensors), wrt=(*wrt, *read))
+        J = np.nan_to_num(np.asarray(p.jacobian) / noise.sigma[:, None])
+        z = np.where(np.asarray(p.ok)[:, None], y[at] - p.y, np.nan) / noise.sigma
+        level = np.nan_to_num(np.asarray(p.y)) / noise.sigma
+        if not may_have_gross_errors(z, level, noise.rho):
+            counts = counts + GrossCounts(judged=int(np.sum((at >= start) & (at < start + BLOCK))))
+            continue
+        _, lags = Timeline().advance(len(at), time[at] if np.isfinite(time[at]).all() else None, False)
+        q = len(wrt)
+
+        def effects(rows: np.ndarray, J: np.ndarray = J[:, :, q:]) -> np.ndarray:
+            return J[rows]
+
+        stretch = ResidualStretch(z, J[:, :, :q], level, lags, time[at], precision, noise.rho, effects)
+        found = find_gross_errors(stretch, events=True)
+        mine = (at >= start) & (at < start + BLOCK)
+        gone[at[mine]] = (found.readings | found.records[:, None])[mine]
+        for _, some in count_rejected(found, at, mine, sensors, read):
+            counts = counts + replace(some, lines={}, excursions={}, judged=0)
+        counts = counts + GrossCounts(judged=int(mine.sum()))
+    clean = {s: np.where(gone[:, j], np.nan, y[:, j]) for j, s in enumerate(sensors) if gone[:, j].any()}
+    return CleanFlight(clean, counts)

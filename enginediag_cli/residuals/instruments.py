@@ -30,12 +30,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
 from enginediag_cli.parameters import FORMS, INSTRUMENT, MOST_AT_ONCE
-from enginediag_cli.recordings.repeated import StuckRun
+from enginediag_cli.recordings.repeated import StuckRun, label_runs
 from enginediag_cli.units import split_column
 
 KNOWN = 0.3
@@ -259,12 +258,6 @@ def faults_in_flights(shown: Iterable[tuple[int, str, InstrumentFault]], of: int
         more = old.flights + (old.last != number)
         found[fault.name] = replace(old, fault=fault, flights=more, last=number, last_flight=flight)
     return tuple(sorted(found.values(), key=lambda x: -x.flights))
-
-
-def label_runs(labels: np.ndarray) -> list[tuple[int, int]]:
-    """(start, stop) of stretches of equal neighbours in labels (n,)."""
-    edges = [0, *(np.flatnonzero(np.diff(labels)) + 1).tolist(), len(labels)]
-    return [(i, k) for i, k in pairwise(edges) if k > i]
 
 
 def identical_runs(values: np.ndarray, least: int) -> list[tuple[int, int]]:

@@ -18,6 +18,7 @@ from enginediag_cli.engine.instrument_errors import ELAPSED, suspected
 from enginediag_cli.error_model.sizes import COMMON_SLOPE_SHARE as COMMON
 from enginediag_cli.parallel import parallel_imap, process_count
 from enginediag_cli.progress import each
+from enginediag_cli.recordings.repeated import label_runs
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.instruments import (
     NOISE,
@@ -25,7 +26,6 @@ from enginediag_cli.residuals.instruments import (
     NoiseModel,
     apply_weights,
     find_scatter,
-    label_runs,
     scatter_weights,
 )
 from enginediag_cli.residuals.long_windows import (

@@ -2,7 +2,8 @@
 python tests/benchmarks/fleet_example.py [--seeds N] [--first S] [--fillers SHARE]
 
 Fleet k has its engines simulated with the seeds S + 6 k to S + 6 k + 5. Engine 5 fouls and the T3 thermocouple of
-engine 6 reads wrong, both from flight 21 on. fillers: this share of the cells of readings is replaced by 999.
+engine 6 reads wrong, both from flight 21 on. fillers: this share of the cells, of inputs as well as of sensors, is
+replaced by what recorders write where there is nothing: 999, 0 or -9999.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from enginediag_cli.recordings.read import read_all
 from enginediag_cli.recordings.write import write_csv
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
-FLIGHTS, ENGINES, FILLER = 40, 6, 999.0
+FLIGHTS, ENGINES = 40, 6
+FILLERS = (999.0, 0.0, -9999.0)
 EXPECTED = {"5": "hpc", "6": "sensor.T3"}
 """Engines that have changed, and in what."""
 
@@ -46,12 +48,13 @@ def make(folder: Path, first: int, fillers: float = 0.0) -> list[Path]:
 
 
 def spoil(path: Path, share: float, seed: int) -> None:
-    """Replace so many of the cells of readings by the filler."""
+    """Replace so many of the cells by a filler."""
     table, rng = read_all(str(path)), np.random.default_rng(seed)
-    readings = [c for c in table.columns if c != "time_s"]
-    write_csv(
-        path, [table.with_columns({c: np.where(rng.random(len(table)) < share, FILLER, table[c]) for c in readings})]
-    )
+    columns = {c: v.copy() for c, v in table.columns.items() if c != "time_s"}
+    for cells in columns.values():
+        struck = rng.random(len(table)) < share
+        cells[struck] = rng.choice(FILLERS, int(struck.sum()))
+    write_csv(path, [table.with_columns(columns)])
 
 
 def judge(files: list[Path]) -> tuple[list[str], dict[str, set[str]], list[str]]:

@@ -258,3 +258,43 @@ def test_held_out_records_are_judged_with_the_offsets_of_their_own_recording():
     rms = {q.sensor: q.rms for q in result.held_out if q.regime == "all"}
     assert rms["T3_K"] == pytest.approx(1.0, rel=0.3)
     assert all(q.n == 100 for q in result.held_out if q.regime == "all")
+
+
+def spoilt(recording: TrainingRecording, cells: dict[str, tuple[np.ndarray, float]]) -> TrainingRecording:
+    """The recording with a value in some rows of columns."""
+    columns = {c: v.copy() for c, v in recording.columns.items()}
+    for column, (rows, value) in cells.items():
+        columns[column][rows] = value
+    return recording._replace(columns=columns)
+
+
+def test_records_with_a_wrong_input_bend_nothing_and_are_no_place_that_was_flown():
+    engine, rng = ToyEngine(), np.random.default_rng(21)
+    clean = [fly(engine, rng, 150, f"flight {k}") for k in range(4)]
+    wrong = spoilt(clean[1], {"altitude_m": (np.array([20, 21, 90]), -9999.0), "N1_pct": (np.array([50]), 9.0)})
+    result = run(engine, [clean[0], wrong, *clean[2:]])
+    gone = np.flatnonzero(np.isnan(result.problem.measured).all(axis=1))
+    assert (gone - 150).tolist() == [20, 21, 50, 90]
+    low = dict(zip(result.envelope.inputs, result.envelope.low, strict=True))
+    assert low["altitude_m"] > 900.0 and low["N1_pct"] > 59.0
+    for e in result.estimates:
+        assert abs(e.value - TRUTH[e.name]) < 4 * e.standard_error, e
+
+
+def test_readings_that_depart_for_hours_are_no_gross_errors_and_single_ones_are():
+    """Hourly records: what lasts for two of them is the engine's or the sensor's own."""
+    engine, rng = ToyEngine(), np.random.default_rng(22)
+    hourly = fly(engine, rng, 400)
+    hourly.columns["time_s"] = 3600.0 * np.arange(400)
+    pairs, single = np.sort(np.r_[40:400:40, 41:400:40]), np.arange(60, 400, 80)
+    hourly.columns["T3_K"][pairs] += 30.0 * SENSORS["T3_K"].noise_sigma
+    hourly.columns["P3_Pa"][single] += 30.0 * SENSORS["P3_Pa"].noise_sigma
+    measured = run(engine, [hourly]).problem.measured
+    assert np.isfinite(measured[:, list(SENSORS).index("T3_K")]).all()
+    assert np.flatnonzero(np.isnan(measured[:, list(SENSORS).index("P3_Pa")])).tolist() == single.tolist()
+
+
+def test_nothing_is_excluded_where_nothing_is_wrong():
+    engine, rng = ToyEngine(), np.random.default_rng(23)
+    result = run(engine, [fly(engine, rng, 250, f"flight {k}", rho=0.5) for k in range(4)])
+    assert np.isfinite(result.problem.measured).all()

@@ -10,7 +10,6 @@ from enginediag_cli.identification.noise import (
     MAX_RHO,
     estimate_noise,
     excess_kurtosis,
-    gross_readings,
     initial_noise,
     record_gaps,
 )
@@ -153,31 +152,3 @@ def test_correlation_scatters_as_stated_where_few_records_have_a_neighbour():
     values, errors = np.array(found).T
     assert values.mean() == pytest.approx(rho, abs=0.02)
     assert values.std() == pytest.approx(errors.mean(), rel=0.2)
-
-
-# gross errors
-
-
-@pytest.mark.parametrize("rho", (0.0, 0.8))
-def test_spikes_are_gross_errors_and_nothing_else_is(rho):
-    rng = np.random.default_rng(5)
-    e = np.column_stack([ar1(4000, 1.0, rho, rng) for _ in range(4)])
-    recording = np.repeat(np.arange(40), 100)
-    assert gross_readings(e, recording).sum() <= 4  # 7 in a million of 16,000, or a few
-    struck = rng.random(e.shape) < 0.01
-    spoilt = np.where(struck, e + rng.choice((-1.0, 1.0), e.shape) * rng.uniform(10.0, 30.0, e.shape), e)
-    found = gross_readings(spoilt, recording)
-    assert found[struck].all() and found[~struck].mean() < 1e-3
-
-
-def test_a_record_with_a_wrong_input_goes_and_what_lasts_or_is_the_models_stays():
-    rng = np.random.default_rng(6)
-    e, recording = rng.standard_normal((300, 5)), np.zeros(300, int)
-    e[40, :3] += 12.0  # most of a record
-    e[100:140] += 20.0  # a stretch that the model misses
-    found = gross_readings(e, recording)
-    assert found[40].all() and found.sum() == 5
-    assert not gross_readings(e[:6], recording[:6]).any()  # of so few nothing is seen not to belong
-    wrong = rng.standard_normal((300, 1))
-    wrong[::5] += 15.0  # a fifth of a sensor
-    assert not gross_readings(wrong, recording).any()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from toy_engine import SENSORS, SIGMA, toy_monitor, toy_recording
 
-from enginediag_cli.residuals.gross_errors import (
+from enginediag_cli.identification.gross_errors import (
     AROUND,
     BLOCK,
     HALO,
@@ -17,7 +17,6 @@ from enginediag_cli.residuals.gross_errors import (
     running_median,
 )
 from enginediag_cli.residuals.gross_gate import GrossErrorGate, LiveGate, LiveRecords
-from enginediag_cli.residuals.instruments import NoiseModel
 
 N, M, P, Q = 130, 7, 5, 3
 
@@ -36,10 +35,9 @@ def stretch(rng, *, rho=0.0, theta=None, add=0.0, step_s=60.0):
     z = ar1(rng, rho) + add + (0 if theta is None else G @ np.asarray(theta))
     effects = 6 * rng.standard_normal((M, Q))
     time = np.arange(N) * step_s
-    noise = NoiseModel(np.ones(M), np.full(M, rho))
     level = 300 * (1 + power[:, :, 0]) * np.ones(M)
     found = ResidualStretch(
-        z, G, level, np.ones(N), time, np.eye(P), noise, lambda rows: np.tile(effects, (len(rows), 1, 1))
+        z, G, level, np.ones(N), time, np.eye(P), np.full(M, rho), lambda rows: np.tile(effects, (len(rows), 1, 1))
     )
     return found, effects
 
@@ -158,7 +156,7 @@ def test_missing_readings_and_permuted_sensors_change_nothing():
     one.z[[10, 90], [1, 5]] = 15.0
     order = rng.permutation(M)
     other = ResidualStretch(
-        one.z[:, order], one.G[:, order], one.level[:, order], one.lags, one.time, one.precision, one.noise,
+        one.z[:, order], one.G[:, order], one.level[:, order], one.lags, one.time, one.precision, one.rho,
         lambda rows: one.input_effects(rows)[:, order],
     )  # fmt: skip
     assert np.array_equal(find_gross_errors(one).readings[:, order], find_gross_errors(other).readings)

@@ -43,7 +43,7 @@ from enginediag_cli.mismatch.fit.nuisance import amounts_of
 from enginediag_cli.mismatch.fit.self_identified import SelfIdentified, left_by_the_fit, self_identified
 from enginediag_cli.mismatch.fit.share import share_of
 from enginediag_cli.mismatch.fit.stated_priors import with_stated_priors
-from enginediag_cli.residuals.gross_errors import gross_of_flight
+from enginediag_cli.residuals.gross_gate import gross_of_flight
 from enginediag_cli.residuals.instruments import NoiseModel
 
 MOST_SEARCHED = 160_000

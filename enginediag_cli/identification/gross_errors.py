@@ -18,21 +18,21 @@ A record whose residuals point along the effect of an error of one input is of n
 
 What lasts longer than `RUN` records, or several records and more than `RUN_S` seconds, is the engine's or a sensor's
 own and stays for the tests; so does a sensor more than half of whose readings would go.
+
+Recordings that are judged (`residuals/gross_gate.py`) and those from which an engine is identified (`passes.py`) are
+searched alike.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from enginediag_cli.engine.wrapped import MonitoredModel
-from enginediag_cli.intake.loader import EXCURSION, GrossCounts
-from enginediag_cli.residuals.instruments import NoiseModel, label_runs
-from enginediag_cli.residuals.score import chdtri
-from enginediag_cli.residuals.windows import Timeline
+from enginediag_cli.probability import chdtri
+from enginediag_cli.recordings.repeated import label_runs
 
 GROSS = 4.5
 """Standard deviations beyond which a reading is a gross error: 7 in a million Gaussian readings are, and the variance
@@ -89,7 +89,8 @@ UNKNOWN = -2
 class ResidualStretch:
     """Consecutive records of one engine: z (N, m), NaN where there is no reading; G (N, m, p), J/σ; level (N, m), what
     is predicted over σ; lags (N,) in steps since the record before, inf where unrelated; time (N,) in s, NaN where
-    unknown; precision (p, p) of the prior of the parameters; noise of the m sensors.
+    unknown; precision (p, p) of the prior of the parameters; rho (m,): lag-1
+    correlation of the sensors' noise.
 
     input_effects(rows (n,)) -> (n, m, q): what an error of each input does, over σ.
     """
@@ -100,13 +101,18 @@ class ResidualStretch:
     lags: np.ndarray
     time: np.ndarray
     precision: np.ndarray
-    noise: NoiseModel
+    rho: np.ndarray
     input_effects: Callable[[np.ndarray], np.ndarray]
 
     @cached_property
     def present(self) -> np.ndarray:
         """Which readings there are (N, m)."""
         return np.isfinite(self.z)
+
+    @property
+    def inflation(self) -> np.ndarray:
+        """(1 + ρ)/(1 − ρ) (m,): readings per independent one."""
+        return (1 + self.rho) / (1 - self.rho)
 
     @cached_property
     def clock(self) -> np.ndarray:
@@ -126,6 +132,10 @@ class GrossErrors:
     dead: np.ndarray
     mostly_gross: np.ndarray
     converged: bool = True
+
+    def select(self, rows: np.ndarray) -> GrossErrors:
+        """Of some of the records."""
+        return replace(self, readings=self.readings[rows], records=self.records[rows], blamed=self.blamed[rows])
 
 
 def running_median(x: np.ndarray, width: int = AROUND) -> np.ndarray:
@@ -168,13 +178,13 @@ def _chi2_limits(dof: np.ndarray) -> np.ndarray:
     return np.array([chdtri(float(n), INPUT_CHANCE) for n in counts])[which]
 
 
-def may_have_gross_errors(z: np.ndarray, level: np.ndarray, noise: NoiseModel) -> bool:
+def may_have_gross_errors(z: np.ndarray, level: np.ndarray, rho: np.ndarray) -> bool:
     """Whether any reading of z (N, m), level (N, m) as in `Stretch`, or record, might be a gross error: of most short
     stretches none is, and nothing need be fitted."""
     if _impossible_readings(z, level).any():
         return True
     a = deviations(z)
-    least = (1 - noise.rho**2) / np.sqrt(1 - noise.rho**4)  # v of neighbours one step away, the smallest there is
+    least = (1 - rho**2) / np.sqrt(1 - rho**4)  # v of neighbours one step away, the smallest there is
     S = robust_scatter(a) if len(a) >= 2 * AROUND else 1.0  # of few, two bursts may be all the scatter
     u = np.nan_to_num(np.abs(a / S)) / least
     # a fit may move a reading from its neighbours, by little within thirty records
@@ -210,7 +220,7 @@ def robust_residuals(stretch: ResidualStretch) -> tuple[np.ndarray, np.ndarray, 
     farthest = _chi2_limits(stretch.present.sum(axis=1))
     fit, settled = np.zeros_like(z), False
     for _ in range(STEPS):
-        w = weight / (S**2 * stretch.noise.inflation)
+        w = weight / (S**2 * stretch.inflation)
         C = np.linalg.inv(prior + np.tensordot(X * w[:, :, None], X, axes=([0, 1], [0, 1])))
         before, fit = fit, X @ (C @ np.tensordot(X, w * readings, axes=([0, 1], [0, 1])))
         r = z - fit
@@ -292,7 +302,7 @@ def find_gross_errors(stretch: ResidualStretch, *, events: bool = False) -> Gros
         rows = np.flatnonzero(np.isfinite(r[:, j]))
         if len(rows) < FEWEST:
             continue
-        rho = float(stretch.noise.rho[j])
+        rho = float(stretch.rho[j])
         readings[rows, j], depart[rows, j] = _judge_sensor(
             r[rows, j] / S[j], a[rows, j] / S_a[j], stretch.clock[rows], rho
         )
@@ -402,93 +412,3 @@ def _find_wrong_inputs(
     by_input = (T_best > INPUT_GROSS) & (T_best > factor * np.max(u**2, axis=1) + constant)
     blamed[rows] = np.where(by_input, best, np.where(most[rows], UNKNOWN, -1))
     return blamed != -1, blamed
-
-
-def count_rejected(
-    found: GrossErrors, line: np.ndarray, mine: np.ndarray, sensors: Sequence[str], inputs: Sequence[str]
-) -> Iterator[tuple[int, GrossCounts]]:
-    """What was rejected of each record in lines (n,) that is `mine` (n,) and has gross errors."""
-    excursions = _find_excursions(found, line)
-    for k in np.flatnonzero(mine & (found.readings.any(axis=1) | found.records)).tolist():
-        gone = [sensors[j] for j in np.flatnonzero(found.readings[k]).tolist()]
-        wrong = [] if not found.records[k] else ["" if found.blamed[k] == UNKNOWN else inputs[found.blamed[k]]]
-        yield (
-            k,
-            GrossCounts(
-                dict.fromkeys(gone, 1),
-                dict.fromkeys(wrong, 1),
-                {c: [int(line[k])] for c in (*gone, *wrong)},
-                {c: [excursions[k, j]] for j, c in enumerate(sensors) if (k, j) in excursions},
-                [sensors[j] for j in np.flatnonzero(found.readings[k] & found.dead).tolist()],
-                judged=len(wrong),
-            ),
-        )
-
-
-def _find_excursions(found: GrossErrors, line: np.ndarray) -> dict[tuple[int, int], list[int]]:
-    """Record and sensor at which readings begin to be rejected in a row → first line, last line and how many they
-    are, from `EXCURSION` on; line (n,) of the records."""
-    excursions = {}
-    for j in np.flatnonzero(found.readings.any(axis=0) & ~found.dead).tolist():
-        for first, stop in label_runs(found.readings[:, j]):
-            if found.readings[first, j] and stop - first >= EXCURSION:
-                excursions[first, j] = [int(line[first]), int(line[stop - 1]), stop - first]
-    return excursions
-
-
-@dataclass(frozen=True)
-class CleanFlight:
-    """Columns of a flight that lost readings, and what was rejected of it."""
-
-    columns: Mapping[str, np.ndarray]
-    counts: GrossCounts
-
-
-def gross_of_flight(
-    engine: MonitoredModel,
-    theta: Mapping[str, float],
-    columns: Mapping[str, np.ndarray],
-    wrt: Sequence[str],
-    precision: np.ndarray,
-    noise: NoiseModel,
-    sensors: Sequence[str],
-) -> CleanFlight:
-    """A flight in memory, columns → (n,), without gross errors of its `sensors` (m,): judged against an engine at
-    `theta`, of which the parameters `wrt` (p,) are known to `precision` (p, p). Events that several sensors show are
-    kept. A flight in memory does not know its lines."""
-    n = len(next(iter(columns.values()), ()))
-    inputs = {c: columns[c] for c in engine.inputs}
-    inputs |= {c: np.nan_to_num(columns[c], nan=x) for c, x in engine.optional_inputs.items() if c in columns}
-    usable = np.all([np.isfinite(v) for v in inputs.values()], axis=0)
-    time = np.asarray(columns.get("time_s", np.full(n, np.nan)), float)
-    y = np.column_stack([columns[s] for s in sensors])
-    gone, counts = np.zeros(y.shape, bool), GrossCounts()
-    for start in range(0, n, BLOCK):
-        at = np.arange(max(0, start - HALO), min(n, start + BLOCK + HALO))
-        at = at[usable[at]]
-        if len(at) < FEWEST:
-            continue
-        here = {c: v[at] for c, v in inputs.items()}
-        read = tuple(here)
-        p = engine.predict(here, theta, sensors=tuple(sensors), wrt=(*wrt, *read))
-        J = np.nan_to_num(np.asarray(p.jacobian) / noise.sigma[:, None])
-        z = np.where(np.asarray(p.ok)[:, None], y[at] - p.y, np.nan) / noise.sigma
-        level = np.nan_to_num(np.asarray(p.y)) / noise.sigma
-        if not may_have_gross_errors(z, level, noise):
-            counts = counts + GrossCounts(judged=int(np.sum((at >= start) & (at < start + BLOCK))))
-            continue
-        _, lags = Timeline().advance(len(at), time[at] if np.isfinite(time[at]).all() else None, False)
-        q = len(wrt)
-
-        def effects(rows: np.ndarray, J: np.ndarray = J[:, :, q:]) -> np.ndarray:
-            return J[rows]
-
-        stretch = ResidualStretch(z, J[:, :, :q], level, lags, time[at], precision, noise, effects)
-        found = find_gross_errors(stretch, events=True)
-        mine = (at >= start) & (at < start + BLOCK)
-        gone[at[mine]] = (found.readings | found.records[:, None])[mine]
-        for _, some in count_rejected(found, at, mine, sensors, read):
-            counts = counts + replace(some, lines={}, excursions={}, judged=0)
-        counts = counts + GrossCounts(judged=int(mine.sum()))
-    clean = {s: np.where(gone[:, j], np.nan, y[:, j]) for j, s in enumerate(sensors) if gone[:, j].any()}
-    return CleanFlight(clean, counts)
