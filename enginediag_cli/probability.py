@@ -57,7 +57,7 @@ def normalized_weights(log: np.ndarray, axis: int | None = 0) -> np.ndarray:
 
 def log_mean(log: np.ndarray, axis: int = 0) -> np.ndarray:
     """Logarithm of the mean of exp(log) over `axis`: evidence of hypotheses that are equally probable a priori."""
-    return np.asarray(np.logaddexp.reduce(log, axis=axis) - np.log(np.shape(log)[axis]))
+    return np.asarray(log_sum(log, axis) - np.log(np.shape(log)[axis]))
 
 
 def chdtrc(dof: float, x: float) -> float:

@@ -37,7 +37,7 @@ from enginediag_cli.history.posterior import FEWEST_FLIGHTS, judge_history
 from enginediag_cli.identification.gross_errors import FEWEST, UNRELATED, find_brief_departures
 from enginediag_cli.intake.loader import ExcludedData, GrossCounts, RecordingLoader, follow_chunks
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.probability import chdtrc
+from enginediag_cli.probability import chdtrc, log_sum
 from enginediag_cli.recordings.repeated import StuckRun
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.gross_gate import CleanBlocks, LiveGate, LiveRecords, input_effects
