@@ -24,7 +24,6 @@ import numpy as np
 from scipy.special import expit
 
 from enginediag_cli.history.background import (
-    LEAST_INFORMATION,
     WANDER_MULTIPLES,
     WANDER_PRIOR,
     Background,
@@ -62,6 +61,8 @@ about nominal, up to one whose maps have slopes of their own. Of maps whose shap
 DOUBTED, CONTENDERS = 10.0, 4
 """Log odds from which the doubt about effects is weighed between owners, below it is less than the noise; and owners
 between which it is."""
+SEEN = 1e-8
+"""Share of the largest information from which a direction is told apart from none: rounding is a millionth of it."""
 LEFT = 0.2
 """Share of an event's size that may be left after its end: no wash and no repair restores all."""
 SHAPE_DOUBT = 0.1
@@ -134,7 +135,7 @@ class HistorySearch:
         own = list(event.suspect.positions)
         M = self.background.project(event.course[None])[1][0]
         value, vector = np.linalg.eigh(M)
-        seen = value > LEAST_INFORMATION
+        seen = value > SEEN * value.max(initial=0.0)
         visible = max(event.size @ M[np.ix_(own, own)] @ event.size, 0.0) / max(seen.sum(), 1)
         turned = np.zeros((len(M), len(own)))
         turned[own, range(len(own))] = np.linalg.norm(event.size)
