@@ -19,8 +19,9 @@ health of each stretch of flights by itself, with the covariance of its errors.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 
 import numpy as np
 from scipy.special import expit, ndtr
@@ -55,6 +56,7 @@ from enginediag_cli.history.search import (
     WanderChoice,
     exchange,
     find_with_wander,
+    leading_suspects,
     prepare_search,
     weigh_wander,
 )
@@ -65,6 +67,9 @@ FREE_SIZES = (0.03, 0.1, 0.3)
 and what is seen as an event otherwise."""
 FREE_WEIGHTS = (0.5, 0.3, 0.2)
 """Probability of each before the flights are seen, as of instruments that wander."""
+LEVEL_SIZES, LEVEL_WEIGHTS = (0.03, 0.1, 0.3, 1.0), (0.4, 0.3, 0.2, 0.1)
+"""Standard deviation of what an engine had worn before its first flight here beside what the events say, in prior ones,
+and the probability of each beforehand: as of the free change, and seldom as far as a change plausibly goes."""
 RESTORED = 0.5
 """Standard deviation of what maintenance moves beside what the events say, in prior ones: half of a change."""
 KNOTS = 24
@@ -107,6 +112,26 @@ class HealthPath:
     knots: np.ndarray
     stretch: np.ndarray
     stretch_covariance: np.ndarray
+
+    @staticmethod
+    def mixture(weights: Sequence[float], paths: Sequence[HealthPath]) -> HealthPath:
+        """Mean and covariance of several paths of one history, by their probabilities."""
+
+        def mix(means: Sequence[np.ndarray], covariances: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+            mean = sum(w * x for w, x in zip(weights, means, strict=True))
+            spread = [(x - mean)[..., :, None] * (x - mean)[..., None, :] for x in means]
+            return mean, sum(w * (C + S) for w, C, S in zip(weights, covariances, spread, strict=True))
+
+        level = mix([x.level for x in paths], [x.covariance for x in paths])
+        total = mix([x.total for x in paths], [x.total_covariance for x in paths])
+        steps = []
+        for same in zip(*(x.steps for x in paths), strict=True):
+            before = sum(w * x.before for w, x in zip(weights, same, strict=True))
+            steps.append(
+                HealthStep(same[0].epoch, before, *mix([x.change for x in same], [x.covariance for x in same]))
+            )
+        stretch = mix([x.stretch for x in paths], [x.stretch_covariance for x in paths])
+        return HealthPath(paths[0].parameters, *level, *total, tuple(steps), paths[0].knots, *stretch)
 
     def project_level(self, slope: np.ndarray, *, total: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """Mean and standard deviation (T,) of slope (q,) times the level, or the total."""
@@ -224,16 +249,22 @@ class KnownMoves:
 def _smooth(history: History, background: Background, events: np.ndarray, H: np.ndarray) -> _SmoothHealth:
     """Health by events, a free change and what maintenance restored, in prior standard deviations."""
     T, p = len(history), history.width
-    free = _each_parameter(wander_modes(T), H, p)
+    walk = _each_parameter(wander_modes(T), H, p)
+    # an engine whose own first flights are no reference may have been worn before them
+    worn = _each_parameter(np.ones((T, 0 if any(s.constant for s in history.shifts) else 1)), H, p)
     known = [int(np.argmax(shift.course > 0)) for shift in history.shifts]
     restored = np.array([t for t in history.maintenance if t not in known], int)
     at = (np.arange(T)[:, None] >= restored[None, :]).astype(float)
-    h = np.concatenate([events, free, RESTORED * _each_parameter(at, H, p)], axis=2)
+    h = np.concatenate([events, walk, worn, RESTORED * _each_parameter(at, H, p)], axis=2)
     b, M = background.joint(h)
     log, found = [], []
-    for size, weight in zip(FREE_SIZES, FREE_WEIGHTS, strict=True):
+    first, second = events.shape[2], events.shape[2] + walk.shape[2]
+    levels = list(zip(LEVEL_SIZES, LEVEL_WEIGHTS, strict=True)) if worn.shape[2] else [(1.0, 1.0)]
+    for (size, own), (level, share_) in product(zip(FREE_SIZES, FREE_WEIGHTS, strict=True), levels):
+        weight = own * share_
         scale = np.ones(len(b))
-        scale[events.shape[2] : events.shape[2] + free.shape[2]] = size
+        scale[first:second] = size
+        scale[second : second + worn.shape[2]] = level
         posterior = np.linalg.inv(scale[:, None] * M * scale + np.eye(len(b)))
         mean = posterior @ (scale * b)
         log.append(np.log(weight) + 0.5 * float(mean @ (scale * b)) + 0.5 * float(np.linalg.slogdet(posterior)[1]))
@@ -274,10 +305,8 @@ def _each_parameter(courses: np.ndarray, H: np.ndarray, p: int) -> np.ndarray:
 
 FEWEST_FLIGHTS = 3
 """A level before, one after, and one to tell scatter from either."""
-NAMED = 0.9
-"""Probability from which one suspect is named; below it those that hold `GROUP` of it are an ambiguity group."""
-GROUP, ONSET_SET = 0.95, 0.95
-"""Probability of an ambiguity group, and of a set of onsets."""
+ONSET_SET = 0.95
+"""Probability of a set of onsets."""
 EVENT = 0.5
 """Probability from which an event is reported as one: likelier than not."""
 AVERAGED, AVERAGED_SHARE = 12, 0.02
@@ -295,19 +324,6 @@ GROWN_AND_ENDED = WASHED
 """Shape of growth that maintenance took back, in whole or in part."""
 LEAST_SPREAD = 1e-9
 """Standard deviation, in prior ones, of what is known to be zero."""
-
-
-def leading_suspects(suspects: Iterable[tuple[str, float]], whole: float = 1.0) -> list[tuple[str, float]]:
-    """The suspect that is named, or the ambiguity group: of suspects with their probabilities, likeliest first, which
-    come to `whole` in all."""
-    chosen: list[tuple[str, float]] = []
-    total = 0.0
-    for name, probability in suspects:
-        chosen.append((name, probability))
-        total += probability
-        if total >= (NAMED if len(chosen) == 1 else GROUP) * whole:
-            break
-    return chosen
 
 
 @dataclass(frozen=True)
@@ -457,13 +473,17 @@ def judge_history(
 
 
 def _health(search: HistorySearch, events: Sequence[Event]) -> HealthPath:
-    """The path of health by the events that were found."""
+    """The path of health by the events that were found, averaged over the suspects of the least certain one."""
     none = np.zeros((len(search.history), search.history.width, 0))
-    every, wrong = (
-        np.concatenate([none, *[search.event_columns(e)[0] for e in events if e.suspect.instrument or not alone]], 2)
-        for alone in (False, True)
-    )
-    return health_path(search.history, search.background, every, wrong)
+    weights, paths = [], []
+    for weight, mine in search.alternatives(events):
+        every, wrong = (
+            np.concatenate([none, *[search.event_columns(e)[0] for e in mine if e.suspect.instrument or not alone]], 2)
+            for alone in (False, True)
+        )
+        weights.append(weight)
+        paths.append(health_path(search.history, search.background, every, wrong))
+    return paths[0] if len(paths) == 1 else HealthPath.mixture(weights, paths)
 
 
 def judge_again(
@@ -487,19 +507,13 @@ def judge_again(
     return search, exchange(search, events), again
 
 
-def _owner_shares(owners: Mapping[str, float]) -> dict[str, float]:
-    weights = normalized_weights(np.array(list(owners.values())))
-    named = sorted(zip(owners, weights.tolist(), strict=True), key=lambda item: -item[1])
-    return {name: weight for name, weight in named if weight >= 1e-4}
-
-
 def _inclusion(events: Sequence[ChangeEvent], more: Scan) -> dict[str, float]:
     """Probability that each suspect changed by any event, or by one more."""
     missed: dict[str, float] = {}
     for event in events:
         for name, share in event.suspects.items():
             missed[name] = missed.get(name, 1.0) * (1 - event.probability * share)
-    for name, share in _owner_shares(more.owners()).items():
+    for name, share in more.owner_shares().items():
         missed[name] = missed.get(name, 1.0) * (1 - float(expit(more.log_odds)) * share)
     return {name: 1 - m for name, m in missed.items() if name != UNLISTED}
 
@@ -508,7 +522,7 @@ def describe_event(search: HistorySearch, event: Event, others: Sequence[Event])
     """One event from the posterior over it, the others given: whether and who; then how, since when and how much, with
     its course in doubt where the event is plain: no onset and no kind is known better than the course itself."""
     scan = search.scan(others)
-    suspects = _owner_shares(search.owners(others))
+    suspects = scan.owner_shares()
     owner = next(iter(suspects))
     mine = _forms(scan, owner)
     going = event.kind == INTERMITTENT and scan.best_event(owner).kind == INTERMITTENT

@@ -17,7 +17,7 @@ probability of a set: the sum of the log odds of its events, each before the bac
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -39,6 +39,7 @@ from enginediag_cli.history.hypotheses import (
     IRREGULAR,
     KINDS,
     RESTORED,
+    UNLISTED,
     Event,
     HypothesisSpace,
     Scan,
@@ -83,6 +84,23 @@ LIKELY = 0.5
 """Probability from which an event's course is taken to have no shape that is listed."""
 RIVAL = 10.0
 """Nats below the best beyond which another amount of wander, or another set of the beam, is not followed."""
+TINY = 1e-12
+"""Keeps a division by no information from failing."""
+NAMED, GROUP = 0.9, 0.95
+"""Probability from which one suspect is named, and which an ambiguity group holds where none is."""
+
+
+def leading_suspects(suspects: Iterable[tuple[str, float]], whole: float = 1.0) -> list[tuple[str, float]]:
+    """The suspect that is named, or the ambiguity group: of suspects with their probabilities, likeliest first, which
+    come to `whole` in all."""
+    chosen: list[tuple[str, float]] = []
+    total = 0.0
+    for name, probability in suspects:
+        chosen.append((name, probability))
+        total += probability
+        if total >= (NAMED if len(chosen) == 1 else GROUP) * whole:
+            break
+    return chosen
 
 
 @dataclass(frozen=True)
@@ -228,6 +246,19 @@ class HistorySearch:
         log = [before.add_columns(self.event_columns(one)[0]).log_evidence for one in each]
         found = np.zeros(T)
         found[shapes.onset] = normalized_weights(np.array(log))
+        return found
+
+    def alternatives(self, events: Sequence[Event]) -> list[tuple[float, Sequence[Event]]]:
+        """Sets of events with their probabilities: in the place of the least certain event each suspect of its
+        ambiguity group."""
+        least, found = 1.0, [(1.0, events)]
+        for k in range(len(events)):
+            others = [*events[:k], *events[k + 1 :]]
+            shares = {name: p for name, p in self.scan(others).owner_shares().items() if name != UNLISTED}
+            group = leading_suspects(shares.items(), sum(shares.values()))
+            if len(group) > 1 and group[0][1] < least:
+                least, whole = group[0][1], sum(p for _, p in group)
+                found = [(p / whole, [*others, self.take(others, name)]) for name, p in group]
         return found
 
     def log_probability(self, events: Sequence[Event]) -> float:

@@ -14,7 +14,8 @@ import numpy as np
 from enginediag_cli.errors import DataError
 from enginediag_cli.fleets.findings import EngineHistory, event_number
 from enginediag_cli.fleets.maintenance import MarginSettings
-from enginediag_cli.history.posterior import EVENT, leading_suspects
+from enginediag_cli.history.posterior import EVENT
+from enginediag_cli.history.search import leading_suspects
 from enginediag_cli.intake.loader import RecordingLoader
 from enginediag_cli.intake.selection import RecordingSource, required_columns
 from enginediag_cli.parameters import Parameter, unspecified

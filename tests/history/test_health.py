@@ -39,6 +39,29 @@ def test_margin_used_is_slope_times_health_within_its_interval(size: float) -> N
     assert sum(inside) >= 9  # of twelve at 95 %: fewer have a chance of 1 in 5000
 
 
+@pytest.mark.parametrize("size", [-0.05, -0.1, -0.4])
+def test_wear_before_the_first_flight_is_counted_where_nominal_is_the_reference(size: float) -> None:
+    """Event or not: what was there from the start is no zero that is known for certain."""
+    inside = []
+    for seed in range(12):
+        change = np.zeros((T, len(PARAMETERS)))
+        change[:, 0] = size
+        used, error = path(make_history(np.random.default_rng([seed, 15]), change)).project_level(SLOPE)
+        inside.append(abs(used[-1] - SLOPE[0] * size) < 1.96 * error[-1])
+    assert sum(inside) >= 9  # of twelve at 95 %: fewer have a chance of 1 in 5000
+
+
+def test_a_mixture_of_paths_has_the_mean_and_the_spread_of_both() -> None:
+    """Moments of two normal laws: E C = Σ w C + Σ w (x − x̄)(x − x̄)ᵀ."""
+    one, other = (path(make_history(np.random.default_rng([seed, 16]), wear(-1.0))) for seed in (0, 1))
+    both = HealthPath.mixture([0.25, 0.75], [one, other])
+    np.testing.assert_allclose(both.level, 0.25 * one.level + 0.75 * other.level)
+    far = one.level[-1] - other.level[-1]
+    expected = 0.25 * one.covariance[-1] + 0.75 * other.covariance[-1] + 0.25 * 0.75 * np.outer(far, far)
+    np.testing.assert_allclose(both.covariance[-1], expected)
+    np.testing.assert_allclose(HealthPath.mixture([0.5, 0.5], [one, one]).total_covariance, one.total_covariance)
+
+
 def test_an_error_of_a_sensor_uses_no_margin() -> None:
     change = np.zeros((T, len(PARAMETERS)))
     change[8:, 4] = 3.0 * np.arange(1, T - 7) / (T - 8)
