@@ -118,15 +118,17 @@ class HealthPath:
         """Mean and covariance of several paths of one history, by their probabilities."""
 
         def mix(means: Sequence[np.ndarray], covariances: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-            mean = sum(w * x for w, x in zip(weights, means, strict=True))
-            spread = [(x - mean)[..., :, None] * (x - mean)[..., None, :] for x in means]
-            return mean, sum(w * (C + S) for w, C, S in zip(weights, covariances, spread, strict=True))
+            w = np.array(weights)
+            mean = np.tensordot(w, np.stack(means), 1)
+            off = np.stack(means) - mean
+            spread = np.stack(covariances) + off[..., :, None] * off[..., None, :]
+            return mean, np.tensordot(w, spread, 1)
 
         level = mix([x.level for x in paths], [x.covariance for x in paths])
         total = mix([x.total for x in paths], [x.total_covariance for x in paths])
         steps = []
         for same in zip(*(x.steps for x in paths), strict=True):
-            before = sum(w * x.before for w, x in zip(weights, same, strict=True))
+            before = np.tensordot(np.array(weights), np.stack([x.before for x in same]), 1)
             steps.append(
                 HealthStep(same[0].epoch, before, *mix([x.change for x in same], [x.covariance for x in same]))
             )
