@@ -4,8 +4,9 @@ The consumption y of a margin after t flights is
 
     y(t) = c + Σ_j r_j 1(t ≥ t_j) + L₀ (e^{κ t/τ} − 1)/(e^κ − 1) + error,      κ = 0:  L₀ t/τ,     t ≥ 0
 
-an offset, a step at each maintenance event, and growth that reaches L₀ after τ flights: straight (κ = 0) or ever faster
-(κ > 0, as C-MAPSS and most wear before a failure: A. Saxena, K. Goebel, D. Simon, N. Eklund, PHM 2008), or none at all.
+an offset, a step at each maintenance event and of what came and levelled out (its course in place of the 1), and growth
+that reaches L₀ after τ flights: straight (κ = 0) or ever faster (κ > 0, as C-MAPSS and most wear before a failure:
+A. Saxena, K. Goebel, D. Simon, N. Eklund, PHM 2008), or none at all.
 Given (τ, κ) offset and steps are Gaussian and are integrated out; (τ, κ) lie on a grid, and laws are averaged by their
 posterior weights. How fast engines of the fleet wear, ln τ ~ N(μ, s²) and the weights of κ, is learnt from the others
 (`learnt`; expectation–maximisation, A. P. Dempster, N. M. Laird, D. B. Rubin, JRSS B 39 (1977) 1–38), so that intervals
@@ -60,9 +61,11 @@ class MarginCourse:
     now : float
         Flights so far.
     steps : ndarray of shape (n, e)
-        1 after each maintenance event.
+        What came and is no growth any more: 1 after each maintenance event; of what levels out its course, 1 now.
     offset, step : float
         Prior standard deviations of the offset c and of the steps r, in the unit of y.
+    ahead : ndarray of shape (e,)
+        Share of each step that is still to come: 0 but for what has not quite levelled out.
     """
 
     t: np.ndarray
@@ -72,6 +75,7 @@ class MarginCourse:
     steps: np.ndarray
     offset: float
     step: float
+    ahead: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -111,14 +115,17 @@ def unknown_population() -> Population:
 @dataclass(frozen=True)
 class FittedLaws:
     """What a course says of each law: log likelihood (T, K), and the consumption now: `base` (T, K), that of offset and
-    steps together, its variance, and `grown` (T, K); the same without growth."""
+    steps together, its variance, and `growth_now` (T, K); approach (T, K): what steps are still to come to; the same
+    without growth."""
 
     log: np.ndarray
     base: np.ndarray
+    approach: np.ndarray
     variance: float
     growth_now: np.ndarray
     log_none: float
     base_none: float
+    approach_none: float
     reference: float
     now: float
 
@@ -156,7 +163,7 @@ def fit_laws(course: MarginCourse, reference: float) -> FittedLaws:
     log = -0.5 * np.einsum("gn,gn->g", told, left)
     log[dead] = -np.inf
     gain = prior * (X.T @ W).T  # (n, e + 1): what a reading says of offset and steps
-    after = gain.sum(axis=1)
+    after, ahead = gain.sum(axis=1), gain[:, 1:] @ course.ahead
     covariance = np.diag(prior) - (prior[:, None] * X.T) @ W @ (X * prior)
     ones = np.ones(len(prior))
     shape = (len(TAU), len(KAPPA))
@@ -165,10 +172,12 @@ def fit_laws(course: MarginCourse, reference: float) -> FittedLaws:
     return FittedLaws(
         log.reshape(shape),
         (left @ after).reshape(shape),
+        (left @ ahead).reshape(shape),
         float(ones @ covariance @ ones),
         now,
         none,
         float(course.y @ after),
+        float(course.y @ ahead),
         reference,
         course.now,
     )
@@ -264,13 +273,18 @@ def forecast(fit: FittedLaws, population: Population, limit: float, deviation: f
     second = float(np.sum(w * (now - level) ** 2) + none * (fit.base_none - level) ** 2)
     rate_error = float(np.sqrt(np.sum(w * (slope - rate) ** 2) + none * rate**2))
     some = w > LEAST_WEIGHT
-    w, tau, kappa, base = w[some], tau[some], kappa[some], fit.base[some]
+    w, tau, kappa = w[some], tau[some], kappa[some]
+    base = _levelled(fit.base[some], fit.approach[some], limit)
     spread = np.sqrt(fit.variance + deviation**2)
     gap = limit - base[:, None] + spread * ndtri((np.arange(NODES) + 0.5) / NODES)
     times = first_passage(gap / fit.reference, tau[:, None], kappa[:, None]) - fit.now
     each = np.broadcast_to(w[:, None] / NODES, times.shape)
     ahead = times > 0
-    nodes = limit - fit.base_none + spread * ndtri((np.arange(NODES) + 0.5) / NODES)
+    nodes = (
+        limit
+        - _levelled(np.array(fit.base_none), np.array(fit.approach_none), limit)
+        + spread * ndtri((np.arange(NODES) + 0.5) / NODES)
+    )
     never = none * float(np.mean(nodes > 0))
     alive = float(each[ahead].sum()) + never
     if alive <= 0.0:  # the limit is behind it by all that is known
@@ -279,6 +293,12 @@ def forecast(fit: FittedLaws, population: Population, limit: float, deviation: f
     return Forecast(
         times[ahead][order], each[ahead][order] / alive, level, float(np.sqrt(second + fit.variance)), rate, rate_error
     )
+
+
+def _levelled(base: np.ndarray, approach: np.ndarray, limit: float) -> np.ndarray:
+    """Consumption by offset and steps when they have levelled out, where that is short of the limit; beyond it growth
+    reaches the limit on the way, and is counted from now."""
+    return np.where(base + approach < limit, base + approach, base)
 
 
 def _posterior(fit: FittedLaws, population: Population) -> tuple[np.ndarray, float]:

@@ -22,6 +22,7 @@ from enginediag_cli.fleets.engine_judgement import changes_at_events, judge_with
 from enginediag_cli.fleets.findings import EngineFinding, EngineHistory, FleetSettings, HealthChange, MaintenanceEvent
 from enginediag_cli.fleets.margin import (
     NO_LIMIT,
+    PASSED,
     MarginScale,
     PowerCourse,
     add_forecasts,
@@ -333,7 +334,7 @@ def assess_margins(
     found = {}
     for finding, history, (_, account) in zip(findings, histories, judged, strict=True):
         power = PowerCourse(reason=finding.margin.reason or finding.reason)
-        if account is not None and finding.margin.reason in ("", NO_LIMIT):
+        if account is not None and finding.margin.reason in ("", NO_LIMIT, PASSED):
             power = available_power(account, scoping, scale, limits)
         one = _engine_margin(finding, history, series, (scoping, settings))
         found[finding.serial] = replace(one, power=power)

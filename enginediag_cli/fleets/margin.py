@@ -40,14 +40,17 @@ from enginediag_cli.fleets.work_scope import (
     solve_at_limits,
 )
 from enginediag_cli.history.engines import EngineTrend
-from enginediag_cli.history.hypotheses import FROM_START, STEP
-from enginediag_cli.history.posterior import EVENT, HealthPath
+from enginediag_cli.history.hypotheses import FROM_START, RAMP_HOLD, SATURATING, STEP
+from enginediag_cli.history.posterior import EVENT, ChangeEvent, HealthPath
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.units import split_column
 
 NO_LIMIT = "no limit is stated"
 """The reason that an option can remove."""
+PASSED = "the limit is reached from the first flight on"
+"""Why nothing is left to forecast."""
 POINTS = 200
 """Operating points of identification among which the hottest is taken, where take-off cannot be computed."""
 DELIVERED = ("Fn_N", "power_W")
@@ -60,7 +63,35 @@ HOT_DAY = {
     "ambient_pressure_Pa": 101325.0,
 }
 """A standard hot day at sea level, at rest: ISA + 15 K, to which engines are flat rated."""
-TAKE_OFF, STATED, HOTTEST = "rating on a standard hot day", "stated condition", "hottest point of identification"
+TAKE_OFF, RATING = "take-off on a standard hot day", "rating on a standard hot day"
+STATED, HOTTEST = "stated condition", "hottest point of identification"
+"""What a reference condition is; at take-off where it has an altitude."""
+HELD = {"Fn_N": "equal thrust", "power_W": "equal power"}
+"""What is delivered, in words."""
+
+
+def condition_words(inputs: Mapping[str, float]) -> str:
+    """Inputs as they are said, for instance "35,000 ft, Mach 0.8, ISA + 0 K, Wf 0.62 kg/s"."""
+    return ", ".join(_input_words(column, value) for column, value in inputs.items())
+
+
+def _input_words(column: str, value: float) -> str:
+    quantity, unit = split_column(column)
+    if column == "altitude_m":
+        return f"{value / FOOT_M:,.0f} ft" if abs(value) >= FOOT_M else "sea level"
+    if column == "dT_isa_K":
+        return f"ISA {'−' if value < 0 else '+'} {abs(value):g} K"
+    if column == "mach":
+        return f"Mach {value:.3g}" if value else "at rest"
+    if unit == "Pa":
+        return f"{quantity.replace('_', ' ')} {value / 100.0:,.5g} hPa"
+    if quantity.endswith("temperature") and unit == "K":
+        return f"{quantity.replace('_', ' ')} {value - ZERO_CELSIUS_K:.3g} °C"
+    return f"{quantity.replace('_', ' ')} {value:,.4g} {unit.replace('_', '/')}".strip()
+
+
+FOOT_M, ZERO_CELSIUS_K = 0.3048, 273.15
+"""Metres of a foot; zero degrees Celsius."""
 
 
 @dataclass(frozen=True)
@@ -81,14 +112,20 @@ class MarginScale:
     reason: str = ""
 
     @property
+    def place(self) -> str:
+        """The reference condition in words, for instance "take-off on a standard hot day (sea level, ISA + 15 K)"."""
+        if self.words in (TAKE_OFF, RATING):
+            stated = {c: v for c, v in self.reference.items() if c in HOT_DAY and v}
+            shown = condition_words({"altitude_m": 0.0, **stated} if "altitude_m" in self.reference else stated)
+            return f"{self.words} ({shown})" if shown else self.words
+        shown = condition_words(self.reference)
+        return f"{self.words} ({shown})" if self.words == HOTTEST else shown
+
+    @property
     def condition(self) -> str:
-        """The reference condition as text."""
-        head = f"{self.words}: " if self.words else ""
-        return (
-            head
-            + ", ".join(f"{c} {v:.6g}" for c, v in self.reference.items())
-            + (f", at given {self.fixed_column}" if self.fixed_column else "")
-        )
+        """The same with what is held, for instance "…, at equal thrust"."""
+        held = self.fixed_column and f"at {HELD.get(self.fixed_column, f'given {self.fixed_column}')}"
+        return ", ".join(filter(None, [self.place, held]))
 
 
 def margin_scale(series: Series, among: Collection[str] = (), at: Mapping[str, float] | None = None) -> MarginScale:
@@ -136,7 +173,8 @@ def _reference(monitor: Monitor, engine: Any, columns: list[str], at: Mapping[st
     if inputs is not None:
         found = engine.predict(inputs, base, sensors=columns, start=design_unknowns(engine))
         if found.ok[0]:
-            return ReferencePoint(STATED if at else TAKE_OFF, inputs, columns[int(np.argmax(found.y[0]))], found.x)
+            rating = TAKE_OFF if "altitude_m" in inputs else RATING
+            return ReferencePoint(STATED if at else rating, inputs, columns[int(np.argmax(found.y[0]))], found.x)
         why = found.reason(0)
     if at:
         raise DataError(
@@ -315,7 +353,7 @@ def available_power(
         deviation[epochs],
         float(solved.value[0]),
         tuple(solved.limited_by[1 + k] for k in epochs),
-        f"{scale.words}: {', '.join(f'{c} {v:.6g}' for c, v in scale.reference.items() if c != engine.power_setting)}",
+        scale.place,
         solved.reason,
     )
 
@@ -339,11 +377,43 @@ def _margin_course(found: EngineTrend, health: HealthPath, slope: np.ndarray, ba
     started = any(found.family(event) == FROM_START for event in changes)
     numbers = {found.flight_number(k) for k in (*(step.epoch for step in health.steps), *(e.onset for e in abrupt))}
     events = [number - baseline for number in sorted(numbers)]
+    settling = [event for event in changes if event.kind in (SATURATING, RAMP_HOLD)]
+    levelled = [_levelled_course(found, event, health, slope) for event in settling]
+    courses = [(course[health.knots], ahead) for course, ahead in filter(None, levelled)]
     steps = (t[:, None] >= np.array(events, float)).astype(float).reshape(len(t), len(events))
+    steps = np.column_stack([steps, *(course for course, _ in courses)])
     # what is common to all stretches, such as the engine's own level, is in their errors, but for what it began with;
-    # what came at once is no growth
-    offset, step = ABRUPT_K if started else 0.0, ABRUPT_K if abrupt else RECOVERED_K
-    return MarginCourse(t, y, noise, float(found.flights - baseline), steps, offset, step)
+    # what came at once, or came and levelled out, is no growth
+    offset, step = ABRUPT_K if started else 0.0, ABRUPT_K if abrupt or courses else RECOVERED_K
+    ahead = np.array([0.0] * len(events) + [share for _, share in courses])
+    return MarginCourse(t, y, noise, float(found.flights - baseline), steps, offset, step, ahead)
+
+
+def _levelled_course(
+    found: EngineTrend, event: ChangeEvent, health: HealthPath, slope: np.ndarray
+) -> tuple[np.ndarray, float] | None:
+    """Consumption (T,) by an event that levels out, 1 now, and how much of that is still to come; None where it is
+    over, or uses no margin. The approach is exponential: 1 − exp(−t/τ) since the onset, τ by least squares."""
+    posterior = found.posterior
+    moved = {part.name for part in event.changes}
+    weight = np.zeros(len(posterior.parameters))
+    for i, name in enumerate(health.parameters):
+        weight[posterior.parameters.index(name)] = slope[i] * (name in moved)
+    course = posterior.level @ weight
+    if event.end >= 0 or not course[-1]:
+        return None
+    course = course / course[-1]
+    if event.kind == RAMP_HOLD:
+        return course, 0.0
+    since = np.maximum(np.arange(len(course)) - event.onset + 1.0, 0.0)
+    approach = -np.expm1(-since / np.geomspace(1.0, len(course), APPROACHES)[:, None])
+    shapes = approach / approach[:, -1:]
+    best = int(np.argmin(np.sum((shapes - course) ** 2, axis=1)))
+    return course, float(1.0 / approach[best, -1] - 1.0)
+
+
+APPROACHES = 60
+"""Time constants of an approach that are tried, from one epoch to all: each a tenth larger than the one before."""
 
 
 def engine_severity(found: EngineTrend, used: EngineConsumption, known: Sequence[Parameter]) -> IntervalEstimate:
@@ -432,7 +502,8 @@ def add_forecasts(findings: Sequence[EngineFinding], settings: FleetSettings) ->
     limits = [margin_limit(f, settings) for f in findings]
     stated = [x[0] for x in limits if x is not None and x[0] > 0]
     if not stated:
-        return [_no_forecast(f, NO_LIMIT) for f in findings]
+        reasons = [NO_LIMIT if x is None or np.isnan(x[0]) else PASSED for x in limits]
+        return [_no_forecast(f, reason) for f, reason in zip(findings, reasons, strict=True)]
     reference = float(np.median(stated))
     at = [k for k, x in enumerate(limits) if x is not None]
     some = np.unique(np.linspace(0, len(at) - 1, LEARNT_FROM).round().astype(int))

@@ -566,13 +566,6 @@ class Scan:
             found[suspect.owner] = float(np.logaddexp(found.get(suspect.owner, -np.inf), log))
         return found
 
-    def owner_shares(self) -> dict[str, float]:
-        """Probability of each owner, that there is one more change, likeliest first."""
-        owners = self.owners()
-        weights = normalized_weights(np.array(list(owners.values())))
-        named = sorted(zip(owners, weights.tolist(), strict=True), key=lambda item: -item[1])
-        return {name: weight for name, weight in named if weight >= 1e-4}
-
     def sizes(self, suspect: int, shapes: np.ndarray) -> Sizes:
         """Of one suspect, for some shapes."""
         own = np.array(self.suspects[suspect].positions)

@@ -57,6 +57,7 @@ from enginediag_cli.history.search import (
     exchange,
     find_with_wander,
     leading_suspects,
+    owner_shares,
     prepare_search,
     weigh_wander,
 )
@@ -129,9 +130,8 @@ class HealthPath:
         steps = []
         for same in zip(*(x.steps for x in paths), strict=True):
             before = np.tensordot(np.array(weights), np.stack([x.before for x in same]), 1)
-            steps.append(
-                HealthStep(same[0].epoch, before, *mix([x.change for x in same], [x.covariance for x in same]))
-            )
+            change = mix([x.change for x in same], [x.covariance for x in same])
+            steps.append(HealthStep(same[0].epoch, before, *change))
         stretch = mix([x.stretch for x in paths], [x.stretch_covariance for x in paths])
         return HealthPath(paths[0].parameters, *level, *total, tuple(steps), paths[0].knots, *stretch)
 
@@ -515,7 +515,7 @@ def _inclusion(events: Sequence[ChangeEvent], more: Scan) -> dict[str, float]:
     for event in events:
         for name, share in event.suspects.items():
             missed[name] = missed.get(name, 1.0) * (1 - event.probability * share)
-    for name, share in more.owner_shares().items():
+    for name, share in owner_shares(more.owners()).items():
         missed[name] = missed.get(name, 1.0) * (1 - float(expit(more.log_odds)) * share)
     return {name: 1 - m for name, m in missed.items() if name != UNLISTED}
 
@@ -524,7 +524,7 @@ def describe_event(search: HistorySearch, event: Event, others: Sequence[Event])
     """One event from the posterior over it, the others given: whether and who; then how, since when and how much, with
     its course in doubt where the event is plain: no onset and no kind is known better than the course itself."""
     scan = search.scan(others)
-    suspects = scan.owner_shares()
+    suspects = owner_shares(search.owners(others))
     owner = next(iter(suspects))
     mine = _forms(scan, owner)
     going = event.kind == INTERMITTENT and scan.best_event(owner).kind == INTERMITTENT

@@ -17,7 +17,7 @@ probability of a set: the sum of the log odds of its events, each before the bac
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -84,8 +84,6 @@ LIKELY = 0.5
 """Probability from which an event's course is taken to have no shape that is listed."""
 RIVAL = 10.0
 """Nats below the best beyond which another amount of wander, or another set of the beam, is not followed."""
-TINY = 1e-12
-"""Keeps a division by no information from failing."""
 NAMED, GROUP = 0.9, 0.95
 """Probability from which one suspect is named, and which an ambiguity group holds where none is."""
 
@@ -101,6 +99,13 @@ def leading_suspects(suspects: Iterable[tuple[str, float]], whole: float = 1.0) 
         if total >= (NAMED if len(chosen) == 1 else GROUP) * whole:
             break
     return chosen
+
+
+def owner_shares(owners: Mapping[str, float]) -> dict[str, float]:
+    """Probability of each owner by its log odds, likeliest first, that there is a change."""
+    weights = normalized_weights(np.array(list(owners.values())))
+    named = sorted(zip(owners, weights.tolist(), strict=True), key=lambda item: -item[1])
+    return {name: weight for name, weight in named if weight >= 1e-4}
 
 
 @dataclass(frozen=True)
@@ -254,7 +259,7 @@ class HistorySearch:
         least, found = 1.0, [(1.0, events)]
         for k in range(len(events)):
             others = [*events[:k], *events[k + 1 :]]
-            shares = {name: p for name, p in self.scan(others).owner_shares().items() if name != UNLISTED}
+            shares = {name: p for name, p in owner_shares(self.owners(others)).items() if name != UNLISTED}
             group = leading_suspects(shares.items(), sum(shares.values()))
             if len(group) > 1 and group[0][1] < least:
                 least, whole = group[0][1], sum(p for _, p in group)

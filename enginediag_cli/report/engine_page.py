@@ -12,12 +12,11 @@ from dataclasses import dataclass, replace
 
 from scipy.stats import binom
 
-from enginediag_cli.detection.verdict import format_size
 from enginediag_cli.fleets.findings import IntervalEstimate
 from enginediag_cli.history.engines import COMES_AND_GOES, FROM_THE_FIRST, UNLIKELY
 from enginediag_cli.history.hypotheses import FROM_START, INTERMITTENT
 from enginediag_cli.history.posterior import EVENT
-from enginediag_cli.parameters import Parameter, meanings
+from enginediag_cli.parameters import meanings
 from enginediag_cli.report import result_files
 from enginediag_cli.report.evidence import EngineEvidence, ReportedChange, ReportEvidence
 from enginediag_cli.report.html import Block, EngineState, Folded, Lead, PageSection, Paragraph, TableBlock, next_step
@@ -53,9 +52,17 @@ from enginediag_cli.report.result_files import (
     order_windows,
     parse_alternative,
 )
-from enginediag_cli.report.sentences import change, count, display_scale, format_quantity, listed, probability, rounded
+from enginediag_cli.report.sentences import (
+    capital,
+    change,
+    count,
+    display_scale,
+    format_quantity,
+    listed,
+    probability,
+    rounded,
+)
 from enginediag_cli.report.tables.answers import MAINTENANCE
-from enginediag_cli.report.tables.fleet import margin_words
 from enginediag_cli.report.tables.isolation import CANNOT_TELL
 from enginediag_cli.report.tables.trend import COURSE_WORDS
 from enginediag_cli.units import is_date, split_column
@@ -73,7 +80,10 @@ def engine_lead(engine: EngineEvidence, evidence: ReportEvidence, key: str) -> L
     )
     found = _flag_misfit(engine, found)
     changed = [evidence.parameters[n] for n in found.names if n in evidence.parameters]
-    step = next_step(found.state, changed, _separating_sensors(engine), _advice(engine))
+    margin = read_margin(engine.rows_of_kind(result_files.MARGIN))
+    step = limit = margin.next_step if margin else ""
+    if not limit or found.state is not EngineState.NOTHING_FOUND:
+        step = f"{next_step(found.state, changed, _separating_sensors(engine), _advice(engine))} {limit}".strip()
     return Lead(
         found.state,
         found.sentence,
@@ -81,7 +91,7 @@ def engine_lead(engine: EngineEvidence, evidence: ReportEvidence, key: str) -> L
         identity=_identity(engine, evidence),
         confidence=_confidence_words(engine),
         onset=_onset_words(engine, found.state, evidence),
-        margin=_margin(engine),
+        margin=margin.words if margin else "",
         power=found.power,
         next_step=f"{found.first_step} {step}".strip(),
         sensitivity=_sensitivity_words(engine, evidence),
@@ -162,7 +172,7 @@ def series_answer(engine: EngineEvidence, evidence: ReportEvidence) -> EngineAns
         return EngineAnswer(EngineState.CANNOT_TELL, words, (), CHECK_START)
     if verdict == CANNOT_TELL:
         alone = _isolation_answer(engine, evidence)
-        words = f"{_capital(reason)}." if reason else "Flights differ from nominal, and no listed change explains them."
+        words = f"{capital(reason)}." if reason else "Flights differ from nominal, and no listed change explains them."
         if alone is None or alone.state is not EngineState.CHANGED:
             return EngineAnswer(EngineState.CANNOT_TELL, words)
         return EngineAnswer(
@@ -223,7 +233,7 @@ def _steady_answer(engine: EngineEvidence, evidence: ReportEvidence, flights: in
     last = judged[-1] if judged else None
     together = f"No change over {count(flights, 'flight')} together"
     if not alarms:
-        power = _power(last, evidence) if last is not None else ""
+        power = _series_power(engine, evidence) or (_power(last, evidence) if last is not None else "")
         none = ", and in none by itself" if judged else ""
         return EngineAnswer(EngineState.NOTHING_FOUND, f"{together}{none}.", power=power)
     some = f"{len(alarms)} of {count(len(judged), 'window')} {'alarms' if len(alarms) == 1 else 'alarm'}"
@@ -235,7 +245,7 @@ def _steady_answer(engine: EngineEvidence, evidence: ReportEvidence, flights: in
         return EngineAnswer(EngineState.CANNOT_TELL, words, (), step)
     if binom.sf(len(alarms) - 1, len(judged), evidence.false_alarm) >= CHANCE:
         rate = f"as many as chance makes at a false-alarm rate of {100 * evidence.false_alarm:g} %"
-        return EngineAnswer(EngineState.NOTHING_FOUND, f"{together}. {_capital(some)}, {rate}.")
+        return EngineAnswer(EngineState.NOTHING_FOUND, f"{together}. {capital(some)}, {rate}.")
     words = f"{together}, yet {some} by themselves, more than chance makes: single flights are off and come back."
     step = f"Look at {listed([row.window for row in alarms[-3:]])} below: readings that fail in flight, or weather."
     return EngineAnswer(EngineState.CANNOT_TELL, words, (), step)
@@ -248,7 +258,7 @@ def _isolation_answer(engine: EngineEvidence, evidence: ReportEvidence) -> Engin
     last, head = windows[-1], windows[-1][0]
     names = head.list("isolated")
     if head.text("verdict") == CANNOT_TELL:
-        words = f"{_capital(head.window)}: {head.text('note') or 'what changed is unknown'}."
+        words = f"{capital(head.window)}: {head.text('note') or 'what changed is unknown'}."
         return EngineAnswer(EngineState.CANNOT_TELL, words, names)
     if members := head.list("members"):
         each = [
@@ -256,7 +266,7 @@ def _isolation_answer(engine: EngineEvidence, evidence: ReportEvidence) -> Engin
             for m in members
         ]
         sentence = (
-            f"{_capital(head.window)}: one of these changed, and the data do not separate them: {listed(each, 'or')} "
+            f"{capital(head.window)}: one of these changed, and the data do not separate them: {listed(each, 'or')} "
             f"(together {probability(head.number('class'))})."
         )
         return EngineAnswer(EngineState.CANNOT_TELL, sentence, names)
@@ -264,7 +274,7 @@ def _isolation_answer(engine: EngineEvidence, evidence: ReportEvidence) -> Engin
         sizes = [size_in_words(row, evidence) for row in last if row.text("parameter")]
         return EngineAnswer(EngineState.CHANGED, f"{listed(sizes) or listed(list(names))}.", names)
     if head.text("verdict") == "fault":
-        words = f"{_capital(head.window)} departs from nominal, and no single parameter explains it."
+        words = f"{capital(head.window)} departs from nominal, and no single parameter explains it."
         return EngineAnswer(EngineState.CANNOT_TELL, words)
     return _no_alarm_answer(engine, evidence)
 
@@ -298,20 +308,19 @@ def _no_alarm_answer(engine: EngineEvidence, evidence: ReportEvidence) -> Engine
     return EngineAnswer(EngineState.NOTHING_FOUND, words, power=_power(judged[-1], evidence))
 
 
+def _series_power(engine: EngineEvidence, evidence: ReportEvidence) -> str:
+    """What all flights together would have shown: of each component the smallest step of a parameter."""
+    rows = engine.rows_of_kind(result_files.TREND)
+    sizes = {row.text("parameter"): row.number("detectable") for row in rows if row.text("detectable")}
+    told = evidence.smallest_words(sizes)
+    return told and f"a lasting change of {told}, by all flights together"
+
+
 def _power(window: Row, evidence: ReportEvidence) -> str:
     """What the window would have shown: of each component the smallest change of a parameter, where `detect` says."""
-    smallest: dict[str, tuple[float, Parameter]] = {}
-    for name in window.cells:
-        parameter = evidence.parameters.get(name.removeprefix(DETECTABLE)) if name.startswith(DETECTABLE) else None
-        if parameter is None or parameter.belongs_to_instrument or not math.isfinite(window.number(name)):
-            continue
-        known = smallest.get(parameter.component)
-        if known is None or window.number(name) < known[0]:
-            smallest[parameter.component] = (window.number(name), parameter)
-    if not smallest:
-        return ""
-    told = [f"{p.words or p.name} by {format_size(p, size)}" for size, p in smallest.values()]
-    return f"the last window alone, a change of {listed(told, 'or')}"
+    begins = [name for name in window.cells if name.startswith(DETECTABLE)]
+    told = evidence.smallest_words({name.removeprefix(DETECTABLE): window.number(name) for name in begins})
+    return told and f"the last window alone, a change of {told}"
 
 
 def _verdicts(engine: EngineEvidence) -> list[Row]:
@@ -381,12 +390,6 @@ def _event_onset(event: ReportedChange, engine: EngineEvidence) -> str:
     return f"{name}{within}{f', {date}' if date else ''}, {course}"
 
 
-def _margin(engine: EngineEvidence) -> str:
-    """How far the turbine temperature is from its limit, where a result follows it."""
-    found = read_margin(engine.rows_of_kind(result_files.MARGIN))
-    return f"{_capital(margin_words(found.margin))}." if found is not None else ""
-
-
 def _separating_sensors(engine: EngineEvidence) -> Sequence[str]:
     return engine.isolated[-1][0].list("would_tell") if engine.isolated else ()
 
@@ -397,7 +400,7 @@ def _advice(engine: EngineEvidence) -> Sequence[str]:
     trend = engine.rows_of_kind(result_files.TREND)[:1]
     scope = next((row.cells["work_scope"] for row in (*trend, *heads) if row.cells.get("work_scope")), None)
     sentences = scope.get("told", ()) if isinstance(scope, dict) else [str(s) for s in scope or ()]
-    return (*(s for head in heads for s in head.list("advice")), *(f"{_capital(str(s))}." for s in sentences))
+    return (*(s for head in heads for s in head.list("advice")), *(f"{capital(str(s))}." for s in sentences))
 
 
 def _sensitivity_words(engine: EngineEvidence, evidence: ReportEvidence) -> tuple[str, ...]:
@@ -409,7 +412,7 @@ def _sensitivity_words(engine: EngineEvidence, evidence: ReportEvidence) -> tupl
     flips = head.cells.get("flips")
     words = head.list("flips") or ((head.text("flips_told"),) if head.text("flips_told") else ())
     if not isinstance(flips, list):
-        return tuple(f"{_capital(sentence)}." for sentence in words)
+        return tuple(f"{capital(sentence)}." for sentence in words)
     each = [(_sensitivity_sentence(f, head, engine), f) for f in flips if isinstance(f, dict)]
     if not engine.rows_of_kind(result_files.TREND):
         return tuple(sentence for sentence, _ in each)
@@ -424,7 +427,7 @@ def _sensitivity_words(engine: EngineEvidence, evidence: ReportEvidence) -> tupl
 
 def _sensitivity_sentence(flip: dict[str, object], head: Row, engine: EngineEvidence) -> str:
     of = f" of {head.window} alone" if engine.rows_of_kind(result_files.TREND) else ""
-    return f"{_capital(str(flip.get('words', flip)).replace('the answer', f'the answer{of}', 1))}."
+    return f"{capital(str(flip.get('words', flip)).replace('the answer', f'the answer{of}', 1))}."
 
 
 def _alternatives(engine: EngineEvidence, evidence: ReportEvidence) -> tuple[str, ...]:
@@ -437,10 +440,6 @@ def _alternatives(engine: EngineEvidence, evidence: ReportEvidence) -> tuple[str
         return ()
     found = map(parse_alternative, engine.isolated[-1][0].list("rivals")[:MOST_RIVALS])
     return tuple(f"{_set_words(names, evidence)} ({probability(chance)})" for names, chance in found)
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 NOT_FOLLOWED = (
@@ -457,8 +456,7 @@ def margin_blocks(engine: EngineEvidence, key: str) -> Iterator[Block]:
         if engine.rows_of_kind(result_files.TREND) or engine.rows_of_kind(result_files.FLIGHTS):
             yield Paragraph(NOT_FOLLOWED, quiet=True)
         return
-    told = margin_words(found.margin)
-    yield Paragraph(f"{told[0].upper()}{told[1:]}.")
+    yield Paragraph(found.words)
     chart = margin_forecast(f"{key}-margin", found, maintenance_marks(found))
     if chart is not None:
         yield chart

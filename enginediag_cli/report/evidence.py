@@ -5,12 +5,14 @@ A report straight from recordings: what `detect`, `isolate`, `trend` and `residu
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from enginediag_cli.detection.verdict import format_size
 from enginediag_cli.errors import DataError
 from enginediag_cli.fleets.findings import EngineHistory, event_number
 from enginediag_cli.fleets.maintenance import MarginSettings
@@ -31,7 +33,7 @@ from enginediag_cli.report.result_files import (
     parse_alternative,
     residual_records,
 )
-from enginediag_cli.report.sentences import display_scale
+from enginediag_cli.report.sentences import display_scale, listed
 from enginediag_cli.report.tables.answers import MAINTENANCE
 from enginediag_cli.report.tables.recordings import excluded_lines, not_judged_lines, outside_envelope_lines
 from enginediag_cli.residuals.files import WindowReader, WindowSettings, record_residuals
@@ -177,6 +179,18 @@ class ReportEvidence:
 
     def documents(self, kind: ResultKind) -> list[ResultFile]:
         return [result for result in self.results if result.kind is kind]
+
+    def smallest_words(self, sizes: Mapping[str, float]) -> str:
+        """Of each component the parameter that shows best, in shares of what is plausible, with its size."""
+        smallest: dict[str, tuple[float, str]] = {}
+        for name, size in sizes.items():
+            parameter = self.parameters.get(name)
+            if parameter is None or parameter.belongs_to_instrument or not math.isfinite(size):
+                continue
+            known = smallest.get(parameter.component)
+            if known is None or size < known[0]:
+                smallest[parameter.component] = size, f"{parameter.words or name} by {format_size(parameter, size)}"
+        return listed([words for _, words in smallest.values()], "or")
 
     def owner_words(self, owner: str) -> str:
         """A component or an instrument as an engineer says it."""

@@ -9,6 +9,7 @@ pictures, and filters long tables; without it the page reads as well.
 from __future__ import annotations
 
 import base64
+import gzip
 import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -216,9 +217,10 @@ LONG = 60
 """Letters from which a cell may be broken into lines."""
 
 
-def html(page: Page, scripts: Sequence[str] = (), plots: Mapping[str, Any] | None = None) -> str:
-    """The whole file. scripts: run in this order; plots: by a chart's key, what a script draws it from."""
-    return "".join(_page(page, scripts, plots or {}))
+def html(page: Page, script: str = "", plots: Mapping[str, Any] | None = None, library: str = "") -> str:
+    """The whole file. script: runs when it is open; plots: by a chart's key, what it is drawn from with the `library`,
+    which is packed and unpacked by the script."""
+    return "".join(_page(page, script, plots or {}, library))
 
 
 def escape_text(text: str) -> str:
@@ -226,8 +228,8 @@ def escape_text(text: str) -> str:
     return escape(visible(text), quote=True)
 
 
-def _page(page: Page, scripts: Sequence[str], plots: Mapping[str, Any]) -> Iterator[str]:
-    hashes = " ".join(f"'sha256-{_hash(script)}'" for script in scripts) or "'none'"
+def _page(page: Page, script: str, plots: Mapping[str, Any], library: str) -> Iterator[str]:
+    hashes = " ".join(f"'sha256-{_hash(text)}'" for text in (library, script) if text) or "'none'"
     policy = f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src {hashes}; base-uri 'none'"
     yield (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
@@ -246,8 +248,11 @@ def _page(page: Page, scripts: Sequence[str], plots: Mapping[str, Any]) -> Itera
     for section in page.sections:
         yield from _section(section, 2, plots)
     yield "</main>\n"
-    for text in scripts:
-        yield f"<script>{text}</script>\n"
+    if library:
+        packed = base64.b64encode(gzip.compress(library.encode(), mtime=0)).decode()
+        yield f'<script type="application/gzip" id="library">{packed}</script>\n'
+    if script:
+        yield f"<script>{script}</script>\n"
     yield "</body>\n</html>\n"
 
 
@@ -455,4 +460,4 @@ def versions(static: bool) -> list[str]:
 def rendered(page: Page, static: bool = False) -> str:
     """The text of the file."""
     plots = {} if static or not available() else {chart.key: plot(chart) for chart in page.charts() if chart.layers}
-    return html(page, [script(), page_script()] if plots else [page_script()], plots)
+    return html(page, page_script(), plots, script() if plots else "")

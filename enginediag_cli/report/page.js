@@ -38,9 +38,19 @@
     return box;
   }
   function again() { drawn.forEach(function (_, figure) { draw(figure); }); }
-  var figures = typeof Bokeh === "undefined" ? [] : Array.from(document.querySelectorAll("figure")).filter(
-    function (figure) { return figure.querySelector("script.plot"); });
-  if (figures.length) {
+  function library() {
+    var packed = document.getElementById("library");
+    if (!packed || typeof DecompressionStream === "undefined") return Promise.resolve();
+    var bytes = Uint8Array.from(atob(packed.textContent), function (c) { return c.charCodeAt(0); });
+    var stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+    return new Response(stream).text().then(function (text) {
+      var script = document.createElement("script");
+      script.textContent = text;
+      document.head.append(script);
+    });
+  }
+  library().then(function () {
+    if (typeof Bokeh === "undefined") return;
     Bokeh.set_log_level("error");
     var seen = new IntersectionObserver(function (entries) {
       entries.forEach(function (entry) {
@@ -49,9 +59,11 @@
         draw(entry.target);
       });
     }, {rootMargin: "300px"});
-    figures.forEach(function (figure) { seen.observe(figure); });
+    document.querySelectorAll("figure").forEach(function (figure) {
+      if (figure.querySelector("script.plot")) seen.observe(figure);
+    });
     dark.addEventListener("change", again);
-  }
+  });
   document.querySelectorAll(".scroll").forEach(function (box) {
     var rows = box.querySelectorAll("tbody tr");
     if (rows.length < LONG) return;

@@ -46,7 +46,7 @@ from enginediag_cli.report.plotting.health import (
 )
 from enginediag_cli.report.plotting.models import flight_gains, law_curve, mismatch_places, refinement_fit
 from enginediag_cli.report.result_files import ResultFile, Row
-from enginediag_cli.report.sentences import change, count, format_quantity, listed, probability, rounded
+from enginediag_cli.report.sentences import capital, change, count, format_quantity, listed, probability, rounded
 
 STATES = {"changed": EngineState.CHANGED, "healthy": EngineState.NOTHING_FOUND, "no verdict": EngineState.NO_VERDICT}
 IN_FULL = 12
@@ -58,7 +58,9 @@ LIKELY = 0.5
 def fleet_lead(document: Mapping[str, Any], engines: Sequence[FleetEngine], key: str) -> Lead:
     """The first screen of a fleet: how many, the bound, and where to begin."""
     numbers = [sum(e.verdict == verdict for e in engines) for verdict in ("changed", "healthy", "no verdict")]
+    settled = sum(e.verdict == "changed" and e.is_settled for e in engines)
     told = f"{numbers[0]} of {count(len(engines), 'engine')} changed"
+    told += f", {settled} of them acknowledged and not grown since" if settled else ""
     state = EngineState.CHANGED if numbers[0] else EngineState.NOTHING_FOUND if numbers[1] else EngineState.NO_VERDICT
     doubtful = sum(e.verdict == "healthy" and bool(_unexplained(e)) for e in engines)
     rest = [f"{numbers[1] - doubtful} show no change"] if numbers[1] > doubtful else []
@@ -66,7 +68,7 @@ def fleet_lead(document: Mapping[str, Any], engines: Sequence[FleetEngine], key:
     rest += [f"{numbers[2]} could not be judged"] if numbers[2] else []
     sentence = f"{told}; {listed(rest)}." if rest else f"{told}."
     surely = str((document.get("discoveries") or {}).get("words") or "")
-    worst = [e for e in by_urgency(engines) if e.verdict == "changed"][:1]
+    worst = [e for e in by_urgency(engines) if e.verdict == "changed" and not e.is_settled][:1]
     step = [f"Begin with {e.serial}: {_step(e)}" for e in worst]
     flights = count(sum(e.flights for e in engines), "flight")
     identity = " · ".join((str(document.get("description") or "fleet"), count(len(engines), "engine"), flights))
@@ -78,12 +80,12 @@ WORKLIST = chart_columns("engine", "module", "what", "since", "how surely", "mar
 
 def by_urgency(engines: Sequence[FleetEngine]) -> list[FleetEngine]:
     """What needs somebody first: changed engines, those first that may reach their limit soonest, then as they are
-    ranked; engines that contradict themselves; instruments; what was not judged."""
+    ranked; engines that contradict themselves; instruments; what was not judged; what is acknowledged."""
 
     def urgency(e: FleetEngine) -> tuple[int, float]:
         soonest = e.margin.remaining_flights.low
         if e.verdict == "changed":
-            return 0, soonest if math.isfinite(soonest) else math.inf
+            return (4 if e.is_settled else 0), soonest if math.isfinite(soonest) else math.inf
         return (1 if _unexplained(e) else 2 if e.instruments else 3), math.inf
 
     return sorted((e for e in engines if e.verdict != "healthy" or e.instruments or _unexplained(e)), key=urgency)
@@ -117,7 +119,7 @@ def _margin_words(e: FleetEngine) -> str:
     """What is left of the margin, and for how many flights."""
     now, left = e.margin.now_K, _remaining_words(e.margin.remaining_flights)
     words = [format_quantity(now.value, "K", (now.high - now.low) / 2)] if math.isfinite(now.value) else []
-    return "; ".join([*words, *([f"{left} flights"] if left else [])]).replace("-", "−")
+    return "; ".join([*words, *([left] if left else [])]).replace("-", "−")
 
 
 def _engine_findings(e: FleetEngine) -> str:
@@ -139,10 +141,13 @@ def _confidence_words(e: FleetEngine) -> str:
     told = []
     if math.isfinite(e.probability):
         told.append(f"probability {probability(e.probability)} over {count(e.flights, 'flight')}")
-    return "; ".join([*told, *(["flagged"] if e.discovery else [])])
+    known = [e.acknowledged.words] if e.acknowledged else []
+    return "; ".join([*told, *(["flagged"] if e.discovery else []), *known])
 
 
 def _step(e: FleetEngine) -> str:
+    if e.is_settled:
+        return "Nothing new: it is known, and has not grown."
     if e.verdict == "healthy" and _unexplained(e):
         return "Judge it by itself: `trend` and `report -n NOMINAL` with its recordings."
     if e.verdict == "healthy" and e.instruments:
@@ -152,11 +157,13 @@ def _step(e: FleetEngine) -> str:
 
 
 def _remaining_words(left: IntervalEstimate) -> str:
-    """Flights to the limit with their 90 % interval."""
-    if not math.isfinite(left.value):
+    """Flights to the limit with their 90 % interval, or before how many it is not reached."""
+    if not math.isfinite(left.low):
         return ""
-    end = rounded(left.high, digits=2) if math.isfinite(left.high) else "no end in sight"
-    return f"{rounded(left.value, digits=2)} (90 %: {rounded(left.low, digits=2)} to {end})"
+    if not math.isfinite(left.high):
+        return f"no end in sight (95 %: not before {rounded(left.low, digits=2)} flights)"
+    within = f"90 %: {rounded(left.low, digits=2)} to {rounded(left.high, digits=2)}"
+    return f"{rounded(left.value, digits=2)} flights ({within})"
 
 
 def _size(h: ParameterHealth) -> str:
@@ -192,6 +199,7 @@ def _engine(e: FleetEngine, key: str) -> PageSection:
     marks = maintenance_marks(e)
     chart = margin_forecast(f"{key}-margin", e, marks)
     blocks: list[Block] = [Paragraph(e.reason)] if e.reason else []
+    blocks += [Paragraph(f"{capital(e.acknowledged.words)}.")] if e.acknowledged else []
     blocks += [Bullets(e.instruments)] if e.instruments else []
     blocks += [] if chart is None else [chart]
     blocks += [*_health(e), *_events(e)]

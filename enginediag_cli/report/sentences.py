@@ -28,6 +28,11 @@ def maintained(kind: str, component: str) -> str:
     return f"{kind} {component}".strip()
 
 
+def capital(text: str) -> str:
+    """With a capital at its begin."""
+    return text[:1].upper() + text[1:]
+
+
 def listed(items: list[str] | tuple[str, ...], last: str = "and") -> str:
     """ "a", "a and b", "a, b and c"."""
     if len(items) < 2:

@@ -22,9 +22,8 @@ from enginediag_cli.detection.forecast import (
 
 def course(t, y, sigma, steps=None, now=None):
     steps = np.zeros((len(t), 0)) if steps is None else steps
-    return MarginCourse(
-        np.asarray(t, float), np.asarray(y, float), sigma**2 * np.eye(len(t)), now or float(t[-1]), steps, 1e-3, 10.0
-    )
+    t, y, noise = np.asarray(t, float), np.asarray(y, float), sigma**2 * np.eye(len(t))
+    return MarginCourse(t, y, noise, now or float(t[-1]), steps, 1e-3, 10.0, np.zeros(steps.shape[1]))
 
 
 def straight(mean, spread):

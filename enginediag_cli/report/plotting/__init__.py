@@ -262,13 +262,30 @@ SHADES_DOWN = ("#eef5fc", "#cfe1f2", "#94c0e2", "#3d85c6", "#08407d")
 
 STEPS = len(SHADES_UP)
 
-ON_LIGHT, ON_DARK = "#20262d", "#fefefe"
-"""Ink on the shades, which are the same in the dark."""
+ON_LIGHT, ON_DARK = "#000000", "#fefefe"
+"""Ink on the shades, which are the same in the dark: of these two one has a contrast of 4.5 at least on any colour."""
 
 
 def colour(number: int) -> str:
     """A colour of the palette, round and round."""
     return LIGHT[number % len(LIGHT)]
+
+
+def contrast(one: str, other: str) -> float:
+    """Contrast of two colours "#rrggbb", from 1 to 21: W3C, Web Content Accessibility Guidelines 2.1, 2018."""
+    dark, light = sorted((_luminance(one), _luminance(other)))
+    return (light + 0.05) / (dark + 0.05)
+
+
+def _luminance(text: str) -> float:
+    shares = [int(text[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in shares]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def ink_on(fill: str) -> str:
+    """The ink that is read best on a colour."""
+    return max((ON_LIGHT, ON_DARK), key=lambda ink: contrast(fill, ink))
 
 
 def shade(value: float, largest: float, rooted: bool = False) -> tuple[str, str]:
@@ -279,7 +296,7 @@ def shade(value: float, largest: float, rooted: bool = False) -> tuple[str, str]
     share = share**0.5 if rooted else share
     step = min(int(share * STEPS), STEPS - 1)
     fill = (SHADES_UP if value >= 0 else SHADES_DOWN)[step]
-    return fill, ON_DARK if step >= 3 else ON_LIGHT
+    return fill, ink_on(fill)
 
 
 def shade_scale(layer: HeatCells) -> list[tuple[float, float, str]]:

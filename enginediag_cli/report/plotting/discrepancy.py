@@ -20,7 +20,7 @@ import numpy as np
 from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.identification.nominal import EVERYTHING
 from enginediag_cli.probability import NORMAL_95
-from enginediag_cli.report.plotting import BLUE, FAINT, INK, ORANGE, PAPER, padded
+from enginediag_cli.report.plotting import BLUE, FAINT, INK, ORANGE, ink_on, padded
 from enginediag_cli.report.plotting.svg import HEADING, SMALL, TITLE, Drawing, Edge, Letters, Panel, shade, ticks
 from enginediag_cli.report.sentences import count
 from enginediag_cli.report.tables.explanation_text import control_headline
@@ -123,12 +123,13 @@ def _draw_map(on: Drawing, heat: HeatMap, rows: int, columns: int, top: float) -
                 continue
             # square root: what matters begins a little above the gate, while the largest may be a hundred times that
             dark = math.sqrt(value / largest) if value > heat.gate else 0.25 * value / max(heat.gate, 1e-9)
-            on.rectangle(x, y, COLUMN - 2, CELL_HEIGHT - 2, shade(dark))
+            fill = shade(dark)
+            on.rectangle(x, y, COLUMN - 2, CELL_HEIGHT - 2, fill)
             on.words(
                 x + COLUMN / 2 - 1,
                 y + 14,
                 f"{value:.1f}" if value < 100 else f"{value:.0f}",
-                letters=Letters(SMALL.size, fill=PAPER if dark > 0.5 else INK),
+                letters=Letters(SMALL.size, fill=ink_on(fill)),
                 anchor="middle",
             )
     for i, j in sorted(heat.near_best):  # last, so that no neighbour covers the frame

@@ -33,8 +33,16 @@ from enginediag_cli.report.plotting import (
     every,
 )
 from enginediag_cli.report.result_files import Order, Row, order_windows
-from enginediag_cli.report.sentences import display_scale, maintained, rounded
-from enginediag_cli.report.tables.fleet import FLIGHT, MAINTENANCE, WHOLE, interval_columns
+from enginediag_cli.report.sentences import capital, count, display_scale, maintained, rounded
+from enginediag_cli.report.tables.fleet import (
+    FLIGHT,
+    MAINTENANCE,
+    WHOLE,
+    available_words,
+    interval_columns,
+    margin_words,
+    remaining_words,
+)
 from enginediag_cli.units import split_column
 
 NAN = float("nan")
@@ -108,6 +116,26 @@ class MaintenanceRecord:
 
 
 @dataclass(frozen=True)
+class AcknowledgedFinding:
+    """That a finding is known: since when, after how many flights, by which note, and which parameters have grown."""
+
+    date: str
+    flights: int
+    note: str
+    grown: Sequence[str]
+
+    @property
+    def words(self) -> str:
+        """For instance "acknowledged 2026-03-01 after 40 flights: wash planned; not raised again unless it grows"."""
+        known = f"acknowledged {self.date} after {count(self.flights, 'flight')}"
+        known += f": {self.note}" if self.note else ""
+        return f"{known}; since then grown: {', '.join(self.grown)}" if self.grown else f"{known}; {UNLESS_IT_GROWS}"
+
+
+UNLESS_IT_GROWS = "not raised again unless it grows"
+
+
+@dataclass(frozen=True)
 class FleetEngine:
     """What a fleet document says of one engine; `since`: flight of the first change, with its interval."""
 
@@ -129,6 +157,12 @@ class FleetEngine:
     margin: MarginRecord
     origin: RowOrigin
     instruments: Sequence[str] = ()
+    acknowledged: AcknowledgedFinding | None = None
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether all that has changed is acknowledged, and none of it has grown."""
+        return self.acknowledged is not None and not self.acknowledged.grown
 
 
 def read_engines(document: Mapping[str, Any], file: str) -> list[FleetEngine]:
@@ -159,7 +193,17 @@ def _engine(e: Mapping[str, Any], file: str, place: str) -> FleetEngine:
         margin=_read(MarginRecord, e.get("margin") or {}),
         origin=RowOrigin(file, place),
         instruments=[str(x["words"]) for x in e.get("instruments") or ()],
+        acknowledged=_acknowledged(e),
     )
+
+
+def _acknowledged(e: Mapping[str, Any]) -> AcknowledgedFinding | None:
+    known = e.get("acknowledged")
+    if not known:
+        return None
+    words = {str(h["parameter"]): str(h.get("words") or h["parameter"]) for h in e.get("health") or ()}
+    grown = [words.get(str(name), str(name)) for name in known.get("grown") or ()]
+    return AcknowledgedFinding(str(known["date"]), int(known["flights"]), str(known.get("note") or ""), grown)
 
 
 Part = TypeVar("Part")
@@ -502,12 +546,9 @@ def margin_forecast(key: str, engine: MarginSource, marks: Sequence[EventMark] =
     left = m.remaining_flights
     if of_limit and m.now_K.value <= 0:
         caption = "The limit is passed."
-    elif of_limit and math.isfinite(left.value):
-        layers += _forecast(x[-1], m.now_K.value, left.value, (left.low, left.high), len(x))
-        caption = (
-            f"Flights until the limit: {_flights_words(left.value)}, 90 % interval {_flights_words(left.low)} to "
-            f"{_flights_words(left.high)}."
-        )
+    elif of_limit and math.isfinite(left.low):
+        layers += _forecast(x[-1], m.now_K.value, left, len(x))
+        caption = f"{capital(remaining_words(left, 'to the limit'))}."
     quantity = split_column(m.column)[0] or "temperature"
     words = f"{quantity} margin" if of_limit else f"{quantity} margin used"
     columns = chart_columns("flight", (words, "K"), ("95 % from", "K"), ("to", "K"))
@@ -530,9 +571,11 @@ def maintenance_marks(engine: MarginSource) -> list[EventMark]:
     return [EventMark(float(x.number), x.words) for x in engine.events if x.number]
 
 
-def _forecast(now: float, left_K: float, median: float, ends: tuple[float, float], flights: int) -> list[Layer]:
-    """Straight from the present margin to zero after so many flights; of each end of the interval as well."""
-    last = max(1.0, min(median, AHEAD * flights))
+def _forecast(now: float, left_K: float, left: IntervalEstimate, flights: int) -> list[Layer]:
+    """Straight from the present margin to zero after so many flights, where it is reached; of each end of the interval
+    as well."""
+    reached = math.isfinite(left.high)
+    last = max(1.0, min(left.value if reached else left.low, AHEAD * flights))
     steps = [last * k / 20 for k in range(21)]
 
     def after(flights_left: float) -> list[float]:
@@ -541,14 +584,8 @@ def _forecast(now: float, left_K: float, median: float, ends: tuple[float, float
         return [left_K * (1.0 - s / max(flights_left, 1.0)) for s in steps]
 
     x = [now + s for s in steps]
-    return [
-        Band("90 % of the forecast", x, after(ends[0]), after(ends[1]), 1),
-        Line("forecast", x, after(median), 1, dashed=True),
-    ]
-
-
-def _flights_words(flights: float) -> str:
-    return f"{flights:,.0f}" if math.isfinite(flights) else "no end in sight"
+    band = Band("90 % of the forecast", x, after(left.low), after(left.high), 1)
+    return [band, *([Line("forecast", x, after(left.value), 1, dashed=True)] if reached else [])]
 
 
 @dataclass(frozen=True)
@@ -565,11 +602,30 @@ class MaintenanceGain:
 
 @dataclass(frozen=True)
 class OwnMargin:
-    """An engine's margin, flight by flight and as a whole, with its maintenance."""
+    """An engine's margin, flight by flight and as a whole, with its maintenance; available: power or thrust at the
+    limit, in words."""
 
     margin: MarginRecord
     by_flight: Sequence[FlightEvidence]
     events: Sequence[MaintenanceRecord]
+    available: str = ""
+
+    @property
+    def words(self) -> str:
+        """How far the turbine temperature is from its limit, and what the engine delivers there."""
+        sentences = filter(None, (margin_words(self.margin), self.available))
+        return " ".join(f"{capital(words)}." for words in sentences)
+
+    @property
+    def next_step(self) -> str:
+        """What is to be done where the limit is reached; "" where it is not."""
+        if not self.margin.now_K.value <= 0.0:
+            return ""
+        quantity = split_column(self.margin.column)[0]
+        return (
+            f"{quantity} reaches its limit: make sure that the limit is that of this condition, then derate the engine "
+            "or remove it from wing."
+        )
 
 
 def read_margin(rows: Sequence[Row]) -> OwnMargin | None:
@@ -587,7 +643,16 @@ def read_margin(rows: Sequence[Row]) -> OwnMargin | None:
         whole.text("reason"),
     )
     flights = [_flight(row) for row in rows if row.text("row") == FLIGHT]
-    return OwnMargin(m, flights, [found.event for found in read_maintenance(rows)])
+    return OwnMargin(m, flights, [found.event for found in read_maintenance(rows)], _available(whole))
+
+
+def _available(whole: Row) -> str:
+    """Power or thrust at the limit that binds, in words; "" where it is not known."""
+    for shaft, column in ((True, "power_available_kW"), (False, "thrust_available_N")):
+        size = estimate(whole, column)
+        if math.isfinite(size.value):
+            return available_words(shaft, size, estimate(whole, "available_change_percent"), whole.text("limited_by"))
+    return ""
 
 
 def read_maintenance(rows: Sequence[Row]) -> list[MaintenanceGain]:

@@ -203,7 +203,7 @@ def window_fingerprint(
     return fingerprint(key, deviations, told)
 
 
-MOST_POINTS, SENSORS = 5000, 3
+MOST_POINTS, SENSORS = 2000, 3
 """Points of a chart: more only make it slow; and readings, of which more cover each other."""
 HOUR = 3600.0
 """Seconds."""

@@ -22,7 +22,6 @@ from enginediag_cli.report.sentences import (
     instrument_in_flights,
     listed,
     maintained,
-    rounded,
 )
 from enginediag_cli.report.tables import Column, Columns, Table
 from enginediag_cli.report.tables.answers import gain_cells, gain_words
@@ -344,23 +343,27 @@ UNCHANGED_PERCENT = 0.01
 
 
 def power_words(followed: EngineMargin) -> str:
-    """For instance "1,150 kW ± 12 kW available at the limit of T45, 4.1 % ± 1.0 % below nominal (rating …)"; "" where
-    no limit is stated."""
+    """For instance "power available at the limit of T45: 1,150 kW ± 12 kW, 4.1 % ± 1.0 % below nominal, at rating on a
+    standard hot day"; "" where no limit is stated."""
     course, now = followed.power, flight_power(followed, followed.finding.flights)
     if now is None:
         known = course.reason and course.reason != NO_LIMIT and course.column
         return f"the power available at the limits is unknown: {course.reason}" if known else ""
-    what = "power" if now.column == POWER else "thrust"
-    size = now.estimate(POWER, 1000.0) if now.column == POWER else now.estimate(THRUST)
-    unit = "kW" if now.column == POWER else "N"
-    shift = now.change_percent
+    shaft = now.column == POWER
+    size = now.estimate(POWER, 1000.0) if shaft else now.estimate(THRUST)
+    return f"{available_words(shaft, size, now.change_percent, now.limited_by)}, at {course.condition}"
+
+
+def available_words(shaft: bool, size: IntervalEstimate, shift: IntervalEstimate, limited_by: str) -> str:
+    """Power in kW of a shaft engine, else thrust in N, available at a limit, and its change from nominal in %."""
+    what, unit = ("power", "kW") if shaft else ("thrust", "N")
     told = format_quantity(size.value, unit, (size.high - size.low) / 2)
     by = f"{format_quantity(abs(shift.value), '%', (shift.high - shift.low) / 2)} below nominal"
     if shift.value > 0:
         by = by.replace("below", "above")
     if max(abs(shift.low), abs(shift.high)) < UNCHANGED_PERCENT:
         by = "as nominal"
-    return f"{what} available at the limit of {now.limited_by}: {told}, {by} ({course.condition})"
+    return f"{what} available at the limit of {split_column(limited_by)[0]}: {told}, {by}"
 
 
 def report_margins(messages: Messages, margins: SeriesMargins) -> None:
@@ -414,7 +417,8 @@ def changes(found: EventEffect, known: Mapping[str, Parameter]) -> list[str]:
 
 
 def margin_words(m: Margin | MarginRecord) -> str:
-    """For instance "T5 margin 147 K ± 2 K of the limit 1150 K; 108 flights to it (90 %: 99 to 119)"."""
+    """For instance "T5 margin 147 K ± 2 K to the limit of 1150 K at take-off on a standard hot day (sea level, ISA +
+    15 K), at equal thrust; 108 flights to it (90 %: 99 to 119)"."""
     if not m.column or not math.isfinite(m.consumed_K.value):
         return f"the margin of the turbine temperature is unknown: {m.reason or 'no flight shows it'}"
     quantity = split_column(m.column)[0]
@@ -424,10 +428,13 @@ def margin_words(m: Margin | MarginRecord) -> str:
             return f"{used}; {remaining_words(m.remaining_flights, AS_MUCH)}"
         mend = f": --limit {m.column} KELVIN states it" if m.reason == NO_LIMIT else ""
         return f"{used}; the remaining margin is unknown: {m.reason or NO_LIMIT}{mend}"
+    at = f" at {m.condition}" if m.condition else ""
+    if m.now_K.value <= 0.0 <= m.now_K.high:
+        return f"{quantity} is at its limit of {m.limit_K:g} K{at}: margin {_size(m.now_K)}"
     if m.now_K.value <= 0:
         over = IntervalEstimate(-m.now_K.value, -m.now_K.high, -m.now_K.low)
-        return f"{quantity} has passed its limit of {m.limit_K:g} K by {_size(over)} at the reference condition"
-    told = f"{quantity} margin {_size(m.now_K)} to the limit of {m.limit_K:g} K"
+        return f"{quantity} has passed its limit of {m.limit_K:g} K by {_size(over)}{at}"
+    told = f"{quantity} margin {_size(m.now_K)} to the limit of {m.limit_K:g} K{at}"
     if m.reason:
         return f"{told}; the number of flights is unknown: {m.reason}"
     return f"{told}; {remaining_words(m.remaining_flights)}"
@@ -435,15 +442,14 @@ def margin_words(m: Margin | MarginRecord) -> str:
 
 def remaining_words(left: IntervalEstimate, until: str = "to it") -> str:
     """Flights to the limit with their 90 % interval; `until`: what the limit is called."""
-    if not math.isfinite(left.value):
-        begin = f", 90 %: not before {rounded(left.low)} flights" if math.isfinite(left.low) else ""
-        return f"no limit is approached: what these flights show does not reach it{begin}"
-    end = f"{left.high:,.0f}" if math.isfinite(left.high) else "no end in sight"
-    return f"{count(round(left.value), 'flight')} {until} (90 %: {left.low:,.0f} to {end})"
+    if not math.isfinite(left.high):
+        begin = f" (95 %: not before {count(round(left.low), 'flight')})" if math.isfinite(left.low) else ""
+        return f"no end in sight: what these flights show need not reach it{begin}"
+    return f"{count(round(left.value), 'flight')} {until} (90 %: {left.low:,.0f} to {left.high:,.0f})"
 
 
 def _size(x: IntervalEstimate) -> str:
-    return format_quantity(x.value, "K", (x.high - x.low) / 2)
+    return format_quantity(x.value, "K", (x.high - x.low) / 2).replace("-", "−")
 
 
 SCHEMA = "enginediag/fleet/2"
