@@ -53,6 +53,6 @@ def test_fouling_that_has_levelled_out_short_of_the_limit_gives_no_number_of_fli
 
 
 def test_a_limit_that_is_below_what_a_healthy_engine_reads_is_no_missing_limit() -> None:
-    settings = FleetSettings(limits_K={"T45_K": scale().nominal_K - 1.0})
+    settings = FleetSettings(limits_K={"T45_K": scale().nominal_K - 40.0})
     (finding,) = add_forecasts([judged(engine_history(np.random.default_rng(3), "B", 40), settings)], settings)
     assert finding.margin.reason == PASSED
