@@ -3,9 +3,10 @@
 Simulates engines of the turbofan cheaply (one template of flights; each engine's wear by the sensitivities there, noise
 of its own), a CSV file each, and runs `enginediag fleet` over the first so many of them, each time in a process of its
 own. Prints JSON, or with --table the table of the README: wall and CPU seconds, CPU per engine, in proportion to the
-smallest fleet, highest memory of a process, and what a second run with the store takes. --flights and --records say how
-much each engine flew (100 and 20), --folder keeps the recordings from one run to the next. --once: each size and number
-of jobs is run once, the identification of the common model included, as a fleet is that is seen for the first time.
+smallest fleet, highest memory of a process, engines flagged and those among them that are not worn, and what a second
+run with the store takes. --flights and --records say how much each engine flew (100 and 20), --folder keeps the
+recordings from one run to the next. --once: each size and number of jobs is run once, the identification of the common
+model included, as a fleet is that is seen for the first time.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ def recordings(engines: int, flights: int, records: int, folder: Path) -> list[P
     relative = (flight[rows] - 1) / flights
     for number, path in enumerate(paths):
         own = np.random.default_rng([1, number])
-        worn = np.maximum(2 * relative - 1, 0.0) * (number % 5 == 4)
+        worn = np.maximum(2 * relative - 1, 0.0) * is_worn(number)
         change = np.stack([size * worn for size in WEAR.values()], axis=1)
         y = healthy.y + np.einsum("nmp,np->nm", healthy.jacobian, change)
         y = y + sigma * own.standard_normal(y.shape)
@@ -72,6 +73,11 @@ def recordings(engines: int, flights: int, records: int, folder: Path) -> list[P
         if not path.exists():
             write_csv(path, [Recording(columns)], digits=7)
     return paths
+
+
+def is_worn(number: int) -> bool:
+    """Whether an engine of this number is one that wears."""
+    return number % 5 == 4
 
 
 def _by(flight: np.ndarray, flights: int) -> Iterator[np.ndarray]:
@@ -87,7 +93,11 @@ def run(fleet: Path, jobs: int, store: Path | None) -> dict[str, Any]:
     process = subprocess.Popen(command)
     _, status, used = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
+    flagged = set(json.loads(fleet.with_suffix(".json").read_text(encoding="utf-8"))["discoveries"]["engines"])
+    false = sum(not is_worn(int(serial)) for serial in flagged)
     return {
+        "flagged": len(flagged),
+        "false": false,
         "jobs": jobs,
         "wall_s": round(time.perf_counter() - since, 2),
         "cpu_s": round(used.ru_utime + used.ru_stime, 2),
@@ -148,10 +158,22 @@ def _beyond(rows: list[dict[str, Any]]) -> int:
 
 
 def table(found: dict[str, Any]) -> Iterator[str]:
-    yield "| engines | jobs | run | wall s | CPU s | CPU s an engine | highest memory of a process, MB |"
-    yield "|---|---|---|---|---|---|---|"
+    heads = (
+        "engines",
+        "jobs",
+        "run",
+        "wall s",
+        "CPU s",
+        "CPU s an engine",
+        "memory of a process, MB",
+        "flagged",
+        "false",
+    )
+    yield f"| {' | '.join(heads)} |"
+    yield "|---" * len(heads) + "|"
     for r in found["rows"]:
         cells = (r["engines"], r["jobs"], r["what"], r["wall_s"], r["cpu_s"], r["cpu_s_per_engine"], r["memory_MB"])
+        cells += (r["flagged"], r["false"])
         yield "| " + " | ".join(f"{cell:,}" if isinstance(cell, int) else str(cell) for cell in cells) + " |"
     yield ""
     yield from (f"{key}: {value}" for key, value in found.items() if key != "rows")

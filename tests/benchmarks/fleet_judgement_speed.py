@@ -59,6 +59,9 @@ def print_discoveries(fleet: FleetFinding, size: dict[str, float], true: dict[st
     right = sum(bool(named[serial] & true[serial]) for serial in flagged if serial in size)
     print(f"flagged: {len(flagged)}; false among them, stated {SETTINGS.false_discovery:.0%} at most: ", end="")
     print(rate(len(false), len(flagged)) if flagged else "none")
+    known_p = {f.serial: f.probability for f in fleet.engines}
+    words = (f"{', '.join(sorted(named[serial])) or 'nobody'} ({known_p[serial]:.3f})" for serial in false)
+    print(f"false, with their probabilities: {'; '.join(words) or 'none'}")
     print(f"named among what changed: {right} of {len(flagged) - len(false)}")
     print("| size, prior σ | changed | missed |")
     print("|---|---|---|")
