@@ -147,11 +147,13 @@ class HealthPath:
         return self.stretch.reshape(E, q) @ slope, np.einsum("i,eifj,j->ef", slope, blocks, slope)
 
 
-def health_path(history: History, background: Background, events: np.ndarray, wrong: np.ndarray) -> HealthPath:
+def health_path(
+    history: History, background: Background, events: tuple[np.ndarray, np.ndarray], wrong: np.ndarray
+) -> HealthPath:
     """The health of a history whose offsets are marginalised, beside the background without events.
 
-    events (T, p, c): columns of all events and their doubts, of standard normal amount; wrong (T, p, d): of those of
-    instruments alone.
+    events (T, p, c), (c,): columns of all events and their doubts, of standard normal amount, and whether each is a
+    change, 1, or an error of the model, 0, which is no health; wrong (T, p, d): of those of instruments alone.
     """
     H = np.array([i for i, p in enumerate(history.parameters) if not p.belongs_to_instrument], int)
     names, unit = tuple(history.parameters[i].name for i in H), history.unit[H]
@@ -169,7 +171,8 @@ def health_path(history: History, background: Background, events: np.ndarray, wr
         rows = smooth.rows[t : t + 1] - smooth.rows[t - 1 : t]
         (change,), (error,) = smooth.evaluate(rows, across if history.shifts else KnownMoves.none(1, len(H), r))
         moved.append(HealthStep(t, unit * total[t - 1], unit * change, both * error))
-    stretch, errors = _stretches(history, background, wrong, (H, np.any(events[:, H] != 0, axis=(0, 2))), knots)
+    changed = np.any((events[0] * events[1])[:, H] != 0, axis=(0, 2))
+    stretch, errors = _stretches(history, background, wrong, (H, changed), knots)
     scale = np.tile(unit, len(knots))
     return HealthPath(
         names,
@@ -248,8 +251,11 @@ class KnownMoves:
         return KnownMoves(moves, full @ full.transpose(0, 2, 1) - moves @ moves.transpose(0, 2, 1))
 
 
-def _smooth(history: History, background: Background, events: np.ndarray, H: np.ndarray) -> _SmoothHealth:
+def _smooth(
+    history: History, background: Background, found_events: tuple[np.ndarray, np.ndarray], H: np.ndarray
+) -> _SmoothHealth:
     """Health by events, a free change and what maintenance restored, in prior standard deviations."""
+    events, real = found_events
     T, p = len(history), history.width
     walk = _each_parameter(wander_modes(T), H, p)
     # an engine whose own first flights are no reference may have been worn before them
@@ -272,7 +278,9 @@ def _smooth(history: History, background: Background, events: np.ndarray, H: np.
         log.append(np.log(weight) + 0.5 * float(mean @ (scale * b)) + 0.5 * float(np.linalg.slogdet(posterior)[1]))
         found.append((scale * mean, scale[:, None] * posterior * scale))
     share = np.exp(np.array(log) - np.logaddexp.reduce(log))
-    return _SmoothHealth(h[:, H], found, share, np.linalg.inv(background.A), background.d, inner(h, background.B))
+    N = inner(h, background.B)
+    h[:, :, : len(real)] *= real  # the data show errors of the model as well, which are no health
+    return _SmoothHealth(h[:, H], found, share, np.linalg.inv(background.A), background.d, N)
 
 
 def _stretches(
@@ -479,12 +487,12 @@ def _health(search: HistorySearch, events: Sequence[Event]) -> HealthPath:
     none = np.zeros((len(search.history), search.history.width, 0))
     weights, paths = [], []
     for weight, mine in search.alternatives(events):
-        every, wrong = (
-            np.concatenate([none, *[search.event_columns(e)[0] for e in mine if e.suspect.instrument or not alone]], 2)
-            for alone in (False, True)
-        )
+        columns = [search.event_columns(event) for event in mine]
+        every = np.concatenate([none, *(h for h, _ in columns)], 2)
+        real = np.concatenate([np.zeros(0), *(share for _, share in columns)])
+        own = [h for (h, _), event in zip(columns, mine, strict=True) if event.suspect.instrument]
         weights.append(weight)
-        paths.append(health_path(search.history, search.background, every, wrong))
+        paths.append(health_path(search.history, search.background, (every, real), np.concatenate([none, *own], 2)))
     return paths[0] if len(paths) == 1 else HealthPath.mixture(weights, paths)
 
 
