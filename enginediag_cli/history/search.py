@@ -351,8 +351,15 @@ def find_events(search: HistorySearch, first: Scan) -> EventSetFit:
 
 def improve(search: HistorySearch, events: tuple[Event, ...]) -> tuple[Event, ...]:
     """Exchange and drop: each event looked at again with the others as they are; then all events of one owner at once,
-    where it has several: what one event cannot be moved to, none of them may need."""
+    where it has several: what one event cannot be moved to, none of them may need; and whether what was taken for the
+    model's error about them is another, of the same flight."""
     events = exchange(search, events)
+    while len(events) < DEPTH and any(event.doubt > EFFECT_DOUBTS[0] for event in events):
+        firm = tuple(replace(event, doubt=min(event.doubt, EFFECT_DOUBTS[0])) for event in events)
+        again = add_events(search, firm, 1)
+        if len(again) <= len(events) or search.log_probability(again) <= search.log_probability(events):
+            break
+        events = again
     for owner in {e.suspect.owner for e in events if sum(x.suspect.owner == e.suspect.owner for x in events) > 1}:
         others = tuple(e for e in events if e.suspect.owner != owner)
         again = exchange(search, add_events(search, others, DEPTH - len(others)))
