@@ -56,7 +56,7 @@ from enginediag_cli.history.hypotheses import (
 )
 from enginediag_cli.probability import normalized_weights
 
-EFFECT_DOUBTS = (0.02, 0.05, 0.12, 0.3)
+EFFECT_DOUBTS = (0.05, 0.12, 0.3)
 """Shares to which the effect of a change on all readings may be known, alike in prior: a model that is right but linear
 about nominal, up to one whose maps have slopes of their own. Of maps whose shape is off by 1 % it is 0.05 to 0.4."""
 DOUBTED, CONTENDERS = 10.0, 4
