@@ -44,6 +44,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import solve_triangular
 from scipy.special import chdtri
 
 from enginediag_cli.detection.verdict import format_size
@@ -170,8 +171,9 @@ class Background:
     @property
     def log_evidence(self) -> float:
         """Log marginal likelihood relative to nothing being uncertain: ½ dᵀA⁻¹d − ½ ln|A|."""
-        half, _, w = self._root
-        return float(0.5 * w @ w + np.sum(np.log(np.diag(half))))
+        lower = np.linalg.cholesky(self.A)
+        w = solve_triangular(lower, self.d, lower=True, check_finite=False)
+        return float(0.5 * w @ w - np.sum(np.log(np.diag(lower))))
 
     def project(self, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Scores b (K, p) and information M (K, p, p) of the courses g (K, T), of all parameters at once."""

@@ -80,6 +80,8 @@ step that is looked at two flights beside its onset loses a part of what it expl
 QUIET = -2.5
 """Log odds of a first change below which nothing is looked at more closely: neither onsets flight by flight, nor more
 wander, make up for them."""
+KEPT_BACKGROUNDS = 2
+"""Backgrounds with events that are kept: those before which several suspects are looked at in turn."""
 LIKELY = 0.5
 """Probability from which an event's course is taken to have no shape that is listed."""
 RIVAL = 10.0
@@ -126,6 +128,7 @@ class HistorySearch:
     space: HypothesisSpace
     sensors: np.ndarray
     _scans: dict[tuple[object, ...], Scan] = field(default_factory=dict, repr=False, compare=False)
+    _conditions: dict[tuple[object, ...], Background] = field(default_factory=dict, repr=False, compare=False)
     _considered: dict[tuple[object, ...], tuple[Event, float]] = field(default_factory=dict, repr=False, compare=False)
 
     def event_columns(self, event: Event) -> tuple[np.ndarray, np.ndarray]:
@@ -181,10 +184,15 @@ class HistorySearch:
 
     def condition_on(self, events: Sequence[Event]) -> Background:
         """The background with these events in it, whatever their size."""
-        found = self.background
-        for event in events:
-            found = found.add_columns(self.event_columns(event)[0])
-        return found
+        key = tuple(event.key for event in events)
+        if key not in self._conditions:
+            found = self.background
+            for event in events:
+                found = found.add_columns(self.event_columns(event)[0])
+            while len(self._conditions) >= KEPT_BACKGROUNDS:
+                self._conditions.pop(next(iter(self._conditions)))
+            self._conditions[key] = found
+        return self._conditions[key]
 
     def scan(self, events: Sequence[Event]) -> Scan:
         """The posterior over one more change; cells of onsets that matter are opened."""
