@@ -80,7 +80,7 @@ class History:
     score (T, m), information (T, m, m): of the p monitored `parameters` first, then of r unit normals that all flights
     share. unit (p,): prior standard deviations, in the parameters' units. labels (T,): what the flights are called.
     maintenance: positions of flights before which somebody worked on the engine, in rising order. shifts: which
-    of the unit normals move parameters for a reason that is known.
+    of the unit normals move parameters for a reason that is known. baseline: first flights in which nothing begins.
     """
 
     parameters: tuple[Parameter, ...]
@@ -90,6 +90,7 @@ class History:
     labels: tuple[str, ...] = ()
     maintenance: tuple[int, ...] = ()
     shifts: tuple[KnownShift, ...] = ()
+    baseline: int = 0
 
     def __post_init__(self) -> None:
         T, m = self.score.shape

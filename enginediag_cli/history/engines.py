@@ -456,13 +456,14 @@ def judge_engine_history(sums: EngineSums, meaning: Mapping[str, Parameter], opt
     for number, moved in options.shifts:
         since = (np.array(first) >= number - 1).astype(float)
         history = add_shifts(history, since, {place[name]: size for name, size in moved.items() if name in place})
+    begins_at = min(int(np.searchsorted(first, options.baseline)), len(first) - 1)
+    history = replace(history, baseline=begins_at)
     offsets = learn_offsets(history)
     found = judge_history(history, sensors=options.sensors, health=options.health, offsets=offsets)
     found, impossible = exclude_impossible(found, history)
     calm = marginalise_offsets(history, offsets)
     departures = tuple(first[t] + 1 for t in departing_epochs(calm))
-    begins_at = int(np.searchsorted(first, options.baseline))
-    visible = step_visibility(calm, min(begins_at, len(first) - 1))
+    visible = step_visibility(calm, begins_at)
     return EngineTrend(found, first, sums.flights, departures, options.baseline, visible, impossible)
 
 

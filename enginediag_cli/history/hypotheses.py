@@ -625,6 +625,8 @@ class HypothesisSpace:
             log[np.ix_(group.rows, rows)] = prior + log_sum(sizes.log, -1).T
         owned = self.owners >= 0
         log[:, owned] = np.where(np.arange(len(log))[:, None] == self.owners[owned], log[:, owned], -np.inf)
+        within = (self.shapes.onset < self.history.baseline) & (self.shapes.kind != KINDS.index(FROM_START))
+        log[:, within] = -np.inf
         return Scan(self.shapes, self.suspects, blocks, b, M, log)
 
 

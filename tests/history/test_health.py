@@ -35,7 +35,7 @@ def test_margin_used_is_slope_times_health_within_its_interval(size: float) -> N
         found = path(make_history(np.random.default_rng([seed, 5]), wear(size)))
         used, error = found.project_level(SLOPE)
         inside.append(abs(used[-1] - SLOPE[0] * size) < 1.96 * error[-1])
-        assert error[-1] < 3.0
+        assert error[-1] < 3.0 + 0.05 * abs(SLOPE[0] * size)  # no effect is known better than to a twentieth
     assert sum(inside) >= 9  # of twelve at 95 %: fewer have a chance of 1 in 5000
 
 

@@ -315,3 +315,12 @@ def test_what_the_model_gets_wrong_about_a_change_is_no_further_change() -> None
         size = {c.name: c for c in found.events[0].changes}["hpc.efficiency"]
         held += size.now_low <= -3.0 <= size.now_high
     assert held >= 8
+
+
+def test_nothing_begins_in_a_baseline() -> None:
+    """Flights that are believed healthy hold no onset; a change that was there from the first flight on may."""
+    history = make_history(np.random.default_rng(8), step(0, -0.4, 6))
+    before = judge(history)
+    assert before.events[0].onset == 6
+    believed = judge(replace(history, baseline=10))
+    assert all(event.onset == 0 or event.onset >= 10 for event in believed.events)
