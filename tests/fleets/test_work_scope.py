@@ -182,7 +182,7 @@ def test_what_a_wash_did_bring_is_told_by_the_flights_next_to_it(engine, tmp_pat
     states = np.array([[-0.03, -0.015], [-0.01, -0.005]])
     y = solve_equal_power(engine, reference, {}, ("hpc.flow_capacity", "hpc.efficiency"), states).y
     for gain, true in zip((found.gain.temperature, found.gain.fuel), y[0] - y[1], strict=True):
-        assert abs(gain.value - true) < 3 * gain.deviation < 0.6 * true
+        assert abs(gain.value - true) < 3 * gain.deviation < 0.9 * true  # six flights, and the model's own error
     told = maintenance_sentence(found, series.parameters, reference)
     assert told.startswith("it lowered T45 by") and "5 flights before against 3 after" in told
 
