@@ -532,7 +532,7 @@ def describe_event(search: HistorySearch, event: Event, others: Sequence[Event])
     """One event from the posterior over it, the others given: whether and who; then how, since when and how much, with
     its course in doubt where the event is plain: no onset and no kind is known better than the course itself."""
     scan = search.scan(others)
-    suspects = owner_shares(search.owners(others))
+    suspects = owner_shares(scan.owners())
     owner = next(iter(suspects))
     mine = _forms(scan, owner)
     going = event.kind == INTERMITTENT and scan.best_event(owner).kind == INTERMITTENT

@@ -11,8 +11,8 @@ about it, each by the amount that the data make likeliest:
               its onset on: then it has no shape that is listed, and is irregular
     end       what ended may have left something: 20 % of its size from there on
 
-so that a large change does not raise small ones beside it; and who caused it is judged with that doubt. Log
-probability of a set: the sum of the log odds of its events, each before the background of those before it.
+so that a large change does not raise small ones beside it. Log probability of a set: the sum of the log odds of its
+events, each before the background of those before it.
 """
 
 from __future__ import annotations
@@ -59,9 +59,6 @@ from enginediag_cli.probability import normalized_weights
 EFFECT_DOUBTS = (0.05, 0.12, 0.3)
 """Shares to which the effect of a change on all readings may be known, alike in prior: a model that is right but linear
 about nominal, up to one whose maps have slopes of their own. Of maps whose shape is off by 1 % it is 0.05 to 0.4."""
-DOUBTED, CONTENDERS = 10.0, 4
-"""Log odds from which the doubt about effects is weighed between owners, below it is less than the noise; and owners
-between which it is."""
 SEEN = 1e-8
 """Share of the largest information from which a direction is told apart from none: rounding is a millionth of it."""
 LEFT = 0.2
@@ -129,7 +126,6 @@ class HistorySearch:
     sensors: np.ndarray
     _scans: dict[tuple[object, ...], Scan] = field(default_factory=dict, repr=False, compare=False)
     _conditions: dict[tuple[object, ...], Background] = field(default_factory=dict, repr=False, compare=False)
-    _considered: dict[tuple[object, ...], tuple[Event, float]] = field(default_factory=dict, repr=False, compare=False)
 
     def event_columns(self, event: Event) -> tuple[np.ndarray, np.ndarray]:
         """h (T, p, c): of the event's size, of what is left after its end, of its course's doubt and of its effect's;
@@ -211,45 +207,22 @@ class HistorySearch:
         shapes = nearby_shapes(event.shape, len(self.history), self.history.maintenance)
         return self._scan_shapes(shapes, background.add_columns(self.shape_doubt(event)))
 
-    def owners(self, others: Sequence[Event]) -> dict[str, float]:
-        """Log odds of each owner of one more change. Those of the likeliest are averaged over what the model may get
-        wrong about their effect: one that explains nearly as much as another is then nearly as likely."""
-        owners = self.scan(others).owners()
-        top = sorted(owners, key=lambda name: -owners[name])[:CONTENDERS]
-        if owners[top[0]] < DOUBTED:
-            return owners
-        return owners | {name: owners[name] + self._consider(others, name)[1] for name in top}
-
     def take(self, others: Sequence[Event], owner: str = "") -> Event:
         """The likeliest further event, of one owner where that is named, with what the data leave of the doubts about
         its course and its effect."""
-        if not owner:
-            owners = self.owners(others)
-            owner = max(owners, key=lambda name: owners[name])
-        return self._consider(others, owner)[0]
+        event, before = self.scan(others).best_event(owner), self.condition_on(others)
 
-    def _consider(self, others: Sequence[Event], owner: str) -> tuple[Event, float]:
-        """The likeliest further event of an owner, and how much likelier the doubt about its effect makes it."""
-        key = *sorted(event.key for event in others), owner
-        if key not in self._considered:
-            self._considered[key] = self._doubted(self.scan(others).best_event(owner), self.condition_on(others))
-        return self._considered[key]
-
-    def _doubted(self, event: Event, before: Background) -> tuple[Event, float]:
         def log_evidence(one: Event) -> float:
             return before.add_columns(self.event_columns(one)[0]).log_evidence
 
-        plain = log_evidence(event)
         if event.kind != INTERMITTENT:
             prior = (INSTRUMENT_PRIOR if event.suspect.instrument else COMPONENT_PRIOR)[IRREGULAR]
-            moved = log_evidence(replace(event, irregular=1.0)) - plain
+            moved = log_evidence(replace(event, irregular=1.0)) - log_evidence(event)
             event = replace(event, irregular=float(expit(moved + np.log(prior / (1 - prior)))))
-            plain = log_evidence(event) if event.irregular >= LIKELY else plain
         if all(self.history.parameters[i].belongs_to_sensor for i in event.suspect.positions):
-            return event, 0.0
+            return event
         log = np.array([log_evidence(replace(event, doubt=share)) for share in EFFECT_DOUBTS])
-        doubt = float(np.sqrt(normalized_weights(log) @ np.square(EFFECT_DOUBTS)))
-        return replace(event, doubt=doubt), float(np.logaddexp.reduce(log)) - float(np.log(len(log))) - plain
+        return replace(event, doubt=float(np.sqrt(normalized_weights(log) @ np.square(EFFECT_DOUBTS))))
 
     def irregular_onsets(self, others: Sequence[Event], event: Event) -> np.ndarray:
         """Probability (T,) of the onsets near that of an irregular event, the others given."""
@@ -267,7 +240,7 @@ class HistorySearch:
         least, found = 1.0, [(1.0, events)]
         for k in range(len(events)):
             others = [*events[:k], *events[k + 1 :]]
-            shares = {name: p for name, p in owner_shares(self.owners(others)).items() if name != UNLISTED}
+            shares = {name: p for name, p in owner_shares(self.scan(others).owners()).items() if name != UNLISTED}
             group = leading_suspects(shares.items(), sum(shares.values()))
             if len(group) > 1 and group[0][1] < least:
                 least, whole = group[0][1], sum(p for _, p in group)
@@ -340,11 +313,10 @@ def find_events(search: HistorySearch, first: Scan) -> EventSetFit:
     for _ in range(DEPTH):
         grown = []
         for fit, scan in beam:
-            owners = search.owners(fit.events)
+            owners = scan.owners()
             top, *others = sorted(owners, key=lambda name: -owners[name])[:BEAM]
-            odds = float(np.logaddexp.reduce(list(owners.values())))
             if scan.log_odds > 0:  # that something changed may be certain while nobody is likelier than not
-                grown.append(EventSetFit((*fit.events, search.take(fit.events, top)), fit.log + odds))
+                grown.append(EventSetFit((*fit.events, search.take(fit.events, top)), fit.log + scan.log_odds))
             for owner in others:
                 if owners[owner] > 0:
                     grown.append(EventSetFit((*fit.events, search.take(fit.events, owner)), fit.log + owners[owner]))
@@ -426,8 +398,8 @@ def weigh_wander(history: History, suspects: Sequence[Suspect]) -> list[WanderCh
         search = prepare_search(history, nominal, multiple, suspects)
         if found and search.background.log_evidence < found[0].search.background.log_evidence - RIVAL:
             continue
-        first, owners = search.scan(()), list(search.owners(()).values())
-        log = np.log(prior) + search.background.log_evidence + np.logaddexp.reduce([0.0, *owners])
+        first = search.scan(())
+        log = np.log(prior) + search.background.log_evidence + np.logaddexp(0.0, first.log_odds)
         found.append(WanderChoice(multiple, search, first, float(log)))
         if first.log_odds < QUIET:
             break
@@ -442,8 +414,7 @@ def find_with_wander(choices: Sequence[WanderChoice]) -> tuple[WanderChoice, Eve
     for choice in choices:
         if choice.log > most - RIVAL or choice.log == most:
             fit = find_events(choice.search, choice.first)
-            alone = float(np.logaddexp.reduce([0.0, *choice.search.owners(()).values()]))
-            found.append((choice.log - alone + fit.log, choice, fit))
+            found.append((choice.log - float(np.logaddexp(0.0, choice.first.log_odds)) + fit.log, choice, fit))
             if choice.first.log_odds < 0 and choice.log == most:
                 break
     _, best, fit = max(found, key=lambda item: item[0])

@@ -161,7 +161,8 @@ def test_what_flights_wore_before_and_after_a_wash_is_not_laid_to_it(engine, tmp
     found = brought(series, windows, scoping, 11)
     assert (found.flights_before, found.flights_after) == (10, 10)
     if not restored:
-        assert not found.names and abs(found.gain.temperature.value) < 3 * found.gain.temperature.deviation
+        # named from 95 % on: one of twenty is by chance
+        assert found.probability < 0.99 and abs(found.gain.temperature.value) < 3 * found.gain.temperature.deviation
         return
     assert found.names == ("hpc.efficiency",)
     assert abs(found.change[0] - restored) < 2.5 * found.deviation[0] < 0.5 * restored
