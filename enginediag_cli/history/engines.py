@@ -436,13 +436,15 @@ class HistoryOptions:
     """How one engine is judged. baseline: its first flights, believed healthy, which say what it is like; 0 where
     nominal says that; sensors: instruments may have changed; maintenance: number, from 1, of each first flight after
     it; shifts: number of a first flight → parameter → by how much, in prior standard deviations, something that is
-    known may have moved it since; health: the path of health is computed, which margins need."""
+    known may have moved it since; health: the path of health is computed, which margins need; believed: nothing begins
+    in the baseline, as a user says."""
 
     baseline: int = 0
     sensors: bool = True
     maintenance: Sequence[int] = ()
     shifts: Sequence[tuple[int, Mapping[str, float]]] = ()
     health: bool = False
+    believed: bool = False
 
 
 def judge_engine_history(sums: EngineSums, meaning: Mapping[str, Parameter], options: HistoryOptions) -> EngineTrend:
@@ -457,7 +459,8 @@ def judge_engine_history(sums: EngineSums, meaning: Mapping[str, Parameter], opt
         since = (np.array(first) >= number - 1).astype(float)
         history = add_shifts(history, since, {place[name]: size for name, size in moved.items() if name in place})
     begins_at = min(int(np.searchsorted(first, options.baseline)), len(first) - 1)
-    history = replace(history, baseline=begins_at)
+    if options.believed:
+        history = replace(history, baseline=begins_at)
     offsets = learn_offsets(history)
     found = judge_history(history, sensors=options.sensors, health=options.health, offsets=offsets)
     found, impossible = exclude_impossible(found, history)
@@ -520,7 +523,7 @@ def judge_engines(
     def judged(k: int) -> EngineTrend:
         engine = engines[k]
         baseline = max(series.healthy(engine, reference), 1) if reference else 0
-        options = HistoryOptions(baseline, sensors, (maintenance or {}).get(engine, ()), health=health)
+        options = HistoryOptions(baseline, sensors, (maintenance or {}).get(engine, ()), health=health, believed=True)
         return judge_engine_history(sums[engine], series.parameters, options)
 
     stories = zip(engines, parallel_imap(judged, len(engines)), strict=True)

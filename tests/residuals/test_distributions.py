@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from enginediag_cli.residuals import score as distributions
+from enginediag_cli import probability as distributions
 
 DOF = (1, 2, 3.4, 9, 11, 37.5, 120, 555.0, 2000, 30_000)
 
