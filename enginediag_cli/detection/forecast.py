@@ -276,15 +276,12 @@ def forecast(fit: FittedLaws, population: Population, limit: float, deviation: f
     w, tau, kappa = w[some], tau[some], kappa[some]
     base = _levelled(fit.base[some], fit.approach[some], limit)
     spread = np.sqrt(fit.variance + deviation**2)
-    gap = limit - base[:, None] + spread * ndtri((np.arange(NODES) + 0.5) / NODES)
+    chance = spread * ndtri((np.arange(NODES) + 0.5) / NODES)
+    gap = limit - base[:, None] + chance
     times = first_passage(gap / fit.reference, tau[:, None], kappa[:, None]) - fit.now
     each = np.broadcast_to(w[:, None] / NODES, times.shape)
     ahead = times > 0
-    nodes = (
-        limit
-        - _levelled(np.array(fit.base_none), np.array(fit.approach_none), limit)
-        + spread * ndtri((np.arange(NODES) + 0.5) / NODES)
-    )
+    nodes = limit - _levelled(np.array(fit.base_none), np.array(fit.approach_none), limit) + chance
     never = none * float(np.mean(nodes > 0))
     alive = float(each[ahead].sum()) + never
     if alive <= 0.0:  # the limit is behind it by all that is known

@@ -45,7 +45,7 @@ from enginediag_cli.history.posterior import EVENT, ChangeEvent, HealthPath
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.units import split_column
+from enginediag_cli.units import convert, split_column
 
 NO_LIMIT = "no limit is stated"
 """The reason that an option can remove."""
@@ -77,21 +77,19 @@ def condition_words(inputs: Mapping[str, float]) -> str:
 
 def _input_words(column: str, value: float) -> str:
     quantity, unit = split_column(column)
+    words = quantity.replace("_", " ")
     if column == "altitude_m":
-        return f"{value / FOOT_M:,.0f} ft" if abs(value) >= FOOT_M else "sea level"
+        feet = convert(value, "m", "ft")
+        return f"{feet:,.0f} ft" if abs(feet) >= 1.0 else "sea level"
     if column == "dT_isa_K":
         return f"ISA {'−' if value < 0 else '+'} {abs(value):g} K"
     if column == "mach":
         return f"Mach {value:.3g}" if value else "at rest"
     if unit == "Pa":
-        return f"{quantity.replace('_', ' ')} {value / 100.0:,.5g} hPa"
+        return f"{words} {convert(value, unit, 'hPa'):,.5g} hPa"
     if quantity.endswith("temperature") and unit == "K":
-        return f"{quantity.replace('_', ' ')} {value - ZERO_CELSIUS_K:.3g} °C"
-    return f"{quantity.replace('_', ' ')} {value:,.4g} {unit.replace('_', '/')}".strip()
-
-
-FOOT_M, ZERO_CELSIUS_K = 0.3048, 273.15
-"""Metres of a foot; zero degrees Celsius."""
+        return f"{words} {convert(value, unit, 'degC'):.3g} °C"
+    return f"{words} {value:,.4g} {unit.replace('_', '/')}".strip()
 
 
 @dataclass(frozen=True)

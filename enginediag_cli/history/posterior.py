@@ -268,16 +268,17 @@ def _smooth(
     log, found = [], []
     first, second = events.shape[2], events.shape[2] + walk.shape[2]
     levels = list(zip(LEVEL_SIZES, LEVEL_WEIGHTS, strict=True)) if worn.shape[2] else [(1.0, 1.0)]
-    for (size, own), (level, share_) in product(zip(FREE_SIZES, FREE_WEIGHTS, strict=True), levels):
-        weight = own * share_
+    for (size, likely), (level, also) in product(zip(FREE_SIZES, FREE_WEIGHTS, strict=True), levels):
         scale = np.ones(len(b))
         scale[first:second] = size
         scale[second : second + worn.shape[2]] = level
         posterior = np.linalg.inv(scale[:, None] * M * scale + np.eye(len(b)))
         mean = posterior @ (scale * b)
-        log.append(np.log(weight) + 0.5 * float(mean @ (scale * b)) + 0.5 * float(np.linalg.slogdet(posterior)[1]))
+        log.append(
+            np.log(likely * also) + 0.5 * float(mean @ (scale * b)) + 0.5 * float(np.linalg.slogdet(posterior)[1])
+        )
         found.append((scale * mean, scale[:, None] * posterior * scale))
-    share = np.exp(np.array(log) - np.logaddexp.reduce(log))
+    share = normalized_weights(np.array(log))
     N = inner(h, background.B)
     h[:, :, : len(real)] *= real  # the data show errors of the model as well, which are no health
     return _SmoothHealth(h[:, H], found, share, np.linalg.inv(background.A), background.d, N)
@@ -717,7 +718,7 @@ def smooth_levels(search: HistorySearch, events: Sequence[Event]) -> tuple[np.nd
 
 def check_fit(search: HistorySearch, events: Sequence[Event]) -> PredictiveCheck:
     """Whether the readings of flights scatter about the events as they should."""
-    S = search.sensors
+    S = search.history.sensors
     before = search.condition_on(events)
     if not len(S):
         return PredictiveCheck(1.0, 0.5)

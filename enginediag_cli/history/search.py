@@ -5,8 +5,8 @@ Which changes together: a beam over sets of events, with adding, exchanging and 
 An event that is accepted becomes part of the background, with its size free within its slab, and with what is in doubt
 about it, each by the amount that the data make likeliest:
 
-    effect    the readings follow the event but for a share of the whole, in any of the directions that they tell apart,
-              and the event turns within its component: maps have slopes of their own
+    effect    the readings follow the event but for a share of the whole, in any direction that they distinguish, and
+              the event turns within its component: maps have slopes of their own
     course    the event may be off its course by 10 % of its size in smooth modes while it lasts; or by all of it from
               its onset on: then it has no shape that is listed, and is irregular
     end       what ended may have left something: 20 % of its size from there on
@@ -60,7 +60,7 @@ EFFECT_DOUBTS = (0.05, 0.12, 0.3)
 """Shares to which the effect of a change on all readings may be known, alike in prior: a model that is right but linear
 about nominal, up to one whose maps have slopes of their own. Of maps whose shape is off by 1 % it is 0.05 to 0.4."""
 SEEN = 1e-8
-"""Share of the largest information from which a direction is told apart from none: rounding is a millionth of it."""
+"""Share of the largest information from which a direction is distinguished from none: rounding is a millionth of it."""
 LEFT = 0.2
 """Share of an event's size that may be left after its end: no wash and no repair restores all."""
 SHAPE_DOUBT = 0.1
@@ -117,13 +117,11 @@ class EventSetFit:
 
 @dataclass(frozen=True)
 class HistorySearch:
-    """A history ready to be searched: background without events, hypotheses, and the positions (k,)
-    of the sensors' biases."""
+    """A history ready to be searched: background without events, and hypotheses."""
 
     history: History
     background: Background
     space: HypothesisSpace
-    sensors: np.ndarray
     _scans: dict[tuple[object, ...], Scan] = field(default_factory=dict, repr=False, compare=False)
     _conditions: dict[tuple[object, ...], Background] = field(default_factory=dict, repr=False, compare=False)
 
@@ -149,7 +147,7 @@ class HistorySearch:
         """h (T, p, c): what the model may get wrong about the readings with this change, while it lasts. With M the
         information on all parameters of its course and δ its size, of a share a
 
-            N(0, a² δᵀMδ / k · M⁻¹) in all k directions that the flights tell apart, and
+            N(0, a² δᵀMδ / k · M⁻¹) in all k directions that the flights distinguish, and
             N(0, a² |δ|² I) among its own parameters
 
         so that the size is found with the weights of the noise, while what is smaller than the error and has the same
@@ -303,7 +301,7 @@ def prepare_search(
     background = add_wander(nominal, history, multiple)
     shapes = coarse_shapes(len(history), history.maintenance)
     space = HypothesisSpace(history, tuple(suspects), shapes, np.full(len(shapes), -1))
-    return HistorySearch(history, background, space, history.sensors)
+    return HistorySearch(history, background, space)
 
 
 def find_events(search: HistorySearch, first: Scan) -> EventSetFit:

@@ -312,15 +312,15 @@ def _series_power(engine: EngineEvidence, evidence: ReportEvidence) -> str:
     """What all flights together would have shown: of each component the smallest step of a parameter."""
     rows = engine.rows_of_kind(result_files.TREND)
     sizes = {row.text("parameter"): row.number("detectable") for row in rows if row.text("detectable")}
-    told = evidence.smallest_words(sizes)
-    return told and f"a lasting change of {told}, by all flights together"
+    smallest = evidence.smallest_words(sizes)
+    return smallest and f"a lasting change of {smallest}, by all flights together"
 
 
 def _power(window: Row, evidence: ReportEvidence) -> str:
     """What the window would have shown: of each component the smallest change of a parameter, where `detect` says."""
     begins = [name for name in window.cells if name.startswith(DETECTABLE)]
-    told = evidence.smallest_words({name.removeprefix(DETECTABLE): window.number(name) for name in begins})
-    return told and f"the last window alone, a change of {told}"
+    smallest = evidence.smallest_words({name.removeprefix(DETECTABLE): window.number(name) for name in begins})
+    return smallest and f"the last window alone, a change of {smallest}"
 
 
 def _verdicts(engine: EngineEvidence) -> list[Row]:

@@ -357,13 +357,13 @@ def power_words(followed: EngineMargin) -> str:
 def available_words(shaft: bool, size: IntervalEstimate, shift: IntervalEstimate, limited_by: str) -> str:
     """Power in kW of a shaft engine, else thrust in N, available at a limit, and its change from nominal in %."""
     what, unit = ("power", "kW") if shaft else ("thrust", "N")
-    told = format_quantity(size.value, unit, (size.high - size.low) / 2)
+    amount = format_quantity(size.value, unit, (size.high - size.low) / 2)
     by = f"{format_quantity(abs(shift.value), '%', (shift.high - shift.low) / 2)} below nominal"
     if shift.value > 0:
         by = by.replace("below", "above")
     if max(abs(shift.low), abs(shift.high)) < UNCHANGED_PERCENT:
         by = "as nominal"
-    return f"{what} available at the limit of {split_column(limited_by)[0]}: {told}, {by}"
+    return f"{what} available at the limit of {split_column(limited_by)[0]}: {amount}, {by}"
 
 
 def report_margins(messages: Messages, margins: SeriesMargins) -> None:
@@ -434,10 +434,10 @@ def margin_words(m: Margin | MarginRecord) -> str:
     if m.now_K.value <= 0:
         over = IntervalEstimate(-m.now_K.value, -m.now_K.high, -m.now_K.low)
         return f"{quantity} has passed its limit of {m.limit_K:g} K by {_size(over)}{at}"
-    told = f"{quantity} margin {_size(m.now_K)} to the limit of {m.limit_K:g} K{at}"
+    left = f"{quantity} margin {_size(m.now_K)} to the limit of {m.limit_K:g} K{at}"
     if m.reason:
-        return f"{told}; the number of flights is unknown: {m.reason}"
-    return f"{told}; {remaining_words(m.remaining_flights)}"
+        return f"{left}; the number of flights is unknown: {m.reason}"
+    return f"{left}; {remaining_words(m.remaining_flights)}"
 
 
 def remaining_words(left: IntervalEstimate, until: str = "to it") -> str:
