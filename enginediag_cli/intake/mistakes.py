@@ -168,6 +168,8 @@ def _unit_mistakes(origin: RecordingOrigin, column: str) -> Iterator[Mistake]:
     channel = origin.channels.get(column)
     if target is None or (channel is not None and origin.scale(column) is not None):
         return
+    if column == "dT_isa_K":  # a difference, which has no zero to be wrong: `_deviation_mistakes`
+        return
     declared = find_unit(channel.unit) if channel is not None else target
     per_volume = channel is not None and channel.density_kg_m3 is not None
     for unit in UNITS.values():
