@@ -19,6 +19,7 @@ and the result is the distribution of t* − now given that it has not been pass
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -30,8 +31,9 @@ KAPPA = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0])
 """Curvatures: 0 is straight; by 10 nine tenths of the growth come in the last quarter of the life."""
 STRAIGHT = 0.5
 """Probability of straight growth, where no fleet is known: as much as of all others together."""
-NO_GROWTH = 0.05
-"""Probability that nothing grows at all, where no fleet is known."""
+NO_GROWTH = 0.5
+"""Probability that nothing grows at all, where no fleet is known: slow laws of the grid are as good as none over few
+flights, and an end that they alone give is no finding."""
 NODES = 15
 """Points of the normal law of limit and offset: quantiles of equal weight, whose mean square is within 4 %."""
 PASSES = 30
@@ -238,6 +240,11 @@ class Forecast:
         total = np.cumsum(self.weights)
         k = int(np.searchsorted(total, q))
         return float(self.times[k]) if k < len(self.times) else float("inf")
+
+    @property
+    def shows_growth(self) -> bool:
+        """Whether the flights leave less than 5 % to it that the limit is never reached."""
+        return math.isfinite(self.quantile(0.95))
 
     @property
     def mean(self) -> float:

@@ -520,9 +520,10 @@ def _add_forecast(
         return _no_forecast(finding, "too few flights show the margin")
     found = forecast(fit_laws(course, reference), population, *limit)
     half = NORMAL_95 * found.rate_error
+    median = found.quantile(0.5) if found.shows_growth else float("inf")  # else how soon is not shown, only how late
     margin = replace(
         finding.margin,
-        remaining_flights=IntervalEstimate(found.quantile(0.5), found.quantile(0.05), found.quantile(0.95)),
+        remaining_flights=IntervalEstimate(median, found.quantile(0.05), found.quantile(0.95)),
         rate_K_per_flight=IntervalEstimate(found.rate, found.rate - half, found.rate + half),
     )
     return replace(finding, margin=margin)

@@ -449,14 +449,13 @@ NOT_FOLLOWED = (
 
 
 def margin_blocks(engine: EngineEvidence, key: str) -> Iterator[Block]:
-    """Nothing where no result is of flights at all."""
+    """The chart and what maintenance brought; the first screen has the words. Nothing where no result is of flights."""
     rows = engine.rows_of_kind(result_files.MARGIN)
     found = read_margin(rows)
     if found is None:
         if engine.rows_of_kind(result_files.TREND) or engine.rows_of_kind(result_files.FLIGHTS):
             yield Paragraph(NOT_FOLLOWED, quiet=True)
         return
-    yield Paragraph(found.words)
     chart = margin_forecast(f"{key}-margin", found, maintenance_marks(found))
     if chart is not None:
         yield chart

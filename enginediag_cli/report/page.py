@@ -11,16 +11,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from enginediag_cli import __version__
-from enginediag_cli.fleets.findings import IntervalEstimate
 from enginediag_cli.mismatch.explain.answer import FORMULA, IDENTIFIED, NO_DISCREPANCY, NOT_CONVERGED
 from enginediag_cli.probability import NORMAL_95
 from enginediag_cli.report import result_files
 from enginediag_cli.report.engine_page import engine_lead, engine_section
 from enginediag_cli.report.evidence import EngineEvidence, ReportEvidence
 from enginediag_cli.report.html import (
+    MOST_CARDS,
     Block,
     Bullets,
     EngineState,
@@ -47,6 +48,7 @@ from enginediag_cli.report.plotting.health import (
 from enginediag_cli.report.plotting.models import flight_gains, law_curve, mismatch_places, refinement_fit
 from enginediag_cli.report.result_files import ResultFile, Row
 from enginediag_cli.report.sentences import capital, change, count, format_quantity, listed, probability, rounded
+from enginediag_cli.report.tables.fleet import remaining_words
 
 STATES = {"changed": EngineState.CHANGED, "healthy": EngineState.NOTHING_FOUND, "no verdict": EngineState.NO_VERDICT}
 IN_FULL = 12
@@ -112,14 +114,17 @@ def _worklist(engines: Sequence[FleetEngine]) -> Iterator[Block]:
         for e in shown
     ]
     if rows:
-        yield TableBlock("Worklist", ChartTable(WORKLIST, rows, [e.origin for e in shown]), stacked=True)
+        yield TableBlock("Worklist", ChartTable(WORKLIST, rows), stacked=True)
 
 
 def _margin_words(e: FleetEngine) -> str:
-    """What is left of the margin, and for how many flights."""
-    now, left = e.margin.now_K, _remaining_words(e.margin.remaining_flights)
-    words = [format_quantity(now.value, "K", (now.high - now.low) / 2)] if math.isfinite(now.value) else []
-    return "; ".join([*words, *([left] if left else [])]).replace("-", "−")
+    """What is left of the margin, else what is used, and for how many flights it lasts."""
+    m = e.margin
+    size, of = (m.now_K, "") if math.isfinite(m.now_K.value) else (m.consumed_K, " used")
+    if not math.isfinite(size.value):
+        return ""
+    words = format_quantity(size.value, "K", (size.high - size.low) / 2).replace("-", "−") + of
+    return words if m.reason else f"{words}; {remaining_words(m.remaining_flights)}"
 
 
 def _engine_findings(e: FleetEngine) -> str:
@@ -154,16 +159,6 @@ def _step(e: FleetEngine) -> str:
         return "Check the instrument, its wiring and recorder channel."
     changed = [h.parameter for h in _changed_parameters(e)]
     return next_step(STATES.get(e.verdict, EngineState.CANNOT_TELL), changed, (), ())
-
-
-def _remaining_words(left: IntervalEstimate) -> str:
-    """Flights to the limit with their 90 % interval, or before how many it is not reached."""
-    if not math.isfinite(left.low):
-        return ""
-    if not math.isfinite(left.high):
-        return f"no end in sight (95 %: not before {rounded(left.low, digits=2)} flights)"
-    within = f"90 %: {rounded(left.low, digits=2)} to {rounded(left.high, digits=2)}"
-    return f"{rounded(left.value, digits=2)} flights ({within})"
 
 
 def _size(h: ParameterHealth) -> str:
@@ -486,7 +481,7 @@ def made_section(evidence: ReportEvidence, command: Sequence[str], versions: Seq
     files = ChartTable(
         chart_columns("file", "is", "written by", "rows", "SHA-256"),
         [
-            (r.name, r.kind.name, f"enginediag {r.kind.command}", len(r.rows), r.sha256 or "of standard input")
+            (r.name, r.kind.name, f"enginediag {r.kind.command}", r.row_count, r.sha256 or "of standard input")
             for r in evidence.results
         ],
     )
@@ -501,18 +496,31 @@ def made_section(evidence: ReportEvidence, command: Sequence[str], versions: Seq
             blocks.append(Preformatted(result.provenance, f"What {result.name} says of its making"))
     silent = [result.name for result in evidence.results if not result.provenance]
     if silent:
-        blocks.append(
-            Paragraph(
-                f"{listed(silent)}: its origin is unknown; a CSV that is written with its header states it.", quiet=True
-            )
-        )
+        do, it = ("does", "it was") if len(silent) == 1 else ("do", "they were")
+        blocks.append(Paragraph(f"{listed(silent)} {do} not say how {it} made.", quiet=True))
     return PageSection("made", "How this page was made", blocks)
 
 
 NO_FINDING = "These files hold nothing from which a verdict follows."
 GIVE = "Give what detect, isolate, trend, fleet, explain or refine --report wrote, or recordings with -n NOMINAL."
-TITLE = "Engine report"
+TITLE, FLEET_TITLE, MODEL_TITLE = "Engine report", "Fleet report", "What the engine model lacks"
 WORST_FIRST = tuple(EngineState)
+
+
+def _title(evidence: ReportEvidence) -> str:
+    """What the page is: of engines, of a fleet, or of physics that the model lacks."""
+    if evidence.engines:
+        return TITLE
+    if evidence.documents(result_files.FLEET):
+        return FLEET_TITLE
+    model = (result_files.LOCATED, result_files.EXPLAINED, result_files.REFINED)
+    return MODEL_TITLE if any(map(evidence.documents, model)) else TITLE
+
+
+def _lead_blocks(lead: Lead) -> Iterator[Block]:
+    """What the first screen would say, of an engine that has no room there."""
+    yield Paragraph(lead.sentence)
+    yield Bullets([f"{name}: {text}" for name, text in lead.facts])
 
 
 def build_page(
@@ -532,9 +540,11 @@ def build_page(
         key = f"engine-{number}"
         ordered.append((engine_lead(engine, evidence, key), engine, key))
     ordered.sort(key=lambda entry: WORST_FIRST.index(entry[0].state))
-    for lead, engine, key in ordered:
+    for number, (lead, engine, key) in enumerate(ordered):
         leads.append(lead)
-        sections.append(engine_section(engine, evidence, key))
+        section = engine_section(engine, evidence, key)
+        without_card = [*_lead_blocks(lead)] if number >= MOST_CARDS else []
+        sections.append(replace(section, blocks=[*without_card, *section.blocks]))
     leads += physics_leads(evidence)
     for number, result in enumerate(evidence.documents(result_files.FLEET), start=1):
         engines = read_engines(result.document, result.name)
@@ -546,4 +556,4 @@ def build_page(
         excluded_section(evidence, left_out),
         made_section(evidence, command, [f"enginediag {__version__}", *versions]),
     ]
-    return Page(title or TITLE, leads, sections)
+    return Page(title or _title(evidence), leads, sections)

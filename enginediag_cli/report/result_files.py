@@ -328,6 +328,13 @@ class ResultFile:
     sha256: str = ""
     path: str = ""
 
+    @property
+    def row_count(self) -> int | None:
+        """Rows of a table; None of what is none, and of recordings, whose records are counted where they are judged."""
+        if self.lines:
+            return sum(not line.startswith("#") and bool(line.strip()) for line in self.lines) - 1
+        return None if self.document or self.kind in (RECORDING, NOMINAL) else len(self.rows)
+
 
 def read_result(path: str, name: str, *, recordings: bool = False) -> ResultFile:
     """Read a file of results.

@@ -99,6 +99,22 @@ def test_an_engine_that_does_not_wear_may_last_for_ever():
     assert TAU[-1] >= 50_000
 
 
+@pytest.mark.parametrize("flights", [5, 20, 60])
+def test_flights_in_which_nothing_grows_give_no_upper_end(flights):
+    """At most one engine in twenty is given an end although it does not wear: 200 engines, three standard errors."""
+    t, rng = np.arange(1.0, flights + 1.0), np.random.default_rng(flights)
+    fits = (fit_laws(course(t, rng.standard_normal(flights), 1.0), 30.0) for _ in range(200))
+    found = [forecast(fit, unknown_population(), 30.0) for fit in fits]
+    assert np.mean([x.shows_growth for x in found]) <= 0.05 + 3 * np.sqrt(0.05 * 0.95 / 200)
+
+
+def test_growth_of_many_standard_errors_is_shown():
+    """0.3 K a flight over 20 flights is known to 0.04 K a flight: 8 standard errors."""
+    t, rng = np.arange(1.0, 21.0), np.random.default_rng(8)
+    fits = (fit_laws(course(t, 0.3 * t + rng.standard_normal(20), 1.0), 30.0) for _ in range(100))
+    assert all(forecast(fit, unknown_population(), 30.0).shows_growth for fit in fits)
+
+
 def test_a_limit_that_has_been_passed_leaves_no_flights():
     t = np.arange(1.0, 101.0, 5)
     found = forecast(fit_laws(course(t, 0.5 * t, 0.1), 10.0), straight(np.log(20.0), 0.5), 10.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -190,6 +191,9 @@ def test_the_page_says_the_command_the_hashes_and_what_the_files_say_of_themselv
     assert "enginediag report --output page.html --static d.csv" in page or "enginediag report" in page
     assert file_sha256(file) in page
     assert "seed: 3" in page
+    bare = tmp_path / "bare.csv"
+    bare.write_text("".join(line for line in file.open() if not line.startswith("#")))
+    assert "bare.csv does not say how it was made." in report(tmp_path, bare)
 
 
 def test_missing_physics_shows_places_law_before_and_after(tmp_path) -> None:
@@ -209,8 +213,37 @@ def test_a_fleet_begins_with_how_many_changed_the_bound_and_where_to_begin(tmp_p
     assert "10 of 30 engines changed; 20 show no change." in text
     assert "at most 5 % are healthy on average" in text
     assert "Begin with ESN-1000: Inspect the HPC" in text
-    assert "120 flights (90 %: 80 to 200)" in text and "no end in sight (95 %: not before" in text
+    assert "120 flights (90 %: 80 to 200)" in text and "no growth shown at present; not before" in text
     assert "LPT efficiency: rose alike in most engines" in text
+
+
+def test_a_page_is_named_for_what_it_is_of(tmp_path) -> None:
+    def headline(*files: Path) -> str:
+        return re.findall("<h1>(.*?)</h1>", report(tmp_path, *files))[0]
+
+    assert headline(fleet(tmp_path)) == "Fleet report"
+    assert headline(explained(tmp_path), refined(tmp_path)) == "What the engine model lacks"
+    assert headline(detected(tmp_path)) == "Engine report"
+
+
+def test_a_worklist_without_a_limit_shows_the_margin_used_and_no_places_of_rows(tmp_path) -> None:
+    file = fleet(tmp_path)
+    document = json.loads(file.read_text())
+    for engine in document["engines"]:
+        engine["margin"] |= {"limit_K": None, "now_K": {}, "remaining_flights": {}, "reason": "no limit is stated"}
+        engine["margin"]["consumed_K"] = {"value": 11.2, "low": 9.0, "high": 13.4}
+    file.write_text(json.dumps(document))
+    page = report(tmp_path, file)
+    worklist = page[page.index("<caption class=quiet>Worklist") :]
+    worklist = worklist[: worklist.index("</table>")]
+    assert "11 K ± 2 K used" in worklist and "engines[" not in worklist and "flights (90" not in worklist
+    assert "towards its limit" not in page
+
+
+def test_engines_without_a_card_say_their_verdict_where_their_charts_are(tmp_path) -> None:
+    files = [trend(tmp_path / name, name) for name in map(str, range(14)) if (tmp_path / name).mkdir() is None]
+    text = " ".join("".join(words(report(tmp_path, *files)).text).split())
+    assert text.count("hpc.efficiency fell by 0.80 %") == 14
 
 
 def test_a_thousand_engines_stay_a_page_that_can_be_mailed(tmp_path) -> None:

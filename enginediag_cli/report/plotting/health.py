@@ -41,7 +41,6 @@ from enginediag_cli.report.tables.fleet import (
     available_words,
     interval_columns,
     margin_words,
-    remaining_words,
 )
 from enginediag_cli.units import split_column
 
@@ -302,7 +301,11 @@ def fleet_ranking(key: str, engines: Sequence[FleetEngine]) -> Chart:
         for rank, e in enumerate(engines, start=1)
     ]
     left = len(engines) - len(shown)
-    words = "K of margin used" if unit == "K" else "severity, prior standard deviations"
+    of_margin = unit == "K"
+    words = "K of margin used" if of_margin else "severity, prior standard deviations"
+    caption = "Margin that each engine has used since its baseline"
+    if not of_margin:
+        caption = "How far the health of each engine is from its baseline, in standard deviations of what is usual"
     return Chart(
         key,
         "Engines by severity",
@@ -310,7 +313,7 @@ def fleet_ranking(key: str, engines: Sequence[FleetEngine]) -> Chart:
         Axis("", categories=[e.serial for e in shown]),
         layers,
         ChartTable(columns, rows, [e.origin for e in engines]),
-        "How far each engine has gone towards its limit, with 95 % intervals."
+        f"{caption}, with 95 % intervals."
         + (f" {left} more engines, less severe or not judged, are in the table." if left else ""),
     )
 
@@ -541,26 +544,23 @@ def margin_forecast(key: str, engine: MarginSource, marks: Sequence[EventMark] =
     half = [NORMAL_95 * f.consumed_error_K for f in told]
     low, high = ([v + s * h for v, h in zip(y, half, strict=True)] for s in (-1.0, 1.0))
     origins = [f.origin for f in told]
-    layers: list[Layer] = [Intervals("each flight by itself", x, y, low, high, 0, origins=origins)]
-    caption = m.reason and f"No forecast: {m.reason}."
-    left = m.remaining_flights
-    if of_limit and m.now_K.value <= 0:
-        caption = "The limit is passed."
-    elif of_limit and math.isfinite(left.low):
-        layers += _forecast(x[-1], m.now_K.value, left, len(x))
-        caption = f"{capital(remaining_words(left, 'to the limit'))}."
+    layers: list[Layer] = [Intervals("at each flight, by all flights together", x, y, low, high, 0, origins=origins)]
+    followed = of_limit and m.now_K.value > 0 and math.isfinite(m.remaining_flights.low)
+    if followed:
+        layers += _forecast(x[-1], m.now_K.value, m.remaining_flights, len(x))
+    passed = "The limit is passed. " if of_limit and m.now_K.value <= 0 else ""
     quantity = split_column(m.column)[0] or "temperature"
     words = f"{quantity} margin" if of_limit else f"{quantity} margin used"
     columns = chart_columns("flight", (words, "K"), ("95 % from", "K"), ("to", "K"))
     names = [f.flight or str(f.number) for f in told]
     return Chart(
         key,
-        f"{words} and its forecast" if of_limit else words,
+        f"{words} and its forecast" if followed else words,
         Axis("flight, counted"),
         Axis(words, "K"),
         layers,
         ChartTable(columns, list(zip(names, y, low, high, strict=True)), origins),
-        caption + (f" At {m.condition}." if m.condition else ""),
+        f"{passed}{f'At {m.condition}' if m.condition else capital(words)}, with 95 % intervals.",
         marks,
         [ReferenceLine(0.0, f"limit {m.limit_K:g} K" if math.isfinite(m.limit_K) else "limit")] if of_limit else [],
     )
@@ -584,7 +584,7 @@ def _forecast(now: float, left_K: float, left: IntervalEstimate, flights: int) -
         return [left_K * (1.0 - s / max(flights_left, 1.0)) for s in steps]
 
     x = [now + s for s in steps]
-    band = Band("90 % of the forecast", x, after(left.low), after(left.high), 1)
+    band = Band("90 % of the forecast" if reached else "no sooner (95 %)", x, after(left.low), after(left.high), 1)
     return [band, *([Line("forecast", x, after(left.value), 1, dashed=True)] if reached else [])]
 
 

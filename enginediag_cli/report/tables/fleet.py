@@ -45,6 +45,8 @@ FLIGHT, MAINTENANCE, WHOLE = "flight", "maintenance", "margin"
 """What a row is about, in its cell `row`."""
 AS_MUCH = "until as much is lost as when engines are removed from wing"
 """The limit where no temperature is stated."""
+NO_GROWTH_SHOWN = "no growth shown at present"
+"""What is said of the flights to a limit where these need not lead to it."""
 
 
 def interval_columns(name: str) -> tuple[str, str, str]:
@@ -232,7 +234,7 @@ MARGIN: Table[MarginRow] = Table(
         ),
         *_estimate(
             "remaining_flights",
-            "flights until the limit; empty: no end in sight",
+            "flights until the limit; empty: no growth is shown, and only the lower end is known",
             lambda row: row.whole.remaining_flights if row.whole else None,
             "",
             "90 %",
@@ -424,7 +426,7 @@ def margin_words(m: Margin | MarginRecord) -> str:
     quantity = split_column(m.column)[0]
     if not math.isfinite(m.now_K.value):
         used = f"{_size(m.consumed_K)} of the {quantity} margin is used"
-        if not m.reason and not math.isnan(m.remaining_flights.value):
+        if not m.reason:
             return f"{used}; {remaining_words(m.remaining_flights, AS_MUCH)}"
         mend = f": --limit {m.column} KELVIN states it" if m.reason == NO_LIMIT else ""
         return f"{used}; the remaining margin is unknown: {m.reason or NO_LIMIT}{mend}"
@@ -437,15 +439,17 @@ def margin_words(m: Margin | MarginRecord) -> str:
     left = f"{quantity} margin {_size(m.now_K)} to the limit of {m.limit_K:g} K{at}"
     if m.reason:
         return f"{left}; the number of flights is unknown: {m.reason}"
-    return f"{left}; {remaining_words(m.remaining_flights)}"
+    return f"{left}; {remaining_words(m.remaining_flights, 'to it')}"
 
 
-def remaining_words(left: IntervalEstimate, until: str = "to it") -> str:
-    """Flights to the limit with their 90 % interval; `until`: what the limit is called."""
-    if not math.isfinite(left.high):
-        begin = f" (95 %: not before {count(round(left.low), 'flight')})" if math.isfinite(left.low) else ""
-        return f"no end in sight: what these flights show need not reach it{begin}"
-    return f"{count(round(left.value), 'flight')} {until} (90 %: {left.low:,.0f} to {left.high:,.0f})"
+def remaining_words(left: IntervalEstimate, until: str = "") -> str:
+    """Flights to the limit with their 90 % interval, "27 flights to it (90 %: 15 to 35)"; `until`: what the limit is
+    called. Where no growth is shown only before how many it is not reached."""
+    if math.isfinite(left.high):
+        flights = f"{count(round(left.value), 'flight')} {until}".strip()
+        return f"{flights} (90 %: {left.low:,.0f} to {left.high:,.0f})"
+    begin = f"; not before {count(round(left.low), 'flight')} (95 %)" if math.isfinite(left.low) else ""
+    return f"{NO_GROWTH_SHOWN}{begin}"
 
 
 def _size(x: IntervalEstimate) -> str:
