@@ -114,7 +114,7 @@ def maintenance_effects(
             yield MaintenanceEffect(*around, (), 0.0, (), (), None, "no flight is apart from those on its other side")
             continue
         described = [series.parameters[name] for name in health.parameters]
-        yield _step_effect(scoping, described, step, around, recorded)
+        yield _step_effect(scoping, described, step.select(range(len(described))), around, recorded)
 
 
 def _step_effect(

@@ -286,7 +286,8 @@ def engine_consumption(
     if reason or health is None:
         none = Margin(scale.column, scale.condition, reason=reason)
         return EngineConsumption(unknown, unknown, unknown, unknown, none)
-    slope = np.array([scale.slope.get(name, 0.0) for name in health.parameters])
+    own = np.array([scale.slope.get(name, 0.0) for name in health.parameters])
+    slope = health.shown_slope(own, scale.sensor)
     (used, error), (total, total_error) = health.project_level(slope), health.project_level(slope, total=True)
     limit = limits_K.get(scale.column, float("nan"))
     gone, left = interval_estimate(used[-1], error[-1]), interval_estimate(total[-1], total_error[-1])
@@ -301,7 +302,7 @@ def engine_consumption(
         total[epochs],
         total_error[epochs],
         Margin(scale.column, scale.condition, limit, gone, left),
-        _margin_course(found, health, slope, baseline),
+        _margin_course(found, health, own, baseline),
         recovered,
     )
 
@@ -335,8 +336,9 @@ def available_power(
     for column in limits:
         if column not in (known := {*engine.model_columns, *engine.sensors, engine.power_setting}):
             raise DataError(f"--limit: the engine has no column {column!r}; {near(column, sorted(known))}")
-    at = [i for i, name in enumerate(health.parameters) if name in engine.parameters]
-    names = [health.parameters[i] for i in at]
+    every = (*health.parameters, *health.readings)
+    at = [i for i, name in enumerate(every) if name in engine.parameters]
+    names = [every[i] for i in at]
     states = np.concatenate([np.zeros((1, len(at))), health.total[:, at]])
     try:
         solved = solve_at_limits(engine, scale.reference, scoping.base, names, states, limits)
@@ -424,7 +426,8 @@ def engine_severity(found: EngineTrend, used: EngineConsumption, known: Sequence
         return IntervalEstimate()
     unit = {p.name: p.prior_sigma for p in known}
     D = np.array([unit[name] for name in health.parameters])
-    level, C = health.level[-1] / D, health.covariance[-1] / D / D[:, None]
+    q = len(D)
+    level, C = health.level[-1, :q] / D, health.covariance[-1, :q, :q] / D / D[:, None]
     length = float(np.linalg.norm(level))
     error = float(np.sqrt(level @ C @ level) / max(length, 1e-12))
     return IntervalEstimate(length, max(length - NORMAL_95 * error, 0.0), length + NORMAL_95 * error)

@@ -11,7 +11,8 @@ The health of an engine over its flights, instruments' errors aside: what margin
 a_i: the events as found, with their doubts, those of instruments beside them; w: a free smooth change of each health
 parameter, a Brownian motion whose size is weighed by its evidence, since a component may have worn by what is no
 event yet; r_e: what maintenance may have moved. All of it is one Gaussian, given the events: level and covariance per
-flight, and what each maintenance changed.
+flight, and what each maintenance changed. What the model gets wrong about an event stands beside it: it is no health of
+the component that is named, but the readings have it, and a temperature has it.
 
 `knots` are the same flights without the prior of a course, for a forecast that fits a law of growth to them: the
 health of each stretch of flights by itself, with the covariance of its errors.
@@ -82,8 +83,8 @@ not: hardly more than the flights themselves say, and what is no event."""
 
 @dataclass(frozen=True)
 class HealthStep:
-    """What maintenance before epoch `epoch`, from 0, changed: level (q,) before it, change (q,) with its covariance
-    (q, q), in the parameters' units."""
+    """What maintenance before epoch `epoch`, from 0, changed: level (w,) before it, change (w,) with its covariance
+    (w, w), as the levels of a `HealthPath`."""
 
     epoch: int
     before: np.ndarray
@@ -99,12 +100,16 @@ class HealthStep:
 class HealthPath:
     """Health parameters over T epochs, in their units.
 
-    level (T, q), covariance (T, q, q): what changed since the first; total (T, q), total_covariance (T, q, q): from
+    A level has w = q + m numbers: the q health parameters, and by what m readings differ from what the model makes of
+    the changes of these, `readings` by the names of their biases: of the engine, not of instruments.
+
+    level (T, w), covariance (T, w, w): what changed since the first; total (T, w), total_covariance (T, w, w): from
     nominal, with the engine's own level where it has one; steps: of each maintenance; knots (E,): first epoch of each
     stretch of a forecast; stretch (E q,), stretch_covariance (E q, E q): health of each by itself and its errors.
     """
 
     parameters: tuple[str, ...]
+    readings: tuple[str, ...]
     level: np.ndarray
     covariance: np.ndarray
     total: np.ndarray
@@ -133,10 +138,16 @@ class HealthPath:
             change = mix([x.change for x in same], [x.covariance for x in same])
             steps.append(HealthStep(same[0].epoch, before, *change))
         stretch = mix([x.stretch for x in paths], [x.stretch_covariance for x in paths])
-        return HealthPath(paths[0].parameters, *level, *total, tuple(steps), paths[0].knots, *stretch)
+        one = paths[0]
+        return HealthPath(one.parameters, one.readings, *level, *total, tuple(steps), one.knots, *stretch)
+
+    def shown_slope(self, slope: np.ndarray, reading: str = "") -> np.ndarray:
+        """Derivatives (w,) of what follows the health parameters by slope (q,), as the flights show it: with what the
+        model gets wrong about changes where it has a reading, named by its bias."""
+        return np.concatenate([slope, [float(name == reading) for name in self.readings]])
 
     def project_level(self, slope: np.ndarray, *, total: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and standard deviation (T,) of slope (q,) times the level, or the total."""
+        """Mean and standard deviation (T,) of slope (w,) times the level, or the total."""
         level, C = (self.total, self.total_covariance) if total else (self.level, self.covariance)
         return level @ slope, np.sqrt(np.maximum(np.einsum("i,tij,j->t", slope, C, slope), 0.0))
 
@@ -152,11 +163,13 @@ def health_path(
 ) -> HealthPath:
     """The health of a history whose offsets are marginalised, beside the background without events.
 
-    events (T, p, c), (c,): columns of all events and their doubts, of standard normal amount, and whether each is a
-    change, 1, or an error of the model, 0, which is no health; wrong (T, p, d): of those of instruments alone.
+    events (T, p, c), (2, c): columns of all events and their doubts, of standard normal amount, and whether each is a
+    change, and an error of the model about a component's; wrong (T, p, d): of those of instruments alone.
     """
     H = np.array([i for i, p in enumerate(history.parameters) if not p.belongs_to_instrument], int)
-    names, unit = tuple(history.parameters[i].name for i in H), history.unit[H]
+    S = history.sensors
+    names, readings = (tuple(history.parameters[i].name for i in at) for at in (H, S))
+    own, unit = history.unit[H], history.unit[np.concatenate([H, S])]
     knots = _knots(len(history), history.maintenance)
     both = np.outer(unit, unit)
     smooth = _smooth(history, background, events, H)
@@ -169,13 +182,14 @@ def health_path(
     for t in history.maintenance:
         across = KnownMoves.from_history(history, H, r, [np.diff(shift.course)[t - 1 : t] for shift in history.shifts])
         rows = smooth.rows[t : t + 1] - smooth.rows[t - 1 : t]
-        (change,), (error,) = smooth.evaluate(rows, across if history.shifts else KnownMoves.none(1, len(H), r))
+        (change,), (error,) = smooth.evaluate(rows, across if history.shifts else KnownMoves.none(1, len(unit), r))
         moved.append(HealthStep(t, unit * total[t - 1], unit * change, both * error))
-    changed = np.any((events[0] * events[1])[:, H] != 0, axis=(0, 2))
+    changed = np.any((events[0] * events[1][0])[:, H] != 0, axis=(0, 2))
     stretch, errors = _stretches(history, background, wrong, (H, changed), knots)
-    scale = np.tile(unit, len(knots))
+    scale = np.tile(own, len(knots))
     return HealthPath(
         names,
+        readings,
         unit * level,
         both * covariance,
         unit * total,
@@ -194,7 +208,7 @@ def _knots(T: int, maintenance: Sequence[int]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _SmoothHealth:
-    """rows (T, q, c): health by coefficients x of events, free change and maintenance, whose law is a mixture of normal
+    """rows (T, w, c): health by coefficients x of events, free change and maintenance, whose law is a mixture of normal
     ones: mean (c,) and covariance (c, c) of each, with weights `share`. Unit normals z that all flights share are
 
     z | x ~ N(A⁻¹(d − Nᵀx), A⁻¹),   N = hᵀB
@@ -209,7 +223,7 @@ class _SmoothHealth:
     N: np.ndarray
 
     def evaluate(self, rows: np.ndarray, shifts: KnownMoves) -> tuple[np.ndarray, np.ndarray]:
-        """Mean (n, q) and covariance (n, q, q) of rows (n, q, c) x + shifts (n, q, r) z."""
+        """Mean (n, w) and covariance (n, w, w) of rows (n, w, c) x + shifts (n, w, r) z."""
         W = shifts.moves @ self.inverse
         rows = rows - W @ self.N.T
         means = [rows @ mean for mean, _ in self.found]
@@ -223,30 +237,30 @@ class _SmoothHealth:
 
 @dataclass(frozen=True)
 class KnownMoves:
-    """What the unit normals z move health by: moves (n, q, r), and covariance (n, q, q) of what flights do not know of
+    """What the unit normals z move levels by: moves (n, w, r), and covariance (n, w, w) of what flights do not know of
     it at all."""
 
     moves: np.ndarray
     unknown: np.ndarray
 
     @staticmethod
-    def none(n: int, q: int, r: int) -> KnownMoves:
-        return KnownMoves(np.zeros((n, q, r)), np.zeros((n, q, q)))
+    def none(n: int, w: int, r: int) -> KnownMoves:
+        return KnownMoves(np.zeros((n, w, r)), np.zeros((n, w, w)))
 
     @staticmethod
     def from_history(history: History, H: np.ndarray, r: int, courses: Sequence[np.ndarray]) -> KnownMoves:
         """Along courses (n,) of the shifts of a history, in their order; r unit normals are uncertain."""
-        basis = nominal_basis(history)
+        basis, width = nominal_basis(history), len(H) + len(history.sensors)
         if not courses:
-            return KnownMoves.none(len(history), len(H), r)
+            return KnownMoves.none(len(history), width, r)
         n = len(courses[0])
-        full = np.zeros((n, len(H), len(basis)))
+        full = np.zeros((n, width, len(basis)))
         place = {int(i): k for k, i in enumerate(H)}
         for shift, course in zip(history.shifts, courses, strict=True):
             for j, (i, size) in enumerate(zip(shift.positions, shift.sizes, strict=True)):
                 if int(i) in place:
                     full[:, place[int(i)], shift.first + j] += course * size
-        moves = np.zeros((n, len(H), r))
+        moves = np.zeros((n, width, r))
         moves[:, :, : basis.shape[1]] = full @ basis
         return KnownMoves(moves, full @ full.transpose(0, 2, 1) - moves @ moves.transpose(0, 2, 1))
 
@@ -255,7 +269,7 @@ def _smooth(
     history: History, background: Background, found_events: tuple[np.ndarray, np.ndarray], H: np.ndarray
 ) -> _SmoothHealth:
     """Health by events, a free change and what maintenance restored, in prior standard deviations."""
-    events, real = found_events
+    events, (real, in_error) = found_events
     T, p = len(history), history.width
     walk = _each_parameter(wander_modes(T), H, p)
     # an engine whose own first flights are no reference may have been worn before them
@@ -280,8 +294,13 @@ def _smooth(
         found.append((scale * mean, scale[:, None] * posterior * scale))
     share = normalized_weights(np.array(log))
     N = inner(h, background.B)
-    h[:, :, : len(real)] *= real  # the data show errors of the model as well, which are no health
-    return _SmoothHealth(h[:, H], found, share, np.linalg.inv(background.A), background.d, N)
+    rest = np.ones(h.shape[2] - len(real))
+    change, error = h * np.concatenate([real, rest]), h * np.concatenate([in_error, 0 * rest])
+    # an error ε of the model, in terms of the parameters, as it is in the readings: e = F_SS⁻¹ F_S ε
+    F, S = history.information[:, :, :p], history.sensors
+    read = np.linalg.pinv(F[:, S[:, None], S], hermitian=True) @ F[:, S] @ error
+    rows = np.concatenate([change[:, H], read], axis=1)
+    return _SmoothHealth(rows, found, share, np.linalg.inv(background.A), background.d, N)
 
 
 def _stretches(
@@ -490,7 +509,8 @@ def _health(search: HistorySearch, events: Sequence[Event]) -> HealthPath:
     for weight, mine in search.alternatives(events):
         columns = [search.event_columns(event) for event in mine]
         every = np.concatenate([none, *(h for h, _ in columns)], 2)
-        real = np.concatenate([np.zeros(0), *(share for _, share in columns)])
+        shares = [(r, 0 * r if e.suspect.instrument else 1 - r) for (_, r), e in zip(columns, mine, strict=True)]
+        real = np.concatenate([np.zeros((2, 0)), *map(np.stack, shares)], 1)
         own = [h for (h, _), event in zip(columns, mine, strict=True) if event.suspect.instrument]
         weights.append(weight)
         paths.append(health_path(search.history, search.background, (every, real), np.concatenate([none, *own], 2)))

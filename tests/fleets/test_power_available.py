@@ -123,11 +123,10 @@ def test_snapshots_of_a_worn_turboshaft_have_its_margin_and_its_power(engine: En
     truth = solve_at_limits(engine, inputs, {}, NAMES, np.stack([np.zeros(2), wear[-1]]), {"T45_K": 1150.0})
     wide = 0.75 * (row["power_available_kW_high"] - row["power_available_kW_low"])  # three standard errors
     assert row["power_available_kW"] == pytest.approx(truth.value[1] / 1000.0, abs=wide)
-    # both components wear at once: what the second does may as well be the model's error about the first
-    assert wide < 0.12 * row["power_available_kW"] and row["limited_by"] == "T45_K"
+    assert wide < 0.05 * row["power_available_kW"] and row["limited_by"] == "T45_K"
     change = row["power_available_kW"] - row["power_change_kW"]
     assert change == pytest.approx(truth.value[0] / 1000.0, rel=1e-6)
-    assert row["thrust_available_N"] is None and row["used_low"] > 10.0
+    assert row["thrust_available_N"] is None and row["used_low"] > 15.0
 
 
 def test_a_drift_of_the_temperature_uses_no_margin_and_no_power(engine: Engine, snapshots) -> None:

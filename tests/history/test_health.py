@@ -22,6 +22,10 @@ def path(history: History) -> HealthPath:
     return found
 
 
+def used_by(found: HealthPath, *, total: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    return found.project_level(found.shown_slope(SLOPE), total=total)
+
+
 def wear(size: float, onset: int = 8) -> np.ndarray:
     change = np.zeros((T, len(PARAMETERS)))
     change[onset:, 0] = size * np.arange(1, T - onset + 1) / (T - onset)
@@ -33,7 +37,7 @@ def test_margin_used_is_slope_times_health_within_its_interval(size: float) -> N
     inside = []
     for seed in range(12):
         found = path(make_history(np.random.default_rng([seed, 5]), wear(size)))
-        used, error = found.project_level(SLOPE)
+        used, error = used_by(found)
         inside.append(abs(used[-1] - SLOPE[0] * size) < 1.96 * error[-1])
         assert error[-1] < 3.0 + 0.05 * abs(SLOPE[0] * size)  # no effect is known better than to a twentieth
     assert sum(inside) >= 9  # of twelve at 95 %: fewer have a chance of 1 in 5000
@@ -46,7 +50,7 @@ def test_wear_before_the_first_flight_is_counted_where_nominal_is_the_reference(
     for seed in range(12):
         change = np.zeros((T, len(PARAMETERS)))
         change[:, 0] = size
-        used, error = path(make_history(np.random.default_rng([seed, 15]), change)).project_level(SLOPE)
+        used, error = used_by(path(make_history(np.random.default_rng([seed, 15]), change)))
         inside.append(abs(used[-1] - SLOPE[0] * size) < 1.96 * error[-1])
     assert sum(inside) >= 9  # of twelve at 95 %: fewer have a chance of 1 in 5000
 
@@ -66,7 +70,7 @@ def test_an_error_of_a_sensor_uses_no_margin() -> None:
     change = np.zeros((T, len(PARAMETERS)))
     change[8:, 4] = 3.0 * np.arange(1, T - 7) / (T - 8)
     found = path(make_history(np.random.default_rng([1, 6]), change))
-    used, error = found.project_level(SLOPE)
+    used, error = used_by(found)
     assert np.all(np.abs(used) < 2.5 * error) and error.max() < 3.0
     each, covariance = found.project_stretches(SLOPE)
     assert np.all(np.abs(each) < 4.0 * np.sqrt(np.diag(covariance)))
@@ -76,10 +80,12 @@ def test_maintenance_gives_back_what_it_restored() -> None:
     change = wear(-1.0, 2)
     change[14:, 0] += 0.6
     history = replace(make_history(np.random.default_rng([2, 7]), change), maintenance=(14,))
-    (step,) = path(history).steps
+    found = path(history)
+    (step,) = found.steps
     assert step.epoch == 14
     assert step.before[0] == pytest.approx(change[13, 0], abs=4 * 0.05)
-    gained, error = step.change @ SLOPE, np.sqrt(SLOPE @ step.covariance @ SLOPE)
+    slope = found.shown_slope(SLOPE)
+    gained, error = step.change @ slope, np.sqrt(slope @ step.covariance @ slope)
     assert abs(gained - SLOPE[0] * (change[14, 0] - change[13, 0])) < 2.5 * error
 
 
@@ -96,8 +102,8 @@ def test_the_total_has_the_level_that_the_engine_had_from_the_first_flight() -> 
     change[:, 0] -= 0.4
     history = make_history(np.random.default_rng([4, 9]), change)
     found = path(add_engine_level(history))
-    used, error = found.project_level(SLOPE)
-    total, whole_error = found.project_level(SLOPE, total=True)
+    used, error = used_by(found)
+    total, whole_error = used_by(found, total=True)
     assert abs(used[-1] - 20.0) < 2.5 * error[-1]
     assert abs(total[-1] - 28.0) < 2.5 * whole_error[-1] < 20.0  # its instruments may be wrong from the start, too
 
@@ -107,7 +113,9 @@ def test_what_is_known_to_have_moved_is_in_what_maintenance_brought() -> None:
     change[14:, 0] += 0.5
     history = replace(make_history(np.random.default_rng([5, 10]), change), maintenance=(14,))
     moved = add_shifts(add_engine_level(history), (np.arange(T) >= 14).astype(float), {0: 0.5, 1: 0.5})
-    (step,) = path(moved).steps
-    gained, error = step.change @ SLOPE, np.sqrt(SLOPE @ step.covariance @ SLOPE)
+    found = path(moved)
+    (step,) = found.steps
+    slope = found.shown_slope(SLOPE)
+    gained, error = step.change @ slope, np.sqrt(slope @ step.covariance @ slope)
     assert gained < -3.0 * error
     assert abs(gained - SLOPE[0] * (change[14, 0] - change[13, 0])) < 2.5 * error
