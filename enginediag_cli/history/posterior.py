@@ -483,7 +483,7 @@ def judge_history(
     search, chosen, offsets = judge_again(history, best, fit.events, offsets)
     events = [describe_event(search, event, [*chosen[:k], *chosen[k + 1 :]]) for k, event in enumerate(chosen)]
     more = search.scan(chosen)
-    level, deviation = smooth_levels(search, chosen)
+    level, deviation = search.smooth_levels(chosen)
     unit = history.unit
     events = merge_events([e for e in events if e.probability >= EVENT], history, level, deviation)
     return HistoryPosterior(
@@ -524,7 +524,7 @@ def judge_again(
     smaller: what comes and goes, and what grows fast, is in the differences of flights."""
     if not events:
         return choice.search, events, offsets
-    level, _ = smooth_levels(choice.search, events)
+    level, _ = choice.search.smooth_levels(events)
     p = history.width
     without = replace(history, score=history.score - np.einsum("tmp,tp->tm", history.information[:, :, :p], level))
     again = learn_offsets(without)
@@ -721,19 +721,6 @@ def _merged(own: Sequence[ChangeEvent], history: History, level: np.ndarray, dev
         changes=tuple(changes),
         covariance=np.diag(variance),
     )
-
-
-def smooth_levels(search: HistorySearch, events: Sequence[Event]) -> tuple[np.ndarray, np.ndarray]:
-    """Level and standard deviation (T, p) of each parameter by the events with their doubts, in prior ones."""
-    T, p = len(search.history), search.history.width
-    if not events:
-        return np.zeros((T, p)), np.zeros((T, p))
-    columns = [search.event_columns(event) for event in events]
-    h = np.concatenate([c for c, _ in columns], axis=2)
-    b, M = search.background.joint(h)
-    h = h * np.concatenate([real for _, real in columns])
-    covariance = np.linalg.inv(M + np.eye(len(b)))
-    return h @ (covariance @ b), np.sqrt(np.einsum("tpc,cd,tpd->tp", h, covariance, h))
 
 
 def check_fit(search: HistorySearch, events: Sequence[Event]) -> PredictiveCheck:

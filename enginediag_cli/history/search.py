@@ -232,6 +232,18 @@ class HistorySearch:
         found[shapes.onset] = normalized_weights(np.array(log))
         return found
 
+    def smooth_levels(self, events: Sequence[Event]) -> tuple[np.ndarray, np.ndarray]:
+        """Level and standard deviation (T, p) of each parameter by the events with their doubts, in prior ones."""
+        T, p = len(self.history), self.history.width
+        if not events:
+            return np.zeros((T, p)), np.zeros((T, p))
+        columns = [self.event_columns(event) for event in events]
+        h = np.concatenate([c for c, _ in columns], axis=2)
+        b, M = self.background.joint(h)
+        h = h * np.concatenate([real for _, real in columns])
+        covariance = np.linalg.inv(M + np.eye(len(b)))
+        return h @ (covariance @ b), np.sqrt(np.einsum("tpc,cd,tpd->tp", h, covariance, h))
+
     def alternatives(self, events: Sequence[Event]) -> list[tuple[float, Sequence[Event]]]:
         """Sets of events with their probabilities: in the place of the least certain event each suspect of its
         ambiguity group."""
