@@ -1,0 +1,75 @@
+"""The search on readings with known truth, through the answer."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from simulated import RECORDS, problem
+
+from enginediag_cli.discrepancy.candidates import CURVE, PER_RECORD, SWITCH
+from enginediag_cli.discrepancy.explain import DiscrepancyAnswer, answer_from_search
+from enginediag_cli.discrepancy.linearised import LinearProblem, pool_records
+from enginediag_cli.discrepancy.search import BeamSearch
+
+STATES = ((np.arange(RECORDS) > 20) & (np.arange(RECORDS) < 50)).astype(float)
+
+
+def answered(p: LinearProblem) -> DiscrepancyAnswer:
+    search = BeamSearch(p)
+    return answer_from_search(search.run(), search.problem)
+
+
+@pytest.fixture(scope="module")
+def switched() -> DiscrepancyAnswer:
+    return answered(problem(1, amplitude=3.0 * STATES))
+
+
+def test_nothing_is_found_in_noise() -> None:
+    for seed in (11, 12):
+        a = answered(problem(seed))
+        assert not a.found
+        assert a.posterior.nothing > 0.5
+
+
+def test_a_switch_is_found_at_its_place_with_its_size_and_times(switched: DiscrepancyAnswer) -> None:
+    (m,) = switched.members
+    assert switched.found
+    assert (m.place, m.kind) == ("a", SWITCH)
+    assert m.size == pytest.approx(3.0, abs=3 * m.standard_deviation + 0.1)
+    ((first, last),) = m.on_s
+    assert abs(first - 20.0 * 21) <= 40.0
+    assert abs(last - 20.0 * 49) <= 40.0
+
+
+def test_a_larger_effect_is_never_less_probable(switched: DiscrepancyAnswer) -> None:
+    small = answered(problem(1, amplitude=1.5 * STATES))
+    assert switched.evidence > small.evidence
+
+
+def test_values_at_random_are_not_recorded_and_a_curve_is_along_its_driver() -> None:
+    drawn = answered(problem(2, amplitude=3.0 * np.random.default_rng(5).standard_normal(RECORDS)))
+    assert (drawn.members[0].place, drawn.members[0].kind) == ("a", PER_RECORD)
+    p = problem(3)
+    mach = p.drivers[1].values
+    curve = answered(problem(3, amplitude=2.5 * (mach - mach.mean())))
+    assert (curve.members[0].place, curve.members[0].kind) == ("a", CURVE)
+    assert curve.members[0].driver == "Mach number"
+    assert curve.posterior.drivers["Mach number"] > 0.9
+
+
+def test_probabilities_are_of_everything_that_was_compared(switched: DiscrepancyAnswer) -> None:
+    p = switched.posterior
+    assert 0.0 <= p.nothing < 0.01
+    assert max(p.places.values()) == pytest.approx(p.places["a"])
+    assert any(row.refined for row in switched.trace)
+    assert switched.to_dict()["members"][0]["place"] == "a"
+    assert "two states" in switched.summary()
+
+
+def test_pooled_records_are_means_of_neighbours() -> None:
+    p = problem(4)
+    half = pool_records(p, RECORDS // 2)
+    assert len(half) == RECORDS // 2
+    assert half.y[3] == pytest.approx(p.y[6:8].mean(axis=0))
+    assert half.G[3] == pytest.approx(p.G[6:8].mean(axis=0))
+    assert list(half.count) == [2.0] * (RECORDS // 2)
