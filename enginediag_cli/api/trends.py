@@ -328,11 +328,12 @@ class TrendResult(Result):
 
     def plot(self) -> Picture:
         """Draw the health of the engine that changed, the margin, or a delta, over flights. Raises NoVerdictError."""
-        from enginediag_cli.report.plotting.models import chart_svg, delta_chart, margin_chart, trend_chart
+        from enginediag_cli.report.plotting.deltas import leading_delta
+        from enginediag_cli.report.plotting.models import chart_svg, margin_chart, trend_chart
 
         rows = self.rows
         if self._choices.what == "deltas":
-            return Picture(chart_svg(delta_chart(self.deltas(), self._alerts)))
+            return Picture(chart_svg(leading_delta(rows)))
         return Picture(
             chart_svg(
                 margin_chart(rows)
@@ -482,6 +483,7 @@ def make_report(
     nominal: NominalLike = None,
     false_alarm: float = 0.01,
     margin: MarginOptions | None = None,
+    alerts: str | Path | DeltaAlerts | None = None,
     title: str = "",
     static: bool = False,
     command: Sequence[str] = (),
@@ -500,6 +502,8 @@ def make_report(
         Probability of a false alarm [1].
     margin : MarginOptions, optional
         From and to what the EGT margin is counted.
+    alerts : path or DeltaAlerts, optional
+        Alert levels of raw deltas.
     title : str
         Headline.
     static : bool
@@ -526,8 +530,11 @@ def make_report(
     comparison = compare(nominal, files, windows, messages if messages is not None else MessageLog())
     if margin and comparison.given is None:
         raise UsageError("limits and --events need -n NOMINAL; of results, give what trend --what margin wrote")
+    if alerts is not None and comparison.given is None:
+        raise UsageError("--alerts needs -n NOMINAL; of results, give what trend --what deltas --alerts wrote")
     results, unreadable = _results(comparison)
-    evidence, left_out = _evidence(comparison, results, false_alarm, margin or MarginOptions())
+    levels = TrendChoices(what="deltas", alerts=alerts).delta_alerts()
+    evidence, left_out = _evidence(comparison, results, false_alarm, margin or MarginOptions(), levels)
     if not static and not plots_can_move():
         comparison.messages.note(WITHOUT)
     page = build_page(
@@ -561,7 +568,11 @@ def _results(comparison: Comparison) -> tuple[list[ResultFile], list[str]]:
 
 
 def _evidence(
-    comparison: Comparison, results: list[ResultFile], false_alarm: float, margin: MarginOptions
+    comparison: Comparison,
+    results: list[ResultFile],
+    false_alarm: float,
+    margin: MarginOptions,
+    alerts: DeltaAlerts,
 ) -> tuple[ReportEvidence, list[str]]:
     """Collect the findings of the results and of recordings that are judged here."""
     from enginediag_cli.report import result_files
@@ -582,5 +593,6 @@ def _evidence(
     suspicious, isolating = silent.monitor(sensors=True), silent.monitor(sensors=True, drifts=True)
     assert monitor is not None and suspicious is not None and isolating is not None
     margins = margin.question(healthy=comparison.judging.reference)
-    question = RecordingsQuestion(source, monitor, suspicious, isolating, comparison.judging, false_alarm, margins)
+    judging = comparison.judging
+    question = RecordingsQuestion(source, monitor, suspicious, isolating, judging, false_alarm, margins, alerts)
     return judge_recordings(question, [*results, nominal_result(comparison.nominal)])

@@ -22,6 +22,7 @@ from enginediag_cli.cli.options import (
     OPERATION,
     OUTPUT,
     ConfigFile,
+    Decorator,
     accept_mismatch_option,
     all_cores_option,
     by_option,
@@ -51,6 +52,12 @@ if TYPE_CHECKING:
     from enginediag_cli.api.inputs import Recordings
 
 
+def alerts_option(whose: str) -> Decorator:
+    """File of alert levels; whose: what they are levels of."""
+    help = f"Alert levels {whose} (YAML, kind alerts): caution, warning, and how long they must last."
+    return option(JUDGEMENT, "--alerts", metavar="FILE", type=ConfigFile(), help=help)
+
+
 @command()
 @recordings_options
 @option(
@@ -76,13 +83,7 @@ if TYPE_CHECKING:
     "margin, one row per flight and maintenance event, and one with the forecast; deltas: raw deltas at equal power "
     "setting, smoothed, one row per flight and reading.",
 )
-@option(
-    JUDGEMENT,
-    "--alerts",
-    metavar="FILE",
-    type=ConfigFile(),
-    help="Alert levels of --what deltas (YAML, kind alerts): caution, warning, and how long they must last.",
-)
+@alerts_option("of --what deltas")
 @option(
     JUDGEMENT,
     "--setting",
@@ -313,6 +314,7 @@ PAGE_SUFFIXES = ("", ".html", ".htm")
 @window_options
 @false_alarm_option
 @margin_options
+@alerts_option("of raw deltas")
 @option(OUTPUT, "--title", default="", metavar="TEXT", help="Headline of the page.")
 @picture_option("the first screen, with its first chart,")
 @option(OUTPUT, "--static", is_flag=True, help="Draw static pictures even if bokeh is installed, for a small file.")
@@ -330,12 +332,14 @@ def report(messages: Messages, source: Recordings, output: str, picture: str | N
     enginediag report detected.csv isolated.csv trend.csv nominal.yaml -o report.html
     enginediag report -n nominal.yaml flights.csv -o report.html
     enginediag report -n nominal.yaml flights.csv --limit T45_K 1280 --events washes.csv -o report.html
+    enginediag report -n nominal.yaml flights.csv --alerts alerts/turbofan.yaml -o report.html
     enginediag report explained.json refined.json -o missing_physics.html
     enginediag report fleet.json -o fleet.html
 
     FILEs are outputs of detect, isolate, trend, residual, locate, explain, refine --report, fleet and identify, as CSV
     or JSON with all columns, in any order. With -n, the other files are recordings: they are judged here by detect,
-    isolate and trend. Their EGT margin is counted to --limit, or one of its substitutes; --events lists maintenance.
+    isolate and trend. Their EGT margin is counted to --limit, or one of its substitutes; --events lists maintenance;
+    --alerts has the caution and warning levels of raw deltas.
     The page needs no network. Plots are interactive where bokeh is installed (pip install 'enginediag[report]'). The
     same files give the same bytes.
     """

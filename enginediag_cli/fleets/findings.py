@@ -165,6 +165,20 @@ class Margin:
     reason: str = ""
 
 
+@dataclass(frozen=True, slots=True)
+class PowerAvailable:
+    """Power or thrust at the first limit that binds, with the health of the last flight. column: which, "power_W" or
+    "Fn_N", in whose unit value and nominal are, that of the healthy engine; limited_by: column of the limit; condition:
+    at which; reason: why it is unknown, or ""."""
+
+    column: str = ""
+    value: IntervalEstimate = IntervalEstimate()
+    nominal: float = nan
+    limited_by: str = ""
+    condition: str = ""
+    reason: str = ""
+
+
 @dataclass(frozen=True)
 class FinalReadings:
     """What the last flights of an engine read beside its baseline, for what is common to a fleet: off (m,), in units of
@@ -217,6 +231,8 @@ class EngineFinding:
         Maintenance.
     margin : Margin
         EGT margin.
+    power : PowerAvailable
+        Power or thrust available now, where a limit is stated.
     baseline : int
         First flights, believed healthy.
     course : MarginCourse or None
@@ -250,6 +266,7 @@ class EngineFinding:
     by_flight: Sequence[FlightRow] = ()
     events: Sequence[EventRow] = ()
     margin: Margin = Margin()
+    power: PowerAvailable = PowerAvailable()
     baseline: int = 0
     course: MarginCourse | None = field(default=None, repr=False, compare=False)
     state: FinalReadings | None = field(default=None, repr=False, compare=False)

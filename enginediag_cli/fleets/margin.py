@@ -31,6 +31,7 @@ from enginediag_cli.fleets.findings import (
     FleetSettings,
     IntervalEstimate,
     Margin,
+    PowerAvailable,
 )
 from enginediag_cli.fleets.work_scope import (
     PowerNotHeldError,
@@ -323,30 +324,49 @@ class PowerCourse:
     condition: str = ""
     reason: str = ""
 
+    @property
+    def now(self) -> PowerAvailable:
+        """Of the last flight."""
+        if not len(self.value):
+            return PowerAvailable(reason=self.reason)
+        estimate = interval_estimate(self.value[-1], self.error[-1])
+        return PowerAvailable(self.column, estimate, self.nominal, self.limited_by[-1], self.condition, self.reason)
+
+
+def check_limits(engine: Any, limits: Mapping[str, float], where: str) -> None:
+    """Raise DataError, about what states them, for limits of columns that the engine does not have."""
+    known = {*engine.model_columns, *engine.sensors, engine.power_setting}
+    for column in limits:
+        if column not in known:
+            raise DataError(f"{where}: the engine has no column {column!r}; {near(column, sorted(known))}")
+
 
 def available_power(
-    found: EngineTrend, scoping: WorkScopeEstimator, scale: MarginScale, limits: Mapping[str, float]
+    found: EngineTrend,
+    scoping: WorkScopeEstimator,
+    scale: MarginScale,
+    limits: Mapping[str, float],
+    *,
+    last: bool = False,
 ) -> PowerCourse:
     """What an engine delivers at its limits in each of its flights, with the health that it had there: solutions of the
-    engine model, at the reference condition of the scale. limits: column of the model → limit in its unit. Raises
-    DataError for a column that the engine does not have."""
+    engine model, at the reference condition of the scale. limits: column of the model → limit in its unit; last: of the
+    last flight alone. Raises DataError for a column that the engine does not have."""
     engine, health = scoping.engine, found.posterior.health
     if engine is None or health is None or not scale.reference or not limits:
         return PowerCourse(reason=scale.reason or NO_LIMIT)
-    for column in limits:
-        if column not in (known := {*engine.model_columns, *engine.sensors, engine.power_setting}):
-            raise DataError(f"--limit: the engine has no column {column!r}; {near(column, sorted(known))}")
-    every = (*health.parameters, *health.readings)
-    at = [i for i, name in enumerate(every) if name in engine.parameters]
-    names = [every[i] for i in at]
-    states = np.concatenate([np.zeros((1, len(at))), health.total[:, at]])
+    check_limits(engine, limits, "--limit")
+    at = [i for i, name in enumerate(health.parameters) if name in engine.parameters]
+    names = [health.parameters[i] for i in at]
+    kept = slice(-1, None) if last else slice(None)
+    states = np.concatenate([np.zeros((1, len(at))), health.total[kept, at]])
     try:
         solved = solve_at_limits(engine, scale.reference, scoping.base, names, states, limits)
     except PowerNotHeldError as error:
         return PowerCourse(reason=str(error))
-    slopes, C = solved.slopes[1:], health.total_covariance[:, at][:, :, at]
+    slopes, C = solved.slopes[1:], health.total_covariance[kept][:, at][:, :, at]
     deviation = np.sqrt(np.maximum(np.einsum("ti,tij,tj->t", slopes, C, slopes), 0.0))
-    epochs = found.epochs
+    epochs = np.zeros(1, int) if last else found.epochs
     return PowerCourse(
         solved.column,
         solved.value[1:][epochs],

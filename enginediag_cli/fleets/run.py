@@ -38,7 +38,7 @@ import numpy as np
 
 from enginediag_cli.detection.series import Series, build_series
 from enginediag_cli.errors import DataError, EngineDiagError, NoVerdictError
-from enginediag_cli.fleets.engine_judgement import judge_engine
+from enginediag_cli.fleets.engine_judgement import judge_with_account
 from enginediag_cli.fleets.findings import (
     CHANGED,
     NO_VERDICT,
@@ -54,7 +54,14 @@ from enginediag_cli.fleets.findings import (
     apply_acknowledgements,
 )
 from enginediag_cli.fleets.fleet_file import Fleet, FleetBaseline, FleetRecording, natural_order
-from enginediag_cli.fleets.margin import MarginScale, add_forecasts, learn_removal_limit, margin_scale
+from enginediag_cli.fleets.margin import (
+    MarginScale,
+    add_forecasts,
+    available_power,
+    check_limits,
+    learn_removal_limit,
+    margin_scale,
+)
 from enginediag_cli.fleets.models import BuildModel, Runner, build_model
 from enginediag_cli.fleets.store import (
     CondensedReader,
@@ -64,6 +71,7 @@ from enginediag_cli.fleets.store import (
     condense,
     whole_monitor,
 )
+from enginediag_cli.fleets.work_scope import WorkScopeEstimator
 from enginediag_cli.history.engines import HistoryWindows
 from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.probability import NORMAL_95
@@ -387,8 +395,13 @@ def _judge_windows(task: EngineTask) -> EngineOutcome:
     baseline = task.baseline.count_stretches([x.window.records for x in stretches])
     sums = windows.engines[task.serial]
     history = EngineHistory(task.serial, task.build, stretches, sums, baseline, task.events)
-    finding = judge_engine(history, series, task.settings, _margin_scale(task.nominal, task.fingerprint))
+    scale = _margin_scale(task.nominal, task.fingerprint)
+    finding, account = judge_with_account(history, series, task.settings, scale)
     finding = replace(finding, instruments=instruments)
+    if account is not None and task.settings.limits_K and not finding.margin.reason:
+        scoping = _work_scope(task.nominal, task.fingerprint)
+        power = available_power(account, scoping, scale, task.settings.limits_K, last=True)
+        finding = replace(finding, power=power.now)
     return EngineOutcome(finding, tree_sum([x.statistics for x in stretches]), stored.outside_training)
 
 
@@ -397,6 +410,12 @@ def _margin_scale(nominal: str, fingerprint: str) -> MarginScale:
     """Of the margin of all engines of a nominal file, which takes longer than an engine."""
     monitor = whole_monitor(nominal, fingerprint)
     return margin_scale(Series({}, monitor.meaning, 0, monitor=monitor))
+
+
+@lru_cache(maxsize=4)
+def _work_scope(nominal: str, fingerprint: str) -> WorkScopeEstimator:
+    """Of all engines of a nominal file."""
+    return WorkScopeEstimator(whole_monitor(nominal, fingerprint))
 
 
 def _no_statistics(task: EngineTask, stored: _StoredWindows, series: Series) -> EngineFinding:
@@ -600,7 +619,10 @@ def run_fleet(fleet: Fleet, recordings: Sequence[FleetRecording], store: FleetSt
         raise NoVerdictError(f"{fleet.path}: no recording can be read: {recordings[0].name}: {recordings[0].trouble}")
     models = {build.name: build_model(fleet, build, recordings, store) for build in builds}
     for model in models.values():  # what is wrong with a nominal file is told before work begins
-        whole_monitor(model.settings.nominal, model.settings.fingerprint)
+        monitor = whole_monitor(model.settings.nominal, model.settings.fingerprint)
+        engine = WorkScopeEstimator(monitor).engine
+        if engine is not None:
+            check_limits(engine, fleet.judge["limits_K"], f"{fleet.path}: limits_K")
     outcomes = list(zip(recordings, condense_all(recordings, models, store, runner), strict=True))
     tasks, left_out = engine_tasks(fleet, outcomes, models, store)
     if not tasks:

@@ -142,7 +142,7 @@ class FlightDeltas:
     `smoothed_error` (T, m), NaN where there is no reading; all in the units (m,), which are °C or % as shown. names
     (m,): what the deltas are called; level (T, m): "", caution or warning; since (T, m): number, from 1, of the flight
     from which on it has been at that level, 0 without; events: numbers of first flights after maintenance; dates (T,):
-    seconds since 1970, None where times are no dates."""
+    seconds since 1970, None where times are no dates; levels: of columns, as `DeltaAlerts` has them."""
 
     engine: str
     stretches: Sequence[FlightWindow]
@@ -159,6 +159,7 @@ class FlightDeltas:
     smoothing_flights: float
     events: tuple[int, ...] = ()
     dates: np.ndarray | None = None
+    levels: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.delta)
@@ -226,6 +227,7 @@ def flight_deltas(
         alerts.smoothing_flights,
         tuple(events),
         dates,
+        alerts.levels,
     )
 
 

@@ -21,6 +21,7 @@ from enginediag_cli.report import result_files
 from enginediag_cli.report.evidence import EngineEvidence, ReportedChange, ReportEvidence
 from enginediag_cli.report.html import Block, EngineState, Folded, Lead, PageSection, Paragraph, TableBlock, next_step
 from enginediag_cli.report.plotting import Chart, ChartTable, EventMark, Value, chart_columns, date_words
+from enginediag_cli.report.plotting.deltas import alert_words, delta_chart, delta_courses, level_words
 from enginediag_cli.report.plotting.health import (
     MOST_CURVES,
     MaintenanceGain,
@@ -92,6 +93,7 @@ def engine_lead(engine: EngineEvidence, evidence: ReportEvidence, key: str) -> L
         confidence=_confidence_words(engine),
         onset=_onset_words(engine, found.state, evidence),
         margin=margin.words if margin else "",
+        alerts="; ".join(alert_words(engine.rows_of_kind(result_files.DELTAS))),
         power=found.power,
         next_step=f"{found.first_step} {step}".strip(),
         sensitivity=_sensitivity_words(engine, evidence),
@@ -296,6 +298,9 @@ def _detection_answer(engine: EngineEvidence, evidence: ReportEvidence) -> Engin
 def _no_alarm_answer(engine: EngineEvidence, evidence: ReportEvidence) -> EngineAnswer:
     """Nothing in the last window, or nothing at all: never more than the tests say, and with their power."""
     judged = [r for r in _verdicts(engine) if r.text("verdict") != "no verdict"]
+    deltas = engine.rows_of_kind(result_files.DELTAS)
+    if deltas and not _verdicts(engine):
+        return _delta_answer(alert_words(deltas))
     if not judged:
         reasons = sorted({r.text("reason") or r.text("note") for r in _verdicts(engine)} - {""})
         why = f": {reasons[0]}" if reasons else ""
@@ -306,6 +311,15 @@ def _no_alarm_answer(engine: EngineEvidence, evidence: ReportEvidence) -> Engine
         return EngineAnswer(EngineState.CANNOT_TELL, words)
     words = f"All {count(len(judged), 'window')} judged agree with the nominal engine."
     return EngineAnswer(EngineState.NOTHING_FOUND, words, power=_power(judged[-1], evidence))
+
+
+def _delta_answer(alerts: Sequence[str]) -> EngineAnswer:
+    """Of raw deltas alone, which say that readings moved and not what moved them."""
+    if not alerts:
+        words = "Raw deltas are no verdict: `detect`, `isolate` and `trend` say whether and what changed."
+        return EngineAnswer(EngineState.NO_VERDICT, words)
+    words = f"{count(len(alerts), 'raw delta')} beyond alert levels; `isolate` and `trend` say what changed."
+    return EngineAnswer(EngineState.CHANGED, words)
 
 
 def _series_power(engine: EngineEvidence, evidence: ReportEvidence) -> str:
@@ -519,6 +533,7 @@ def engine_section(engine: EngineEvidence, evidence: ReportEvidence, key: str) -
         *_one_engine(engine),
         *_health(engine, evidence, key),
         *margin_blocks(engine, key),
+        *_deltas(engine, key),
         *_fingerprint(engine, evidence, key),
         *_detection(engine, key),
         *_records(engine, evidence, key),
@@ -627,6 +642,23 @@ def _onsets(engine: EngineEvidence, evidence: ReportEvidence, order: Order) -> l
         if x is not None:
             marks.append(EventMark(x, f"onset: {listed(list(dict.fromkeys(parts)))}", until))
     return marks
+
+
+def _deltas(engine: EngineEvidence, key: str) -> Iterator[Block]:
+    """What the alert levels say, and the charts of the deltas; those without levels are closed at first."""
+    rows = engine.rows_of_kind(result_files.DELTAS)
+    words = level_words(rows)
+    if words:
+        yield Paragraph(words)
+    closed: list[Block] = []
+    for number, course in enumerate(delta_courses(rows), start=1):
+        chart = delta_chart(f"{key}-delta-{number}", course)
+        if course.has_levels:
+            yield chart
+        else:
+            closed.append(chart)
+    if closed:
+        yield Folded(f"Raw deltas of {'other ' if words else ''}readings, flight by flight", closed)
 
 
 def _fingerprint(engine: EngineEvidence, evidence: ReportEvidence, key: str) -> Iterator[Block]:

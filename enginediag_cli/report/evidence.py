@@ -16,6 +16,7 @@ from enginediag_cli.detection.verdict import format_size
 from enginediag_cli.errors import DataError
 from enginediag_cli.fleets.findings import EngineHistory, event_number
 from enginediag_cli.fleets.maintenance import MarginSettings
+from enginediag_cli.history.deltas import DeltaAlerts, flight_deltas
 from enginediag_cli.history.posterior import EVENT
 from enginediag_cli.history.search import leading_suspects
 from enginediag_cli.intake.loader import RecordingLoader
@@ -214,7 +215,7 @@ class ReportEvidence:
         return [p.name for p in (found[:1] if found and found[0].belongs_to_instrument else found)]
 
 
-PLACE = ("source", "flight", "first_line", "last_line", "parameter", "components", "block")
+PLACE = ("source", "flight", "first_line", "last_line", "parameter", "components", "block", "column", "row", "number")
 """Cells that say of which window or parameter a row is, as far as it has them."""
 
 
@@ -323,6 +324,8 @@ class RecordingsQuestion:
         Level of the tests.
     margins : MarginSettings
         What is computed of the margin.
+    alerts : DeltaAlerts
+        Levels, power setting and smoothing of deltas.
     """
 
     source: RecordingSource
@@ -332,6 +335,7 @@ class RecordingsQuestion:
     judging: WindowSettings
     false_alarm: float
     margins: MarginSettings = field(default_factory=MarginSettings)
+    alerts: DeltaAlerts = field(default_factory=DeltaAlerts)
 
 
 def judge_recordings(question: RecordingsQuestion, given: Sequence[ResultFile]) -> tuple[ReportEvidence, list[str]]:
@@ -364,6 +368,7 @@ def judge_recordings(question: RecordingsQuestion, given: Sequence[ResultFile]) 
         result_files.ISOLATED: list(_isolation_rows(question, windows, frozenset(last.values()))),
         **_trend_rows(question, series),
         result_files.MARGIN: _margin_rows(question, left_out),
+        result_files.DELTAS: _delta_rows(question),
     }
     evidence = collect_evidence(given, question.isolating.meaning)
     evidence.engine_type, evidence.false_alarm = engine_words(question.monitor.engine), question.false_alarm
@@ -505,6 +510,30 @@ def _margin_rows(question: RecordingsQuestion, left_out: list[str]) -> list[Row]
         stretches = margins.series.stretches[row["engine"]]
         told.append(Row(row, _window_origin(stretches[(row["number"] or len(stretches)) - 1].window)))
     return told
+
+
+@stage("deltas of the readings")
+def _delta_rows(question: RecordingsQuestion) -> list[Row]:
+    """Of each flight and reading, about nominal."""
+    from enginediag_cli.detection.series import build_series
+    from enginediag_cli.history.engines import HistoryWindows
+    from enginediag_cli.report.tables.trend import delta_rows
+    from enginediag_cli.residuals.reduced import monitor_for_series
+
+    monitor = monitor_for_series(question.suspicious)
+    about_nominal = replace(question, judging=replace(question.judging, linearise="nominal"))
+    files = _series_files(about_nominal, monitor)
+    files.additive = True
+    windows = HistoryWindows(files)
+    series = build_series(windows, "covariance")
+    rows = []
+    for engine, stretches in series.stretches.items():
+        events = _restored(question, EngineHistory(engine, "", stretches, windows.engines[engine], 0))
+        reference = question.judging.reference
+        found = flight_deltas(series, engine, question.alerts, reference=reference, events=events)
+        for row in delta_rows(found):
+            rows.append(Row(row, _window_origin(stretches[row["number"] - 1].window)))
+    return rows
 
 
 def _add_records(question: RecordingsQuestion, evidence: ReportEvidence) -> None:

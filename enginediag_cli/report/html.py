@@ -94,8 +94,9 @@ Block: TypeAlias = Paragraph | Bullets | Preformatted | TableBlock | Folded | Ch
 
 @dataclass(frozen=True)
 class Lead:
-    """The first screen, of one engine: which, what is so, how surely, since when, how far it is from its limit, what
-    would have been seen, what to do next, the sensitivity of the conclusion; `badge`: the state in other words."""
+    """The first screen, of one engine: which, what is so, how surely, since when, how far it is from its limit, which
+    deltas are beyond alert levels, what would have been seen, what to do next, the sensitivity of the conclusion;
+    `badge`: the state in other words."""
 
     state: EngineState
     sentence: str
@@ -104,6 +105,7 @@ class Lead:
     confidence: str = ""
     onset: str = ""
     margin: str = ""
+    alerts: str = ""
     power: str = ""
     next_step: str = ""
     sensitivity: Sequence[str] = ()
@@ -118,6 +120,7 @@ class Lead:
             "How surely": self.confidence,
             "Since": self.onset,
             "Margin": self.margin,
+            "Alerts": self.alerts,
             "Would have shown": self.power,
             "What to do next": self.next_step,
         }

@@ -48,7 +48,7 @@ from enginediag_cli.report.plotting.health import (
 from enginediag_cli.report.plotting.models import flight_gains, law_curve, mismatch_places, refinement_fit
 from enginediag_cli.report.result_files import ResultFile, Row
 from enginediag_cli.report.sentences import capital, change, count, format_quantity, listed, probability, rounded
-from enginediag_cli.report.tables.fleet import remaining_words
+from enginediag_cli.report.tables.fleet import margin_words, power_available_words, remaining_words
 
 STATES = {"changed": EngineState.CHANGED, "healthy": EngineState.NOTHING_FOUND, "no verdict": EngineState.NO_VERDICT}
 IN_FULL = 12
@@ -196,7 +196,9 @@ def _engine(e: FleetEngine, key: str) -> PageSection:
     blocks: list[Block] = [Paragraph(e.reason)] if e.reason else []
     blocks += [Paragraph(f"{capital(e.acknowledged.words)}.")] if e.acknowledged else []
     blocks += [Bullets(e.instruments)] if e.instruments else []
-    blocks += [] if chart is None else [chart]
+    if chart is not None:
+        told = filter(None, (margin_words(e.margin, "limits_K of the fleet file"), power_available_words(e.power)))
+        blocks += [Paragraph(" ".join(f"{capital(words)}." for words in told)), chart]
     blocks += [*_health(e), *_events(e)]
     return PageSection(key, f"Engine {e.serial}", blocks)
 

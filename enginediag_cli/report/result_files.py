@@ -263,6 +263,7 @@ TREND = _kind("trend", "trend", "parameter kind onset change change_low change_h
 EVENTS = _kind("trend by component", "trend --by component", "components kind onset onset_flight flights")
 FLIGHTS = _kind("health of each flight", "trend --what flights", "parameter number change low high unit")
 MARGIN = _kind("margin", "trend --what margin", "row limit_K used_K margin_K remaining_flights recovered_K")
+DELTAS = _kind("deltas", "trend --what deltas", "column name delta smoothed level since unit")
 FOLLOWED = _kind("evidence as records came", "detect --follow", "log10_e block alarm")
 DETECTED = _kind("verdicts", "detect", "verdict statistic threshold p_value alarm")
 LOCATED = _kind("places of a mismatch", "locate", "driver location statistic share stability")
@@ -274,7 +275,20 @@ FLEET = ResultKind("fleet", "fleet", keys=frozenset({"engines", "discoveries", "
 NOMINAL = ResultKind("nominal engine", "identify")
 RECORDING = ResultKind("recording", "simulate")
 
-TABLES = (STATISTICS, RECORDS, ISOLATED, COMPONENTS, TREND, EVENTS, FLIGHTS, MARGIN, FOLLOWED, DETECTED, LOCATED)
+TABLES = (
+    STATISTICS,
+    RECORDS,
+    ISOLATED,
+    COMPONENTS,
+    TREND,
+    EVENTS,
+    FLIGHTS,
+    MARGIN,
+    DELTAS,
+    FOLLOWED,
+    DETECTED,
+    LOCATED,
+)
 DOCUMENTS = (FLEET, EXPLAINED, REFINED)
 
 

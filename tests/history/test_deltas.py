@@ -65,6 +65,39 @@ def folder(tmp_path_factory):
     return folder
 
 
+def first_screen(page) -> str:
+    return page[: page.index("<nav")]
+
+
+def test_a_page_draws_deltas_and_says_first_which_are_beyond_a_level(folder, tmp_path):
+    """The same from the rows of `trend` and from the recordings: five dots worn, a caution of 3 °C, two flights."""
+    alerts, rows = tmp_path / "alerts.yaml", tmp_path / "deltas.csv"
+    alerts.write_text(ALERTS, encoding="utf-8")
+    asked = ["-n", folder / "nominal.yaml", "--alerts", alerts, folder / "flown.csv"]
+    assert call("trend", "--what", "deltas", *asked, "-o", rows, "-q", "--event", 3) == 0
+    pages = [tmp_path / "rows.html", tmp_path / "recordings.html"]
+    assert call("report", rows, "-q", "--static", "-o", pages[0]) in (0, 3)
+    assert call("report", *asked, "-q", "--static", "-o", pages[1]) == 0
+    since = [row for row in table(rows) if row["column"] == "T5_K"][-1]["since"]
+    for page in (file.read_text(encoding="utf-8") for file in pages):
+        assert f"ΔEGT caution since flight {since} (2023-11-" in first_screen(page) and "now +" in first_screen(page)
+        assert "<strong>ΔEGT at equal N1</strong>" in page and "Raw deltas of other readings" in page
+        assert "smoothed over 3 flights, with 95 % band" in page
+    assert ">maintenance</text>" in pages[0].read_text(encoding="utf-8")
+
+
+def test_alert_levels_of_a_page_need_the_nominal_engine(folder, tmp_path, capfd):
+    rows, alerts = tmp_path / "deltas.csv", tmp_path / "alerts.yaml"
+    alerts.write_text(ALERTS, encoding="utf-8")
+    plain = ["trend", "-n", folder / "nominal.yaml", "--what", "deltas", folder / "flown.csv", "-o", rows, "-q"]
+    assert call(*plain) == 0
+    assert call("report", rows, "--alerts", alerts, "-o", tmp_path / "page.html") == 2
+    assert "--alerts needs -n NOMINAL" in capfd.readouterr().err
+    assert call("report", rows, "-q", "--static", "-o", tmp_path / "page.html") in (0, 3)
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "Raw deltas of readings, flight by flight" in page and "caution" not in first_screen(page)
+
+
 def test_at_the_engines_own_power_setting_deltas_are_mean_residuals(folder, tmp_path):
     nominal, flown, records = folder / "nominal.yaml", folder / "flown.csv", tmp_path / "records.csv"
     assert call("residual", "-n", nominal, "--what", "records", flown, "-o", records) == 0
@@ -115,7 +148,7 @@ def test_levels_come_after_so_many_flights_and_are_shown_with_dates_and_events(f
     first = next(k for k, row in enumerate(hot) if row["level"])
     assert int(hot[first]["since"]) == first and hot[0]["date"].startswith("2023-11-15")  # two flights in a row
     drawn = picture.read_text(encoding="utf-8")
-    assert "ΔEGT at equal N1_rpm" in drawn and "2023-11-1" in drawn and "maintenance" in drawn and "caution" in drawn
+    assert "ΔEGT at equal N1<" in drawn and "2023-11-1" in drawn and "maintenance" in drawn and "caution" in drawn
 
 
 def test_smoothing_is_the_weighted_mean_it_states_and_begins_anew_after_maintenance():

@@ -99,6 +99,18 @@ class MarginRecord:
 
 
 @dataclass(frozen=True)
+class PowerRecord:
+    """Power or thrust available at the limit that binds, in the unit of its column, with that of the healthy engine."""
+
+    column: str
+    value: IntervalEstimate
+    nominal: float
+    limited_by: str
+    condition: str
+    reason: str
+
+
+@dataclass(frozen=True)
 class MaintenanceRecord:
     """Maintenance; `number`: of the first flight after it, 0 where there is none."""
 
@@ -154,6 +166,7 @@ class FleetEngine:
     by_flight: Sequence[FlightEvidence]
     events: Sequence[MaintenanceRecord]
     margin: MarginRecord
+    power: PowerRecord
     origin: RowOrigin
     instruments: Sequence[str] = ()
     acknowledged: AcknowledgedFinding | None = None
@@ -190,6 +203,7 @@ def _engine(e: Mapping[str, Any], file: str, place: str) -> FleetEngine:
         by_flight=parts(FlightEvidence, "by_flight", lambda x: {"number": int(x["number"])}),
         events=parts(MaintenanceRecord, "events", _event),
         margin=_read(MarginRecord, e.get("margin") or {}),
+        power=_read(PowerRecord, e.get("power") or {}),
         origin=RowOrigin(file, place),
         instruments=[str(x["words"]) for x in e.get("instruments") or ()],
         acknowledged=_acknowledged(e),

@@ -26,15 +26,12 @@ from enginediag_cli.report.plotting import (
     ChartTable,
     EventMark,
     HeatCells,
-    Intervals,
     Layer,
     Line,
     Points,
-    ReferenceLine,
     RowOrigin,
     Value,
     chart_columns,
-    date_words,
 )
 from enginediag_cli.report.plotting.health import (
     health_trend,
@@ -50,7 +47,6 @@ from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.series import Series
-    from enginediag_cli.history.deltas import DeltaAlerts, FlightDeltas
     from enginediag_cli.history.engines import EngineTrend
     from enginediag_cli.identification.identify import Identification
     from enginediag_cli.isolation.windows import IsolatedWindow
@@ -456,72 +452,6 @@ def margin_chart(rows: Sequence[Mapping[str, Any]]) -> Chart:
     if chart is None:
         raise NoVerdictError("--picture: no flight has a margin that could be drawn")
     return chart
-
-
-def delta_chart(found: Mapping[str, FlightDeltas], alerts: DeltaAlerts) -> Chart:
-    """One delta of one engine over flights, with levels, maintenance and alerts: that of the worst level, else the
-    first that has levels, else the last temperature. Raises NoVerdictError where no flight has one."""
-    worst = {"": 0, "caution": 1, "warning": 2}
-    every = [(engine, j) for engine, deltas in found.items() for j in range(len(deltas.columns))]
-    if not every:
-        raise NoVerdictError("--picture: no flight has deltas that could be drawn")
-
-    def rank(place: tuple[str, int]) -> tuple[int, bool, int]:
-        deltas, j = found[place[0]], place[1]
-        column = deltas.columns[j]
-        levels = list(alerts.levels)
-        order = -levels.index(column) if column in levels else j if deltas.units[j] == "°C" else -1
-        return worst[str(deltas.level[-1, j])], column in levels, order
-
-    engine, j = max(every, key=rank)
-    return delta_course("deltas", found[engine], j, alerts.levels.get(found[engine].columns[j], {}))
-
-
-def delta_course(key: str, found: FlightDeltas, j: int, levels: Mapping[str, Any]) -> Chart:
-    """The j-th delta of an engine over its flights; levels: of its section of the alerts file."""
-    dated = found.dates is not None
-    x = [float(t) for t in found.dates] if found.dates is not None else [t + 1.0 for t in range(len(found))]
-    delta, half = found.delta[:, j], NORMAL_95 * found.error[:, j]
-    smoothed = found.smoothed[:, j]
-    begun = [k - 1 for k in found.events]  # the line is interrupted where smoothing begins anew
-    name, unit = f"Δ{found.names[j]}", found.units[j]
-    flights = [stretch.window.flight for stretch in found.stretches]
-    origins = [RowOrigin(s.window.source, str(s.window.first_line)) for s in found.stretches]
-    marks = [EventMark(x[k - 1], "maintenance") for k in found.events]
-    level = found.level[:, j]
-    marks += [
-        EventMark(x[t], str(level[t])) for t in range(len(x)) if level[t] and (t == 0 or level[t - 1] != level[t])
-    ]
-    known = [(words, levels.get(words)) for words in ("caution_low", "caution_high", "warning_low", "warning_high")]
-    lines = [ReferenceLine(value, words.split("_")[0]) for words, value in known if value is not None]
-    rows = [
-        (number, flight, date_words(x[k]) if dated else "", float(delta[k]), float(smoothed[k]), str(level[k]))
-        for k, (number, flight) in enumerate(zip(range(1, len(x) + 1), flights, strict=True))
-    ]
-    columns = chart_columns("number", "flight", "date", ("delta", unit), ("smoothed", unit), "level")
-    whose = f" of engine {found.engine}" if found.engine else ""
-    return Chart(
-        key,
-        f"{name}{whose} at equal {found.setting}",
-        Axis("date", dates=True) if dated else Axis("flight, in the order given"),
-        Axis(name, unit),
-        [
-            Intervals(
-                "flight, with 95 % interval", x, delta.tolist(), (delta - half).tolist(), (delta + half).tolist()
-            ),
-            Line(
-                f"smoothed over {found.smoothing_flights:g} flights",
-                np.insert(x, begun, np.nan).tolist(),
-                np.insert(smoothed, begun, np.nan).tolist(),
-                colour=1,
-            ),
-        ],
-        ChartTable(columns, rows, origins),
-        "Dots: mean over a flight of reading minus prediction. Line: exponentially weighted mean, begun anew after "
-        "maintenance.",
-        marks,
-        [ReferenceLine(0.0, "nominal"), *lines],
-    )
 
 
 def identification_chart(result: Identification) -> Chart:

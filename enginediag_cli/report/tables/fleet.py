@@ -30,13 +30,13 @@ from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.series import FlightWindow, Series
-    from enginediag_cli.fleets.findings import AcknowledgedChange, EngineFinding, EventRow, Margin
+    from enginediag_cli.fleets.findings import AcknowledgedChange, EngineFinding, EventRow, Margin, PowerAvailable
     from enginediag_cli.fleets.maintenance import EngineMargin, EventEffect, SeriesMargins
     from enginediag_cli.fleets.models import BuildModel, MergeCounts, StoreStatus
     from enginediag_cli.fleets.run import FleetRun
     from enginediag_cli.fleets.work_scope import Gain, PowerReference
     from enginediag_cli.parameters import Parameter
-    from enginediag_cli.report.plotting.health import MarginRecord
+    from enginediag_cli.report.plotting.health import MarginRecord, PowerRecord
     from enginediag_cli.residuals.instruments import FaultInFlights
 
 
@@ -368,6 +368,15 @@ def available_words(shaft: bool, size: IntervalEstimate, shift: IntervalEstimate
     return f"{what} available at the limit of {split_column(limited_by)[0]}: {amount}, {by}"
 
 
+def power_available_words(now: PowerAvailable | PowerRecord) -> str:
+    """As `power_words`, of an engine of a fleet; "" where it is not known."""
+    if not math.isfinite(now.value.value):
+        return ""
+    shaft = now.column == POWER
+    size = _scaled(now.value, 0.0, 1000.0 if shaft else 1.0)
+    return available_words(shaft, size, _scaled(now.value, now.nominal, now.nominal / 100.0), now.limited_by)
+
+
 def report_margins(messages: Messages, margins: SeriesMargins) -> None:
     """Margins, what maintenance brought, and what is odd about the events, in words."""
     for engine, one in margins.engines.items():
@@ -418,9 +427,9 @@ def changes(found: EventEffect, known: Mapping[str, Parameter]) -> list[str]:
     return [change(known[name], size, NORMAL_95 * error) for name, size, error in sizes]
 
 
-def margin_words(m: Margin | MarginRecord) -> str:
+def margin_words(m: Margin | MarginRecord, option: str = "--limit {column} KELVIN") -> str:
     """For instance "T5 margin 147 K ± 2 K to the limit of 1150 K at take-off on a standard hot day (sea level, ISA +
-    15 K), at equal thrust; 108 flights to it (90 %: 99 to 119)"."""
+    15 K), at equal thrust; 108 flights to it (90 %: 99 to 119)"; option: what states a limit where none is."""
     if not m.column or not math.isfinite(m.consumed_K.value):
         return f"the margin of the turbine temperature is unknown: {m.reason or 'no flight shows it'}"
     quantity = split_column(m.column)[0]
@@ -428,7 +437,7 @@ def margin_words(m: Margin | MarginRecord) -> str:
         used = f"{_size(m.consumed_K)} of the {quantity} margin is used"
         if not m.reason:
             return f"{used}; {remaining_words(m.remaining_flights, AS_MUCH)}"
-        mend = f": --limit {m.column} KELVIN states it" if m.reason == NO_LIMIT else ""
+        mend = f": {option.format(column=m.column)} states it" if m.reason == NO_LIMIT else ""
         return f"{used}; the remaining margin is unknown: {m.reason or NO_LIMIT}{mend}"
     at = f" at {m.condition}" if m.condition else ""
     if m.now_K.value <= 0.0 <= m.now_K.high:
@@ -507,11 +516,26 @@ def engine_rows(result: FleetRun) -> Iterator[dict[str, Any]]:
             "margin_column": margin.column,
             **_fleet_estimate("margin_K", margin.now_K),
             **_fleet_estimate("remaining_flights", margin.remaining_flights),
+            **_power_cells(x.power),
             "flights": x.flights,
             "baseline": x.baseline,
             "records": x.records,
             "reason": x.reason,
         }
+
+
+def _power_cells(now: PowerAvailable) -> dict[str, Any]:
+    """Power in kW or thrust in N, its change from the healthy engine, and which limit binds."""
+    nothing = IntervalEstimate()
+    found = {
+        "power_available_kW": _scaled(now.value, 0.0, 1000.0) if now.column == POWER else nothing,
+        "thrust_available_N": now.value if now.column == THRUST else nothing,
+        "available_change_percent": _scaled(now.value, now.nominal, now.nominal / 100.0),
+    }
+    cells: dict[str, Any] = {}
+    for name, x in found.items():
+        cells |= dict(zip(interval_columns(name), (x.value, x.low, x.high), strict=True))
+    return {**cells, "limited_by": now.limited_by}
 
 
 def health_rows(result: FleetRun) -> Iterator[dict[str, Any]]:

@@ -6,7 +6,7 @@ One row per parameter, per event, per flight and parameter, or per flight and ev
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import inf, isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -430,11 +430,24 @@ class DeltaRow(NamedTuple):
         value = float(values[self.t, self.j])
         return value if isfinite(value) else None
 
+    @property
+    def after_maintenance(self) -> bool:
+        """Whether smoothing begins anew with this flight."""
+        return self.t + 1 in self.found.events
+
     def bound(self, values: Any, errors: Any, side: float) -> float | None:
         """One end of the 95 % interval."""
         value, error = self.pick(values), self.pick(errors)
         return None if value is None or error is None else value + side * NORMAL_95 * error
 
+
+def _stated_level(key: str) -> Callable[[DeltaRow], float | None]:
+    """Cell of a level of the delta's column."""
+    return lambda r: r.found.levels.get(r.found.columns[r.j], {}).get(key)
+
+
+ALERT_LEVELS = ("caution_low", "caution_high", "warning_low", "warning_high")
+"""Columns of the alert levels, which are keys of an alerts file."""
 
 delta_column: Columns[DeltaRow] = Columns()
 _SHOWN = "as shown"
@@ -508,6 +521,30 @@ DELTAS: Table[DeltaRow] = Table(
             "integer?",
             "number of the flight from which on the smoothed delta has been beyond that level",
             lambda r: int(r.found.since[r.t, r.j]) or None,
+        ),
+        *(
+            delta_column(
+                key,
+                "number?",
+                f"{key.replace('_', ', ')} side, as the alerts file states it",
+                _stated_level(key),
+                _SHOWN,
+            )
+            for key in ALERT_LEVELS
+        ),
+        delta_column("setting", "text", "power setting at which deltas are compared", lambda r: r.found.setting),
+        delta_column(
+            "maintenance", "boolean", "whether it is the first flight after maintenance", lambda r: r.after_maintenance
+        ),
+        delta_column(
+            "smoothing_flights", "number", "flights of the smoothing", lambda r: float(r.found.smoothing_flights)
+        ),
+        delta_column(
+            "time_s",
+            "number?",
+            "when the flight began, seconds since 1970, where recordings count from there",
+            lambda r: None if r.found.dates is None else float(r.found.dates[r.t]),
+            "s",
         ),
     ),
     ("engine", "number", "date", "name", "delta", "smoothed", "unit", "level", "since", "flight", "records", "source"),
