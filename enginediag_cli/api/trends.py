@@ -328,8 +328,8 @@ class TrendResult(Result):
 
     def plot(self) -> Picture:
         """Draw the health of the engine that changed, the margin, or a delta, over flights. Raises NoVerdictError."""
-        from enginediag_cli.report.plotting.deltas import leading_delta
         from enginediag_cli.report.plotting.models import chart_svg, margin_chart, trend_chart
+        from enginediag_cli.report.plotting.residuals import leading_delta
 
         rows = self.rows
         if self._choices.what == "deltas":

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 from scipy.stats import binom
 
-from enginediag_cli.fleets.findings import IntervalEstimate
 from enginediag_cli.history.engines import COMES_AND_GOES, FROM_THE_FIRST, UNLIKELY
 from enginediag_cli.history.hypotheses import FROM_START, INTERMITTENT
 from enginediag_cli.history.posterior import EVENT
@@ -20,16 +19,15 @@ from enginediag_cli.parameters import meanings
 from enginediag_cli.report import result_files
 from enginediag_cli.report.evidence import EngineEvidence, ReportedChange, ReportEvidence
 from enginediag_cli.report.html import Block, EngineState, Folded, Lead, PageSection, Paragraph, TableBlock, next_step
-from enginediag_cli.report.plotting import Chart, ChartTable, EventMark, Value, chart_columns, date_words
-from enginediag_cli.report.plotting.deltas import alert_words, delta_chart, delta_courses, level_words
+from enginediag_cli.report.plotting import Chart, ChartTable, EventMark, chart_columns, date_words
 from enginediag_cli.report.plotting.health import (
     MOST_CURVES,
-    MaintenanceGain,
     flight_order,
     group_by_parameter,
     health_map,
     health_trend,
     maintenance_marks,
+    maintenance_table,
     margin_forecast,
     read_maintenance,
     read_margin,
@@ -37,7 +35,11 @@ from enginediag_cli.report.plotting.health import (
 from enginediag_cli.report.plotting.models import isolability, operating_line
 from enginediag_cli.report.plotting.residuals import (
     MOST_RIVALS,
+    alert_words,
+    delta_chart,
+    delta_courses,
     detection_course,
+    level_words,
     residual_course,
     residual_drivers,
     sensors_health,
@@ -58,7 +60,6 @@ from enginediag_cli.report.sentences import (
     change,
     count,
     display_scale,
-    format_quantity,
     listed,
     probability,
     rounded,
@@ -473,7 +474,9 @@ def margin_blocks(engine: EngineEvidence, key: str) -> Iterator[Block]:
     chart = margin_forecast(f"{key}-margin", found, maintenance_marks(found))
     if chart is not None:
         yield chart
-    yield from _maintenance_table(read_maintenance(rows))
+    gains = read_maintenance(rows)
+    if gains:
+        yield TableBlock(*maintenance_table(gains))
 
 
 def place_maintenance(engine: EngineEvidence, order: Order) -> list[EventMark]:
@@ -484,47 +487,6 @@ def place_maintenance(engine: EngineEvidence, order: Order) -> list[EventMark]:
             told.setdefault(row.count("onset"), MAINTENANCE)
     places = ((order.number_position(number), words) for number, words in sorted(told.items()) if number)
     return [EventMark(x, words) for x, words in places if x is not None]
-
-
-COLUMNS = chart_columns(
-    "maintenance", "before flight", "what changed, 95 %", "turbine temperature", "fuel flow", "margin recovered", "note"
-)
-
-
-def _maintenance_table(events: Sequence[MaintenanceGain]) -> Iterator[Block]:
-    if not events:
-        return
-    rows: list[tuple[Value, ...]] = []
-    for x in events:
-        e = x.event
-        rows.append(
-            (
-                e.words,
-                x.flight or e.number or "none recorded",
-                listed(list(x.gains)),
-                _fall_words(x.temperature_K, "K"),
-                _fall_words(x.fuel_percent, "%"),
-                _size(e.recovered_K, "K"),
-                e.reason,
-            )
-        )
-    held = next((x.at_equal for x in events if x.at_equal), "")
-    title = "What maintenance brought" + (f" ({held})" if held else "")
-    yield TableBlock(title, ChartTable(COLUMNS, rows, [x.event.origin for x in events]))
-
-
-def _fall_words(gain: IntervalEstimate, unit: str) -> str:
-    """A gain is a fall of temperature or fuel."""
-    if not math.isfinite(gain.value):
-        return ""
-    size = format_quantity(abs(gain.value), unit, (gain.high - gain.low) / 2)
-    return f"{'fell' if gain.value >= 0 else 'rose'} by {size}"
-
-
-def _size(x: IntervalEstimate, unit: str) -> str:
-    if not math.isfinite(x.value):
-        return ""
-    return format_quantity(x.value, unit, (x.high - x.low) / 2).replace("-", "−")
 
 
 def engine_section(engine: EngineEvidence, evidence: ReportEvidence, key: str) -> PageSection:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,10 +13,13 @@ from small_fleet import SHIPPED
 from enginediag_cli import forecast
 from enginediag_cli.api.trends import MarginOptions
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.fleets.margin import rated_inputs
+from enginediag_cli.errors import DataError
+from enginediag_cli.fleets.findings import EngineFinding, IntervalEstimate, PowerAvailable
+from enginediag_cli.fleets.margin import check_limits, rated_inputs
 from enginediag_cli.fleets.work_scope import solve_at_limits
 from enginediag_cli.identification.nominal_file import write_nominal
 from enginediag_cli.physics.engine_file import load_engine
+from enginediag_cli.report.tables.fleet import engine_rows, power_available_words
 
 CONDITION = {"altitude_m": 1200.0, "mach": 0.0, "dT_isa_K": 20.0, "N2_rpm": 20900.0}
 NAMES = ("compressor.efficiency", "gas_generator_turbine.efficiency")
@@ -133,3 +137,23 @@ def test_a_drift_of_the_temperature_uses_no_margin_and_no_power(engine: Engine, 
     row = followed(engine, snapshots, np.zeros((60, 2)), 40.0)
     assert abs(row["used_K"]) < 3.0 and row["used_high"] - row["used_low"] < 12.0
     assert abs(row["available_change_percent"]) < 1.5
+
+
+def test_an_engine_of_a_fleet_has_the_power_of_its_last_flight_in_its_rows_and_words() -> None:
+    """1,150 kW of 1,200 kW, ± 12 kW: 4.2 % ± 1.0 % below."""
+    now = PowerAvailable("power_W", IntervalEstimate(1.15e6, 1.138e6, 1.162e6), 1.2e6, "T45_K", "rating")
+    finding = EngineFinding("A", "b", 40, 400, "changed", "", power=now)
+    row = next(engine_rows(SimpleNamespace(finding=SimpleNamespace(engines=[finding]))))
+    assert row["power_available_kW"] == 1150.0 and row["power_available_kW_low"] == 1138.0
+    assert row["available_change_percent"] == pytest.approx(-100 * 0.05 / 1.2) and row["limited_by"] == "T45_K"
+    assert np.isnan(row["thrust_available_N"])
+    assert (
+        power_available_words(now)
+        == "power available at the limit of T45: 1150 kW ± 12 kW, 4.2 % ± 1.0 % below nominal"
+    )
+    assert power_available_words(PowerAvailable()) == ""
+
+
+def test_a_limit_of_a_column_that_the_engine_does_not_have_is_refused(engine: Engine) -> None:
+    with pytest.raises(DataError, match=r"fleet\.yaml: limits_K: the engine has no column 'T46_K'"):
+        check_limits(engine, {"T46_K": 1100.0}, "fleet.yaml: limits_K")

@@ -29,11 +29,20 @@ from enginediag_cli.report.plotting import (
     Line,
     ReferenceLine,
     RowOrigin,
+    Value,
     chart_columns,
     every,
 )
 from enginediag_cli.report.result_files import Order, Row, order_windows
-from enginediag_cli.report.sentences import capital, count, display_scale, maintained, rounded
+from enginediag_cli.report.sentences import (
+    capital,
+    count,
+    display_scale,
+    format_quantity,
+    listed,
+    maintained,
+    rounded,
+)
 from enginediag_cli.report.tables.fleet import (
     FLIGHT,
     MAINTENANCE,
@@ -695,3 +704,43 @@ def _maintenance_effect(row: Row) -> MaintenanceGain:
     return MaintenanceGain(
         event, row.text("flight"), gains, estimate(row, "temperature_gain_K"), fuel, row.text("held")
     )
+
+
+GAINS = chart_columns(
+    "maintenance", "before flight", "what changed, 95 %", "turbine temperature", "fuel flow", "margin recovered", "note"
+)
+
+
+def maintenance_table(events: Sequence[MaintenanceGain]) -> tuple[str, ChartTable]:
+    """Title and table of what maintenance brought."""
+    rows: list[tuple[Value, ...]] = []
+    for x in events:
+        e = x.event
+        rows.append(
+            (
+                e.words,
+                x.flight or e.number or "none recorded",
+                listed(list(x.gains)),
+                _fall_words(x.temperature_K, "K"),
+                _fall_words(x.fuel_percent, "%"),
+                _size(e.recovered_K, "K"),
+                e.reason,
+            )
+        )
+    held = next((x.at_equal for x in events if x.at_equal), "")
+    title = "What maintenance brought" + (f" ({held})" if held else "")
+    return title, ChartTable(GAINS, rows, [x.event.origin for x in events])
+
+
+def _fall_words(gain: IntervalEstimate, unit: str) -> str:
+    """A gain is a fall of temperature or fuel."""
+    if not math.isfinite(gain.value):
+        return ""
+    size = format_quantity(abs(gain.value), unit, (gain.high - gain.low) / 2)
+    return f"{'fell' if gain.value >= 0 else 'rose'} by {size}"
+
+
+def _size(x: IntervalEstimate, unit: str) -> str:
+    if not math.isfinite(x.value):
+        return ""
+    return format_quantity(x.value, unit, (x.high - x.low) / 2).replace("-", "−")

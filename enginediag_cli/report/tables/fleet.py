@@ -347,13 +347,11 @@ UNCHANGED_PERCENT = 0.01
 def power_words(followed: EngineMargin) -> str:
     """For instance "power available at the limit of T45: 1,150 kW ± 12 kW, 4.1 % ± 1.0 % below nominal, at rating on a
     standard hot day"; "" where no limit is stated."""
-    course, now = followed.power, flight_power(followed, followed.finding.flights)
-    if now is None:
-        known = course.reason and course.reason != NO_LIMIT and course.column
-        return f"the power available at the limits is unknown: {course.reason}" if known else ""
-    shaft = now.column == POWER
-    size = now.estimate(POWER, 1000.0) if shaft else now.estimate(THRUST)
-    return f"{available_words(shaft, size, now.change_percent, now.limited_by)}, at {course.condition}"
+    course = followed.power
+    if now := power_available_words(course.now):
+        return f"{now}, at {course.condition}"
+    known = course.reason and course.reason != NO_LIMIT and course.column
+    return f"the power available at the limits is unknown: {course.reason}" if known else ""
 
 
 def available_words(shaft: bool, size: IntervalEstimate, shift: IntervalEstimate, limited_by: str) -> str:
@@ -527,15 +525,12 @@ def engine_rows(result: FleetRun) -> Iterator[dict[str, Any]]:
 def _power_cells(now: PowerAvailable) -> dict[str, Any]:
     """Power in kW or thrust in N, its change from the healthy engine, and which limit binds."""
     nothing = IntervalEstimate()
-    found = {
-        "power_available_kW": _scaled(now.value, 0.0, 1000.0) if now.column == POWER else nothing,
-        "thrust_available_N": now.value if now.column == THRUST else nothing,
-        "available_change_percent": _scaled(now.value, now.nominal, now.nominal / 100.0),
+    return {
+        **_fleet_estimate("power_available_kW", _scaled(now.value, 0.0, 1000.0) if now.column == POWER else nothing),
+        **_fleet_estimate("thrust_available_N", now.value if now.column == THRUST else nothing),
+        **_fleet_estimate("available_change_percent", _scaled(now.value, now.nominal, now.nominal / 100.0)),
+        "limited_by": now.limited_by,
     }
-    cells: dict[str, Any] = {}
-    for name, x in found.items():
-        cells |= dict(zip(interval_columns(name), (x.value, x.low, x.high), strict=True))
-    return {**cells, "limited_by": now.limited_by}
 
 
 def health_rows(result: FleetRun) -> Iterator[dict[str, Any]]:
