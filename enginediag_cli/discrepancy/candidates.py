@@ -28,8 +28,8 @@ from scipy.special import log_ndtr
 from enginediag_cli.discrepancy.linearised import LinearProblem
 from enginediag_cli.discrepancy.noise import MemberColumns, StructuredNoise, Whitened
 
-SWITCH, PER_RECORD, CURVE = "two states", "free in every record", "curve"
-KINDS = (SWITCH, PER_RECORD, CURVE)
+SWITCH, PER_RECORD, CURVE, MAP = "two states", "free in every record", "curve", "map error"
+KINDS = (SWITCH, PER_RECORD, CURVE, MAP)
 LENGTHS = (0.5, 1.5)
 """Length scales of free curves, in standard deviations of the driver: with a bend or two, and nearly straight."""
 SIZE_SPREAD = 1.0
@@ -194,6 +194,14 @@ class Candidate:
         """What makes it another hypothesis: kind, place and driver."""
         return self.kind, self.place, self.driver
 
+    def free_maps(self, problem: LinearProblem) -> list[int]:
+        """Numbers of the groups of map errors whose size it sets free."""
+        if self.kind != MAP:
+            return []
+        component = problem.places[self.place].component
+        own = (problem.places[problem.place(n)].component for n in problem.machines)
+        return [k for k, c in enumerate(own, start=1) if c == component]
+
     def same(self, other: Candidate) -> bool:
         """Whether another is the same, with the same path."""
         return self.key == other.key and np.array_equal(self.patterns, other.patterns)
@@ -218,13 +226,16 @@ class Screening:
 
     def __init__(self, problem: LinearProblem):
         self.problem = problem
-        self.chain = StateChain.from_times(problem.time_s, problem.flight)
+        self.moment, time_s, aircraft = problem.moments
+        self.chain = StateChain.from_times(time_s, aircraft)
         self.curves = list(_curve_patterns(problem))
 
     def place_scores(self, noise: StructuredNoise, white: Whitened) -> Iterator[PlaceScore]:
         """One place after the other."""
         N, m, L = self.problem.G.shape
         for place in range(L):
+            if not self.problem.G[:, :, place].any():
+                continue
             g = np.zeros((m, N))
             g[noise.sensor, noise.record] = self.problem.G[noise.record, noise.sensor, place]
             yield PlaceScore(place, *_collapsed(noise, white, g[noise.sensor, noise.record], N))
@@ -252,11 +263,13 @@ class Screening:
 
     def _switch(self, score: PlaceScore, free: Candidate) -> Candidate:
         p = self.problem.places[score.place]
-        s, N = free.size, len(score.h)
-        a = s**2 * (score.h - score.Q @ np.linalg.solve(np.eye(N) / s**2 + score.Q, score.h))
-        starts = [np.zeros(N), path_from_amplitudes(a, p.sign)]
-        path = screened_path(score.Q, score.h, p.abrupt, p.sign, self.chain, starts)
-        return Candidate(SWITCH, score.place, path.z[:, None], p.abrupt, None, path.prior, path.evidence, sign=p.sign)
+        s, (Q, h) = free.size, self._by_moment(score)
+        a = s**2 * (h - Q @ np.linalg.solve(np.eye(len(h)) / s**2 + Q, h))
+        starts = [np.zeros(len(h)), path_from_amplitudes(a, p.sign)]
+        path = screened_path(Q, h, p.abrupt, p.sign, self.chain, starts)
+        return Candidate(
+            SWITCH, score.place, path.z[self.moment, None], p.abrupt, None, path.prior, path.evidence, sign=p.sign
+        )
 
     def _along_drivers(self, score: PlaceScore, scale: float) -> list[Candidate]:
         prior = (float(np.log(USUAL_SHARE * scale)), SIZE_SPREAD)
@@ -277,8 +290,30 @@ class Screening:
             return candidate
         g = self.problem.G[noise.record, noise.sensor, candidate.place]
         score = PlaceScore(candidate.place, *_collapsed(noise, white, g, len(self.problem)))
-        path = best_path(score.Q, score.h, candidate.size, candidate.sign, self.chain, candidate.patterns[:, 0])
-        return replace(candidate, patterns=path.z[:, None], price=path.prior, evidence=path.evidence)
+        Q, h = self._by_moment(score)
+        z = np.zeros(len(h))
+        z[self.moment] = candidate.patterns[:, 0]
+        path = best_path(Q, h, candidate.size, candidate.sign, self.chain, z)
+        return replace(candidate, patterns=path.z[self.moment, None], price=path.prior, evidence=path.evidence)
+
+    def _by_moment(self, score: PlaceScore) -> tuple[np.ndarray, np.ndarray]:
+        """Q and h of an amplitude that is one for all records of a moment."""
+        T = len(self.chain.stay) - 1
+        if len(score.h) == T:
+            return score.Q, score.h
+        P = np.zeros((len(score.h), T))
+        P[np.arange(len(score.h)), self.moment] = 1.0
+        return P.T @ score.Q @ P, P.T @ score.h
+
+    def map_candidates(self) -> list[Candidate]:
+        """Errors of each machine's map of free size: its place is that of its first quantity."""
+        problem = self.problem
+        found: dict[str, int] = {}
+        for name in problem.machines:
+            place = problem.place(name)
+            found.setdefault(problem.places[place].component, place)
+        empty = np.zeros((len(problem), 0))
+        return [Candidate(MAP, place, empty, 1.0, None, 0.0, 0.0) for place in found.values()]
 
 
 def _collapsed(noise: StructuredNoise, white: Whitened, g: np.ndarray, N: int) -> tuple[np.ndarray, np.ndarray]:

@@ -12,7 +12,7 @@ record in the parameter's unit. Records that follow each other are pooled until 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -21,9 +21,10 @@ from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Driver, DriverValues, Effect
 from enginediag_cli.error_model.maps import QUANTITIES, turbomachines
 from enginediag_cli.mismatch.fit.evidence import Dataset
-from enginediag_cli.mismatch.fit.extended import ExtendedModel
+from enginediag_cli.mismatch.fit.extended import Discrepancy, ExtendedModel
 from enginediag_cli.mismatch.fit.identified import (
     NULL_HYPOTHESIS,
+    Hypothesis,
     IdentifiedHypothesis,
     driver_values,
     identify_with,
@@ -51,6 +52,8 @@ SLOW_SHARE, INSTRUMENT_SHARE = 0.1, 0.025
 """Shares of the range along a driver by which air and instruments may change within seconds and back. Judgement."""
 LEAST_BREATHING = 0.001
 """Part by which geometry and efficiencies may change within seconds, however exact the maps. Judgement."""
+AS_LARGE_AS_IT_IS = 10.0
+"""Prior standard deviation of the factor on an amplitude that is fitted: nothing is known of it beforehand."""
 LEAST_MOVED = 0.1
 """Root sum of squares over all readings, in stated noise, below which a direction moves nothing."""
 TIME_COLUMN = "time_s"
@@ -83,6 +86,7 @@ class LinearProblem:
     y (N, m): residuals over the stated noise, 0 where `keep` (N, m) is False; X (N, m, p); G (N, m, L) by the
     amplitude of each place; `count` (N,): records pooled in each; `groups` (p,): 0, or the number of the machine and
     quantity (`machines`) whose map error it is; `time_s` (N,), NaN without a clock; `flight`, `engine` (N,): numbers;
+    `aircraft` (N,): number of the flight, one for engines side by side;
     `points` (N, d): operating points in units of their own spread; `drivers`: values (N,) each; `expected` (m,):
     what the model errs by on readings that identification has not seen, in stated noise; `pooled` (M,): pooled record
     of each of M records read.
@@ -100,6 +104,7 @@ class LinearProblem:
     time_s: np.ndarray
     flight: np.ndarray
     engine: np.ndarray
+    aircraft: np.ndarray
     points: np.ndarray
     drivers: tuple[DriverValues, ...]
     expected: np.ndarray = field(default_factory=lambda: np.ones(1))
@@ -120,6 +125,19 @@ class LinearProblem:
         """Whether every record has a time."""
         return bool(np.isfinite(self.time_s).all())
 
+    @property
+    def moments(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Moment of each record (N,), and time (T,), s, and aircraft (T,) of each moment: engines side by side share
+        what switches for both."""
+        N = len(self)
+        if not self.has_clock or len(np.unique(self.aircraft)) == len(np.unique(self.flight)):
+            return np.arange(N), self.time_s, self.flight
+        steps = np.diff(self.time_s)[self.flight[1:] == self.flight[:-1]]
+        step = float(np.median(steps[steps > 0.0]))
+        number = np.round(self.time_s / step).astype(int)
+        keys, moment = np.unique(np.column_stack([self.aircraft, number]), axis=0, return_inverse=True)
+        return moment.ravel(), keys[:, 1] * step, keys[:, 0]
+
     def place(self, name: str) -> int:
         """Number of the place of that name. Raises KeyError."""
         for number, p in enumerate(self.places):
@@ -133,6 +151,30 @@ def fit_without_effects(dataset: Dataset) -> IdentifiedHypothesis:
     return identify_with(dataset, NULL_HYPOTHESIS, nuisance(dataset))
 
 
+def fit_with_members(
+    found: IdentifiedHypothesis, members: Sequence[tuple[CandidatePlace, np.ndarray]]
+) -> IdentifiedHypothesis:
+    """The fit with amplitudes (records of the fit,) at places: their shapes are held, their sizes fitted, and so is
+    everything that identification may absorb."""
+    dataset = found.evidence
+    carried = {e.label for e in dataset.engine.effects}
+    levers = {
+        p.through.label: p.through for p, _ in members if p.through is not None and p.through.label not in carried
+    }
+    engine = dataset.engine.replace_effects((*dataset.engine.effects, *levers.values()))
+    discrepancies, curves = [], {}
+    for k, (place, amplitude) in enumerate(members):
+        for name, share in place.parts.items():
+            p = engine.parameters[name]
+            column = f"member {k + 1} {name}"
+            at = found.theta.get(name, p.nominal)
+            curves[column] = np.zeros(dataset.records)
+            curves[column][found.number] = np.clip(share * amplitude, p.lower - at, p.upper - at)
+            discrepancies.append(Discrepancy(name, column, AS_LARGE_AS_IT_IS))
+    hypothesis = Hypothesis((), tuple(discrepancies), curves)
+    return identify_with(replace(dataset, engine=engine), hypothesis, nuisance(dataset), found)
+
+
 def linearise(found: IdentifiedHypothesis) -> LinearProblem:
     """The linear problem at a fit, pooled."""
     problem, fit, dataset = found.problem, found.fit, found.evidence
@@ -141,15 +183,18 @@ def linearise(found: IdentifiedHypothesis) -> LinearProblem:
     J, offsets = nuisance_columns(found)
     x = np.concatenate([fit.x[free], fit.z.ravel()])
     X = np.concatenate([J[:, :, free], offsets], axis=2) / sigma[:, None]
+    # what the hypothesis of the fit moves is sought: it stays in y, and its columns are the places'
+    sought = set(found.hypothesis.names)
+    absorbed = np.array([p.name not in sought for p, f in zip(problem.parameters, free, strict=True) if f])
+    absorbed = np.concatenate([absorbed, np.ones(offsets.shape[2], bool)])
     e = fit.equations.residual / sigma
     keep = np.isfinite(e) & ~fit.failed[:, None]
     # residuals where everything is as expected beforehand
     y = np.where(keep, np.nan_to_num(e) + X @ x, 0.0)
     places = candidate_places(dataset, problem.sensors)
     G = _place_columns(found, places) / sigma[:, None]
-    seen = np.flatnonzero((np.abs(G) * keep[:, :, None]).any(axis=(0, 1)))
     groups, machines = _map_groups(found, free, offsets.shape[2])
-    X, groups = compress_columns(np.where(keep[:, :, None], X, 0.0), groups)
+    X, groups = compress_columns(np.where(keep[:, :, None], X, 0.0)[:, :, absorbed], groups[absorbed])
     values = driver_values(dataset, found.theta)
     drivers = [DriverValues(d.driver, d.name, d.values[found.number], d.short) for d in values]
     whole = LinearProblem(
@@ -157,14 +202,15 @@ def linearise(found: IdentifiedHypothesis) -> LinearProblem:
         y,
         keep,
         X,
-        np.where(keep[:, :, None], G, 0.0)[:, :, seen],
-        tuple(places[k] for k in seen),
+        np.where(keep[:, :, None], G, 0.0),
+        tuple(places),
         groups,
         machines,
         np.ones(len(y)),
         stack_column(dataset, TIME_COLUMN)[found.number],
         np.asarray(problem.recording, int),
         np.array([dataset.engines.index(dataset.flights[r].engine) for r in problem.recording]),
+        _aircraft(dataset)[np.asarray(problem.recording, int)],
         _operating_points(found, drivers),
         tuple(drivers) + _further_drivers(found),
         np.array([max(1.0, dataset.noise.sigma[s] / v) for s, v in zip(problem.sensors, sigma, strict=True)]),
@@ -270,6 +316,15 @@ def _stated_sigma(dataset: Dataset, sensor: str) -> float:
     return float(stated.get(sensor) or dataset.engine.sensors[sensor].noise_sigma)
 
 
+def _aircraft(dataset: Dataset) -> np.ndarray:
+    """Number of the aircraft's flight of each recording: engines of one file fly side by side."""
+    keys = [(f.file, "" if f.file else k) for k, f in enumerate(dataset.flights)]
+    first = {key: keys.index(key) for key in keys}
+    engines = [[g.engine for g in dataset.flights if g.file == f.file] for f in dataset.flights]
+    side_by_side = [len(set(own)) == len(own) for own in engines]
+    return np.array([first[key] if s else k for k, (key, s) in enumerate(zip(keys, side_by_side, strict=True))])
+
+
 def _usual_step(dataset: Dataset) -> float:
     """Median time between records, s; NaN without a clock."""
     steps = [np.diff(np.asarray(f.columns[TIME_COLUMN], float)) for f in dataset.flights if TIME_COLUMN in f.columns]
@@ -372,6 +427,7 @@ def pool_records(problem: LinearProblem, most: int) -> LinearProblem:
         average(problem.time_s),
         problem.flight[one],
         problem.engine[one],
+        problem.aircraft[one],
         average(problem.points),
         tuple(DriverValues(d.driver, d.name, average(d.values), d.short) for d in problem.drivers),
         problem.expected,

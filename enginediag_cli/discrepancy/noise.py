@@ -342,6 +342,21 @@ class StructuredNoise:
         scaled = X * size**2
         return mean, np.diag(size**2) - scaled.T @ white.precision @ scaled
 
+    def map_size(self, eta: np.ndarray, group: int) -> float:
+        """κ of a group of map errors: its size over what is expected of it."""
+        at = self.index
+        return float(np.exp(eta[at["maps"]] + eta[at[f"maps:{self.problem.machines[group - 1]}"]]))
+
+    def group_signature(self, eta: np.ndarray, group: int) -> np.ndarray:
+        """What a group of map errors moves the readings by, posterior mean (N, m), in stated noise."""
+        white = self.whiten(eta)
+        own = np.zeros(self.X.shape[1], bool)
+        own[: len(self.problem.groups)] = self.problem.groups == group
+        amounts = white.sizes[own] ** 2 * (self.X[:, own].T @ white.alpha)
+        moved = np.zeros(self.problem.y.shape)
+        moved[self.record, self.sensor] = self.X[:, own] @ amounts
+        return moved
+
     def scatter(self, eta: np.ndarray) -> dict[str, float]:
         """Noise of a reading over its stated standard deviation, by sensor: white and correlated parts together."""
         at = self.index

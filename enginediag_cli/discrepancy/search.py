@@ -9,12 +9,14 @@ import numpy as np
 
 from enginediag_cli.discrepancy.candidates import SWITCH, Candidate, Screening
 from enginediag_cli.discrepancy.linearised import LinearProblem
-from enginediag_cli.discrepancy.noise import NoisePoint, StructuredNoise
+from enginediag_cli.discrepancy.noise import OWN_MAP_PRIOR, NoisePoint, StructuredNoise
 
 LEAST_EVIDENCE = 5.0
 """ln evidence that a further member must bring: 150 to 1."""
 LEADERS = (3, 1)
 """Candidates of each kind whose noise is estimated anew: at the noise of the present hypothesis, at its prior means."""
+HOPELESS = -6.0
+"""ln evidence at fixed noise below which a candidate is not refined: new noise brings some 5 where it brings most."""
 ROUNDS = 3
 """Of noise and path in turn, for a switch."""
 MOST_MEMBERS = 4
@@ -40,6 +42,10 @@ class MemberSet:
     point: NoisePoint
     evidence: float
 
+    def amplitude(self, k: int) -> np.ndarray:
+        """Posterior mean of a member's amplitude in every record (N,), in its place's unit."""
+        return np.asarray(self.members[k].patterns @ self.noise.amplitudes(self.point.eta, k)[0])
+
     @property
     def keys(self) -> frozenset[tuple[str, int, str]]:
         return frozenset(c.key for c in self.members)
@@ -63,6 +69,16 @@ class SearchResult:
     sets: list[MemberSet]
     screened: list[tuple[tuple[Candidate, ...], float]]
     trace: list[TraceRow] = field(default_factory=list)
+
+    @property
+    def sufficient(self) -> list[MemberSet]:
+        """Sets of which every member brings enough, as far as the sets without it were compared, likeliest first."""
+        known = {s.keys: s.evidence for s in self.sets}
+        return [
+            s
+            for s in self.sets
+            if all(s.evidence - known.get(s.keys - {k}, -np.inf) >= LEAST_EVIDENCE for k in s.keys) or not s.members
+        ]
 
 
 class BeamSearch:
@@ -92,6 +108,11 @@ class BeamSearch:
             best = self._swapped(step[0])
         sets = sorted(self.known.values(), key=lambda s: -s.evidence)
         return SearchResult(nothing, sets, screened, self.trace)
+
+    def refine_again(self, sets: Sequence[MemberSet], nothing: MemberSet) -> list[MemberSet]:
+        """Sets of another linearisation of the same readings, refined in this one."""
+        self.known = {frozenset(): nothing}
+        return [self.refine(s.members, s) for s in sets]
 
     def _nothing(self) -> MemberSet:
         noise = StructuredNoise(self.problem)
@@ -124,7 +145,9 @@ class BeamSearch:
                 every = {c.key: c for c in scored}
             for kind in dict.fromkeys(c.kind for c in scored):
                 leaders = [c for c in scored if c.kind == kind][: LEADERS[number]]
+                leaders = [c for c in leaders if c.evidence + self.place_price > HOPELESS]
                 chosen += [c for c in leaders if not any(c.same(x) for x in chosen)]
+        chosen += self._freed_maps(base)
         found = [self.refine((*members, c), base) for c in chosen]
         found = sorted({s.keys: s for s in found}.values(), key=lambda s: -s.evidence)
         lift = 0.0
@@ -147,7 +170,7 @@ class BeamSearch:
         before, tried = self.known.get(keys), self._tried(members)
         if before is not None and tried:
             return before
-        noise = StructuredNoise(self.problem, [c.columns(self.problem) for c in members])
+        noise = self._noise(members)
         eta = noise.start_from(start.noise, start.point.eta)
         for k, c in enumerate(members):
             if c.prior is not None:
@@ -157,7 +180,7 @@ class BeamSearch:
             moved = self._paths_again(list(best.members), best)
             if all(np.array_equal(a.patterns, b.patterns) for a, b in zip(moved, best.members, strict=True)):
                 break
-            noise = StructuredNoise(self.problem, [c.columns(self.problem) for c in moved])
+            noise = self._noise(moved)
             new = self._evaluated(moved, noise, noise.optimise(best.point.eta))
             if new.evidence <= best.evidence:
                 break
@@ -167,6 +190,21 @@ class BeamSearch:
         self.known[keys] = best
         self._record(best.members, best.evidence, refined=True)
         return best
+
+    def _noise(self, members: Sequence[Candidate]) -> StructuredNoise:
+        freed = [k for c in members for k in c.free_maps(self.problem)]
+        return StructuredNoise(self.problem, [c.columns(self.problem) for c in members], freed)
+
+    def _freed_maps(self, base: MemberSet) -> list[Candidate]:
+        """The machines whose map errors the readings would have larger, those most that gain by it first."""
+        pull = base.point.gradient + (base.point.eta - base.noise.mean) / base.noise.sd**2
+        gains = []
+        for c in self.screening.map_candidates():
+            own = [base.noise.index[f"maps:{self.problem.machines[k - 1]}"] for k in c.free_maps(self.problem)]
+            gain = float(pull[own].max(initial=0.0))
+            if c.key not in base.keys and gain > 0.0:
+                gains.append((gain, c))
+        return [c for _, c in sorted(gains, key=lambda item: -item[0])[: LEADERS[0]]]
 
     def _tried(self, members: Sequence[Candidate]) -> bool:
         """Whether a set has been refined from these very members."""
@@ -181,7 +219,13 @@ class BeamSearch:
         for k, c in enumerate(members):
             if c.prior is not None:
                 value += _laplace(noise, point, noise.index[f"size:{k}"])
-            elif c.sign:
+            for group in c.free_maps(self.problem):
+                # over the width that the size has where it is not free
+                own = noise.index[f"maps:{self.problem.machines[group - 1]}"]
+                value += (
+                    _laplace(noise, point, own) - 0.5 * float(np.log(2.0 * np.pi)) - float(np.log(OWN_MAP_PRIOR[1]))
+                )
+            if c.sign:
                 value += _one_sided(noise, point, k, c.sign)
         return MemberSet(tuple(members), noise, point, value)
 
@@ -189,8 +233,7 @@ class BeamSearch:
         """Every switch with its path at the present noise, the others held."""
         for k, c in enumerate(members):
             if c.kind == SWITCH:
-                others = [x.columns(self.problem) for i, x in enumerate(members) if i != k]
-                noise = StructuredNoise(self.problem, others)
+                noise = self._noise([x for i, x in enumerate(members) if i != k])
                 eta = noise.start_from(of.noise, of.point.eta)
                 at = 0
                 for i, x in enumerate(members):

@@ -7,16 +7,14 @@ then read as any other, and searched with default options.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from enginediag_cli.discrepancy.explain import DiscrepancyAnswer, answer_from_search
-from enginediag_cli.discrepancy.linearised import fit_without_effects, linearise
-from enginediag_cli.discrepancy.search import BeamSearch
+from enginediag_cli.discrepancy.answer import DiscrepancyAnswer
+from enginediag_cli.discrepancy.explain import Searched, search_and_refit
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.intake.selection import RecordingSource, open_baseline
 from enginediag_cli.mismatch.fit.evidence import Dataset
@@ -30,6 +28,9 @@ from enginediag_cli.recordings.write import write_csv
 
 LARGEST_RATIO = 2.0
 """A ratio of predictions beyond it is a failed prediction, not an effect; the reading stays as it is."""
+
+HEADER = "| recording | answer | found | ln evidence | size | P(place) | group | scatter | CPU s |\n|" + 9 * "---|"
+"""Of a table of trials; scatter: the largest noise of a sensor over what is stated."""
 
 Amplitude = Callable[[Mapping[str, np.ndarray]], np.ndarray]
 """Amplitude in every record (N,) from the recording's columns."""
@@ -96,15 +97,6 @@ class RealCase:
         return baseline.engine.replace_nominals(values)
 
 
-@dataclass(frozen=True)
-class InjectedTrial:
-    """The answer to one recording, and what it cost in CPU seconds: fit and derivatives, then the search."""
-
-    answer: DiscrepancyAnswer
-    fit_s: float
-    search_s: float
-
-
 def injected_file(case: RealCase, put_in: Sequence[InjectedEffect], folder: Path) -> RealCase:
     """The case with a copy of its first file in `folder`, which carries the effects in the readings of its engines."""
     path = Path(case.files[0])
@@ -153,19 +145,21 @@ def _into_raw(
     return raw
 
 
-def search_case(case: RealCase) -> InjectedTrial:
+def search_case(case: RealCase) -> Searched:
     """Search a recording with default options."""
-    return search_dataset(case.load())
+    return search_and_refit(case.load())
 
 
-def search_dataset(dataset: Dataset) -> InjectedTrial:
-    """The same of recordings in memory."""
-    begun = time.process_time()
-    problem = linearise(fit_without_effects(dataset))
-    fitted = time.process_time()
-    search = BeamSearch(problem)
-    answer = answer_from_search(search.run(), search.problem)
-    return InjectedTrial(answer, fitted - begun, time.process_time() - fitted)
+def table_row(title: str, trial: Searched) -> str:
+    """The row of a Markdown table under HEADER."""
+    a: DiscrepancyAnswer = trial.answer
+    what = "; ".join(f"{m.words}, {m.kind}" + (f" along {m.driver}" if m.driver else "") for m in a.members)
+    sizes = "; ".join(f"{m.size:.3g} ± {m.standard_deviation:.2g}" for m in a.members)
+    first = a.posterior.places.get(a.members[0].place, 0.0) if a.members else 0.0
+    group = ", ".join(a.posterior.group) if a.found else ""
+    cost = f"{trial.fit_s + trial.search_s + trial.refit_s:.0f}"
+    cells = (what or "nothing", "yes" if a.found else "no", f"{a.evidence:.1f}", sizes, f"{first:.2f}", group)
+    return "| " + " | ".join((title, *cells, f"{max(a.scatter.values()):.1f}", cost)) + " |"
 
 
 def switched(size: float, intervals: Sequence[tuple[float, float]]) -> Amplitude:

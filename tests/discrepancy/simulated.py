@@ -28,7 +28,8 @@ def problem(seed: int = 0, records: int = RECORDS, amplitude: np.ndarray | None 
     G[:, 0, 2], G[:, 1, 2] = 0.2, 1.0 + 0.3 * speed
     X = np.zeros((N, m, 3))
     X[:, 0, 0] = X[:, 1, 1] = 3.0
-    X[:, 0, 2], X[:, 1, 2] = 0.3 * speed, -0.1 * speed
+    # the map of machine b, wrong along speed
+    X[:, :, 2] = 0.3 * G[:, :, 1] * speed[:, None]
     y = 0.8 * rng.standard_normal((N, m)) + X @ np.array([0.4, -0.6, 0.5])
     if amplitude is not None:
         y = y + G[:, :, 0] * amplitude[:, None]
@@ -41,9 +42,10 @@ def problem(seed: int = 0, records: int = RECORDS, amplitude: np.ndarray | None 
         G,
         (place("a", sign=1), place("b"), place("c")),
         np.array([0, 0, 1]),
-        ("fan.efficiency",),
+        ("b",),
         np.ones(N),
         t,
+        np.zeros(N, int),
         np.zeros(N, int),
         np.zeros(N, int),
         points,

@@ -35,7 +35,7 @@ def test_likelihood_is_that_of_a_dense_gaussian(coupled: bool, monkeypatch: pyte
         own = slice(12 * s, 12 * s + 12)
         C[own, own] = at[f"c:{name}"] ** 2 * np.exp(-gap / at["tau"] - d / at["lambda"]) + at[f"o:{name}"] ** 2 * matern
         C[own, own] += (FLOOR**2 + at[f"w:{name}"] ** 2) * np.eye(12)
-    X = np.concatenate([p.X[:, 0], p.X[:, 1]]) * [1, 1, at["maps"] * at["maps:fan.efficiency"]]
+    X = np.concatenate([p.X[:, 0], p.X[:, 1]]) * [1, 1, at["maps"] * at["maps:b"]]
     C += X @ X.T
     if coupled:
         G = np.concatenate([p.G[:, 0], p.G[:, 1]])

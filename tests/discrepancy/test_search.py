@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from simulated import RECORDS, problem
 
+from enginediag_cli.discrepancy.answer import DiscrepancyAnswer, answer_from_search
 from enginediag_cli.discrepancy.candidates import CURVE, PER_RECORD, SWITCH
-from enginediag_cli.discrepancy.explain import DiscrepancyAnswer, answer_from_search
 from enginediag_cli.discrepancy.linearised import LinearProblem, pool_records
 from enginediag_cli.discrepancy.search import BeamSearch
 
@@ -64,6 +64,8 @@ def test_probabilities_are_of_everything_that_was_compared(switched: Discrepancy
     assert any(row.refined for row in switched.trace)
     assert switched.to_dict()["members"][0]["place"] == "a"
     assert "two states" in switched.summary()
+    assert "not compared" in switched.why_not("nozzle")
+    assert "0.0 behind the likeliest" in switched.why_not("a: two states")
 
 
 def test_pooled_records_are_means_of_neighbours() -> None:

@@ -17,30 +17,18 @@ from citation_mismatch import BLEED, ENGINE, RECORDER, SIDES, nominal
 from ground_recordings import public_data
 
 from enginediag_cli.validation.injected import (
+    HEADER,
     InjectedEffect,
-    InjectedTrial,
     RealCase,
     injected_file,
     search_case,
     switched,
+    table_row,
 )
 
 FULL_FRACTION = 0.037
 INTERVALS_S = ((600.0, 1300.0), (3565.0, 4215.0))
 BLEED_TERM = ("customer_bleed", BLEED[1])
-HEADER = "| engine, flight | put in | answer | ln evidence | size | P(place) | found | CPU s |\n|" + 8 * "---|"
-
-
-def row(title: str, truth: str, trial: InjectedTrial) -> str:
-    """One row of the table."""
-    a, cost = trial.answer, f"{trial.fit_s + trial.search_s:.0f}"
-    if not a.members:
-        return f"| {title} | {truth} | nothing | {a.evidence:.1f} | – | – | no | {cost} |"
-    what = "; ".join(f"{m.words}, {m.kind}" + (f" along {m.driver}" if m.driver else "") for m in a.members)
-    sizes = "; ".join(f"{m.size:.4f} ± {m.standard_deviation:.4f}" for m in a.members)
-    p = a.posterior.places.get(a.members[0].place, 0.0)
-    found = "yes" if a.found else "no"
-    return f"| {title} | {truth} | {what} | {a.evidence:.1f} | {sizes} | {p:.2f} | {found} | {cost} |"
 
 
 def main() -> None:
@@ -59,9 +47,9 @@ def main() -> None:
                 effect = InjectedEffect(switched(size * FULL_FRACTION, INTERVALS_S), *BLEED_TERM)
                 put_in = injected_file(case, [effect], folder) if size else case
                 truth = f"customer bleed {size * FULL_FRACTION:.4f}" if size else "nothing"
-                print(row(f"{side}, flight_ref", truth, search_case(put_in)), flush=True)
+                print(table_row(f"{side}, flight_ref, {truth}", search_case(put_in)), flush=True)
             other = RealCase(str(ENGINE), (str(flights / "flight_b22.csv"),), str(RECORDER), side, str(known))
-            print(row(f"{side}, flight_b22", "as recorded", search_case(other)), flush=True)
+            print(table_row(f"{side}, flight_b22", search_case(other)), flush=True)
 
 
 if __name__ == "__main__":
