@@ -12,7 +12,7 @@ import json
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import dropwhile, islice, pairwise, takewhile
 from typing import Any
 
 import numpy as np
@@ -373,17 +373,18 @@ def read_result(path: str, name: str, *, recordings: bool = False) -> ResultFile
 
     with open_table(path) as table:
         if recordings and _is_recording(table.columns):
-            return ResultFile(RECORDING, name, sha256="" if path == "-" else file_sha256(path), path=path)
+            made = _provenance_lines(_head(_decoded(table.lines, name)))
+            return ResultFile(RECORDING, name, made, sha256="" if path == "-" else file_sha256(path), path=path)
         lines = [line if line.endswith("\n") else line + "\n" for line in _decoded(table.lines, name)]
     digest = "" if path == "-" else file_sha256(path)
-    provenance = [line[1:].removeprefix(" ").rstrip() for line in _head(lines)]
+    provenance = _provenance_lines(_head(lines))
     body = next((line for line in lines if line.strip() and not line.startswith("#")), "")
     if not body:
         raise DataError(f"{name}: the file is empty; {KNOWN}")
     if body.lstrip()[0] in "[{":
         return _read_json("".join(lines), name, path, digest)
     if body.strip() == NOMINAL_HEAD:
-        return ResultFile(NOMINAL, name, (), sha256=digest, path=path)
+        return ResultFile(NOMINAL, name, _nominal_provenance(lines), sha256=digest, path=path)
     return _read_csv(lines, name, path, digest, provenance)
 
 
@@ -400,7 +401,18 @@ def _decoded(lines: Iterable[str], name: str) -> Iterator[str]:
         raise DataError(f"{name}: not UTF-8 text ({error.reason}); {KNOWN}") from None
 
 
-def _head(lines: Sequence[str]) -> Iterator[str]:
+def _provenance_lines(head: Iterable[str]) -> list[str]:
+    """Lines of a head without their marks."""
+    return [line[1:].removeprefix(" ").rstrip() for line in head]
+
+
+def _nominal_provenance(lines: Sequence[str]) -> list[str]:
+    """What a nominal file says of its making: the lines below its key `provenance`."""
+    below = dropwhile(lambda line: line.rstrip() != "provenance:", lines)
+    return [line.strip() for line in takewhile(lambda line: line.startswith(" "), islice(below, 1, None))]
+
+
+def _head(lines: Iterable[str]) -> Iterator[str]:
     for line in lines:
         if not line.startswith("#"):
             return
@@ -502,9 +514,7 @@ def nominal_result(path: str) -> ResultFile:
     """The nominal file with which recordings were judged, as one of the files of a report."""
     import os
 
-    from enginediag_cli.recordings.source import file_sha256
-
-    return ResultFile(NOMINAL, os.path.basename(path), sha256=file_sha256(path), path=path)
+    return read_result(path, os.path.basename(path))
 
 
 def residual_records(rows: Sequence[Row]) -> ResidualRecords:

@@ -13,6 +13,7 @@ from results_of_commands import detected, engine_files, explained, fleet, isolat
 from enginediag_cli.__main__ import main
 from enginediag_cli.report.plotting.interactive import available
 from enginediag_cli.report.plotting.svg import shade as svg_shade
+from enginediag_cli.report.result_files import read_result
 
 FETCHES = re.compile(
     r"""(?:src|href|action|data|poster)\s*=\s*["']?\s*(?:https?:|//)|@import|url\(\s*["']?(?:https?:|//)"""
@@ -194,6 +195,14 @@ def test_the_page_says_the_command_the_hashes_and_what_the_files_say_of_themselv
     bare = tmp_path / "bare.csv"
     bare.write_text("".join(line for line in file.open() if not line.startswith("#")))
     assert "bare.csv does not say how it was made." in report(tmp_path, bare)
+
+
+def test_recordings_and_nominal_files_say_of_themselves_what_their_heads_say(tmp_path) -> None:
+    flown, nominal = tmp_path / "flown.csv", tmp_path / "nominal.yaml"
+    flown.write_text("# command: simulate\n# seed: 7\nflight,time_s,T5_K\n1,0,900.5\n1,1,900.5\n")
+    nominal.write_text("# comment\nkind: nominal\nprovenance:\n  recording 1: healthy.csv\nsmooth: 'yes'\n")
+    assert read_result(str(flown), "flown.csv", recordings=True).provenance == ["command: simulate", "seed: 7"]
+    assert read_result(str(nominal), "nominal.yaml").provenance == ["recording 1: healthy.csv"]
 
 
 def test_missing_physics_shows_places_law_before_and_after(tmp_path) -> None:
