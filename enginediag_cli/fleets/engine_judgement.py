@@ -138,6 +138,7 @@ def judge_with_account(
         reason="; ".join(dict.fromkeys(filter(None, [reason, unknown]))),
         unlisted=found.trend.posterior.unlisted,
         probability=found.trend.probability,
+        prior=found.trend.posterior.prior,
         since=best + earlier if best else 0,
         since_low=low + earlier if best else 0,
         since_high=high + earlier if best else 0,

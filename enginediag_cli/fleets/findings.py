@@ -215,6 +215,8 @@ class EngineFinding:
         HEALTHY, CHANGED or NO_VERDICT, and why.
     probability : float
         That it changed after it began to fly; NaN where it was not judged.
+    prior : float
+        The same before its flights are seen; NaN where it was not judged.
     discovery : bool
         Whether the fleet flags it.
     since, since_low, since_high : int
@@ -254,6 +256,7 @@ class EngineFinding:
     verdict: str
     reason: str
     probability: float = nan
+    prior: float = nan
     discovery: bool = False
     since: int = 0
     since_low: int = 0

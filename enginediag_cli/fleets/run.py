@@ -41,6 +41,7 @@ from enginediag_cli.errors import DataError, EngineDiagError, NoVerdictError
 from enginediag_cli.fleets.engine_judgement import judge_with_account
 from enginediag_cli.fleets.findings import (
     CHANGED,
+    HEALTHY,
     NO_VERDICT,
     CommonChange,
     EngineFinding,
@@ -74,7 +75,7 @@ from enginediag_cli.fleets.store import (
 from enginediag_cli.fleets.work_scope import WorkScopeEstimator
 from enginediag_cli.history.engines import HistoryWindows
 from enginediag_cli.parameters import Parameter, meanings
-from enginediag_cli.probability import NORMAL_95
+from enginediag_cli.probability import NORMAL_95, normalized_weights
 from enginediag_cli.progress import each
 from enginediag_cli.residuals.files import Window
 from enginediag_cli.residuals.monitor import Monitor
@@ -89,6 +90,12 @@ MOST = 0.9
 """Share of the engines that have a change the same way, where it is called alike."""
 NOTHING = 0.5
 """Probability beforehand that engines have nothing in common."""
+RATE_SPREAD = float(np.log(3.0))
+"""How well the rates of changes are known before a fleet is seen: to a factor of three, in logarithms."""
+RATES, FARTHEST = 161, 5.0
+"""Rates that are averaged over, and up to how many of these standard deviations."""
+SURE = 1e-12
+"""Probability that no change, and no health, is surer than: rounding is of this size."""
 CLASS = 0.95
 """Probability that the components reported as common hold together."""
 
@@ -222,9 +229,10 @@ def judge_fleet(
 
 
 def flag_engines(findings: Sequence[EngineFinding], level: float) -> tuple[tuple[str, ...], float]:
-    """Flag engines at a false discovery rate, by their probabilities of a change.
+    """Flag engines at a false discovery rate, by their probabilities of a change in this fleet.
 
-    Of the engines that changed, in falling order of the probability p_e, as many as there are with
+    Of the engines that changed, in falling order of the probability p_e by `fleet_probabilities`, as many as there are
+    with
 
         Σ (1 − p_e) / number ≤ level,
 
@@ -248,10 +256,38 @@ def flag_engines(findings: Sequence[EngineFinding], level: float) -> tuple[tuple
     P. Müller, G. Parmigiani, K. Rice (2007) FDR and Bayesian multiple comparisons rules, Bayesian Statistics 8,
     Oxford University Press, 349–370.
     """
-    ranked = sorted((f for f in findings if f.verdict == CHANGED), key=lambda f: -f.probability)
-    share = np.cumsum([1 - f.probability for f in ranked]) / np.arange(1, len(ranked) + 1)
+    judged = [f for f in findings if f.verdict in (CHANGED, HEALTHY)]
+    chances = fleet_probabilities(np.array([f.probability for f in judged]), np.array([f.prior for f in judged]))
+    changed = ((p, f.serial) for p, f in zip(chances.tolist(), judged, strict=True) if f.verdict == CHANGED)
+    ranked = sorted(changed, key=lambda item: -item[0])
+    share = np.cumsum([1 - p for p, _ in ranked]) / np.arange(1, len(ranked) + 1)
     count = int(np.sum(share <= level))  # it rises along the list
-    return tuple(f.serial for f in ranked[:count]), float(share[count - 1]) if count else 0.0
+    return tuple(serial for _, serial in ranked[:count]), float(share[count - 1]) if count else 0.0
+
+
+def fleet_probabilities(probability: np.ndarray, prior: np.ndarray) -> np.ndarray:
+    """Probability of a change of each of n engines, with changes as frequent as the fleet shows them.
+
+    The rates of the account of one engine are a judgement. With odds of λ times these, ln λ ~ N(0, `RATE_SPREAD`²), and
+    odds O_e after and o_e before the flights were seen,
+
+        p(λ | fleet) ∝ p(λ) Π_e (1 + λ O_e)/(1 + λ o_e),     p_e = ∫ λ O_e/(1 + λ O_e) p(λ | fleet) dλ
+
+    Parameters
+    ----------
+    probability, prior : (n,) array
+        Of a change by the account of each engine, after and before its flights were seen.
+
+    Returns
+    -------
+    (n,) array
+    """
+    inside = SURE, 1 - SURE
+    after, before = (np.log(p) - np.log1p(-p) for p in (np.clip(probability, *inside), np.clip(prior, *inside)))
+    rate = RATE_SPREAD * np.linspace(-FARTHEST, FARTHEST, RATES)[:, None]
+    gain = np.logaddexp(0.0, rate + after) - np.logaddexp(0.0, rate + before)
+    weight = normalized_weights(gain.sum(axis=1) - 0.5 * (rate[:, 0] / RATE_SPREAD) ** 2)
+    return np.asarray(weight @ (1 / (1 + np.exp(-rate - after))))
 
 
 def _mark_flagged(finding: EngineFinding, flagged: bool) -> EngineFinding:

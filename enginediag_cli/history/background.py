@@ -22,14 +22,18 @@ so that a course g of any parameters has the score b and the information M
 
 Nothing is larger than (T, p, r): cost and memory are linear in flights.
 
-What instruments are off by in single flights: learnt from flights that follow each other, and marginalised.
+What instruments are off by in single flights: learnt from flights next to each other and three apart, marginalised.
 
-    θ_t = … + b_t,      b_t ~ N(0, Q),    Q diagonal, over the errors of all instruments
+    θ_t = … + b_t,      b_t ~ N(0, Q), over the errors of all instruments
 
 Errors of sensors in a flight, e_t = R_t s_S with R_t = (F_SS)⁻¹ (S: all their forms, biases and scales), differ from
 those of the flight before by noise, by what both flights' conditions make of ν, and by offsets:
 
-    e_t+1 − e_t ~ N(0, R_t + R_t+1 + ΔH ΔHᵀ + 2 L Q Lᵀ),     H_t = R_t F_Sν,  L = [1, R_t F_S,inputs]
+    e_t+1 − e_t ~ N(ΔH ν, R_t + R_t+1 + 2 L Q Lᵀ),     H_t = R_t F_Sν,  L = [1, R_t F_S,inputs]
+
+ν is one draw for all flights, and learnt from all differences: N(0, I) in each of them anew would explain scatter that
+is the offsets'. Q is a full matrix: what the model misses at an operating point moves several readings at once, and
+with independent offsets a flight far along one of these directions would be a change for certain.
 
 Q by expectation and maximisation with weights of Student's t, so that a change is in one difference and counts little.
 Then, flight by flight (Woodbury),
@@ -253,8 +257,15 @@ def add_wander(background: Background, history: History, multiple: float) -> Bac
 
 FREEDOM = 4.0
 """Degrees of freedom of Student's t by which differences are weighed: a step of any size then counts as a few."""
-ROUNDS = 40
+LAGS = (1, 3)
+"""Flights by which those lie apart that are compared: of neighbours alone, sizes are half as well known, and what
+wanders for a few flights is missed."""
+LONGEST = 0.1
+"""Share of the flights by which those lie apart at most: a step is in as many differences."""
+ROUNDS = 15
 """Of expectation and maximisation; sizes only have to be known to a few per cent."""
+SHARED_ROUNDS = 2
+"""Times that what all flights share is learnt beside the sizes of offsets, these once more each time."""
 LEAST_SHARE = 0.01
 """Smallest variance of an offset, in variances of the flight's mean reading: no instrument is better."""
 START_SHARE = 4.0
@@ -269,6 +280,10 @@ TWO_LEVELS = 0.15
 SHARES = (1.0, 0.5, 0.25, 0.1, 0.0)
 """Shares of all variances together that are tried: the iteration is slow where they are small, and twenty-five that are
 a little too large take a quarter of the information."""
+ALONE = 20.0
+"""Differences for which it counts that offsets of different instruments are independent."""
+CORRELATED_ROUNDS = 12
+"""Of expectation and maximisation of their covariance."""
 FEWEST_DIFFERENCES = 10
 """Differences from which their median is worth a factor: to a third, of ten times nine sensors."""
 RIDGE = 1e-6
@@ -279,37 +294,91 @@ TINY = 1e-12
 
 @dataclass(frozen=True)
 class OffsetModel:
-    """Variance (p,) of what each parameter is off by in single flights, 0 of what is no instrument's; inflation: factor
-    by which differences of flights are larger than offsets and noise explain, 1 at least."""
+    """Covariance (p, p) of what parameters are off by in single flights, 0 of what is no instrument's; inflation:
+    factor by which differences of flights are larger than offsets and noise explain, 1 at least."""
 
-    variance: np.ndarray
+    covariance: np.ndarray
     inflation: float = 1.0
+
+    @property
+    def variance(self) -> np.ndarray:
+        """(p,)."""
+        return np.asarray(np.diag(self.covariance))
+
+    def limit(self, most: np.ndarray) -> OffsetModel:
+        """With variances of at most `most` (p,)."""
+        inside = np.sqrt(np.minimum(most / np.maximum(self.variance, TINY), 1.0))
+        return replace(self, covariance=inside[:, None] * self.covariance * inside)
 
 
 def learn_offsets(history: History) -> OffsetModel:
-    """The sizes of offsets from differences of neighbours; two flights at least, else none."""
+    """The sizes of offsets from differences of flights; two flights at least, else none."""
     p = history.width
     S = np.array([i for i, parameter in enumerate(history.parameters) if parameter.belongs_to_sensor], int)
     forms = np.array([i for own in history.instruments().values() for i in own], int)
-    variance = np.zeros(p)
+    covariance = np.zeros((p, p))
     if not len(S) or len(history) < 2:
-        return OffsetModel(variance)
+        return OffsetModel(covariance)
     F, s = history.information, history.score
     R = np.linalg.inv(F[:, S[:, None], S] + RIDGE * np.eye(len(S)))
     e = np.einsum("tij,tj->ti", R, s[:, S])
-    moved = np.diff(R @ F[:, S, p:], axis=0)
-    V = R[1:] + R[:-1] + moved @ moved.transpose(0, 2, 1)
+    H = R @ F[:, S, p:]
     L = np.median(R @ F[:, S[:, None], forms], axis=0)
     information = np.einsum("tii->ti", F)[:, forms]
     strength = np.maximum(np.median(information, axis=0), TINY)
-    alone = np.diff(remove_second_level(s[:, forms] / np.maximum(information, TINY)), axis=0)
+    single = np.diff(remove_second_level(s[:, forms] / np.maximum(information, TINY)), axis=0)
     sensor = np.array([history.parameters[i].belongs_to_sensor for i in forms], bool)
-    cap = np.where(sensor, CAP**2 * np.median(alone**2, axis=0) / MEDIAN / 2, np.inf)
+    cap = np.where(sensor, CAP**2 * np.median(single**2, axis=0) / MEDIAN / 2, np.inf)
     least = LEAST_SHARE / strength
     start = np.where(sensor, np.maximum(cap, least), START_SHARE / strength)
-    d = np.diff(remove_second_level(e), axis=0)
-    variance[forms] = _expectation_maximisation(d, V, L, start, least, np.maximum(cap, least))
-    return OffsetModel(variance, _inflation(d, V + 2 * (L * variance[forms]) @ L.T))
+    most = np.maximum(cap, least)
+    shared = SharedNormals(e, _apart(R, 1.0), H, _apart(H), np.zeros(H.shape[2]), np.eye(H.shape[2]))
+    alone = _expectation_maximisation(*shared.differences(), L, start, least, most)
+    for _ in range(SHARED_ROUNDS):
+        shared = shared.learn(2 * (L * alone) @ L.T)
+        alone = _expectation_maximisation(*shared.differences(), L, alone, least, most)
+    d, V = shared.differences()
+    Q = _correlate(d, V, L, alone, most)
+    covariance[np.ix_(forms, forms)] = Q
+    return OffsetModel(covariance, _inflation(d, V + 2 * L @ Q @ L.T))
+
+
+def _apart(x: np.ndarray, sign: float = -1.0) -> np.ndarray:
+    """Differences (n, …) of x (T, …) between flights that are `LAGS` apart, or their sums."""
+    lags = [lag for lag in LAGS if lag <= max(LONGEST * len(x), LAGS[0])]
+    return np.concatenate([x[lag:] + sign * x[:-lag] for lag in lags])
+
+
+@dataclass(frozen=True)
+class SharedNormals:
+    """What unit normals ν ~ N(mean (r,), covariance (r, r)) that all flights share make of the errors e (T, k) of
+    sensors: effect H (T, k, r), moved (n, k, r) by which it differs between two flights, noise (n, k, k) of their
+    difference."""
+
+    e: np.ndarray
+    noise: np.ndarray
+    H: np.ndarray
+    moved: np.ndarray
+    mean: np.ndarray
+    covariance: np.ndarray
+
+    def differences(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of flights (n, k) without the mean of what is shared, and their covariance (n, k, k)."""
+        d = _apart(remove_second_level(self.e - self.H @ self.mean))
+        return d, self.noise + self.moved @ self.covariance @ self.moved.transpose(0, 2, 1)
+
+    def learn(self, offsets: np.ndarray) -> SharedNormals:
+        """By all differences together, of flights whose offsets add the covariance `offsets` (k, k): what is the same
+        in all flights is no scatter. Differences are weighed by Student's t."""
+        d, V = self.differences()
+        k, r = self.moved.shape[1:]
+        z = np.linalg.solve(V + offsets, d[:, :, None])[:, :, 0]
+        weight = (FREEDOM + k) / (FREEDOM + np.sum(z * d, axis=1))
+        solved = np.linalg.solve(self.noise + offsets, self.moved) * weight[:, None, None]
+        share = len(self.e) / len(d)  # every flight is in several differences, and counts once
+        known = np.linalg.inv(np.eye(r) + share * inner(self.moved, solved))
+        mean = known @ (share * inner(solved, (d + self.moved @ self.mean)[:, :, None])[:, 0])
+        return replace(self, mean=mean, covariance=known)
 
 
 def remove_second_level(e: np.ndarray) -> np.ndarray:
@@ -357,6 +426,24 @@ def _expectation_maximisation(
     return max((np.maximum(share * q, least) for share in SHARES), key=lambda one: _log_likelihood(d, V, L, one))
 
 
+def _correlate(d: np.ndarray, V: np.ndarray, L: np.ndarray, alone: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """Covariance (c, c) of offsets from differences d (n, k) of covariance V (n, k, k) without: what the model misses
+    at an operating point moves several readings at once. Offsets of variance `alone` (c,), each by itself, count for
+    `ALONE` differences; `most` (c,): what variances are at most."""
+    k, n = d.shape[1], len(d)
+    Q = np.diag(alone)
+    for _ in range(CORRELATED_ROUNDS):
+        inverse = np.linalg.inv(V + 2 * L @ Q @ L.T)
+        z = np.einsum("nij,nj->ni", inverse, d)
+        weight = (FREEDOM + k) / (FREEDOM + np.sum(z * d, axis=1))
+        mean = 2 * z @ L @ Q
+        left = n * 2 * Q - 4 * Q @ L.T @ inverse.sum(axis=0) @ L @ Q
+        Q = (ALONE * np.diag(alone) + (mean.T @ (weight[:, None] * mean) + left) / 2) / (ALONE + n)
+        inside = np.sqrt(np.minimum(most / np.diag(Q), 1.0))
+        Q = inside[:, None] * Q * inside
+    return Q
+
+
 def _log_likelihood(d: np.ndarray, V: np.ndarray, L: np.ndarray, q: np.ndarray) -> float:
     """Of differences d (n, k) by Student's law with offsets of variance q (c,)."""
     total = V + 2 * (L * q) @ L.T
@@ -372,7 +459,7 @@ def marginalise_offsets(history: History, offsets: OffsetModel) -> History:
     if not len(o):
         return history
     F, s = history.information, history.score
-    inner = F[:, o[:, None], o] + np.diag(1 / offsets.variance[o])
+    inner = F[:, o[:, None], o] + np.linalg.inv(offsets.covariance[np.ix_(o, o)])
     cross = F[:, o]  # (T, o, m)
     solved = np.linalg.solve(inner, np.concatenate([cross, s[:, o, None]], axis=2))
     information = F - cross.transpose(0, 2, 1) @ solved[:, :, :-1]

@@ -611,8 +611,8 @@ class PooledWindows(WindowReader):
         history, _ = sums.history(known)
         # the flights of a joined epoch share theirs: a long history shows the offsets of its epochs alone
         offsets = learn_offsets(history) if FEWEST <= len(history) == sums.flights else None
-        own = dict(zip((p.name for p in history.parameters), offsets.variance, strict=True)) if offsets else {}
-        parts = [_marginalise_offsets(w.statistics, own, offsets) for w in windows if w.statistics is not None]
+        names = tuple(p.name for p in history.parameters)
+        parts = [_marginalise_offsets(w.statistics, names, offsets) for w in windows if w.statistics is not None]
         total = parts[0]
         for part in parts[1:]:
             total = total + part
@@ -645,10 +645,10 @@ class PooledWindows(WindowReader):
 
 
 def _marginalise_offsets(
-    statistics: LocalStatistics | None, own: Mapping[str, float], offsets: OffsetModel | None
+    statistics: LocalStatistics | None, names: Sequence[str], offsets: OffsetModel | None
 ) -> LocalStatistics:
-    """One flight with what its instruments are off by counted as noise: of the variance `own`, in squared prior
-    standard deviations by parameter, as learnt, or of the size that identification found."""
+    """One flight with what its instruments are off by counted as noise: as learnt, of the parameters `names`, or of the
+    size that identification found."""
     assert statistics is not None
     nuisance = set(statistics.own)
     keep = tuple(name for name in statistics.parameters if name not in nuisance)
@@ -656,8 +656,10 @@ def _marginalise_offsets(
         variance = np.array([float(name in nuisance) for name in statistics.parameters])
         return marginalise(statistics, keep, np.diag(variance * statistics.prior_sigma**2))
     plain = statistics.drop_parameters(nuisance)
-    variance = np.array([own.get(name, 0.0) for name in plain.parameters])
-    found = marginalise(plain, keep, np.diag(variance * plain.prior_sigma**2))
+    at = np.array([plain.parameters.index(name) for name in names])
+    covariance = np.zeros((len(plain.parameters),) * 2)
+    covariance[np.ix_(at, at)] = plain.prior_sigma[at, None] * offsets.covariance * plain.prior_sigma[at]
+    found = marginalise(plain, keep, covariance)
     return _widen(found, offsets.inflation)
 
 

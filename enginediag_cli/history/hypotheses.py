@@ -243,8 +243,9 @@ def _scales(kind: str, T: int) -> list[float]:
     }.get(kind, [0.0])
 
 
-def coarse_shapes(T: int, maintenance: Sequence[int] = ()) -> ShapeTable:
-    """The courses that are looked at first."""
+@lru_cache(maxsize=8)
+def coarse_shapes(T: int, maintenance: tuple[int, ...] = ()) -> ShapeTable:
+    """The courses that are looked at first; engines of a fleet mostly have as many flights."""
     none = np.zeros(1, int)
     parts = [build_shapes(FROM_START, none, none + T, none, np.ones((1, 2), int), T, maintenance)]
     onset, size = _cells(1, T - 1, ONSETS)

@@ -425,16 +425,17 @@ class PredictiveCheck:
 class HistoryPosterior:
     """The one account of change over the T flights of an engine.
 
-    probability: that anything changed, or was off nominal from the first flight; events: most probable first; unlisted:
-    probability that what happened is nothing that is listed; inclusion: component or instrument → probability that it
-    changed; level, deviation (T, p): smooth estimate of each parameter, in its unit; offsets (p,): size of what
-    instruments are off by in single flights, in their units; health: of components, what is no event included, where
-    it was required.
+    probability: that anything changed, or was off nominal from the first flight; prior: the same before the flights
+    are seen, by the rates of changes; events: most probable first; unlisted: probability that what happened is nothing
+    that is listed; inclusion: component or instrument → probability that it changed; level, deviation (T, p): smooth
+    estimate of each parameter, in its unit; offsets (p,): size of what instruments are off by in single flights, in
+    their units; health: of components, what is no event included, where it was required.
     """
 
     flights: int
     parameters: tuple[str, ...]
     probability: float
+    prior: float
     events: tuple[ChangeEvent, ...]
     unlisted: float
     inclusion: Mapping[str, float]
@@ -490,6 +491,7 @@ def judge_history(
         len(history),
         tuple(p.name for p in history.parameters),
         min(max(probability, float(expit(fit.log)) if fit.events else 0.0), 1.0),
+        float(expit(np.logaddexp.reduce([s.log_prior for s in suspects]))),
         tuple(sorted(events, key=lambda e: -e.probability)),
         max([0.0, *(e.probability * e.suspects.get(UNLISTED, 0.0) for e in events)]),
         _inclusion(events, more),
@@ -532,7 +534,7 @@ def judge_again(
     known = offsets.variance * noise > NOTICED
     if not np.any(again.variance[known] < CLEARLY * offsets.variance[known]):
         return choice.search, events, offsets
-    again = OffsetModel(np.minimum(again.variance, offsets.variance), again.inflation)
+    again = again.limit(offsets.variance)
     calm = marginalise_offsets(history, again)
     search = prepare_search(calm, Background.from_history(calm), choice.multiple, choice.search.space.suspects)
     return search, exchange(search, events), again

@@ -401,18 +401,23 @@ class WanderChoice:
 
 
 def weigh_wander(history: History, suspects: Sequence[Suspect]) -> list[WanderChoice]:
-    """All amounts of wander, each with what one event adds."""
-    found: list[WanderChoice] = []
+    """Amounts of wander, each with what one event adds. What wanders more hides more: where the least amount leaves no
+    change likelier than not, it and the likeliest amount are enough."""
     nominal = Background.from_history(history)
-    for multiple, prior in zip(WANDER_MULTIPLES, WANDER_PRIOR, strict=True):
-        search = prepare_search(history, nominal, multiple, suspects)
-        if found and search.background.log_evidence < found[0].search.background.log_evidence - RIVAL:
-            continue
-        first = search.scan(())
-        log = np.log(prior) + search.background.log_evidence + np.logaddexp(0.0, first.log_odds)
-        found.append(WanderChoice(multiple, search, first, float(log)))
-        if first.log_odds < QUIET:
-            break
+    searches = [prepare_search(history, nominal, multiple, suspects) for multiple in WANDER_MULTIPLES]
+    evidence = [search.background.log_evidence for search in searches]
+    log = np.log(WANDER_PRIOR) + np.array(evidence)
+    first = searches[0].scan(())
+    kept = [0]
+    if first.log_odds >= 0:
+        kept += [k for k in range(1, len(searches)) if evidence[k] >= evidence[0] - RIVAL]
+    elif first.log_odds >= QUIET and np.argmax(log) > 0:
+        kept.append(int(np.argmax(log)))
+    found = []
+    for k in kept:
+        scan = searches[k].scan(())
+        weight = float(log[k] + np.logaddexp(0.0, scan.log_odds))
+        found.append(WanderChoice(WANDER_MULTIPLES[k], searches[k], scan, weight))
     return found
 
 

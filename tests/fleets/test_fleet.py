@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
+from scipy.special import expit
+from scipy.stats import binom, norm
 from turbofan_fleet import SETTINGS, engine_history, geometry, judged, known, lost, scale
 
 from enginediag_cli.fleets.findings import CHANGED, HEALTHY, NO_VERDICT, EngineFinding, FleetSettings
 from enginediag_cli.fleets.margin import add_forecasts, learnt_limit
-from enginediag_cli.fleets.run import flag_engines, judge_fleet, random_effects
+from enginediag_cli.fleets.run import flag_engines, fleet_probabilities, judge_fleet, random_effects
 
 FLIGHTS = 90
 
@@ -99,21 +102,68 @@ def test_the_limit_is_learnt_from_engines_that_were_taken_off(fleet):
         learnt_limit(worn[:2])
 
 
+def in_this_fleet(p: np.ndarray, prior: float) -> list[float]:
+    """Probabilities of a change with the odds of changes free within a factor of three, by quadrature."""
+    after, before = p / (1 - p), prior / (1 - prior)
+
+    def weight(x: float) -> float:
+        rate = np.exp(np.log(3.0) * x)
+        return float(norm.pdf(x) * np.prod((1 + rate * after) / (1 + rate * before)))
+
+    whole = quad(weight, -8, 8, epsabs=0)[0]
+
+    def mean(odds: float) -> float:
+        def changed(x: float) -> float:
+            rate = np.exp(np.log(3.0) * x)
+            return weight(x) * float(rate * odds / (1 + rate * odds))
+
+        return float(quad(changed, -8, 8, epsabs=0)[0]) / whole
+
+    return [mean(odds) for odds in after]
+
+
 def test_the_list_is_the_longest_whose_expected_share_of_healthy_engines_is_small_enough():
     rng = np.random.default_rng(3)
-    for _ in range(50):
-        p = np.append(rng.uniform(0.5, 1.0, 8), 1.0)
-        fleet = [EngineFinding(str(k), "", 9, 9, CHANGED, "", probability=float(x)) for k, x in enumerate(p)]
-        fleet.append(EngineFinding("calm", "", 9, 9, HEALTHY, "", probability=0.4))
+    for _ in range(20):
+        p = np.append(rng.uniform(0.5, 1.0, 8), 0.4)
+        kinds = [CHANGED] * 8 + [HEALTHY]
+        fleet = [
+            EngineFinding(str(k), "", 9, 9, kind, "", probability=float(x), prior=0.25)
+            for k, (x, kind) in enumerate(zip(p, kinds, strict=True))
+        ]
         names, expected = flag_engines(fleet, 0.1)
-        order = np.sort(p)[::-1]
-        most = max(k for k in range(1, 10) if np.mean(1 - order[:k]) <= 0.1)
-        assert len(names) == most and expected == pytest.approx(np.mean(1 - order[:most]))
-        assert [p[int(name)] for name in names] == order[:most].tolist()
+        chances = np.array(in_this_fleet(p, 0.25))
+        order = np.sort(chances[:8])[::-1]
+        shares = [np.mean(1 - order[:k]) for k in range(1, 9)]
+        most = sum(share <= 0.1 for share in shares)
+        assert len(names) == most and expected == pytest.approx(shares[most - 1] if most else 0.0, rel=1e-4)
+        assert [chances[int(name)] for name in names] == order[:most].tolist()
     assert flag_engines(fleet[-1:], 0.1) == ((), 0.0)
 
 
+def test_flagged_engines_are_healthy_as_often_as_stated_however_many_changed():
+    """Engines that read x ~ N(0, 1), or N(3, 1) where they changed: half as many, or twice as many, as was expected."""
+    rng = np.random.default_rng(5)
+    for share in (0.1, 0.4):
+        false = flagged = 0
+        for _ in range(20):
+            changed = rng.random(200) < share
+            x = rng.standard_normal(200) + 3 * changed
+            p = expit(np.log(0.2 / 0.8) + 3 * x - 4.5)
+            verdicts = np.where(p >= 0.5, CHANGED, HEALTHY)
+            fleet = [
+                EngineFinding(str(k), "", 9, 9, str(verdicts[k]), "", probability=float(p[k]), prior=0.2)
+                for k in range(200)
+            ]
+            names, _ = flag_engines(fleet, 0.2)
+            flagged += len(names)
+            false += sum(not changed[int(name)] for name in names)
+        assert binom.sf(false - 1, flagged, 0.2) > 1e-3
+        chances = fleet_probabilities(p, np.full(200, 0.2))
+        assert chances.sum() == pytest.approx(changed.sum(), abs=15)
+
+
 def test_a_change_that_is_too_doubtful_for_the_list_says_so():
-    fleet = [EngineFinding("A", "", 9, 9, CHANGED, "", probability=0.6)]
+    fleet = [EngineFinding("A", "", 9, 9, CHANGED, "", probability=0.6, prior=0.25)]
     (found,) = judge_fleet(fleet, FleetSettings()).engines
     assert not found.discovery and found.verdict == CHANGED and "not flagged" in found.reason

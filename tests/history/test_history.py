@@ -144,8 +144,45 @@ def test_offsets_of_flights_are_learnt_and_counted_as_noise() -> None:
     learnt = learn_offsets(history)
     assert np.sqrt(learnt.variance[4]) == pytest.approx(0.3, rel=0.25)
     assert np.sqrt(learnt.variance[[3, 5, 6]]).max() < 0.1
-    calm = marginalise_offsets(history, OffsetModel(learnt.variance))
+    calm = marginalise_offsets(history, OffsetModel(learnt.covariance))
     assert calm.information[0, 4, 4] < 1 / learnt.variance[4]
+
+
+def test_offsets_that_move_several_readings_at_once_are_learnt_as_such() -> None:
+    rng = np.random.default_rng(14)
+    sensors = np.arange(3, 3 + READINGS)
+    along = np.array([0.3, -0.3, 0.2, 0.0])
+    offset = np.zeros((200, len(PARAMETERS)))
+    offset[:, sensors] = rng.standard_normal((200, 1)) * along + 0.1 * rng.standard_normal((200, READINGS))
+    learnt = learn_offsets(make_history(rng, offset, 200)).covariance[np.ix_(sensors, sensors)]
+    true = np.outer(along, along) + 0.01 * np.eye(READINGS)
+    np.testing.assert_allclose(learnt, true, atol=0.035)
+    value = np.linalg.eigvals(np.linalg.solve(learnt + 0.01 * np.eye(READINGS), true + 0.01 * np.eye(READINGS)))
+    assert value.real.min() > 0.7 and value.real.max() < 1.4  # with the noise: no direction is far too small or large
+
+
+def test_what_all_flights_share_is_not_taken_for_scatter_of_single_ones() -> None:
+    """A unit normal moves the readings by as much as the offsets, differently in each flight."""
+    rng = np.random.default_rng(15)
+    p, flights = len(PARAMETERS), 150
+    offset = np.zeros((flights, p))
+    offset[:, 3] = 0.2 * rng.standard_normal(flights)
+    history = make_history(rng, offset, flights)
+    moves = np.zeros((flights, p))
+    moves[:, 3] = 0.3 * rng.standard_normal(flights)
+    F = history.information[:, :p, :p]
+    columns = np.einsum("tij,tj->ti", F, moves)
+    shared = -1.2  # in prior standard deviations
+    information = np.zeros((flights, p + 3, p + 3))
+    information[:, : p + 2, : p + 2] = history.information
+    information[:, :p, p + 2] = information[:, p + 2, :p] = columns
+    information[:, p + 2, p + 2] = np.einsum("ti,ti->t", moves, columns)
+    information[:, p : p + 2, p + 2] = np.einsum("tpr,tp->tr", history.information[:, :p, p:], moves)
+    information[:, p + 2, p : p + 2] = information[:, p : p + 2, p + 2]
+    own = np.einsum("ti,ti->t", moves, history.score[:, :p])
+    score = np.concatenate([history.score, own[:, None]], axis=1) + shared * information[:, :, p + 2]
+    learnt = learn_offsets(replace(history, score=score, information=information))
+    assert np.sqrt(learnt.variance[3]) == pytest.approx(0.2, rel=0.2)
 
 
 def test_cells_hold_every_onset_once() -> None:
