@@ -280,8 +280,9 @@ TWO_LEVELS = 0.15
 SHARES = (1.0, 0.5, 0.25, 0.1, 0.0)
 """Shares of all variances together that are tried: the iteration is slow where they are small, and twenty-five that are
 a little too large take a quarter of the information."""
-ALONE = 20.0
-"""Differences for which it counts that offsets of different instruments are independent."""
+ALONE = 60.0
+"""Differences for which it counts that offsets of different instruments are independent: of thirty flights, each being
+in two."""
 CORRELATED_ROUNDS = 12
 """Of expectation and maximisation of their covariance."""
 FEWEST_DIFFERENCES = 10
