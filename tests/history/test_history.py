@@ -158,7 +158,7 @@ def test_offsets_that_move_several_readings_at_once_are_learnt_as_such() -> None
     true = np.outer(along, along) + 0.01 * np.eye(READINGS)
     np.testing.assert_allclose(learnt, true, atol=0.035)
     value = np.linalg.eigvals(np.linalg.solve(learnt + 0.01 * np.eye(READINGS), true + 0.01 * np.eye(READINGS)))
-    # with the noise no direction is far too small or large; of independent offsets the extremes are 0.17 and 2.4
+    # with the noise no direction is far too small or large; of independent offsets the extremes are 0.17 and 2.5
     assert value.real.min() > 0.6 and value.real.max() < 1.6
 
 
