@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.discrepancy.candidates import KINDS, MAP, SWITCH, Candidate
+from enginediag_cli.discrepancy.candidates import CURVE, KINDS, MAP, STEP, SWITCH, Candidate
 from enginediag_cli.discrepancy.linearised import LinearProblem
 from enginediag_cli.discrepancy.search import MemberSet, SearchResult, TraceRow
 
@@ -46,7 +46,7 @@ class FoundMember:
     """A member of the answer: the place by name and in words, kind, driver, `size` with its standard deviation in
     `unit`: of a switch its amplitude, else the rms of what varies; `visible`: what it moves each sensor's readings
     by, in stated standard deviations; `on_s`: intervals in which a switch is on, s; `times_stated`: of a map error, its
-    size over what is stated."""
+    size over what is stated; `threshold`: value of the driver at which a step is."""
 
     place: str
     words: str
@@ -58,6 +58,7 @@ class FoundMember:
     visible: Mapping[str, float]
     on_s: tuple[tuple[float, float], ...] = ()
     times_stated: float = 0.0
+    threshold: float | None = None
 
 
 @dataclass(frozen=True)
@@ -114,15 +115,16 @@ class DiscrepancyAnswer:
         if not self.found:
             lines.append(f"Nothing is missing that is certain (ln evidence {self.evidence:.1f}).")
         for m in self.members if self.found else ():
-            if m.kind == MAP:
+            if m.times_stated:
                 lines.append(
                     f"The map of {m.words} is wrong by {100 * m.size:.1f} % along {m.driver}, "
                     f"{m.times_stated:.0f} times what is stated (ln evidence {self.evidence:.1f})."
                 )
                 continue
+            at = "" if m.threshold is None else f" at {m.threshold:.5g}"
             along = f" along {m.driver}" if m.driver else ", not recorded"
             lines.append(
-                f"{m.words}: {m.kind}{along}, {m.size:.3g} ± {m.standard_deviation:.2g} {m.unit} "
+                f"{m.words}: {m.kind}{along}{at}, {m.size:.3g} ± {m.standard_deviation:.2g} {m.unit} "
                 f"(place {self.posterior.places.get(m.place, 0.0):.2f}, ln evidence {self.evidence:.1f})"
             )
         return "\n".join(lines)
@@ -164,7 +166,7 @@ def _member(problem: LinearProblem, found: MemberSet, k: int) -> FoundMember:
     place = problem.places[c.place]
     mean, covariance = found.noise.amplitudes(found.point.eta, k)
     amplitude = c.patterns @ mean
-    if c.kind == SWITCH:
+    if c.kind in (SWITCH, STEP):
         size, sd = float(mean[0]), float(np.sqrt(covariance[0, 0]))
     else:
         size = float(np.sqrt(np.mean(amplitude**2)))
@@ -181,6 +183,8 @@ def _member(problem: LinearProblem, found: MemberSet, k: int) -> FoundMember:
         place.unit,
         visible_size(problem, problem.G[:, :, c.place] * amplitude[:, None]),
         on,
+        size / problem.map_accuracy if c.kind == CURVE and place.name in problem.machines else 0.0,
+        c.length if c.kind == STEP else None,
     )
 
 

@@ -28,8 +28,8 @@ from scipy.special import log_ndtr
 from enginediag_cli.discrepancy.linearised import LinearProblem
 from enginediag_cli.discrepancy.noise import MemberColumns, StructuredNoise, Whitened
 
-SWITCH, PER_RECORD, CURVE, MAP = "two states", "free in every record", "curve", "map error"
-KINDS = (SWITCH, PER_RECORD, CURVE, MAP)
+SWITCH, PER_RECORD, CURVE, STEP, MAP = "two states", "free in every record", "curve", "step", "map error"
+KINDS = (SWITCH, PER_RECORD, CURVE, STEP, MAP)
 LENGTHS = (0.5, 1.5)
 """Length scales of free curves, in standard deviations of the driver: with a bend or two, and nearly straight."""
 SIZE_SPREAD = 1.0
@@ -40,6 +40,8 @@ SIZES = np.exp(np.linspace(-2.0, 2.0, 6))
 """Sizes over the median at which candidates are screened."""
 RANK = 12
 """Functions of a free curve at most; what more would hold is below a thousandth of its variance."""
+LEAST_SIDE = 3
+"""Records on either side of a step along a driver at least: fewer are outliers."""
 LEAST_SHARE = 1e-3
 """Of the variance of a curve's largest function."""
 DWELL_S = 400.0
@@ -170,8 +172,8 @@ def path_from_amplitudes(a: np.ndarray, sign: int) -> np.ndarray:
 class Candidate:
     """One thing that may be missing: a kind at a place. `patterns` (N, k): its amplitudes' values in the records;
     `size` of the amplitudes, `prior` of ln size, None where the size is the place's own; `price`: ln prior of what was
-    chosen beside the place: path, driver and length; `evidence`: ln evidence over the current hypothesis at fixed
-    noise, price included."""
+    chosen beside the place: path, driver and `length`, of a step the value of the driver at which it is;
+    `evidence`: ln evidence over the current hypothesis at fixed noise, price included."""
 
     kind: str
     place: int
@@ -229,6 +231,8 @@ class Screening:
         self.moment, time_s, aircraft = problem.moments
         self.chain = StateChain.from_times(time_s, aircraft)
         self.curves = list(_curve_patterns(problem))
+        finite = [d for d in problem.drivers if np.isfinite(d.values).all()]
+        self.orders = [(d.short, np.argsort(d.values, kind="stable"), d.values) for d in finite]
 
     def place_scores(self, noise: StructuredNoise, white: Whitened) -> Iterator[PlaceScore]:
         """One place after the other."""
@@ -251,7 +255,7 @@ class Screening:
         """Of one place."""
         p = self.problem.places[score.place]
         free = self._per_record(score, p.abrupt)
-        return [free, self._switch(score, free), *self._along_drivers(score, p.scale)]
+        return [free, self._switch(score, free), *self._along_drivers(score, p.scale), *self._steps(score)]
 
     def _per_record(self, score: PlaceScore, scale: float) -> Candidate:
         N = len(score.h)
@@ -270,6 +274,31 @@ class Screening:
         return Candidate(
             SWITCH, score.place, path.z[self.moment, None], p.abrupt, None, path.prior, path.evidence, sign=p.sign
         )
+
+    def _steps(self, score: PlaceScore) -> list[Candidate]:
+        """The best step along each driver: on above or below a value of it, every value between records tried."""
+        p, N = self.problem.places[score.place], len(score.h)
+        price = -float(np.log(2.0 * max(N - 1, 1) * max(len(self.orders), 1)))
+        found = []
+        for driver, order, value in self.orders:
+            whole = np.cumsum(np.cumsum(score.Q[np.ix_(order, order)], axis=0), axis=1)
+            b, corner = np.cumsum(score.h[order]), np.diag(whole)
+            below = path_evidence(b, corner, p.scale, p.sign)
+            above = path_evidence(b[-1] - b, whole[-1, -1] - 2.0 * whole[-1] + corner, p.scale, p.sign)
+            both = np.stack([below, above])[:, LEAST_SIDE - 1 : N - LEAST_SIDE]
+            if not both.size:
+                continue
+            side, k = np.unravel_index(int(np.argmax(both)), both.shape)
+            last = k + LEAST_SIDE - 1
+            z = np.zeros(N)
+            z[order[: last + 1]] = 1.0
+            z = z if side == 0 else 1.0 - z
+            threshold = 0.5 * float(value[order[last]] + value[order[last + 1]])
+            evidence = float(both[side, k]) + price
+            found.append(
+                Candidate(STEP, score.place, z[:, None], p.scale, None, price, evidence, driver, threshold, p.sign)
+            )
+        return found
 
     def _along_drivers(self, score: PlaceScore, scale: float) -> list[Candidate]:
         prior = (float(np.log(USUAL_SHARE * scale)), SIZE_SPREAD)

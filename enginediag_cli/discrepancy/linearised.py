@@ -88,8 +88,8 @@ class LinearProblem:
     quantity (`machines`) whose map error it is; `time_s` (N,), NaN without a clock; `flight`, `engine` (N,): numbers;
     `aircraft` (N,): number of the flight, one for engines side by side;
     `points` (N, d): operating points in units of their own spread; `drivers`: values (N,) each; `expected` (m,):
-    what the model errs by on readings that identification has not seen, in stated noise; `pooled` (M,): pooled record
-    of each of M records read.
+    what the model errs by on readings that identification has not seen, in stated noise; `map_accuracy`: relative,
+    as stated; `pooled` (M,): pooled record of each of M records read.
     """
 
     sensors: tuple[str, ...]
@@ -109,6 +109,7 @@ class LinearProblem:
     drivers: tuple[DriverValues, ...]
     expected: np.ndarray = field(default_factory=lambda: np.ones(1))
     labels: tuple[str, ...] = ()
+    map_accuracy: float = 0.003
     pooled: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
 
     def __len__(self) -> int:
@@ -215,6 +216,7 @@ def linearise(found: IdentifiedHypothesis) -> LinearProblem:
         tuple(drivers) + _further_drivers(found),
         np.array([max(1.0, dataset.noise.sigma[s] / v) for s, v in zip(problem.sensors, sigma, strict=True)]),
         tuple(problem.labels),
+        max(dataset.settings.map_accuracy, LEAST_BREATHING),
         np.arange(len(y)),
     )
     most = MOST_RECORDS
@@ -432,6 +434,7 @@ def pool_records(problem: LinearProblem, most: int) -> LinearProblem:
         tuple(DriverValues(d.driver, d.name, average(d.values), d.short) for d in problem.drivers),
         problem.expected,
         problem.labels,
+        problem.map_accuracy,
         number[problem.pooled] if len(problem.pooled) else number,
     )
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from simulated import RECORDS, problem
 
 from enginediag_cli.discrepancy.answer import DiscrepancyAnswer, answer_from_search
-from enginediag_cli.discrepancy.candidates import CURVE, PER_RECORD, SWITCH
+from enginediag_cli.discrepancy.candidates import CURVE, PER_RECORD, STEP, SWITCH
 from enginediag_cli.discrepancy.linearised import LinearProblem, pool_records
 from enginediag_cli.discrepancy.search import BeamSearch
 
-STATES = ((np.arange(RECORDS) > 20) & (np.arange(RECORDS) < 50)).astype(float)
+NUMBER = np.arange(RECORDS)
+STATES = (((NUMBER > 10) & (NUMBER < 25)) | ((NUMBER > 45) & (NUMBER < 60))).astype(float)
 
 
 def answered(p: LinearProblem) -> DiscrepancyAnswer:
@@ -36,9 +39,8 @@ def test_a_switch_is_found_at_its_place_with_its_size_and_times(switched: Discre
     assert switched.found
     assert (m.place, m.kind) == ("a", SWITCH)
     assert m.size == pytest.approx(3.0, abs=3 * m.standard_deviation + 0.1)
-    ((first, last),) = m.on_s
-    assert abs(first - 20.0 * 21) <= 40.0
-    assert abs(last - 20.0 * 49) <= 40.0
+    found, truth = np.array(m.on_s), 20.0 * np.array([[11, 24], [46, 59]])
+    assert np.abs(found - truth).max() <= 40.0
 
 
 def test_a_larger_effect_is_never_less_probable(switched: DiscrepancyAnswer) -> None:
@@ -55,6 +57,26 @@ def test_values_at_random_are_not_recorded_and_a_curve_is_along_its_driver() -> 
     assert (curve.members[0].place, curve.members[0].kind) == ("a", CURVE)
     assert curve.members[0].driver == "Mach number"
     assert curve.posterior.drivers["Mach number"] > 0.9
+
+
+def test_a_step_along_a_driver_is_found_with_its_value() -> None:
+    p = problem(6)
+    mach = p.drivers[1].values
+    a = answered(problem(6, amplitude=np.where(mach < -0.2, 3.0, 0.0)))
+    (m,) = a.members
+    assert (m.place, m.kind, m.driver) == ("a", STEP, "Mach number")
+    assert m.threshold == pytest.approx(-0.2, abs=0.2)
+    assert m.size == pytest.approx(3.0, abs=0.6)
+
+
+def test_a_curve_of_a_map_is_a_map_error_beyond_what_is_stated() -> None:
+    p = problem(7)
+    mach = p.drivers[1].values
+    y = p.y + p.G[:, :, 1] * (4.0 * (mach - mach.mean()))[:, None]
+    a = answered(replace(p, y=y))
+    assert a.members[0].place == "b"
+    assert a.members[0].times_stated > 1.0
+    assert "times what is stated" in a.summary()
 
 
 def test_probabilities_are_of_everything_that_was_compared(switched: DiscrepancyAnswer) -> None:
