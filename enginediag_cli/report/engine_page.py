@@ -84,7 +84,8 @@ def engine_lead(engine: EngineEvidence, evidence: ReportEvidence, key: str) -> L
     changed = [evidence.parameters[n] for n in found.names if n in evidence.parameters]
     margin = read_margin(engine.rows_of_kind(result_files.MARGIN))
     step = limit = margin.next_step if margin else ""
-    if not limit or found.state is not EngineState.NOTHING_FOUND:
+    judged = found.state is not EngineState.NO_VERDICT or not found.first_step
+    if judged and (not limit or found.state is not EngineState.NOTHING_FOUND):
         step = f"{next_step(found.state, changed, _separating_sensors(engine), _advice(engine))} {limit}".strip()
     return Lead(
         found.state,
@@ -123,7 +124,8 @@ def _identity(engine: EngineEvidence, evidence: ReportEvidence) -> str:
 @dataclass(frozen=True)
 class EngineAnswer:
     """What the first screen says of an engine; names: of the parameters of the answer, or of its suspects; first_step:
-    what is to be done before anything else; badge: the state in other words; power: what would have been seen."""
+    what is to be done before anything else, and alone where there is no verdict; badge: the state in other words;
+    power: what would have been seen."""
 
     state: EngineState
     sentence: str
@@ -317,8 +319,8 @@ def _no_alarm_answer(engine: EngineEvidence, evidence: ReportEvidence) -> Engine
 def _delta_answer(alerts: Sequence[str]) -> EngineAnswer:
     """Of raw deltas alone, which say that readings moved and not what moved them."""
     if not alerts:
-        words = "Raw deltas are no verdict: `detect`, `isolate` and `trend` say whether and what changed."
-        return EngineAnswer(EngineState.NO_VERDICT, words)
+        step = "Give the recordings with -n NOMINAL: they are judged by detect, isolate and trend then."
+        return EngineAnswer(EngineState.NO_VERDICT, "Raw deltas say neither whether nor what changed.", first_step=step)
     words = f"{count(len(alerts), 'raw delta')} beyond alert levels; `isolate` and `trend` say what changed."
     return EngineAnswer(EngineState.CHANGED, words)
 
@@ -607,15 +609,16 @@ def _onsets(engine: EngineEvidence, evidence: ReportEvidence, order: Order) -> l
 
 
 def _deltas(engine: EngineEvidence, key: str) -> Iterator[Block]:
-    """What the alert levels say, and the charts of the deltas; those without levels are closed at first."""
-    rows = engine.rows_of_kind(result_files.DELTAS)
+    """What the alert levels say, and the charts of the deltas; those without levels are closed at first, unless nothing
+    else is shown."""
+    rows, alone = engine.rows_of_kind(result_files.DELTAS), not _verdicts(engine)
     words = level_words(rows)
     if words:
         yield Paragraph(words)
     closed: list[Block] = []
     for number, course in enumerate(delta_courses(rows), start=1):
         chart = delta_chart(f"{key}-delta-{number}", course)
-        if course.has_levels:
+        if course.has_levels or alone:
             yield chart
         else:
             closed.append(chart)

@@ -339,8 +339,8 @@ def _refinement_lead(answer: Mapping[str, Any], key: str) -> Lead:
     accepted = answer["verdict"] == "accepted"
     state = EngineState.CHANGED if accepted else EngineState.CANNOT_TELL
     chi2 = answer.get("chi2_per_reading") or {}
-    effects = listed([f"{e['term']} at {e['at']}" for e in answer["effects"]]) or "nothing"
-    sentence = f"Put into the model, {effects} predicts flights that were not fitted better."
+    effects = listed([f"{e['term'].replace('_', ' ')} at {e['at']}" for e in answer["effects"]]) or "nothing"
+    sentence = f"With {effects} in the model, unseen flights are predicted better."
     if not accepted:
         sentence = f"{effects} is not put into the model: {answer.get('refused') or answer['verdict']}."
     surely = ""
