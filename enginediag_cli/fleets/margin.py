@@ -356,8 +356,9 @@ def available_power(
     if engine is None or health is None or not scale.reference or not limits:
         return PowerCourse(reason=scale.reason or NO_LIMIT)
     check_limits(engine, limits, "--limit")
-    at = [i for i, name in enumerate(health.parameters) if name in engine.parameters]
-    names = [health.parameters[i] for i in at]
+    every = (*health.parameters, *health.readings)
+    at = [i for i, name in enumerate(every) if name in engine.parameters]
+    names = [every[i] for i in at]
     kept = slice(-1, None) if last else slice(None)
     states = np.concatenate([np.zeros((1, len(at))), health.total[kept, at]])
     try:
