@@ -442,20 +442,20 @@ def one_channel_reason(channel: str) -> str:
 
 def _decisive_channel(window: WindowStatistics, monitor: Monitor, false_alarm: float) -> str:
     """The sensor without whose readings, or the input with whose likeliest error taken out, there is no alarm; of
-    several the one without which the window looks healthiest."""
+    several the one without which the window looks healthiest, all of them where a record does not distinguish them."""
     channels, variants = zip(*_leave_one_channel_out(window, monitor), strict=True)
     n = len(next(iter(variants[0].values())))
     columns = {c: np.concatenate([v[c] for v in variants]) for c in variants[0]}
     flights = [str(k) for k in range(len(channels)) for _ in range(n)]
     line = np.arange(1, len(flights) + 1)
     whole = Recording(columns, {"flight": flights}, line=line, source=window.source)
-    least, likeliest = 0.0, ""
+    calm: dict[str, float] = {}
     for channel, found in zip(channels, window_statistics(monitor, [whole], WindowPlan()), strict=True):
         verdict = judge(found, false_alarm)
         p = verdict.test.p_value if verdict.test is not None else 1.0
-        if verdict.verdict != FAULT and p > least:
-            least, likeliest = p, str(channel)
-    return likeliest
+        if verdict.verdict != FAULT:
+            calm[str(channel)] = p
+    return " or ".join(c for c, p in calm.items() if p >= (1.0 - ROUNDING) * max(calm.values()))
 
 
 def _leave_one_channel_out(window: WindowStatistics, monitor: Monitor) -> Iterator[tuple[str, dict[str, np.ndarray]]]:

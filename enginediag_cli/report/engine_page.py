@@ -611,8 +611,9 @@ def _onsets(engine: EngineEvidence, evidence: ReportEvidence, order: Order) -> l
 def _deltas(engine: EngineEvidence, key: str) -> Iterator[Block]:
     """What the alert levels say, and the charts of the deltas; those without levels are closed at first, unless nothing
     else is shown."""
-    rows, alone = engine.rows_of_kind(result_files.DELTAS), not _verdicts(engine)
+    rows = engine.rows_of_kind(result_files.DELTAS)
     words = level_words(rows)
+    alone = not words and not _verdicts(engine)
     if words:
         yield Paragraph(words)
     closed: list[Block] = []

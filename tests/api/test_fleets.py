@@ -30,7 +30,7 @@ def test_fleet_gives_the_document_of_its_command_and_all_of_its_tables(folder, t
     assert (mine["counts"].pop("fresh"), document["counts"].pop("fresh")) == (4, 0)
     assert mine == document
     assert [row["engine"] for row in result.engines] == [engine["serial"] for engine in document["engines"]]
-    assert result.rows == result.engines
+    assert json.dumps(result.rows) == json.dumps(result.engines)  # what is not known is NaN
     assert {row["engine"] for row in result.flights} <= {"1", "2", "3", "4"}
     assert "4 engines, 4 recordings" in result.summary()
     try:

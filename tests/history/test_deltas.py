@@ -95,7 +95,9 @@ def test_alert_levels_of_a_page_need_the_nominal_engine(folder, tmp_path, capfd)
     assert "--alerts needs -n NOMINAL" in capfd.readouterr().err
     assert call("report", rows, "-q", "--static", "-o", tmp_path / "page.html") in (0, 3)
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
-    assert "Raw deltas of readings, flight by flight" in page and "caution" not in first_screen(page)
+    # nothing else is shown, so that nothing is folded
+    assert "ΔT5" in page and "Raw deltas of readings, flight by flight" not in page
+    assert "caution" not in first_screen(page) and "Give the recordings with -n NOMINAL" in first_screen(page)
 
 
 def test_at_the_engines_own_power_setting_deltas_are_mean_residuals(folder, tmp_path):
