@@ -5,7 +5,8 @@ the model is expected to err by: what is smaller may be a real error of the mode
 
 The posterior: a set has the prior ½ where it is empty, else ½ spread evenly over kinds, and over places, paths, drivers
 and lengths as the prices of its members say; its likelihood is its evidence. What was only screened counts with the
-evidence at the noise of the last leader.
+evidence at the noise of the last leader. A member that is smaller than the model's own error is a description of that
+error: a set of such members alone counts as nothing missing.
 """
 
 from __future__ import annotations
@@ -25,14 +26,16 @@ LEAST_VISIBLE = 1.0
 deviations, at least in one sensor."""
 SCATTER_REPORTED = 1.5
 """Noise over its stated standard deviation from which it is a finding by itself."""
+NEGLIGIBLE = 1e-6
+"""Probability of a set below which it is not looked at more closely."""
 SAME_CLASS = 3.0
 """ln evidence within which alternatives of the likeliest are one ambiguity group: 20 to 1."""
 
 
 @dataclass(frozen=True)
 class DiscrepancyPosterior:
-    """`nothing`: P(nothing is missing); the others are probabilities of the place, driver and kind of a member;
-    `group`: names of places within SAME_CLASS of the likeliest, likeliest first."""
+    """`nothing`: P(nothing is missing that is larger than the model errs by); the others are probabilities of the
+    place, driver and kind of a member; `group`: names of places within SAME_CLASS of the likeliest, likeliest first."""
 
     nothing: float
     places: Mapping[str, float]
@@ -136,7 +139,7 @@ def answer_from_search(result: SearchResult, problem: LinearProblem) -> Discrepa
     for s in result.sufficient:
         if not s.members:
             break
-        if all(_exceeds(_member(problem, s, k), problem) for k in range(len(s.members))):
+        if all(_larger(problem, s)):
             best, found = s, True
             break
     members = tuple(_member(problem, best, k) for k in range(len(best.members)))
@@ -155,8 +158,12 @@ def answer_from_search(result: SearchResult, problem: LinearProblem) -> Discrepa
 def _exceeds(member: FoundMember, problem: LinearProblem) -> bool:
     """Whether a member moves readings by more than the model errs anyway: within seconds, by the stated noise; along
     a driver, by what identification found on readings that it had not seen."""
-    expected = np.ones(len(problem.sensors)) if member.kind == SWITCH else problem.expected
-    return any(member.visible[s] >= LEAST_VISIBLE * e for s, e in zip(problem.sensors, expected, strict=True))
+    return _sees(problem, member.kind, member.visible)
+
+
+def _sees(problem: LinearProblem, kind: str, visible: Mapping[str, float]) -> bool:
+    expected = np.ones(len(problem.sensors)) if kind == SWITCH else problem.expected
+    return any(visible[s] >= LEAST_VISIBLE * e for s, e in zip(problem.sensors, expected, strict=True))
 
 
 def _member(problem: LinearProblem, found: MemberSet, k: int) -> FoundMember:
@@ -249,27 +256,50 @@ def _intervals(problem: LinearProblem, c: Candidate) -> tuple[tuple[float, float
 
 def posterior_over_sets(problem: LinearProblem, result: SearchResult) -> DiscrepancyPosterior:
     """Marginals over everything that was compared."""
-    every: list[tuple[tuple[Candidate, ...], float]] = [(s.members, s.evidence) for s in result.sets]
-    every += result.screened
-    kinds = float(np.log(len(KINDS)))
-    logs = np.array([e - kinds * len(members) for members, e in every])
+    every = [(s.members, s.evidence) for s in result.sets] + list(result.screened)
+    logs = np.array([e - float(np.log(len(KINDS))) * len(members) for members, e in every])
     p = np.exp(logs - np.logaddexp.reduce(logs))
-    nothing = float(sum(q for (members, _), q in zip(every, p, strict=True) if not members))
-    places = _marginal(every, p, lambda c: problem.places[c.place].name)
-    drivers = _marginal(every, p, lambda c: c.driver or "not recorded")
+    refined = len(result.sets)
+    missing = []
+    for k, ((members, _), q) in enumerate(zip(every, p.tolist(), strict=True)):
+        if q < NEGLIGIBLE:
+            larger = members
+        elif k < refined:
+            larger = tuple(c for c, exceeds in zip(members, _larger(problem, result.sets[k]), strict=True) if exceeds)
+        else:
+            larger = members if len(members) > 1 or _may_exceed(problem, members[-1]) else ()
+        missing += [(larger, q)] if larger else []
     return DiscrepancyPosterior(
-        nothing, places, drivers, _marginal(every, p, lambda c: c.kind), _group(problem, result.sufficient)
+        max(1.0 - sum(q for _, q in missing), 0.0),
+        _marginal(missing, lambda c: problem.places[c.place].name),
+        _marginal(missing, lambda c: c.driver or "not recorded"),
+        _marginal(missing, lambda c: c.kind),
+        _group(problem, result.sufficient),
     )
 
 
+def _larger(problem: LinearProblem, found: MemberSet) -> list[bool]:
+    """Of each member of a set, whether it moves readings by more than the model errs by."""
+    return [_exceeds(_member(problem, found, k), problem) for k in range(len(found.members))]
+
+
+def _may_exceed(problem: LinearProblem, c: Candidate) -> bool:
+    """The same of a candidate that was only screened, by the size that it then had."""
+    if c.kind == MAP:
+        return True
+    amplitude = c.size * np.sqrt((c.patterns**2).sum(axis=1))
+    visible = visible_size(problem, problem.G[:, :, c.place] * amplitude[:, None])
+    return _sees(problem, c.kind, visible)
+
+
 def _marginal(
-    every: Sequence[tuple[tuple[Candidate, ...], float]], p: np.ndarray, name: Callable[[Candidate], str]
+    missing: Sequence[tuple[tuple[Candidate, ...], float]], name: Callable[[Candidate], str]
 ) -> dict[str, float]:
-    """Probability of each name among the members, largest first."""
+    """Probability of each name among the members of sets with their probabilities, largest first."""
     found: dict[str, float] = {}
-    for (members, _), q in zip(every, p, strict=True):
+    for members, q in missing:
         for n in {name(c) for c in members}:
-            found[n] = found.get(n, 0.0) + float(q)
+            found[n] = found.get(n, 0.0) + q
     return dict(sorted(found.items(), key=lambda item: -item[1]))
 
 

@@ -79,6 +79,15 @@ def test_a_curve_of_a_map_is_a_map_error_beyond_what_is_stated() -> None:
     assert "times what is stated" in a.summary()
 
 
+def test_what_is_smaller_than_the_models_own_error_counts_as_nothing_missing() -> None:
+    p = problem(3)
+    mach = p.drivers[1].values
+    curved = problem(3, amplitude=5.0 * (mach - mach.mean()))
+    a = answered(replace(curved, expected=np.full(len(curved.sensors), 100.0)))
+    assert not a.found and a.evidence > 5.0
+    assert a.posterior.nothing > 0.99
+
+
 def test_probabilities_are_of_everything_that_was_compared(switched: DiscrepancyAnswer) -> None:
     p = switched.posterior
     assert 0.0 <= p.nothing < 0.01
