@@ -136,32 +136,29 @@ class DiscrepancyAnswer:
 def answer_from_search(result: SearchResult, problem: LinearProblem) -> DiscrepancyAnswer:
     """The likeliest set as an answer."""
     best, found = result.sets[0], False
+    described = SetDescriptions(problem)
     for s in result.sufficient:
         if not s.members:
             break
-        if all(_larger(problem, s)):
+        if all(described.larger(s)):
             best, found = s, True
             break
-    members = tuple(_member(problem, best, k) for k in range(len(best.members)))
+    members = described.members(best)
     evidence = best.evidence - result.nothing.evidence
     return DiscrepancyAnswer(
         found,
         members,
         evidence,
-        posterior_over_sets(problem, result),
+        posterior_over_sets(described, result),
         best.noise.scatter(best.point.eta),
         tuple(result.trace),
         int(problem.count.sum()),
     )
 
 
-def _exceeds(member: FoundMember, problem: LinearProblem) -> bool:
+def _exceeds_errors(problem: LinearProblem, kind: str, visible: Mapping[str, float]) -> bool:
     """Whether a member moves readings by more than the model errs anyway: within seconds, by the stated noise; along
     a driver, by what identification found on readings that it had not seen."""
-    return _sees(problem, member.kind, member.visible)
-
-
-def _sees(problem: LinearProblem, kind: str, visible: Mapping[str, float]) -> bool:
     expected = np.ones(len(problem.sensors)) if kind == SWITCH else problem.expected
     return any(visible[s] >= LEAST_VISIBLE * e for s, e in zip(problem.sensors, expected, strict=True))
 
@@ -254,8 +251,28 @@ def _intervals(problem: LinearProblem, c: Candidate) -> tuple[tuple[float, float
     return tuple((float(time[a]), float(time[b - 1])) for a, b in runs if z[a])
 
 
-def posterior_over_sets(problem: LinearProblem, result: SearchResult) -> DiscrepancyPosterior:
+class SetDescriptions:
+    """The members of the sets of a problem as they are reported; each set is described once, which takes its noise."""
+
+    def __init__(self, problem: LinearProblem):
+        self.problem = problem
+        self._known: dict[int, tuple[MemberSet, tuple[FoundMember, ...]]] = {}
+
+    def members(self, found: MemberSet) -> tuple[FoundMember, ...]:
+        """As reported."""
+        if id(found) not in self._known:
+            own = tuple(_member(self.problem, found, k) for k in range(len(found.members)))
+            self._known[id(found)] = found, own
+        return self._known[id(found)][1]
+
+    def larger(self, found: MemberSet) -> list[bool]:
+        """Of each member, whether it moves readings by more than the model errs by."""
+        return [_exceeds_errors(self.problem, member.kind, member.visible) for member in self.members(found)]
+
+
+def posterior_over_sets(described: SetDescriptions, result: SearchResult) -> DiscrepancyPosterior:
     """Marginals over everything that was compared."""
+    problem = described.problem
     every = [(s.members, s.evidence) for s in result.sets] + list(result.screened)
     logs = np.array([e - float(np.log(len(KINDS))) * len(members) for members, e in every])
     p = np.exp(logs - np.logaddexp.reduce(logs))
@@ -265,7 +282,7 @@ def posterior_over_sets(problem: LinearProblem, result: SearchResult) -> Discrep
         if q < NEGLIGIBLE:
             larger = members
         elif k < refined:
-            larger = tuple(c for c, exceeds in zip(members, _larger(problem, result.sets[k]), strict=True) if exceeds)
+            larger = tuple(c for c, exceeds in zip(members, described.larger(result.sets[k]), strict=True) if exceeds)
         else:
             larger = members if len(members) > 1 or _may_exceed(problem, members[-1]) else ()
         missing += [(larger, q)] if larger else []
@@ -278,18 +295,13 @@ def posterior_over_sets(problem: LinearProblem, result: SearchResult) -> Discrep
     )
 
 
-def _larger(problem: LinearProblem, found: MemberSet) -> list[bool]:
-    """Of each member of a set, whether it moves readings by more than the model errs by."""
-    return [_exceeds(_member(problem, found, k), problem) for k in range(len(found.members))]
-
-
 def _may_exceed(problem: LinearProblem, c: Candidate) -> bool:
-    """The same of a candidate that was only screened, by the size that it then had."""
+    """Whether a candidate that was only screened is larger than the model's errors, by the size that it then had."""
     if c.kind == MAP:
         return True
     amplitude = c.size * np.sqrt((c.patterns**2).sum(axis=1))
     visible = visible_size(problem, problem.G[:, :, c.place] * amplitude[:, None])
-    return _sees(problem, c.kind, visible)
+    return _exceeds_errors(problem, c.kind, visible)
 
 
 def _marginal(

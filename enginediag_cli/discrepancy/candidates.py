@@ -255,7 +255,7 @@ class Screening:
         """Of one place."""
         p = self.problem.places[score.place]
         free = self._per_record(score, p.abrupt)
-        return [free, self._switch(score, free), *self._along_drivers(score, p.scale), *self._steps(score)]
+        return [free, self._switch(score, free), *self._curves(score, p.scale), *self._steps(score)]
 
     def _per_record(self, score: PlaceScore, scale: float) -> Candidate:
         N = len(score.h)
@@ -300,7 +300,7 @@ class Screening:
             )
         return found
 
-    def _along_drivers(self, score: PlaceScore, scale: float) -> list[Candidate]:
+    def _curves(self, score: PlaceScore, scale: float) -> list[Candidate]:
         prior = (float(np.log(USUAL_SHARE * scale)), SIZE_SPREAD)
         price = -float(np.log(max(len(self.curves), 1)))
         found: dict[str, Candidate] = {}

@@ -90,6 +90,8 @@ class StructuredNoise:
         sizes = [len(problem.groups), *(c.shape[1] for c in extra)]
         self.member_of_column = np.repeat(np.arange(-1, len(extra)), sizes)
         self.blocks = [np.flatnonzero(self.sensor == s) for s in range(m)]
+        # of the blocks of K
+        self.rows = [np.arange(len(self.y))] if problem.coupled else self.blocks
         self.names, self.mean, self.sd = self._layout(free_maps)
         self.index = {n: k for k, n in enumerate(self.names)}
 
@@ -167,8 +169,10 @@ class StructuredNoise:
             sizes[self.member_of_column == k] = c.size if c.prior is None else np.exp(eta[at[f"size:{k}"]])
         return sizes
 
-    def _covariance(self, eta: np.ndarray, kernels: tuple[np.ndarray, np.ndarray]) -> list[np.ndarray]:
-        """Blocks of K: one of each sensor, or a single one of all where they are coupled."""
+    def _covariance(
+        self, eta: np.ndarray, kernels: tuple[np.ndarray, np.ndarray], background: np.ndarray | None
+    ) -> list[np.ndarray]:
+        """Blocks of K: one of each sensor, or a single one of all where they are coupled by the background."""
         at, (time, field) = self.index, kernels
         floor = FLOOR**2
         found = []
@@ -178,28 +182,32 @@ class StructuredNoise:
             K = np.exp(2.0 * eta[at[f"c:{name}"]]) * time[pick] + np.exp(2.0 * eta[at[f"o:{name}"]]) * field[pick]
             K[np.diag_indices(len(K))] += floor + np.exp(2.0 * eta[at[f"w:{name}"]]) / self.problem.count[rows]
             found.append(K)
-        if not self.problem.coupled:
+        if background is None:
             return found
-        whole = np.exp(2.0 * eta[at["b"]]) * self._background(field)
+        whole = background.copy()
         for rows, K in zip(self.blocks, found, strict=True):
             whole[np.ix_(rows, rows)] += K
         return [whole]
 
-    def _background(self, field: np.ndarray) -> np.ndarray:
+    def _background(self, eta: np.ndarray, field: np.ndarray) -> np.ndarray | None:
+        """Covariance (n, n) of the small errors of all places; None where sensors are not coupled."""
+        if not self.problem.coupled:
+            return None
         same = self.record[:, None] == self.record[None, :]
-        return np.asarray(self._small_errors * (0.5 * same + 0.5 * field[np.ix_(self.record, self.record)]))
+        shape = 0.5 * same + 0.5 * field[np.ix_(self.record, self.record)]
+        return np.asarray(np.exp(2.0 * eta[self.index["b"]]) * (self._small_errors * shape))
 
     def evaluate(self, eta: np.ndarray) -> NoisePoint:
         """ln marginal likelihood with the prior of η, and its gradient; −∞ where K is not positive definite."""
         time, field, slopes = self._kernels(eta)
-        blocks = self._covariance(eta, (time, field))
-        rows = self.blocks if not self.problem.coupled else [np.arange(len(self.y))]
+        background = self._background(eta, field)
+        blocks = self._covariance(eta, (time, field), background)
         sizes = self.column_sizes(eta)
         X = self.X * sizes
         p = X.shape[1]
-        M, z, lnL, inverses = np.eye(p), np.zeros(p), 0.0, []
+        M, lnL, inverses = np.eye(p), 0.0, []
         KX, Ky = np.empty_like(X), np.empty_like(self.y)
-        for own, K in zip(rows, blocks, strict=True):
+        for own, K in zip(self.rows, blocks, strict=True):
             inverse, half_det = _inverted(K)
             if inverse is None:
                 return NoisePoint(eta, -np.inf, np.zeros_like(eta))
@@ -213,7 +221,7 @@ class StructuredNoise:
         lnL += 0.5 * float(w @ w) - 0.5 * float(self.y @ Ky) - float(np.log(np.diag(L)).sum())
         V = linalg.solve_triangular(L, KX.T, lower=True).T
         alpha = Ky - V @ w
-        gradient = self._gradient(eta, (time, field, slopes), (rows, inverses), (V, alpha))
+        gradient = self._gradient(eta, (time, field, slopes), (background, inverses), (V, alpha))
         inverse_M = linalg.solve_triangular(L, np.eye(p), lower=True)
         excess = (X.T @ alpha) ** 2 + (inverse_M**2).sum(axis=0) - 1.0
         self._column_gradient(gradient, excess)
@@ -236,17 +244,16 @@ class StructuredNoise:
         self,
         eta: np.ndarray,
         kernels: tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]],
-        factors: tuple[list[np.ndarray], list[np.ndarray]],
+        covariance: tuple[np.ndarray | None, list[np.ndarray]],
         solved: tuple[np.ndarray, np.ndarray],
     ) -> np.ndarray:
         """By the hyper-parameters of K: Σ G ∘ ∂K with G = ½ (ααᵀ − C⁻¹)."""
-        (time, field, slopes), (rows, inverses), (V, alpha) = kernels, factors, solved
+        (time, field, slopes), (background, inverses), (V, alpha) = kernels, covariance, solved
         at, g = self.index, np.zeros_like(eta)
-        for own, inverse in zip(rows, inverses, strict=True):
+        for own, inverse in zip(self.rows, inverses, strict=True):
             G = 0.5 * (np.outer(alpha[own], alpha[own]) - inverse + V[own] @ V[own].T)
-            if self.problem.coupled:
-                B = np.exp(2.0 * eta[at["b"]]) * self._background(field)
-                g[at["b"]] += 2.0 * float(np.sum(G * B))
+            if background is not None:
+                g[at["b"]] += 2.0 * float(np.sum(G * background))
                 slope = slopes["lambda_o"][np.ix_(self.record, self.record)]
                 factor = 0.5 * np.exp(2.0 * eta[at["b"]])
                 g[at["lambda_o"]] += factor * float(np.sum(G * self._small_errors * slope))
@@ -318,12 +325,11 @@ class StructuredNoise:
     def whiten(self, eta: np.ndarray) -> Whitened:
         """C⁻¹ and α at η, dense."""
         time, field, _ = self._kernels(eta)
-        blocks = self._covariance(eta, (time, field))
-        rows = self.blocks if not self.problem.coupled else [np.arange(len(self.y))]
+        blocks = self._covariance(eta, (time, field), self._background(eta, field))
         sizes = self.column_sizes(eta)
         X = self.X * sizes
         P = np.zeros((len(self.y), len(self.y)))
-        for own, K in zip(rows, blocks, strict=True):
+        for own, K in zip(self.rows, blocks, strict=True):
             inverse, _ = _inverted(K)
             assert inverse is not None
             P[np.ix_(own, own)] = inverse

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.special import log_ndtr
 
 from enginediag_cli.discrepancy.candidates import SWITCH, Candidate, Screening
 from enginediag_cli.discrepancy.linearised import LinearProblem
@@ -283,7 +284,5 @@ def _laplace(noise: StructuredNoise, point: NoisePoint, k: int) -> float:
 
 def _one_sided(noise: StructuredNoise, point: NoisePoint, member: int, sign: int) -> float:
     """ln of twice the posterior probability of the sign that physics gives."""
-    from scipy.special import log_ndtr
-
     mean, covariance = noise.amplitudes(point.eta, member)
     return float(np.log(2.0) + log_ndtr(sign * mean[0] / np.sqrt(covariance[0, 0])))

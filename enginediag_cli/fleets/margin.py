@@ -288,7 +288,7 @@ def engine_consumption(
         none = Margin(scale.column, scale.condition, reason=reason)
         return EngineConsumption(unknown, unknown, unknown, unknown, none)
     own = np.array([scale.slope.get(name, 0.0) for name in health.parameters])
-    slope = health.shown_slope(own, scale.sensor)
+    slope = health.reading_slope(own, scale.sensor)
     (used, error), (total, total_error) = health.project_level(slope), health.project_level(slope, total=True)
     limit = limits_K.get(scale.column, float("nan"))
     gone, left = interval_estimate(used[-1], error[-1]), interval_estimate(total[-1], total_error[-1])
@@ -359,13 +359,13 @@ def available_power(
     every = (*health.parameters, *health.readings)
     at = [i for i, name in enumerate(every) if name in engine.parameters]
     names = [every[i] for i in at]
-    kept = slice(-1, None) if last else slice(None)
-    states = np.concatenate([np.zeros((1, len(at))), health.total[kept, at]])
+    shown = slice(-1, None) if last else slice(None)
+    states = np.concatenate([np.zeros((1, len(at))), health.total[shown, at]])
     try:
         solved = solve_at_limits(engine, scale.reference, scoping.base, names, states, limits)
     except PowerNotHeldError as error:
         return PowerCourse(reason=str(error))
-    slopes, C = solved.slopes[1:], health.total_covariance[kept][:, at][:, :, at]
+    slopes, C = solved.slopes[1:], health.total_covariance[shown][:, at][:, :, at]
     deviation = np.sqrt(np.maximum(np.einsum("ti,tij,tj->t", slopes, C, slopes), 0.0))
     epochs = np.zeros(1, int) if last else found.epochs
     return PowerCourse(

@@ -655,8 +655,7 @@ def run_fleet(fleet: Fleet, recordings: Sequence[FleetRecording], store: FleetSt
         raise NoVerdictError(f"{fleet.path}: no recording can be read: {recordings[0].name}: {recordings[0].trouble}")
     models = {build.name: build_model(fleet, build, recordings, store) for build in builds}
     for model in models.values():  # what is wrong with a nominal file is told before work begins
-        monitor = whole_monitor(model.settings.nominal, model.settings.fingerprint)
-        engine = WorkScopeEstimator(monitor).engine
+        engine = _work_scope(model.settings.nominal, model.settings.fingerprint).engine
         if engine is not None:
             check_limits(engine, fleet.judge["limits_K"], f"{fleet.path}: limits_K")
     outcomes = list(zip(recordings, condense_all(recordings, models, store, runner), strict=True))

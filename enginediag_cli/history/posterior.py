@@ -141,7 +141,7 @@ class HealthPath:
         one = paths[0]
         return HealthPath(one.parameters, one.readings, *level, *total, tuple(steps), one.knots, *stretch)
 
-    def shown_slope(self, slope: np.ndarray, reading: str = "") -> np.ndarray:
+    def reading_slope(self, slope: np.ndarray, reading: str = "") -> np.ndarray:
         """Derivatives (w,) of what follows the health parameters by slope (q,), as the flights show it: with what the
         model gets wrong about changes where it has a reading, named by its bias."""
         return np.concatenate([slope, [float(name == reading) for name in self.readings]])

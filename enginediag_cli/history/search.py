@@ -404,17 +404,18 @@ def weigh_wander(history: History, suspects: Sequence[Suspect]) -> list[WanderCh
     """Amounts of wander, each with what one event adds. What wanders more hides more: where the least amount leaves no
     change likelier than not, it and the likeliest amount are enough."""
     nominal = Background.from_history(history)
-    searches = [prepare_search(history, nominal, multiple, suspects) for multiple in WANDER_MULTIPLES]
-    evidence = [search.background.log_evidence for search in searches]
-    log = np.log(WANDER_PRIOR) + np.array(evidence)
-    first = searches[0].scan(())
-    kept = [0]
-    if first.log_odds >= 0:
-        kept += [k for k in range(1, len(searches)) if evidence[k] >= evidence[0] - RIVAL]
-    elif first.log_odds >= QUIET and np.argmax(log) > 0:
-        kept.append(int(np.argmax(log)))
+    searches = [prepare_search(history, nominal, WANDER_MULTIPLES[0], suspects)]
+    first = searches[0].scan(()).log_odds
+    if first >= QUIET:
+        searches += [prepare_search(history, nominal, multiple, suspects) for multiple in WANDER_MULTIPLES[1:]]
+    evidence = np.array([search.background.log_evidence for search in searches])
+    log = np.log(WANDER_PRIOR[: len(searches)]) + evidence
+    if first >= 0:
+        weighed = [0, *(1 + np.flatnonzero(evidence[1:] >= evidence[0] - RIVAL)).tolist()]
+    else:
+        weighed = sorted({0, int(np.argmax(log))})
     found = []
-    for k in kept:
+    for k in weighed:
         scan = searches[k].scan(())
         weight = float(log[k] + np.logaddexp(0.0, scan.log_odds))
         found.append(WanderChoice(WANDER_MULTIPLES[k], searches[k], scan, weight))

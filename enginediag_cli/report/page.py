@@ -197,8 +197,8 @@ def _engine(e: FleetEngine, key: str) -> PageSection:
     blocks += [Paragraph(f"{capital(e.acknowledged.words)}.")] if e.acknowledged else []
     blocks += [Bullets(e.instruments)] if e.instruments else []
     if chart is not None:
-        told = filter(None, (margin_words(e.margin, "limits_K of the fleet file"), power_available_words(e.power)))
-        blocks += [Paragraph(" ".join(f"{capital(words)}." for words in told)), chart]
+        sentences = filter(None, (margin_words(e.margin, "limits_K of the fleet file"), power_available_words(e.power)))
+        blocks += [Paragraph(" ".join(f"{capital(words)}." for words in sentences)), chart]
     blocks += [*_health(e), *_events(e)]
     return PageSection(key, f"Engine {e.serial}", blocks)
 

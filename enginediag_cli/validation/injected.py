@@ -54,7 +54,7 @@ class InjectedEffect:
     def ratio(self, engine: Engine, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Sensor → prediction with the effect over prediction without, (N,); 1 where there is no prediction."""
         a = self.amplitude(columns)
-        name, absent = self.parameter, 0.0
+        name = self.parameter
         if self.term:
             own = effect(engine, self.term, self.site)
             engine, name = engine.replace_effects((*engine.effects, own)), own.amplitudes[0]

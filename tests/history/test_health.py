@@ -23,7 +23,7 @@ def path(history: History) -> HealthPath:
 
 
 def used_by(found: HealthPath, *, total: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    return found.project_level(found.shown_slope(SLOPE), total=total)
+    return found.project_level(found.reading_slope(SLOPE), total=total)
 
 
 def wear(size: float, onset: int = 8) -> np.ndarray:
@@ -84,7 +84,7 @@ def test_maintenance_gives_back_what_it_restored() -> None:
     (step,) = found.steps
     assert step.epoch == 14
     assert step.before[0] == pytest.approx(change[13, 0], abs=4 * 0.05)
-    slope = found.shown_slope(SLOPE)
+    slope = found.reading_slope(SLOPE)
     gained, error = step.change @ slope, np.sqrt(slope @ step.covariance @ slope)
     assert abs(gained - SLOPE[0] * (change[14, 0] - change[13, 0])) < 2.5 * error
 
@@ -115,7 +115,7 @@ def test_what_is_known_to_have_moved_is_in_what_maintenance_brought() -> None:
     moved = add_shifts(add_engine_level(history), (np.arange(T) >= 14).astype(float), {0: 0.5, 1: 0.5})
     found = path(moved)
     (step,) = found.steps
-    slope = found.shown_slope(SLOPE)
+    slope = found.reading_slope(SLOPE)
     gained, error = step.change @ slope, np.sqrt(slope @ step.covariance @ slope)
     assert gained < -3.0 * error
     assert abs(gained - SLOPE[0] * (change[14, 0] - change[13, 0])) < 2.5 * error

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.errors import NoVerdictError
+from enginediag_cli.history.deltas import CAUTION, WARNING
 from enginediag_cli.isolation.results import fingerprint as isolation_fingerprint
 from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.probability import NORMAL_95
@@ -467,7 +468,7 @@ def _snapshots_chart(key: str, name: str, records: ResidualRecords, kept: list[t
     )
 
 
-SEVERITY = {"": 0, "caution": 1, "warning": 2}
+SEVERITY = {"": 0, CAUTION: 1, WARNING: 2}
 """Levels in rising order."""
 
 
